@@ -1,0 +1,47 @@
+"""What can go wrong, named by what the operator can do about it.
+
+A `MonitorError` is a sentence for a person: what was wrong, where, and what would be right. The command line prints
+it without a traceback and ends with the error's `exit_code`; anything else that escapes is a fault of ours (exit 1).
+"""
+
+
+class MonitorError(Exception):
+    """Base of every error that joint-monitor raises on purpose."""
+
+    exit_code = 1
+
+
+class BadInput(MonitorError):
+    """A file, argument or message is not what it should be: correct it and call again."""
+
+    exit_code = 2
+
+
+class BadConfiguration(BadInput):
+    """The configuration is wrong: every mistake is listed with its key. `run` ends with 78 (EX_CONFIG)."""
+
+
+class Unidentifiable(BadInput):
+    """The recording cannot carry an identification: it holds no motion, or too little of it."""
+
+
+class MotionRefused(MonitorError):
+    """A guard does not allow the arm to move: nothing was sent to it."""
+
+    exit_code = 2
+
+
+class RobotUnreachable(MonitorError):
+    """No answer from the controller: look at the cable, the address, the power."""
+
+
+class ReplayAborted(MonitorError):
+    """The arm was moving and was stopped: the message says why; nothing of it is learnt from."""
+
+
+class StoreError(MonitorError):
+    """The history cannot be read or written: look at the disk and at who else uses the folder."""
+
+
+class BusError(MonitorError):
+    """The Zenoh session cannot be opened, or nobody answered: look at the endpoint and at the daemon."""

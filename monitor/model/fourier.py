@@ -1,0 +1,123 @@
+"""Finite Fourier series as an excitation trajectory, Raviola et al. (2021), eq. (5)–(7); Swevers et al. (1997).
+
+qⱼ(t) = q0ⱼ + Σₖ aₖⱼ/(kω)·sin(kωt) − bₖⱼ/(kω)·cos(kωt), ω = 2π/T.
+"""
+
+import hashlib
+import json
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.errors import BadInput
+from monitor.model.robot import Mounting
+from monitor.recording import Array
+
+
+class State(NamedTuple):
+    """Position, velocity and acceleration at the asked times, each (N, J) in rad, rad/s, rad/s²."""
+
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Excitation:
+    """One periodic trajectory for one robot on one mounting."""
+
+    robot: str
+    mounting: Mounting
+    period_s: float
+    repetitions: int
+    offset_rad: Array  # (J,) q0
+    a_rad_s: Array  # (H, J)
+    b_rad_s: Array  # (H, J)
+    source: str = ""  # how it was found
+
+    def __post_init__(self) -> None:
+        """Raises BadInput where a field is not finite, a shape does not fit, or a period or count is not positive."""
+        if not (self.period_s > 0 and math.isfinite(self.period_s)):
+            raise BadInput(f"excitation: period_s = {self.period_s!r}; expected a positive number of seconds")
+        if self.repetitions < 1:
+            raise BadInput(f"excitation: repetitions = {self.repetitions!r}; expected 1 or more")
+        joints = len(self.offset_rad)
+        for name, value in (("offset_rad", self.offset_rad[None]), ("a_rad_s", self.a_rad_s), ("b_rad_s", self.b_rad_s)):
+            if value.ndim != 2 or value.shape[1] != joints or not np.all(np.isfinite(value)):
+                raise BadInput(f"excitation: {name} has shape {value.shape} or is not finite; expected (harmonics, {joints})")
+        if self.a_rad_s.shape != self.b_rad_s.shape:
+            raise BadInput(f"excitation: a_rad_s is {self.a_rad_s.shape} but b_rad_s is {self.b_rad_s.shape}")
+
+    @property
+    def harmonics(self) -> int:
+        """H."""
+        return len(self.a_rad_s)
+
+    @property
+    def duration_s(self) -> float:
+        """All repetitions."""
+        return self.period_s * self.repetitions
+
+    @property
+    def digest(self) -> str:
+        """Identifies the curve: equal digests, equal motion. The number of repetitions does not enter."""
+        document = self.as_document()
+        curve = {key: document[key] for key in ("robot", "mounting_deg", "period_s", "offset_rad", "a_rad_s", "b_rad_s")}
+        return hashlib.sha256(json.dumps(curve, sort_keys=True).encode()).hexdigest()[:16]
+
+    def at(self, t_s: Array) -> State:
+        """The curve at times t (N,)."""
+        k = np.arange(1, self.harmonics + 1)
+        w = 2.0 * np.pi / self.period_s * k  # (H,)
+        phase = np.multiply.outer(t_s, w)  # (N, H)
+        sin, cos = np.sin(phase), np.cos(phase)
+        q = self.offset_rad + sin @ (self.a_rad_s / w[:, None]) - cos @ (self.b_rad_s / w[:, None])
+        qd = cos @ self.a_rad_s + sin @ self.b_rad_s
+        qdd = cos @ (self.b_rad_s * w[:, None]) - sin @ (self.a_rad_s * w[:, None])
+        return State(q, qd, qdd)
+
+    def sampled(self, rate_hz: float) -> tuple[Array, State]:
+        """Times and states of the whole run at a rate, both ends included."""
+        t_s = np.arange(round(self.duration_s * rate_hz) + 1) / rate_hz
+        return t_s, self.at(t_s)
+
+    def as_document(self) -> dict[str, Any]:
+        """Plain JSON; `excitation_from_document` is its inverse."""
+        return {
+            "kind": "joint-monitor.excitation.v1",
+            "robot": self.robot,
+            "mounting_deg": [round(math.degrees(angle), 9) for angle in self.mounting.angles_rad],
+            "period_s": self.period_s,
+            "repetitions": self.repetitions,
+            "offset_rad": self.offset_rad.tolist(),
+            "a_rad_s": self.a_rad_s.tolist(),
+            "b_rad_s": self.b_rad_s.tolist(),
+            "source": self.source,
+        }
+
+
+def excitation_from_document(document: Any) -> Excitation:
+    """An Excitation from the keys of `config/excitation/*.json`.
+
+    Raises BadInput naming the key that is missing or wrong.
+    """
+    if not isinstance(document, dict) or document.get("kind") != "joint-monitor.excitation.v1":
+        raise BadInput("excitation: expected an object whose kind is 'joint-monitor.excitation.v1'")
+    try:
+        degrees = document["mounting_deg"]
+        return Excitation(
+            robot=str(document["robot"]),
+            mounting=Mounting.parse(",".join(str(float(angle)) for angle in degrees)),
+            period_s=float(document["period_s"]),
+            repetitions=int(document["repetitions"]),
+            offset_rad=np.array(document["offset_rad"], dtype=float),
+            a_rad_s=np.array(document["a_rad_s"], dtype=float),
+            b_rad_s=np.array(document["b_rad_s"], dtype=float),
+            source=str(document.get("source", "")),
+        )
+    except KeyError as missing:
+        raise BadInput(f"excitation: the key {missing} is missing") from None
+    except (TypeError, ValueError) as wrong:
+        raise BadInput(f"excitation: {wrong}") from None

@@ -1,0 +1,184 @@
+"""Robot: kinematics, masses, drives and limits of a serial arm, and how it is mounted.
+
+Frames are standard Denavit–Hartenberg: frame i is fixed to link i, joint i turns about z of frame i−1, and
+frame i−1 → i is Rot(z, qᵢ)·Trans(z, dᵢ)·Trans(x, aᵢ)·Rot(x, αᵢ).
+"""
+
+import math
+import tomllib
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from monitor.errors import BadInput
+from monitor.recording import Array
+
+if TYPE_CHECKING:
+    import pinocchio
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+INERTIAL = 10  # m, mx, my, mz, Jxx, Jxy, Jxz, Jyy, Jyz, Jzz
+PER_JOINT = 13  # the inertial ones, then fc, fv, Im (rotor inertia referred to the joint)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mounting:
+    """Attitude of the robot's base in the world: Rot(z, yaw)·Rot(y, pitch)·Rot(x, roll), Raviola et al. (2021), eq. (3)."""
+
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> "Mounting":
+        """`ground`, `ceiling`, `wall`, or `ROLL,PITCH,YAW` in degrees.
+
+        Raises BadInput for anything else.
+        """
+        known = {"ground": (0.0, 0.0, 0.0), "ceiling": (180.0, 0.0, 0.0), "wall": (90.0, 0.0, 0.0)}
+        try:
+            degrees = known[text] if text in known else tuple(float(part) for part in text.split(","))
+        except ValueError:
+            degrees = ()
+        if len(degrees) != 3 or not all(math.isfinite(angle) for angle in degrees):
+            raise BadInput(f"mounting {text!r}: expected ground, ceiling, wall or ROLL,PITCH,YAW in degrees, e.g. 90,0,0")
+        return cls(roll_rad=math.radians(degrees[0]), pitch_rad=math.radians(degrees[1]), yaw_rad=math.radians(degrees[2]))
+
+    @property
+    def angles_rad(self) -> tuple[float, float, float]:
+        """Roll, pitch, yaw."""
+        return self.roll_rad, self.pitch_rad, self.yaw_rad
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) base → world."""
+        cr, sr = math.cos(self.roll_rad), math.sin(self.roll_rad)
+        cp, sp = math.cos(self.pitch_rad), math.sin(self.pitch_rad)
+        cy, sy = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        rot_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+        rot_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+        rot_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+        rotation: Array = rot_z @ rot_y @ rot_x
+        return rotation
+
+    @property
+    def gravity_in_base(self) -> Array:
+        """(3,) [m/s²]. Components below rounding are zero: ψ = π would otherwise leave g_y ≈ 1e-15 and two false base parameters."""
+        gravity: Array = self.rotation.T @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
+        return np.where(np.abs(gravity) < 1e-12 * STANDARD_GRAVITY_M_S2, 0.0, gravity)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Robot:
+    """One arm as its manufacturer publishes it. NaN where a figure is not published."""
+
+    name: str
+    generation: str  # "cb3" | "e-series"
+    rate_hz: float  # controller's tick
+    link_names: tuple[str, ...]  # J
+    a_m: Array  # (J,)
+    d_m: Array  # (J,)
+    alpha_rad: Array  # (J,)
+    mass_kg: Array  # (J,)
+    com_m: Array  # (J, 3) in DH frame i
+    inertia_kg_m2: Array  # (J, 3, 3) about the centre of mass, axes of DH frame i
+    gear_ratio: Array  # (J,)
+    torque_constant_nm_per_a: Array  # (J,) motor side
+    max_torque_nm: Array  # (J,)
+    max_speed_rad_s: Array  # (J,)
+    max_position_rad: Array  # (J,)
+    payload_max_kg: float
+
+    @property
+    def joints(self) -> int:
+        """J."""
+        return len(self.link_names)
+
+    @property
+    def drive_gain_nm_per_a(self) -> Array:
+        """(J,) joint torque per motor current, Kt·G; NaN where the torque constant is not published."""
+        gain: Array = self.torque_constant_nm_per_a * self.gear_ratio
+        return gain
+
+    def nominal_parameters(self, *, with_inertia: bool = False) -> Array:
+        """(13·J,) the manufacturer's masses and centres of mass as standard parameters about the DH origins.
+
+        `with_inertia` adds the published tensors about the centres of mass. Friction and rotor inertia are zero.
+        """
+        blocks = []
+        for mass, com, about_com in zip(self.mass_kg, self.com_m, self.inertia_kg_m2, strict=True):
+            steiner = mass * (com @ com * np.eye(3) - np.outer(com, com))
+            J = steiner + (about_com if with_inertia else 0.0)
+            blocks.append([mass, *(mass * com), J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2], 0.0, 0.0, 0.0])
+        return np.array(blocks).ravel()
+
+    def pinocchio_model(self, mounting: Mounting | None = None) -> "pinocchio.Model":
+        """The arm in pinocchio, published inertias included, gravity in the frame of the robot's base.
+
+        Joint frame i of pinocchio coincides with DH frame i−1 turned by qᵢ, so DH frame i is fixed in it.
+        """
+        import pinocchio as pin  # 0.2 s: only where dynamics are asked for
+
+        model = pin.Model()
+        model.name = self.name
+        before = pin.SE3.Identity()
+        parent = 0
+        for i, name in enumerate(self.link_names):
+            parent = model.addJoint(parent, pin.JointModelRZ(), before, name)
+            ca, sa = math.cos(self.alpha_rad[i]), math.sin(self.alpha_rad[i])
+            turn = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
+            to_dh = pin.SE3(turn, np.array([self.a_m[i], 0.0, self.d_m[i]]))
+            inertia = pin.Inertia(float(self.mass_kg[i]), self.com_m[i], self.inertia_kg_m2[i])
+            model.appendBodyToJoint(parent, inertia, to_dh)
+            model.addFrame(pin.Frame(f"dh_{i + 1}", parent, to_dh, pin.FrameType.OP_FRAME))
+            before = to_dh
+        model.gravity = pin.Motion(np.concatenate([(mounting or Mounting()).gravity_in_base, np.zeros(3)]))
+        return model
+
+
+def robot_names() -> list[str]:
+    """Models that `load_robot` knows, sorted."""
+    return sorted(entry.name.removesuffix(".toml") for entry in files("monitor.model.robots").iterdir() if entry.name.endswith(".toml"))
+
+
+@lru_cache
+def load_robot(name: str) -> Robot:
+    """The published parameters of one model.
+
+    Raises BadInput for a name that is not in `robot_names()`.
+    """
+    if name not in robot_names():
+        raise BadInput(f"robot {name!r} is not known; known are {', '.join(robot_names())}")
+    return robot_from_document(tomllib.loads(files("monitor.model.robots").joinpath(f"{name}.toml").read_text("utf-8")))
+
+
+def robot_from_document(document: dict[str, Any]) -> Robot:
+    """A Robot from the keys of `monitor/model/robots/*.toml`."""
+    links = document["link"]
+    unknown = [math.nan] * len(links)
+
+    def tensor(entry: dict[str, float]) -> list[list[float]]:
+        xx, xy, xz, yy, yz, zz = (entry[key] for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
+        return [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+
+    return Robot(
+        name=document["name"],
+        generation=document["generation"],
+        rate_hz=float(document["rate_hz"]),
+        link_names=tuple(link["name"] for link in links),
+        a_m=np.array([link["a_m"] for link in links]),
+        d_m=np.array([link["d_m"] for link in links]),
+        alpha_rad=np.array([link["alpha_rad"] for link in links], dtype=float),
+        mass_kg=np.array([link["mass_kg"] for link in links]),
+        com_m=np.array([link["com_m"] for link in links]),
+        inertia_kg_m2=np.array([tensor(link["inertia_kg_m2"]) for link in links]),
+        gear_ratio=np.array(document.get("gear_ratio", unknown)),
+        torque_constant_nm_per_a=np.array(document.get("torque_constant_nm_per_a", unknown)),
+        max_torque_nm=np.array(document["max_torque_nm"]),
+        max_speed_rad_s=np.array(document["max_speed_rad_s"]),
+        max_position_rad=np.array(document["max_position_rad"]),
+        payload_max_kg=float(document["payload_max_kg"]),
+    )

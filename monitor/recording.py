@@ -1,0 +1,116 @@
+"""Recording: what one replay, or one foreign file, measured, and under which circumstances.
+
+The alphabet of shapes, here and everywhere: N samples, J joints, P parameters (13 a joint), B base parameters.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor.errors import BadInput
+
+Array = npt.NDArray[np.float64]
+
+# RTDE's names of the columns that carry one value a joint, and the field of `Recording` that each becomes
+JOINT_COLUMNS = {
+    "actual_q": "q",
+    "actual_qd": "qd",
+    "actual_qdd": "qdd",
+    "actual_current": "current",
+    "actual_torque": "torque",
+    "actual_current_as_torque": "torque",
+    "joint_temperatures": "temperature_c",
+    "target_q": "target_q",
+    "target_qd": "target_qd",
+    "target_qdd": "target_qdd",
+    "target_current": "target_current",
+    "target_moment": "target_moment",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Context:
+    """What must be equal for two replays to be comparable, and who measured when.
+
+    `None` means unknown, which is never equal to a known value.
+    """
+
+    robot: str | None = None  # model, "ur5"
+    serial: str | None = None
+    firmware: str | None = None
+    mounting_rad: tuple[float, float, float] | None = None  # roll, pitch, yaw
+    payload_kg: float | None = None
+    tool: str | None = None
+    trajectory_digest: str | None = None
+    software: str | None = None
+    recorded_at_unix_s: float | None = None  # host clock, UTC, at the first sample
+    note: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """Signals as they came from the controller, one row a tick; nothing filtered, nothing repaired."""
+
+    t_s: Array  # (N,) controller's clock
+    q: Array  # (N, J) [rad]
+    qd: Array | None = None  # (N, J) [rad/s]
+    qdd: Array | None = None  # (N, J) [rad/s²]
+    current: Array | None = None  # (N, J) [A]
+    torque: Array | None = None  # (N, J) [N·m], where the source gives torque itself
+    temperature_c: Array | None = None  # (N, J)
+    target_q: Array | None = None  # (N, J) [rad]
+    target_qd: Array | None = None  # (N, J) [rad/s]
+    target_qdd: Array | None = None  # (N, J) [rad/s²]
+    target_current: Array | None = None  # (N, J) [A]
+    target_moment: Array | None = None  # (N, J) [N·m]
+    robot_mode: Array | None = None  # (N,)
+    safety_mode: Array | None = None  # (N,)
+    runtime_state: Array | None = None  # (N,)
+    speed_scaling: Array | None = None  # (N,)
+    context: Context = field(default_factory=Context)
+    quality: Mapping[str, Any] = field(default_factory=dict)  # missed_ticks, duplicated_ticks, … as acquired
+    source: str = ""  # file name, for messages
+
+    def __post_init__(self) -> None:
+        """Refuse shapes that do not belong together.
+
+        Raises BadInput naming the signal, its shape and the shape that was expected.
+        """
+        if self.t_s.ndim != 1 or self.q.ndim != 2 or len(self.q) != len(self.t_s):
+            raise BadInput(f"{self.source or 'recording'}: t is {self.t_s.shape}, q is {self.q.shape}; expected (N,) and (N, J)")
+        for name in set(JOINT_COLUMNS.values()):
+            signal = getattr(self, name)
+            if signal is not None and signal.shape != self.q.shape:
+                raise BadInput(f"{self.source or 'recording'}: {name} is {signal.shape}; expected {self.q.shape} like q")
+
+    @property
+    def samples(self) -> int:
+        """N."""
+        return len(self.t_s)
+
+    @property
+    def joints(self) -> int:
+        """J."""
+        return int(self.q.shape[1])
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last sample on the controller's clock."""
+        return float(self.t_s[-1] - self.t_s[0]) if self.samples else 0.0
+
+    @property
+    def signals(self) -> dict[str, Array]:
+        """Every signal that is present, by the name of its field."""
+        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in {"context", "quality", "source"}}
+        return {name: value for name, value in present.items() if value is not None}
+
+    @property
+    def mean_temperature_c(self) -> Array | None:
+        """(J,) mean over the samples, or None where nothing measured it."""
+        if self.temperature_c is None or not self.samples:
+            return None
+        mean: Array = np.mean(self.temperature_c, axis=0)
+        return mean
