@@ -36,7 +36,14 @@ class RobotUnreachable(MonitorError):
 
 
 class ReplayAborted(MonitorError):
-    """The arm was moving and was stopped: the message says why; nothing of it is learnt from."""
+    """The arm was moving and was stopped: the message says why; nothing of it is learnt from.
+
+    `cause` is the reason in one word, for the history: "protective_stop", "connection_lost", "child_died", …
+    """
+
+    def __init__(self, message: str, cause: str = "unknown") -> None:
+        super().__init__(message)
+        self.cause = cause
 
 
 class StoreError(MonitorError):

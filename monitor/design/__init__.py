@@ -1,0 +1,1 @@
+"""Robot → Excitation, offline. Pure."""

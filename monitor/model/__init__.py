@@ -1,0 +1,1 @@
+"""The arm as mathematics: what design, identify and judge share. Pure."""

@@ -1,0 +1,1 @@
+"""Assessment → outside. I/O."""

@@ -1,0 +1,1 @@
+"""A UR controller made of software. I/O."""

@@ -1,0 +1,1 @@
+"""The whole, played on simulated arms. I/O."""

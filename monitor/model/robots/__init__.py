@@ -1,0 +1,1 @@
+"""Published parameters, one TOML a model."""

@@ -1,0 +1,110 @@
+"""The controller's dashboard over a plain socket: who it is, and the one command that stops a program in any state.
+
+Not ur-rtde's client: that one lives in the process that may be killed, this one must still work then.
+"""
+
+import re
+import socket
+import time
+from typing import NamedTuple, Self
+
+from monitor.errors import RobotUnreachable
+
+PORT = 29999
+LONGEST_LINE = 4096
+
+
+class Dashboard:
+    """One conversation: a line, an answer.
+
+    Raises RobotUnreachable where the controller does not answer in time or not in lines.
+    """
+
+    def __init__(self, host: str, timeout_s: float = 2.0) -> None:
+        self._host, self._timeout_s = host, timeout_s
+        self._waiting = b""
+
+    def __enter__(self) -> Self:
+        try:
+            self._socket = socket.create_connection((self._host, PORT), timeout=self._timeout_s)
+        except OSError as error:
+            raise RobotUnreachable(f"{self._host}: no dashboard on port {PORT} ({error}); is the robot on and the address right?") from None
+        try:
+            self._line()  # the greeting
+        except RobotUnreachable:
+            self._socket.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+
+    def ask(self, command: str) -> str:
+        """The controller's answer to one command."""
+        try:
+            self._socket.sendall(command.encode() + b"\n")
+        except OSError as error:
+            raise RobotUnreachable(f"{self._host}: the dashboard closed the connection ({error})") from None
+        return self._line()
+
+    def _line(self) -> str:
+        deadline = time.monotonic() + self._timeout_s
+        while b"\n" not in self._waiting:
+            if len(self._waiting) > LONGEST_LINE or time.monotonic() > deadline:
+                raise RobotUnreachable(f"{self._host}: the dashboard does not answer in lines within {self._timeout_s:g} s")
+            try:
+                data = self._socket.recv(LONGEST_LINE)
+            except OSError as error:
+                raise RobotUnreachable(f"{self._host}: no answer from the dashboard ({error})") from None
+            if not data:
+                raise RobotUnreachable(f"{self._host}: the dashboard closed the connection")
+            self._waiting += data
+        line, _, self._waiting = self._waiting.partition(b"\n")
+        return line.decode(errors="replace").strip()
+
+
+class Identity(NamedTuple):
+    """Who the controller says it is; None where it does not say."""
+
+    model: str | None  # "UR5"
+    serial: str | None
+    firmware: str | None  # "3.15.8.106339"
+    remote_control: bool | None
+
+
+def identity(host: str, timeout_s: float = 2.0) -> Identity:
+    """Model, serial number, software version, and whether it takes commands from afar."""
+    with Dashboard(host, timeout_s) as dashboard:
+        model = re.fullmatch(r"UR\d+e?", dashboard.ask("get robot model"), re.IGNORECASE)
+        serial = re.fullmatch(r"\d+", dashboard.ask("get serial number"))
+        firmware = re.search(r"\d+\.\d+\.\d+(\.\d+)?", dashboard.ask("PolyscopeVersion"))
+        remote = {"true": True, "false": False}.get(dashboard.ask("is in remote control").lower())
+    return Identity(
+        model=model.group() if model else None,
+        serial=serial.group() if serial else None,
+        firmware=firmware.group() if firmware else None,
+        remote_control=remote,
+    )
+
+
+def stop_program(host: str, within_s: float = 3.0) -> bool:
+    """Stop whatever program runs, and see that none runs afterwards.
+
+    Twice quiet, 0.15 s apart: a script that ur-rtde had sent again just before it was killed may arrive late.
+    Returns False where the controller could not be reached or a program still runs after within_s.
+    """
+    until = time.monotonic() + within_s
+    quiet = 0
+    while time.monotonic() < until:
+        try:
+            with Dashboard(host, timeout_s=1.0) as dashboard:
+                while time.monotonic() < until:
+                    dashboard.ask("stop")
+                    quiet = quiet + 1 if dashboard.ask("running").lower() == "program running: false" else 0
+                    if quiet == 2:
+                        return True
+                    time.sleep(0.15)
+        except RobotUnreachable:
+            quiet = 0
+            time.sleep(0.1)
+    return False

@@ -1,0 +1,180 @@
+"""Receive-only: the arm's live state, decimated, for predictions and production residuals.
+
+The same discipline as a replay: ur-rtde lives in a child process (`python -m monitor.acquire.listen`) that may be
+killed at any moment; the daemon calls `poll` now and then, which restarts a lost child with growing pauses.
+Listening never moves an arm, so any address is allowed, and it may go on during a replay.
+"""
+
+import time
+from dataclasses import dataclass
+
+from monitor.acquire.child import Child, ChildLost
+from monitor.acquire.rows import columns
+from monitor.errors import BadInput
+from monitor.recording import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListenSettings:
+    """Whom to listen to, how often, and how patiently."""
+
+    host: str
+    rate_hz: float = 10.0
+    startup_timeout_s: float = 10.0  # ur-rtde waits for ever for a controller that accepts but does not answer
+    silence_timeout_s: float = 3.0
+    first_pause_s: float = 1.0
+    longest_pause_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Raises BadInput for a rate that the controller cannot give."""
+        if not 1.0 <= self.rate_hz <= 125.0:
+            raise BadInput(f"listen: rate_hz = {self.rate_hz!r}; expected 1 to 125")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LiveState:
+    """The arm a moment ago."""
+
+    t_s: float  # controller's clock
+    received_monotonic_s: float  # host's clock, of the child's reading
+    q: Array  # (J,) [rad]
+    qd: Array  # (J,) [rad/s]
+    current: Array  # (J,) [A]
+    temperature_c: Array  # (J,)
+    target_q: Array  # (J,) [rad]
+    target_qd: Array  # (J,) [rad/s]
+    target_qdd: Array  # (J,) [rad/s²]
+    robot_mode: int
+    safety_mode: int
+    runtime_state: int
+
+
+def _live(row: Array) -> LiveState:
+    table = columns(row[None])
+    return LiveState(
+        t_s=float(table["timestamp"][0]),
+        received_monotonic_s=float(table["host_monotonic_s"][0]),
+        q=table["actual_q"][0],
+        qd=table["actual_qd"][0],
+        current=table["actual_current"][0],
+        temperature_c=table["joint_temperatures"][0],
+        target_q=table["target_q"][0],
+        target_qd=table["target_qd"][0],
+        target_qdd=table["target_qdd"][0],
+        robot_mode=int(table["robot_mode"][0]),
+        safety_mode=int(table["safety_mode"][0]),
+        runtime_state=int(table["runtime_state"][0]),
+    )
+
+
+class Listener:
+    """Live state by polling; no thread of its own. Call every method from one thread that outlives the listener."""
+
+    def __init__(self, settings: ListenSettings) -> None:
+        self._settings = settings
+        self._child: Child | None = None
+        self._latest: LiveState | None = None
+        self._wanted = False
+        self._heard_at = 0.0
+        self._spoke = False  # this child has delivered a row
+        self._next_try_at = 0.0
+        self._pause_s = settings.first_pause_s
+        self.trouble: str | None = None  # why the arm cannot be heard; None while it can, or before the first try
+
+    @property
+    def reachable(self) -> bool:
+        """Rows are coming."""
+        return self._child is not None and self._spoke and time.monotonic() - self._heard_at < self._settings.silence_timeout_s
+
+    def start(self) -> None:
+        """Begin to listen; `poll` does the work."""
+        self._wanted = True
+        self._next_try_at = 0.0
+        self._pause_s = self._settings.first_pause_s
+        self.poll()
+
+    def stop(self) -> None:
+        """End the child and reap it; `start` may follow."""
+        self._wanted = False
+        self._drop()
+        self._latest = None
+
+    def latest(self) -> LiveState | None:
+        """The newest state seen by `poll`, or None while the arm cannot be heard."""
+        return self._latest
+
+    def poll(self) -> list[LiveState]:
+        """Take what has come since the last call, oldest first; restart a child that is lost. Never waits."""
+        if not self._wanted:
+            return []
+        now = time.monotonic()
+        if self._child is None:
+            if now >= self._next_try_at:
+                self._try(now)
+            return []
+        fresh: list[LiveState] = []
+        try:
+            for frame in self._child.frames(0.0):
+                if isinstance(frame, dict):
+                    self.trouble = frame["text"]
+                else:
+                    fresh.append(_live(frame))
+        except ChildLost:
+            self._lost(now, self.trouble or f"{self._settings.host}: the listening process died")
+            return fresh
+        if fresh:
+            self._heard_at, self._spoke, self._latest, self.trouble = now, True, fresh[-1], None
+            self._pause_s = self._settings.first_pause_s
+        patience_s = self._settings.silence_timeout_s if self._spoke else self._settings.startup_timeout_s
+        if now - self._heard_at > patience_s:
+            self._lost(now, f"{self._settings.host}: no RTDE data for {patience_s:g} s")
+        return fresh
+
+    def _try(self, now: float) -> None:
+        self._heard_at, self._spoke = now, False
+        try:
+            self._child = Child("monitor.acquire.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz})
+        except ChildLost as lost:
+            self._lost(now, str(lost))
+
+    def _lost(self, now: float, trouble: str) -> None:
+        self.trouble = trouble
+        self._drop()
+        self._next_try_at = now + self._pause_s
+        self._pause_s = min(2.0 * self._pause_s, self._settings.longest_pause_s)
+        self._latest = None
+
+    def _drop(self) -> None:
+        if self._child is not None:
+            self._child.end()
+            self._child = None
+
+
+def main() -> None:
+    """The child: rows to the parent until the connection or the parent is gone; never returns."""
+    from rtde_receive import RTDEReceiveInterface  # only in the child
+
+    from monitor.acquire.child import begin, leave
+    from monitor.acquire.rows import PLACE, VARIABLES, Torn, snapshot
+
+    job, outbox, lifeline = begin()
+    host = job["host"]
+    try:
+        receive = RTDEReceiveInterface(host, job["rate_hz"], VARIABLES)
+        told_s = None
+        while receive.isConnected():
+            if receive.getTimestamp() != told_s:
+                row, _ = snapshot(receive)
+                row[PLACE["host_monotonic_s"]] = time.monotonic()
+                told_s = row[0]
+                outbox.row(row)
+            lifeline.word()
+            time.sleep(0.005)
+        outbox.message("lost", text=f"{host}: the RTDE connection was lost")
+    except (RuntimeError, Torn) as error:
+        outbox.message("lost", text=f"{host}: RTDE: {error}")
+    leave(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""What ur-rtde is asked for, and how one controller tick travels from a child process to the daemon.
+
+Only names that ur-rtde decodes: one it does not know would shift every later variable without an error.
+"""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from monitor.recording import Array
+
+if TYPE_CHECKING:
+    from rtde_receive import RTDEReceiveInterface
+
+JOINTS = 6  # a Universal Robots arm
+
+
+class Signal(NamedTuple):
+    """One RTDE variable: its name, its place in the row, the getter of ur-rtde that reads it."""
+
+    variable: str
+    width: int
+    getter: str
+
+
+SIGNALS = (
+    Signal("timestamp", 1, "getTimestamp"),
+    Signal("actual_q", JOINTS, "getActualQ"),
+    Signal("actual_qd", JOINTS, "getActualQd"),
+    Signal("actual_current", JOINTS, "getActualCurrent"),
+    Signal("joint_temperatures", JOINTS, "getJointTemperatures"),
+    Signal("target_q", JOINTS, "getTargetQ"),
+    Signal("target_qd", JOINTS, "getTargetQd"),
+    Signal("target_qdd", JOINTS, "getTargetQdd"),
+    Signal("target_current", JOINTS, "getTargetCurrent"),
+    Signal("target_moment", JOINTS, "getTargetMoment"),
+    Signal("robot_mode", 1, "getRobotMode"),
+    Signal("safety_mode", 1, "getSafetyMode"),
+    Signal("runtime_state", 1, "getRuntimeState"),
+    Signal("safety_status_bits", 1, "getSafetyStatusBits"),
+    Signal("speed_scaling", 1, "getSpeedScaling"),
+)
+VARIABLES = [signal.variable for signal in SIGNALS]
+# what the child adds to a row of the stream
+ADDED = (("commanded_q", JOINTS), ("host_monotonic_s", 1))
+
+
+def _places() -> dict[str, slice]:
+    places, at = {}, 0
+    for name, width in [*((signal.variable, signal.width) for signal in SIGNALS), *ADDED]:
+        places[name] = slice(at, at + width)
+        at += width
+    return places
+
+
+PLACE = _places()
+WIDTH = PLACE["host_monotonic_s"].stop
+
+
+class Torn(Exception):
+    """A getter did not deliver what its variable holds: the connection went away while reading."""
+
+
+def snapshot(receive: "RTDEReceiveInterface", attempts: int = 5) -> tuple[Array, int]:
+    """One complete row (WIDTH,) of one tick, and how often it had to be read again.
+
+    ur-rtde's getters are not atomic together: a row counts only if the timestamp is the same before and after.
+    Raises Torn where a getter returns nothing or every attempt met a new tick.
+    """
+    row = np.full(WIDTH, np.nan)
+    for attempt in range(attempts):
+        for signal in SIGNALS:
+            value = getattr(receive, signal.getter)()
+            if signal.width > 1 and len(value) != signal.width:
+                raise Torn(f"{signal.variable} has {len(value)} values; expected {signal.width}")
+            row[PLACE[signal.variable]] = value
+        if receive.getTimestamp() == row[0]:
+            return row, attempt
+    raise Torn(f"no row was complete within {attempts} readings")
+
+
+def columns(rows: Array) -> dict[str, Array]:
+    """Rows (N, WIDTH) by the name of the variable: (N,) or (N, J)."""
+    return {name: rows[:, place.start] if place.stop - place.start == 1 else rows[:, place] for name, place in PLACE.items()}

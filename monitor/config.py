@@ -1,0 +1,261 @@
+"""Configuration: one TOML file a robot → the settings that each room owns, every mistake named at once."""
+
+import dataclasses
+import difflib
+import json
+import re
+import tomllib
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+
+from monitor.acquire.guard import ReplaySettings
+from monitor.assess import AssessSettings
+from monitor.errors import BadConfiguration, BadInput
+from monitor.model.fourier import Excitation, excitation_from_document
+from monitor.model.robot import Mounting, Robot, load_robot
+from monitor.publish.bus import BusSettings, prefix
+from monitor.recording import Context
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotSettings:
+    """Which arm this is, where it is, and what it carries."""
+
+    model: str  # a name from monitor/model/robots, e.g. "ur5"
+    site: str  # part of the Zenoh keys: a–z, 0–9, _ and -
+    id: str  # the same; unique within the site
+    host: str = "127.0.0.1"  # address of the controller
+    mounting: str = "ground"  # ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees
+    payload_kg: float = 0.0  # as set in the controller
+    tool: str = "none"
+    serial: str | None = None
+    gains_nm_per_a: tuple[float, ...] = ()  # joint torque per ampere; empty: the published torque constants
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScheduleSettings:
+    """When to replay. Times are UTC."""
+
+    cron: str = "0 3 * * *"  # minute hour day month weekday
+    grace_s: float = 600.0  # a window missed by more is skipped, and said so
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoreSettings:
+    """Where the history lives."""
+
+    directory: str = "var/joint-monitor"  # relative to the configuration file
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Configuration:
+    """Everything `joint-monitor run` needs, checked."""
+
+    path: Path
+    robot: RobotSettings
+    schedule: ScheduleSettings
+    store: StoreSettings
+    replay: ReplaySettings
+    bus: BusSettings
+    assess: AssessSettings
+    excitation: Excitation
+
+    @property
+    def model(self) -> Robot:
+        """The robot's published parameters."""
+        return load_robot(self.robot.model)
+
+    @property
+    def mounting(self) -> Mounting:
+        """How the base stands in the world."""
+        return Mounting.parse(self.robot.mounting)
+
+    @property
+    def key_prefix(self) -> str:
+        """Where this robot is found on the bus."""
+        return prefix(self.robot.site, self.robot.id)
+
+    @property
+    def state_directory(self) -> Path:
+        """Where the history lives, absolute."""
+        return (self.path.parent / self.store.directory).resolve()
+
+    @property
+    def context(self) -> Context:
+        """What every recording of this robot shares."""
+        return Context(
+            robot=self.robot.model,
+            serial=self.robot.serial,
+            mounting_rad=self.mounting.angles_rad,
+            payload_kg=self.robot.payload_kg,
+            tool=self.robot.tool,
+            trajectory_digest=self.excitation.digest,
+        )
+
+
+def load(path: Path) -> Configuration:
+    """Read and check one configuration.
+
+    Raises BadConfiguration that lists every mistake with its key.
+    """
+    try:
+        document = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise BadConfiguration(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadConfiguration(f"{path}: not TOML: {error}") from None
+    return from_document(document, path)
+
+
+def from_document(document: dict[str, Any], path: Path) -> Configuration:
+    """The same from a parsed document; `path` anchors relative names.
+
+    Raises BadConfiguration that lists every mistake with its key.
+    """
+    document = {name: dict(section) if isinstance(section, dict) else section for name, section in document.items()}
+    mistakes: list[str] = []
+    sections: dict[str, Any] = {}
+    rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
+    rooms |= _assess_sections()
+    names = [*rooms, "replay"]
+    for unknown in [name for name in document if name not in names]:
+        mistakes.append(f"[{unknown}]: unknown section{_nearest(unknown, names)}")
+    excitation_name, repetitions = "", None
+    replay = document.get("replay", {})
+    if isinstance(replay, dict):
+        excitation_name = replay.pop("excitation", "")
+        repetitions = replay.pop("repetitions", None)
+    for name, cls in rooms.items():
+        sections[name] = _section(name, cls, document.get(name, {}), mistakes)
+    robot = sections["robot"]
+    if "host" in (replay if isinstance(replay, dict) else {}):
+        mistakes.append("replay.host: belongs into [robot]")
+    host = {"host": robot.host} if robot else {"host": "127.0.0.1"}
+    sections["replay"] = _section("replay", ReplaySettings, {**replay, **host} if isinstance(replay, dict) else replay, mistakes)
+    excitation = None
+    if robot:
+        excitation = _checked(
+            mistakes, "replay.excitation", lambda: find_excitation(excitation_name or f"{robot.model}-{robot.mounting}", path.parent)
+        )
+        _checked(mistakes, "robot.model", lambda: load_robot(robot.model))
+        _checked(mistakes, "robot.mounting", lambda: Mounting.parse(robot.mounting))
+        _checked(mistakes, "robot", lambda: prefix(robot.site, robot.id))
+        if robot.gains_nm_per_a and (len(robot.gains_nm_per_a) != 6 or min(robot.gains_nm_per_a) <= 0):
+            mistakes.append("robot.gains_nm_per_a: expected one positive figure for each of 6 joints")
+    if sections["schedule"]:
+        _checked(mistakes, "schedule.cron", lambda: _check_cron(sections["schedule"].cron))
+    if repetitions is not None and excitation is not None:
+        if isinstance(repetitions, int) and not isinstance(repetitions, bool) and repetitions >= 1:
+            excitation = dataclasses.replace(excitation, repetitions=repetitions)
+        else:
+            mistakes.append(f"replay.repetitions: {repetitions!r} is not a whole number of 1 or more")
+    if excitation is not None and robot and excitation.robot != robot.model:
+        mistakes.append(f"replay.excitation: made for a {excitation.robot}, but robot.model is {robot.model}")
+    if mistakes:
+        raise BadConfiguration(f"{path}: " + "; ".join(mistakes))
+    assess = AssessSettings(**{name: sections[name] for name in _assess_sections()})
+    assert excitation is not None  # or there would be a mistake
+    return Configuration(
+        path=path,
+        robot=robot,
+        schedule=sections["schedule"],
+        store=sections["store"],
+        replay=sections["replay"],
+        bus=sections["bus"],
+        assess=assess,
+        excitation=excitation,
+    )
+
+
+def shared_file(name: str) -> Path:
+    """A file of `config/`, from the checkout or from the installed wheel.
+
+    Raises BadInput where there is none.
+    """
+    package = Path(str(files("monitor")))
+    for folder in (package / "_config", package.parent / "config"):
+        if (folder / name).is_file():
+            return folder / name
+    raise BadInput(f"{name}: not among the files that joint-monitor ships")
+
+
+def find_excitation(name: str, beside: Path) -> Excitation:
+    """A trajectory by its shipped name (`ur5-ground`) or by the path of its file.
+
+    Raises BadInput naming the shipped ones where it is neither, or what is wrong in the file.
+    """
+    path = beside / name
+    if not path.is_file():
+        try:
+            path = shared_file(f"excitation/{name}.json")
+        except BadInput:
+            shipped = sorted(entry.stem for entry in shared_file("monitor.toml").parent.glob("excitation/*.json"))
+            raise BadInput(f"{name!r} is no file beside the configuration and not shipped; shipped are {', '.join(shipped)}") from None
+    try:
+        return excitation_from_document(json.loads(path.read_text("utf-8")))
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path}: {error}") from None
+
+
+def _assess_sections() -> dict[str, type]:
+    hints = get_type_hints(AssessSettings)
+    return {field.name: hints[field.name] for field in dataclasses.fields(AssessSettings)}
+
+
+def _section(name: str, cls: type, value: Any, mistakes: list[str]) -> Any:
+    """One room's settings from its TOML table; None, with the mistakes added, where it does not fit."""
+    if not isinstance(value, dict):
+        mistakes.append(f"{name}: expected a table [{name}]")
+        return None
+    hints = get_type_hints(cls)
+    fields: dict[str, Any] = {
+        field.name: (hints[field.name], ... if _required(field) else field.default) for field in dataclasses.fields(cls)
+    }
+    schema: type[BaseModel] = create_model(cls.__name__, __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **fields)
+    try:
+        checked = schema.model_validate(value)
+    except ValidationError as error:
+        for problem in error.errors():
+            key = ".".join(str(part) for part in (name, *problem["loc"]))
+            if problem["type"] == "extra_forbidden":
+                mistakes.append(f"{key}: unknown key{_nearest(str(problem['loc'][0]), list(fields))}")
+            elif problem["type"] == "missing":
+                mistakes.append(f"{key}: missing")
+            else:
+                mistakes.append(f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}")
+        return None
+    try:
+        return cls(**{field: getattr(checked, field) for field in fields})
+    except (BadInput, ValueError) as error:  # a room may refuse a combination that each key alone allows
+        mistakes.append(f"{name}: {error}")
+        return None
+
+
+def _required(field: "dataclasses.Field[Any]") -> bool:
+    return field.default is dataclasses.MISSING
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(word, known, n=1)
+    return f" (did you mean {near[0]}?)" if near else f"; known are {', '.join(known)}"
+
+
+def _checked(mistakes: list[str], key: str, make: Any) -> Any:
+    try:
+        return make()
+    except BadInput as error:
+        mistakes.append(f"{key}: {error}")
+        return None
+
+
+def _check_cron(expression: str) -> None:
+    from apscheduler.triggers.cron import CronTrigger
+
+    try:
+        CronTrigger.from_crontab(expression, timezone="UTC")
+    except ValueError as error:
+        raise BadInput(f"{re.sub(r'[.]$', '', str(error))}; expected five fields, e.g. '0 3 * * *' for 03:00 UTC every day") from None

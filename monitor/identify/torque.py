@@ -1,0 +1,34 @@
+"""Torque: what the drives claim to deliver at the joints."""
+
+import numpy as np
+
+from monitor.errors import BadInput
+from monitor.identify.signals import Motion
+from monitor.model.robot import Robot
+from monitor.recording import Array
+
+
+def joint_torque(motion: Motion, robot: Robot, gains: Array | None = None) -> Array:
+    """Joint torque (N, J) [N·m]: measured torque where there is one, else current × gain.
+
+    gains : (J,) [N·m/A] at the joint; without them the published torque constant × gear ratio, Raviola et al. (2021), table 2.
+    Raises BadInput where there is current only and neither gains nor torque constants are known, or where they do not fit.
+    """
+    name = motion.source or "recording"
+    if motion.q.shape[1] != robot.joints:
+        raise BadInput(f"{name}: has {motion.q.shape[1]} joints; {robot.name} has {robot.joints}")
+    if gains is not None and (gains.shape != (robot.joints,) or not np.all(np.isfinite(gains)) or np.any(gains <= 0.0)):
+        raise BadInput(f"--gains: {np.array2string(np.asarray(gains), separator=',')}; expected {robot.joints} positive numbers [N·m/A]")
+    if motion.torque is not None and (gains is None or motion.current is None):
+        return motion.torque
+    if motion.current is None:  # signals.motion lets nothing else through
+        raise BadInput(f"{name}: holds neither current nor torque")
+    if gains is None:
+        gains = robot.drive_gain_nm_per_a
+        if not np.all(np.isfinite(gains)):
+            raise BadInput(
+                f"{robot.name}: the torque constants of this model are not published; give the joint gains "
+                f"as --gains with {robot.joints} numbers [N·m/A], or record torque"
+            )
+    torque: Array = motion.current * gains
+    return torque

@@ -1,0 +1,99 @@
+"""When will friction reach its limit? First passage of a Wiener process with drift, mixed over what we believe of its rate.
+
+For one rate ν the time to rise by d is inverse Gaussian (Chhikara & Folks, 1989); the posterior of (wear, rate) enters by
+quadrature, so the answer is the same every time. It says when a friction threshold is crossed, not when a gear breaks.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import log_ndtr, ndtr
+
+from monitor.errors import BadConfiguration
+from monitor.recording import Array
+
+DAYS = np.geomspace(0.05, 20_000.0, 240)  # the mixture's distribution is tabulated here; 54 years stand for "not foreseeable"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrognosisSettings:
+    """Which limit, and when a trend is one."""
+
+    limit_rise: float = 0.30  # friction above its beginning, fraction
+    trend_sure: float = 0.95  # below this P(rate > 0), no date is given
+
+    def __post_init__(self) -> None:
+        """Raises BadConfiguration for a limit that is not a rise, or a probability that is none."""
+        if not self.limit_rise > 0:
+            raise BadConfiguration(f"prognosis.limit_rise = {self.limit_rise!r}; expected a positive fraction, e.g. 0.3")
+        if not 0.5 <= self.trend_sure < 1:
+            raise BadConfiguration(f"prognosis.trend_sure = {self.trend_sure!r}; expected a probability from 0.5 to below 1")
+
+
+class RemainingLife(NamedTuple):
+    """Days until the limit. None: not within 20 000 days, or, all three, no trend."""
+
+    trend_probability: float  # P(wear rate > 0)
+    p10_days: float | None
+    p50_days: float | None
+    p90_days: float | None
+    verdict: str  # "trend" | "no_trend" | "reached"
+
+
+def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> RemainingLife:
+    """From the belief on (wear, wear rate per day), mean (2,) and cov (2, 2), both in the logarithm of friction torque."""
+    trend = float(ndtr(mean[1] / max(math.sqrt(cov[1, 1]), 1e-300)))
+    if mean[0] >= math.log1p(settings.limit_rise):
+        return RemainingLife(trend, 0.0, 0.0, 0.0, "reached")
+    if trend < settings.trend_sure:
+        return RemainingLife(trend, None, None, None, "no_trend")
+    reached = _mixture(mean, cov, DAYS, wear_walk_per_sqrt_day, settings)
+    p10, p50, p90 = (_quantile(reached, p) for p in (0.1, 0.5, 0.9))
+    return RemainingLife(trend, p10, p50, p90, "trend")
+
+
+def probability_within(days: float, mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> float:
+    """That the limit is crossed within so many days, e.g. before the next service. Arguments as in `remaining_life`."""
+    if mean[0] >= math.log1p(settings.limit_rise):
+        return 1.0
+    return float(_mixture(mean, cov, np.array([days]), wear_walk_per_sqrt_day, settings)[0])
+
+
+def first_passage(days: Array, rise: Array, rate: Array, walk: float) -> Array:
+    """P(a Wiener process with drift has risen by `rise` within `days`), broadcast; a rise already made is certain.
+
+    Φ((νt−d)/(σ√t)) + exp(2νd/σ²)·Φ(−(d+νt)/(σ√t)), the second term in logarithms since the exponential overflows.
+    """
+    spread = walk * np.sqrt(days)
+    second = 2.0 * rate * rise / walk**2 + log_ndtr(-(rise + rate * days) / spread)
+    passed: Array = np.where(rise <= 0, 1.0, ndtr((rate * days - rise) / spread) + np.exp(np.minimum(second, 0.0)))
+    return np.minimum(passed, 1.0)
+
+
+def _mixture(mean: Array, cov: Array, days: Array, walk: float, settings: PrognosisSettings) -> Array:
+    """P(limit crossed within days) (D,), over the posterior of rate and of wear given the rate."""
+    z, weight = np.polynomial.hermite_e.hermegauss(21)  # exact to degree 41 for a Gaussian; rates
+    u, share = np.polynomial.hermite_e.hermegauss(5)  # wear given the rate
+    rate_std = math.sqrt(max(cov[1, 1], 1e-300))
+    tilt = cov[0, 1] / rate_std
+    rest_std = math.sqrt(max(cov[0, 0] - tilt**2, 0.0))
+    rate = (mean[1] + rate_std * z)[:, None]  # (21, 1)
+    wear = mean[0] + tilt * z[:, None] + rest_std * u  # (21, 5)
+    rise = math.log1p(settings.limit_rise) - wear
+    passed = first_passage(days[:, None, None], rise, rate, walk)  # (D, 21, 5)
+    mixed: Array = np.einsum("dij,i,j->d", passed, weight / weight.sum(), share / share.sum())
+    return mixed
+
+
+def _quantile(reached: Array, p: float) -> float | None:
+    """Days at which the tabulated distribution passes p, linear in log days; None where it never does."""
+    over = np.flatnonzero(reached >= p)
+    if not len(over):
+        return None
+    i = int(over[0])
+    if i == 0:
+        return float(DAYS[0])
+    part = (p - reached[i - 1]) / (reached[i] - reached[i - 1])
+    return float(np.exp(np.log(DAYS[i - 1]) + part * np.log(DAYS[i] / DAYS[i - 1])))

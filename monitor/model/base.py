@@ -1,0 +1,121 @@
+"""Base parameters: what of the standard parameters any motion can reveal, Raviola et al. (2021), §2.3; Gautier (1991).
+
+The regressor stacked at random states shows which columns depend on columns to their left. Going left to right without pivoting
+gives the basis of the paper's appendix; pivoting would give another, equally valid one that nobody could compare.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from monitor.model.regressor import PER_JOINT, parameter_names, regressor
+from monitor.model.robot import Mounting, Robot
+from monitor.recording import Array
+
+RANDOM_STATES = 25  # as the paper; 150 equations for 78 columns
+SEED = 20210083  # any seed gives the same basis: the states are only in general position
+RANK_TOLERANCE = 1e-9  # of the largest column: rounding leaves 1e-15, the faintest true column of any UR stands above 1e-2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Base:
+    """A basis of the identifiable: base = combination · standard parameters, and Y[:, :, columns] · base = torque."""
+
+    columns: tuple[int, ...]  # (B,) columns of the regressor that are kept
+    combination: Array  # (B, P)
+    singular_values: Array  # (P,) of the stacked regressor, largest first
+    parameters: tuple[str, ...]  # (P,) names of the standard parameters
+
+    @property
+    def count(self) -> int:
+        """B."""
+        return len(self.columns)
+
+    @property
+    def terms(self) -> tuple[dict[str, float], ...]:
+        """(B,) every combination as coefficients by the name of the standard parameter; the kept one leads."""
+        rows = []
+        for column, row in zip(self.columns, self.combination, strict=True):
+            others = [k for k in np.flatnonzero(row) if k != column]
+            rows.append({self.parameters[k]: float(row[k]) for k in [column, *others]})
+        return tuple(rows)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(B,) short readable names: `m1z1 − 4.104·J2xz + …`."""
+        return tuple(_short(terms) for terms in self.terms)
+
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Standard parameters that no motion on this mounting reveals, not even in a combination."""
+        return tuple(name for name, used in zip(self.parameters, self.combination.any(axis=0), strict=True) if not used)
+
+
+def _short(terms: dict[str, float], longest: int = 4) -> str:
+    (lead, _), *others = terms.items()
+    text = lead
+    for name, factor in others[: longest - 1]:
+        size = "" if abs(abs(factor) - 1.0) < 5e-5 else f"{abs(factor):.4g}·"
+        text += f" {'+' if factor > 0 else '−'} {size}{name}"
+    return text + (" + …" if len(others) >= longest else "")
+
+
+def base_parameters(robot: Robot, mounting: Mounting, tol: float = RANK_TOLERANCE, seed: int = SEED) -> Base:
+    """The base parameters of a robot on a mounting; computed once for each pair.
+
+    `tol` is relative to the largest column. Friction (fc, fv) always stands for itself.
+    """
+    return _base_parameters(_ByIdentity(robot), mounting, tol, seed)
+
+
+class _ByIdentity:
+    """A robot as a key of the cache: it holds arrays, so equality is being the same object."""
+
+    __slots__ = ("robot",)
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot  # held, so its id cannot be given to another robot
+
+    def __hash__(self) -> int:
+        return id(self.robot)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByIdentity) and other.robot is self.robot
+
+
+@lru_cache(maxsize=32)
+def _base_parameters(key: _ByIdentity, mounting: Mounting, tol: float, seed: int) -> Base:
+    robot = key.robot
+    rng = np.random.default_rng(seed)
+    q, qd, qdd = rng.uniform(-np.pi, np.pi, (3, RANDOM_STATES, robot.joints))
+    Y = regressor(robot, mounting, q, qd, qdd).reshape(-1, PER_JOINT * robot.joints)  # (25·J, P)
+    columns = _left_to_right(Y, tol)
+    combination = np.linalg.lstsq(Y[:, columns], Y, rcond=None)[0]  # (B, P): Y = Y_kept · combination
+    combination = np.round(combination, 12)  # 1e-15 of rounding is not a dependence, and 1.0 reads better than 0.9999999999999981
+    combination[:, columns] = np.eye(len(columns))
+    return Base(
+        columns=tuple(columns),
+        combination=combination,
+        singular_values=np.linalg.svd(Y, compute_uv=False),
+        parameters=parameter_names(robot.joints),
+    )
+
+
+def _left_to_right(Y: Array, tol: float) -> list[int]:
+    """Unpivoted QR that keeps a column if what the kept ones leave of it exceeds `tol` of the largest column.
+
+    A plain QR would also take a direction of rounding from every dependent column. Returns the kept columns.
+    """
+    largest = np.linalg.norm(Y, axis=0).max()
+    Q = np.empty((len(Y), 0))
+    kept: list[int] = []
+    for k in range(Y.shape[1]):
+        new = Y[:, k]
+        for _ in range(2):  # twice is enough: Giraud et al. (2005)
+            new = new - Q @ (Q.T @ new)
+        remainder = np.linalg.norm(new)
+        if remainder > tol * largest:
+            kept.append(k)
+            Q = np.column_stack([Q, new / remainder])
+    return kept

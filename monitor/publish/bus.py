@@ -1,0 +1,238 @@
+"""Bus: what the monitor knows, on Zenoh, for anybody's programs.
+
+Every document is UTF-8 JSON under `joint-monitor/v1/<site>/<robot>`; one queryable answers `get` for every last
+value, so that a late joiner sees the same as an early one. Publication has a thread and a bounded queue of its own:
+a frozen router blocks that thread, never the caller.
+"""
+
+import json
+import logging
+import queue
+import re
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import zenoh
+
+from monitor.errors import BadInput, BusError
+
+log = logging.getLogger(__name__)
+
+ROOT = "joint-monitor/v1"
+QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
+LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
+_ID = re.compile(r"[a-z0-9_-]+\Z")
+
+Answer = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusSettings:
+    """Where the daemon meets the bus. Consumers connect to one of `listen`, or to the router in `connect`."""
+
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)  # endpoints that the daemon opens; loopback until you say otherwise
+    connect: tuple[str, ...] = ()  # routers that the daemon joins; retried for ever in the background
+    live_rate_hz: float = 5.0  # of torque/live
+    health_period_s: float = 60.0  # `health` is said again at least so often
+    query_workers: int = field(default=2)  # threads that answer queries
+
+
+def prefix(site: str, robot: str) -> str:
+    """The key under which everything of one robot is found.
+
+    Raises BadInput where an id holds anything but a–z, 0–9, _ and -.
+    """
+    for name, value in (("site", site), ("robot id", robot)):
+        if not _ID.match(value):
+            raise BadInput(f"{name} {value!r}: expected only a–z, 0–9, _ and - (it becomes part of a Zenoh key)")
+    return f"{ROOT}/{site}/{robot}"
+
+
+def session_config(*, mode: str, listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait_for_peer: bool = True) -> zenoh.Config:
+    """Zenoh's configuration without scouting: we speak only to the endpoints that we were told."""
+    config = zenoh.Config()
+    values: dict[str, Any] = {
+        "mode": mode,
+        "listen/endpoints": list(listen),
+        "connect/endpoints": list(connect),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,  # leaves files behind after kill −9
+    }
+    if not wait_for_peer:
+        values |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
+    for key, value in values.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def encoding(kind: str) -> zenoh.Encoding:
+    """The encoding that names the kind of document, `application/json;joint-monitor.<kind>.v1`."""
+    return zenoh.Encoding(f"application/json;joint-monitor.{kind}.v1")
+
+
+class Bus:
+    """One open session: last values out, queries in. A context manager; `publish` never blocks for long and never raises."""
+
+    def __init__(self, settings: BusSettings, key_prefix: str, answers: Mapping[str, Answer] | None = None) -> None:
+        """Open the session.
+
+        `answers` maps a key below the prefix to the function that answers queries with a payload there; what it raises
+        as BadInput becomes the error reply. Raises BusError where an endpoint cannot be opened.
+        """
+        self._settings = settings
+        self._prefix = key_prefix
+        self._answers = dict(answers or {})
+        self._last: dict[str, tuple[str, bytes]] = {}
+        self._lock = threading.Lock()
+        self._outbox: queue.Queue[tuple[str, str, bytes, bool, Callable[[], None] | None] | None] = queue.Queue(QUEUE_LENGTH)
+        self.dropped = 0
+        config = session_config(mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False)
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise BusError(f"Zenoh cannot open {', '.join(settings.listen) or 'a session'}: {str(error).split(' at /')[0]}") from None
+        self._inbox: queue.Queue[zenoh.Query | None] = queue.Queue(QUEUE_LENGTH)
+        self._queryable = self._session.declare_queryable(f"{key_prefix}/**", self._hand_over, complete=True)
+        self._alive = self._session.liveliness().declare_token(f"{key_prefix}/alive/monitor")
+        self._robot_alive: zenoh.LivelinessToken | None = None
+        self._threads = [threading.Thread(target=self._send, name="bus-send", daemon=True)]
+        self._threads += [threading.Thread(target=self._serve, name=f"bus-serve-{n}", daemon=True) for n in range(settings.query_workers)]
+        for thread in self._threads:
+            thread.start()
+
+    def __enter__(self) -> "Bus":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Send what is queued, then leave. A session left open would hang the interpreter at its exit."""
+        try:
+            self._outbox.put(None, timeout=5.0)
+        except queue.Full:
+            log.warning("bus: %d documents were not sent before closing", self._outbox.qsize())
+        self._threads[0].join(timeout=6.0)
+        self._queryable.undeclare()
+        for _ in self._threads[1:]:
+            self._inbox.put(None)
+        for thread in self._threads[1:]:
+            thread.join(timeout=6.0)
+        self._session.close()
+
+    # --- out ------------------------------------------------------------------------------------
+
+    def publish(self, key: str, kind: str, document: Mapping[str, Any], *, done: Callable[[], None] | None = None) -> None:
+        """Say a last value: kept for every later `get`, and sent to the subscribers. `done` runs once it is sent."""
+        payload = _encode(document)
+        with self._lock:
+            self._last[key] = (kind, payload)
+        self._enqueue((key, kind, payload, False, done))
+
+    def stream(self, key: str, kind: str, document: Mapping[str, Any]) -> None:
+        """Say one sample of a stream: the newest is kept as last value, dropped where the network is slow."""
+        payload = _encode(document)
+        with self._lock:
+            self._last[key] = (kind, payload)
+        self._enqueue((key, kind, payload, True, None))
+
+    def event(self, document: Mapping[str, Any], *, done: Callable[[], None] | None = None) -> None:
+        """Say one transition on `event`."""
+        self._enqueue(("event", "event", _encode(document), False, done))
+
+    def forget(self, key: str) -> None:
+        """No longer answer for a key."""
+        with self._lock:
+            self._last.pop(key, None)
+
+    def robot_alive(self, alive: bool) -> None:
+        """Hold or drop the liveliness token of the link to the arm."""
+        if alive and self._robot_alive is None:
+            self._robot_alive = self._session.liveliness().declare_token(f"{self._prefix}/alive/robot")
+        elif not alive and self._robot_alive is not None:
+            self._robot_alive.undeclare()
+            self._robot_alive = None
+
+    def _enqueue(self, item: tuple[str, str, bytes, bool, Callable[[], None] | None]) -> None:
+        try:
+            self._outbox.put_nowait(item)
+        except queue.Full:
+            self.dropped += 1
+            if self.dropped == 1 or self.dropped % 1000 == 0:
+                log.warning("bus: queue full, %d documents dropped; last values are still answered", self.dropped)
+
+    def _send(self) -> None:
+        while (item := self._outbox.get()) is not None:
+            key, kind, payload, may_drop, done = item
+            try:
+                self._session.put(
+                    f"{self._prefix}/{key}",
+                    payload,
+                    encoding=encoding(kind),
+                    congestion_control=zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK,
+                )
+                if done is not None:
+                    done()
+            except Exception:  # the thread must outlive one bad document; the stack says which
+                log.exception("bus: %s could not be sent", key)
+
+    # --- in -------------------------------------------------------------------------------------
+
+    def _hand_over(self, query: zenoh.Query) -> None:
+        # on Zenoh's own thread: hand over at once, for a slow answer here would block the whole link
+        try:
+            self._inbox.put_nowait(query)
+        except queue.Full:
+            with query:
+                _refuse(query, f"busy: {QUEUE_LENGTH} queries are waiting; ask again later")
+
+    def _serve(self) -> None:
+        while (query := self._inbox.get()) is not None:
+            with query:
+                try:
+                    self._answer(query)
+                except BadInput as error:
+                    _refuse(query, str(error))
+                except Exception as error:  # a silent queryable makes the client wait for its time-out
+                    log.exception("bus: query %s failed", query.key_expr)
+                    _refuse(query, f"internal: {type(error).__name__}")
+
+    def _answer(self, query: zenoh.Query) -> None:
+        asked = str(query.key_expr)
+        key = asked.removeprefix(f"{self._prefix}/")
+        if key in self._answers:  # only the exact key: a wildcard must never make anything happen
+            kind = key.split("/")[0]
+            query.reply(asked, _encode(self._answers[key](_parameters(query, key))), encoding=encoding(kind))
+            return
+        with self._lock:
+            known = list(self._last.items())
+        for name, (kind, payload) in known:
+            full = zenoh.KeyExpr(f"{self._prefix}/{name}")
+            if query.key_expr.intersects(full):
+                query.reply(full, payload, encoding=encoding(kind))
+
+
+def _encode(document: Mapping[str, Any]) -> bytes:
+    return json.dumps(document, allow_nan=False, ensure_ascii=False).encode()
+
+
+def _refuse(query: zenoh.Query, why: str) -> None:
+    query.reply_err(json.dumps({"error": why}).encode(), encoding=encoding("error"))
+
+
+def _parameters(query: zenoh.Query, key: str) -> Mapping[str, Any]:
+    payload = query.payload
+    if payload is None:
+        raise BadInput(f"{key}: the query carries no payload; expected a JSON object")
+    if len(payload) > LARGEST_QUERY_BYTES:
+        raise BadInput(f"{key}: the payload has {len(payload)} bytes; at most {LARGEST_QUERY_BYTES} are read")
+    try:
+        document = json.loads(payload.to_bytes())
+    except ValueError as error:
+        raise BadInput(f"{key}: the payload is not JSON: {error}") from None
+    if not isinstance(document, dict):
+        raise BadInput(f"{key}: the payload is {type(document).__name__}; expected a JSON object")
+    return document

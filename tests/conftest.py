@@ -1,0 +1,29 @@
+"""What the tests share: where the real recordings are, and loopback addresses that no two tests use at once."""
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).parent.parent
+settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy cores: no time limits; the same examples everywhere
+settings.load_profile("ours")
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder of real recordings, which are not ours to ship."""
+    folder = Path(os.environ.get("JOINT_MONITOR_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip("the real recordings are absent: set JOINT_MONITOR_DATA to their folder")
+    return folder
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A TCP port of 127.0.0.1 that was free a moment ago."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

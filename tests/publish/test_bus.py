@@ -1,0 +1,131 @@
+"""Real Zenoh sessions on loopback: what one side says, the other side gets."""
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+
+from monitor.client import Client
+from monitor.errors import BadInput, BusError
+from monitor.publish.bus import Bus, BusSettings, prefix, session_config
+
+
+def double(request):
+    if "x" not in request:
+        raise BadInput("double: x is missing")
+    if request["x"] == "boom":
+        raise RuntimeError("ours")
+    return {"doubled": 2 * request["x"]}
+
+
+@pytest.fixture
+def bus(free_port: int) -> Iterator[tuple[Bus, str]]:
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "cell-1"), {"torque": double}) as bus:
+        yield bus, endpoint
+
+
+def test_a_late_joiner_sees_the_last_values(bus):
+    """`get` after the fact returns what was published before, with the encoding that names its kind."""
+    bus, endpoint = bus
+    bus.publish("health", "health", {"state": "NORMAL"})
+    bus.publish("joint/3/friction", "friction", {"coulomb_nm": 1.0})
+    bus.publish("joint/3/friction", "friction", {"coulomb_nm": 2.0})
+    with Client(endpoint, "lab", "cell-1") as client:
+        assert [message.document for message in client.get("health")] == [{"state": "NORMAL"}]
+        assert {message.key: message.document for message in client.get("joint/*/friction")} == {"joint/3/friction": {"coulomb_nm": 2.0}}
+        assert {message.key for message in client.get("**")} == {"health", "joint/3/friction"}
+
+
+def test_any_plain_zenoh_client_can_subscribe_and_query(bus):
+    """Nothing of ours on the client's side: plain zenoh, JSON, the documented keys."""
+    bus, endpoint = bus
+    with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
+        subscriber = session.declare_subscriber("joint-monitor/v1/**", zenoh.handlers.FifoChannel(16))
+        time.sleep(0.3)  # the subscription travels
+        bus.publish("alert/j3/wear_rising", "alert", {"joint": 3})
+        sample = subscriber.recv()
+        assert str(sample.key_expr) == "joint-monitor/v1/lab/cell-1/alert/j3/wear_rising"
+        assert json.loads(sample.payload.to_bytes()) == {"joint": 3}
+        assert str(sample.encoding) == "application/json;joint-monitor.alert.v1"
+        (reply,) = list(session.get("joint-monitor/v1/lab/cell-1/torque", payload=b'{"x": 21}', timeout=5.0))
+        assert json.loads(reply.ok.payload.to_bytes()) == {"doubled": 42}
+
+
+def test_a_malformed_query_gets_an_error_that_says_what_is_wrong(bus):
+    """No payload, no JSON, no object, a missing argument: each is named at once instead of a time-out."""
+    _, endpoint = bus
+    with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
+        for payload, says in ((None, "no payload"), (b"{", "not JSON"), (b"[1]", "expected a JSON object"), (b"{}", "x is missing")):
+            began = time.monotonic()
+            (reply,) = list(session.get("joint-monitor/v1/lab/cell-1/torque", payload=payload, timeout=5.0))
+            assert says in json.loads(reply.err.payload.to_bytes())["error"]
+            assert time.monotonic() - began < 4.0  # answered, not timed out
+
+
+def test_a_fault_of_ours_is_answered_too_and_the_next_query_works(bus):
+    """An exception in an answer must not leave the client waiting nor the queryable dead."""
+    _, endpoint = bus
+    with Client(endpoint, "lab", "cell-1") as client:
+        with pytest.raises(BadInput, match="internal: RuntimeError"):
+            client.torque(x="boom")
+        assert client.torque(x=1) == {"doubled": 2}
+
+
+def test_a_wildcard_query_makes_nothing_happen(bus):
+    """`get **` with a payload reads last values; it never reaches an answering function."""
+    bus, endpoint = bus
+    bus.publish("health", "health", {"state": "NORMAL"})
+    with Client(endpoint, "lab", "cell-1") as client:
+        assert [message.key for message in client.get("**", {"x": 1})] == ["health"]
+
+
+def test_a_watcher_gets_last_values_first_and_then_what_is_said(bus):
+    """Order per key is kept and `until` ends the watch."""
+    bus, endpoint = bus
+    bus.publish("health", "health", {"n": 0})
+    seen: list[int] = []
+
+    def say() -> None:
+        time.sleep(0.5)
+        for n in range(1, 4):
+            bus.publish("health", "health", {"n": n})
+
+    speaker = threading.Thread(target=say)
+    speaker.start()
+    with Client(endpoint, "lab", "cell-1") as client:
+        for message in client.watch("health", until=lambda: len(seen) >= 4):
+            seen.append(message.document["n"])
+    speaker.join()
+    assert seen == [0, 1, 2, 3]
+
+
+def test_done_is_called_once_the_document_is_sent(bus):
+    """The store marks an event as published only after the bus took it."""
+    bus, _ = bus
+    sent = threading.Event()
+    bus.event({"kind": "raised"}, done=sent.set)
+    assert sent.wait(5.0)
+
+
+def test_nobody_at_the_endpoint_is_said_in_time(free_port: int):
+    """A client without a daemon gets a sentence with the endpoint in it."""
+    with pytest.raises(BusError, match=f"127.0.0.1:{free_port}"):
+        Client(f"tcp/127.0.0.1:{free_port}", "lab", "cell-1", timeout_s=1.0)
+
+
+def test_an_endpoint_in_use_is_refused_with_its_name(bus):
+    """Two daemons on one endpoint: the second is told which."""
+    _, endpoint = bus
+    with pytest.raises(BusError, match=endpoint.removeprefix("tcp/")):
+        Bus(BusSettings(listen=(endpoint,)), prefix("lab", "cell-2"))
+
+
+@pytest.mark.parametrize("site", ["Lab", "a/b", "", "a*", "ä"])
+def test_an_id_that_would_break_a_key_is_refused(site: str):
+    """Only a–z, 0–9, _ and - may become part of a key."""
+    with pytest.raises(BadInput, match="expected only"):
+        prefix(site, "cell-1")
