@@ -1,14 +1,20 @@
 """The commands. Thin: each reads its arguments, calls one room, and prints; heavy imports stand where they are used."""
 
 import json
+import logging
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from monitor import __version__
 from monitor.errors import BadConfiguration, BadInput, MonitorError
+
+if TYPE_CHECKING:
+    from monitor.config import Configuration
+
+EXIT_CONFIG = 78  # sysexits.h: the service manager must not restart into the same mistake
 
 app = typer.Typer(
     name="joint-monitor",
@@ -19,19 +25,302 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-EXIT_CONFIG = 78  # sysexits.h; the service manager must not restart into the same mistake
-
 ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object (watch: one a line) on standard output.")]
+NumbersHelp = "one figure a joint, comma-separated"
 
 
 def main() -> None:
     """Entry point: a user's mistake becomes a sentence and an exit code, never a traceback."""
     try:
-        app(standalone_mode=True)
+        app()
     except MonitorError as error:
-        print(f"joint-monitor: {error}", file=sys.stderr)  # noqa: T201
+        typer.echo(f"joint-monitor: {error}", err=True)
         sys.exit(error.exit_code)
     except BrokenPipeError:
         sys.stderr.close()  # `joint-monitor watch | head`: the reader has left
         sys.exit(0)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"joint-monitor {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version and leave.")] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def run(config: ConfigOption) -> None:
+    """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong."""
+    from monitor.daemon import serve
+
+    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(levelname)s %(name)s %(message)s")
+    logging.getLogger("apscheduler").setLevel(logging.WARNING)
+    try:
+        configuration = _load(config)
+    except BadConfiguration as error:
+        typer.echo(f"joint-monitor: {error}", err=True)
+        raise typer.Exit(EXIT_CONFIG) from None
+    serve(configuration)
+
+
+@app.command()
+def simulate(
+    robot: Annotated[str, typer.Option(help="Model, e.g. ur5 or ur3.")] = "ur5",
+    bind: Annotated[str, typer.Option(help="Loopback address; RTDE, dashboard and script ports are fixed.")] = "127.0.0.1",
+    seed: Annotated[int, typer.Option(help="Of noise; the same seed, the same arm.")] = 0,
+    ambient: Annotated[float, typer.Option(help="Room temperature [°C].")] = 22.0,
+    payload: Annotated[float, typer.Option(help="Mass at the flange [kg].")] = 0.0,
+    mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
+    command_port: Annotated[int, typer.Option(help="JSON lines: truth, wear, heat, faults.")] = 30020,
+) -> None:
+    """Be a UR controller made of software, for the unmodified ur-rtde, until Ctrl-C."""
+    from monitor.model.robot import Mounting
+    from monitor.simulate.server import serve
+    from monitor.simulate.settings import SimulateSettings
+
+    settings = SimulateSettings(
+        robot=robot,
+        bind=bind,
+        seed=seed,
+        ambient_c=ambient,
+        payload_kg=payload,
+        mounting=Mounting.parse(mounting),
+        command_port=command_port,
+    )
+    serve(settings, lambda: typer.echo(f"simulated {robot} listening on {bind} (RTDE 30004, dashboard 29999, commands {command_port})"))
+
+
+@app.command()
+def replay(
+    config: ConfigOption,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Where the recording goes (Parquet).", show_default=False)],
+    as_json: JsonOption = False,
+) -> None:
+    """Move the arm once along the configured excitation, guarded, and save the recording."""
+    import signal
+    import threading
+
+    from monitor.acquire.replay import Progress
+    from monitor.acquire.replay import replay as replay_once
+    from monitor.files import write_recording
+    from monitor.terminal import progress
+
+    configuration = _load(config)
+    if output.suffix != ".parquet":
+        raise BadInput(f"{output}: a recording is written as Parquet; give a name that ends in .parquet")
+    if not output.parent.is_dir():
+        raise BadInput(f"{output}: the folder {output.parent} does not exist")
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    with progress("replay") as show:
+
+        def on_progress(at: Progress) -> None:
+            show(at.phase, at.elapsed_s, at.duration_s)
+
+        recording = replay_once(
+            configuration.excitation,
+            configuration.model,
+            configuration.replay,
+            context=configuration.context,
+            on_progress=on_progress,
+            should_stop=stopping.is_set,
+        )
+    write_recording(output, recording)
+    facts = {"file": str(output), "samples": recording.samples, "duration_s": recording.duration_s, "quality": dict(recording.quality)}
+    if as_json:
+        _print_json(facts)
+        return
+    typer.echo(f"{output}: {recording.samples} samples in {recording.duration_s:.1f} s")
+    for name, value in recording.quality.items():
+        typer.echo(f"  {name}: {value:.4g}" if isinstance(value, float) else f"  {name}: {value}")
+
+
+@app.command()
+def identify(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings, fitted together.", show_default=False)],
+    robot: Annotated[str, typer.Option(help="Model, e.g. ur5.", show_default=False)],
+    mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
+    columns: Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)] = None,
+    gains: Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {NumbersHelp}.", show_default=False)] = None,
+    method: Annotated[str, typer.Option(help="ls (as the paper) or wls (standstill masked, rows weighted).")] = "wls",
+    validate: Annotated[list[Path] | None, typer.Option(help="Held-out recording; may be given again.", show_default=False)] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Recordings → base parameters, friction, fit; each with its uncertainty."""
+    import numpy as np
+
+    from monitor.files import read_recording
+    from monitor.identify.document import identification_document
+    from monitor.identify.solve import identify as identify_recordings
+    from monitor.identify.solve import validate as validate_recording
+    from monitor.model.robot import Mounting, load_robot
+    from monitor.terminal import print_identification
+    from monitor.terminal import status as status_line
+
+    arm = load_robot(robot)
+    attitude = Mounting.parse(mounting)
+    joint_gains = None if gains is None else np.array(_numbers(gains, "--gains", arm.joints))
+    recordings = [read_recording(path, columns) for path in files]
+    held_out = [read_recording(path, columns) for path in validate or []]
+    with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):
+        found = identify_recordings(recordings, arm, attitude, method=method, gains=joint_gains)
+        validations = [validate_recording(found, recording, arm, gains=joint_gains) for recording in held_out]
+    document = identification_document(found, validations)
+    if as_json:
+        _print_json(document)
+    else:
+        print_identification(document)
+
+
+@app.command()
+def predict(
+    q: Annotated[str, typer.Option(help=f"Positions [rad]: {NumbersHelp}.", show_default=False)],
+    qd: Annotated[str, typer.Option(help=f"Speeds [rad/s]: {NumbersHelp}.", show_default=False)],
+    config: ConfigOption,
+    qdd: Annotated[str | None, typer.Option(help=f"Accelerations [rad/s²]: {NumbersHelp}; 0 where not given.", show_default=False)] = None,
+    temperature: Annotated[
+        str | None, typer.Option(help=f"Joint temperatures [°C]: {NumbersHelp}; else the latest.", show_default=False)
+    ] = None,
+    local: Annotated[bool, typer.Option("--local", help="Read the history instead of asking the daemon.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Torque from the temperature-compensated model of a running daemon, or of its history."""
+    configuration = _load(config)
+    joints = configuration.model.joints
+    request = {
+        name: _numbers(text, f"--{name}", joints)
+        for name, text in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", temperature))
+        if text is not None
+    }
+    answer = _local_torque(configuration, request) if local else _asked_torque(configuration, request)
+    if as_json:
+        _print_json(answer)
+        return
+    typer.echo("joint  temperature     torque       rigid    friction    std")
+    for j in range(joints):
+        flag = "  extrapolated: outside the temperatures seen so far" if answer["extrapolated"][j] else ""
+        typer.echo(
+            f"{j + 1:>5}  {answer['temperature_c'][j]:8.1f} °C  {answer['torque_nm'][j]:8.2f} Nm {answer['rigid_nm'][j]:8.2f} Nm "
+            f"{answer['friction_nm'][j]:8.2f} Nm {answer['std_nm'][j]:6.2f}{flag}"
+        )
+
+
+def _asked_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
+    with _client(configuration) as client:
+        return client.torque(**request)
+
+
+def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
+    import numpy as np
+
+    from monitor.judge.compensation import model_from_document
+    from monitor.publish.answers import torque_answer
+    from monitor.store import Store
+
+    with Store.reader(configuration.state_directory) as store:
+        state = store.state()
+        newest = store.friction(limit=configuration.model.joints)
+    if state is None:
+        raise BadInput(f"{configuration.state_directory}: no replay has been assessed yet, so there is no model")
+    temperatures = [row.get("temperature_c") for row in newest]
+    present = None if None in temperatures or not newest else np.array(temperatures)
+    return torque_answer(model_from_document(state.model), configuration.model, present, request)
+
+
+@app.command()
+def watch(
+    config: ConfigOption,
+    keys: Annotated[str, typer.Option(help="Key expression below the robot's prefix.")] = "**",
+    as_json: JsonOption = False,
+) -> None:
+    """Follow what the daemon says: last values first, then live, until Ctrl-C."""
+    from monitor.terminal import told
+
+    configuration = _load(config)
+    with _client(configuration) as client:
+        try:
+            for message in client.watch(keys):
+                if as_json:
+                    typer.echo(json.dumps({"key": message.key, "document": message.document}, ensure_ascii=False))
+                else:
+                    typer.echo(told(message.key, message.document))
+        except KeyboardInterrupt:
+            return
+
+
+@app.command()
+def status(config: ConfigOption, as_json: JsonOption = False) -> None:
+    """What is known of the arm now, from its history; works without the daemon."""
+    from monitor.store import Store
+    from monitor.terminal import print_status
+    from monitor.timestamps import outside, rfc3339
+
+    configuration = _load(config)
+    with Store.reader(configuration.state_directory) as store:
+        state = store.state()
+        newest = store.friction(limit=configuration.model.joints)
+        ledger = store.ledger(limit=10)
+    document = {
+        "robot": configuration.robot.id,
+        "model_revision": state.revision if state else 0,
+        "health": outside(state.health) if state else None,
+        "friction": outside(newest),
+        "ledger": [
+            {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
+            for row in ledger
+        ],
+    }
+    if as_json:
+        _print_json(document)
+    else:
+        print_status(document)
+
+
+@app.command()
+def demo(
+    seed: Annotated[int, typer.Option(help="Of the simulated arm.")] = 0,
+    keep: Annotated[Path | None, typer.Option(help="Keep the history in this folder.", show_default=False)] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The main job with nothing installed around it: a simulated UR5, weeks of replays, a joint that wears."""
+    from monitor.studies.demo import play
+
+    raise typer.Exit(play(seed=seed, keep=keep, as_json=as_json))
+
+
+# --- what the commands share -----------------------------------------------------------------------
+
+
+def _load(path: Path) -> "Configuration":
+    from monitor.config import load
+
+    return load(path)
+
+
+def _client(configuration: "Configuration") -> Any:
+    from monitor.client import Client
+
+    endpoint = (configuration.bus.connect or configuration.bus.listen)[0]
+    return Client(endpoint, configuration.robot.site, configuration.robot.id)
+
+
+def _numbers(text: str, option: str, count: int) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise BadInput(f"{option} {text!r}: not numbers; expected {count} figures, comma-separated") from None
+    if len(numbers) != count:
+        raise BadInput(f"{option}: {len(numbers)} figures; expected {count}, one a joint")
+    return numbers
+
+
+def _print_json(document: Any) -> None:
+    typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1))

@@ -8,9 +8,9 @@ import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, ValidationError, create_model
 
 from monitor.acquire.guard import ReplaySettings
 from monitor.assess import AssessSettings
@@ -49,6 +49,13 @@ class StoreSettings:
     """Where the history lives."""
 
     directory: str = "var/joint-monitor"  # relative to the configuration file
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _FlowSettings:
+    """What of `AssessSettings` belongs to no single room."""
+
+    method: Literal["ls", "wls"] = "wls"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +127,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
     mistakes: list[str] = []
     sections: dict[str, Any] = {}
     rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
-    rooms |= _assess_sections()
+    rooms |= _assess_sections() | {"assess": _FlowSettings}
     names = [*rooms, "replay"]
     for unknown in [name for name in document if name not in names]:
         mistakes.append(f"[{unknown}]: unknown section{_nearest(unknown, names)}")
@@ -157,7 +164,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
         mistakes.append(f"replay.excitation: made for a {excitation.robot}, but robot.model is {robot.model}")
     if mistakes:
         raise BadConfiguration(f"{path}: " + "; ".join(mistakes))
-    assess = AssessSettings(**{name: sections[name] for name in _assess_sections()})
+    assess = AssessSettings(method=sections["assess"].method, **{name: sections[name] for name in _assess_sections()})
     assert excitation is not None  # or there would be a mistake
     return Configuration(
         path=path,
@@ -203,7 +210,7 @@ def find_excitation(name: str, beside: Path) -> Excitation:
 
 def _assess_sections() -> dict[str, type]:
     hints = get_type_hints(AssessSettings)
-    return {field.name: hints[field.name] for field in dataclasses.fields(AssessSettings)}
+    return {field.name: hints[field.name] for field in dataclasses.fields(AssessSettings) if dataclasses.is_dataclass(hints[field.name])}
 
 
 def _section(name: str, cls: type, value: Any, mistakes: list[str]) -> Any:
@@ -211,32 +218,54 @@ def _section(name: str, cls: type, value: Any, mistakes: list[str]) -> Any:
     if not isinstance(value, dict):
         mistakes.append(f"{name}: expected a table [{name}]")
         return None
-    hints = get_type_hints(cls)
-    fields: dict[str, Any] = {
-        field.name: (hints[field.name], ... if _required(field) else field.default) for field in dataclasses.fields(cls)
-    }
-    schema: type[BaseModel] = create_model(cls.__name__, __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **fields)
+    schema = _schema(cls)
     try:
-        checked = schema.model_validate(value)
+        return _made(cls, schema.model_validate(value))
     except ValidationError as error:
         for problem in error.errors():
             key = ".".join(str(part) for part in (name, *problem["loc"]))
             if problem["type"] == "extra_forbidden":
-                mistakes.append(f"{key}: unknown key{_nearest(str(problem['loc'][0]), list(fields))}")
+                mistakes.append(f"{key}: unknown key{_nearest(str(problem['loc'][-1]), _keys(cls, problem['loc'][:-1]))}")
             elif problem["type"] == "missing":
                 mistakes.append(f"{key}: missing")
             else:
                 mistakes.append(f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}")
-        return None
-    try:
-        return cls(**{field: getattr(checked, field) for field in fields})
-    except (BadInput, ValueError) as error:  # a room may refuse a combination that each key alone allows
-        mistakes.append(f"{name}: {error}")
-        return None
+    except (BadInput, ValueError) as error:  # a room may refuse a figure, or a combination, that its type allows
+        mistakes.append(f"[{name}] {error}")
+    return None
 
 
-def _required(field: "dataclasses.Field[Any]") -> bool:
-    return field.default is dataclasses.MISSING
+# "yes" must never become allow_motion = true
+_STRICT: dict[Any, Any] = {bool: StrictBool, int: StrictInt, float: StrictFloat}
+
+
+def _schema(cls: type) -> type[BaseModel]:
+    """What pydantic checks for a room's dataclass: the same fields, nothing more, no NaN."""
+    hints = get_type_hints(cls)
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(cls):
+        hint = hints[field.name]
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+            nested = _schema(hint)
+            fields[field.name] = (nested, nested())
+        else:
+            fields[field.name] = (_STRICT.get(hint, hint), ... if field.default is dataclasses.MISSING else field.default)
+    return create_model(cls.__name__, __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **fields)
+
+
+def _made(cls: type, checked: BaseModel) -> Any:
+    values = {}
+    for name, hint in get_type_hints(cls).items():
+        value = getattr(checked, name)
+        values[name] = _made(hint, value) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else value
+    return cls(**values)
+
+
+def _keys(cls: type, place: tuple[int | str, ...]) -> list[str]:
+    """The keys that a table may have, `place` levels down."""
+    for step in place:
+        cls = get_type_hints(cls)[str(step)]
+    return [field.name for field in dataclasses.fields(cls)]
 
 
 def _nearest(word: str, known: list[str]) -> str:

@@ -9,6 +9,7 @@ import fcntl
 import json
 import os
 import sqlite3
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -103,7 +104,8 @@ class Store:
         self.directory = directory
         self.recordings = directory / "recordings"
         self._db = connection
-        self._lock = lock
+        self._file_lock = lock
+        self._turn = threading.RLock()  # one connection, several threads: a transaction must not open inside another's
 
     @classmethod
     @contextmanager
@@ -160,13 +162,18 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
-        self._db.execute("BEGIN IMMEDIATE")
-        try:
-            yield self._db
-        except BaseException:
-            self._db.execute("ROLLBACK")
-            raise
-        self._db.execute("COMMIT")
+        with self._turn:
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._db
+            except BaseException:
+                self._db.execute("ROLLBACK")
+                raise
+            self._db.execute("COMMIT")
+
+    def _rows(self, query: str, values: Sequence[Any] = ()) -> list[Any]:
+        with self._turn:
+            return self._db.execute(query, values).fetchall()
 
     # --- the ledger -------------------------------------------------------------------------
 
@@ -200,11 +207,11 @@ class Store:
     def ledger(self, *, limit: int | None = None, states: Sequence[str] = ()) -> list[LedgerRow]:
         """Windows, oldest first; the last `limit` of them, only those in `states` where given."""
         where = f"WHERE state IN ({', '.join('?' * len(states))})" if states else ""
-        rows = self._db.execute(
+        rows = self._rows(
             "SELECT id, window_unix_s, kind, state, started_at_unix_s, ended_at_unix_s, reason, recording "  # noqa: S608 - placeholders only
             f"FROM ledger {where} ORDER BY id DESC LIMIT ?",
             (*states, -1 if limit is None else limit),
-        ).fetchall()
+        )
         keys = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
         return [LedgerRow(**dict(zip(keys, row, strict=True))) for row in reversed(rows)]
 
@@ -266,32 +273,33 @@ class Store:
 
     def state(self) -> State | None:
         """What is held true now; None before the first assessment."""
-        row = self._db.execute("SELECT revision, belief, health, model FROM state").fetchone()
-        return (
-            None if row is None else State(revision=row[0], belief=json.loads(row[1]), health=json.loads(row[2]), model=json.loads(row[3]))
-        )
+        rows = self._rows("SELECT revision, belief, health, model FROM state")
+        if not rows:
+            return None
+        ((revision, belief, health, model),) = rows
+        return State(revision=revision, belief=json.loads(belief), health=json.loads(health), model=json.loads(model))
 
     def latest_assessment(self) -> dict[str, Any] | None:
         """The newest assessment's document."""
-        row = self._db.execute("SELECT document FROM assessment ORDER BY ledger_id DESC LIMIT 1").fetchone()
-        return None if row is None else json.loads(row[0])
+        rows = self._rows("SELECT document FROM assessment ORDER BY ledger_id DESC LIMIT 1")
+        return json.loads(rows[0][0]) if rows else None
 
     def friction(self, *, joint: int | None = None, limit: int | None = None) -> list[dict[str, Any]]:
         """Friction documents in the order of their replays, each with its `replay` (ledger id) and `joint`."""
-        rows = self._db.execute(
+        rows = self._rows(
             "SELECT ledger_id, joint, document FROM friction WHERE ?1 IS NULL OR joint = ?1 ORDER BY ledger_id DESC, joint DESC LIMIT ?2",
             (joint, -1 if limit is None else limit),
-        ).fetchall()
+        )
         return [{"replay": replay, **json.loads(document), "joint": number} for replay, number, document in reversed(rows)]
 
     # --- events -----------------------------------------------------------------------------
 
     def events(self, *, unpublished: bool = False, limit: int | None = None) -> list[Event]:
         """Transitions in order; only those that were never published where asked."""
-        rows = self._db.execute(
+        rows = self._rows(
             "SELECT seq, at_unix_s, document FROM event WHERE published <= ? ORDER BY seq DESC LIMIT ?",
             (0 if unpublished else 1, -1 if limit is None else limit),
-        ).fetchall()
+        )
         return [Event(seq, at, json.loads(document)) for seq, at, document in reversed(rows)]
 
     def published(self, seq: int) -> None:

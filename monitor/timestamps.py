@@ -11,7 +11,7 @@ def rfc3339(unix_s: float) -> str:
 def outside(document: object) -> object:
     """The same JSON document with every `*_unix_s` number told as `*` in RFC 3339, as documents leave the house."""
     if isinstance(document, dict):
-        told = {}
+        told: dict[str, object] = {}
         for key, value in document.items():
             if key.endswith("_unix_s") and isinstance(value, int | float):
                 told[key.removesuffix("_unix_s")] = rfc3339(value)

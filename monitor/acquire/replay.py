@@ -66,8 +66,7 @@ def replay(
     finally:
         # also when a callback raised: first the child, then the arm, then the exception
         exit_code = child.end(LEAVING_S if watch.last_word else 0.0)
-        may_move = watch.in_control and not watch.done
-        stopped = not may_move or dashboard.stop_program(settings.host)
+        stopped = not watch.may_move or dashboard.stop_program(settings.host)
     if not watch.done:
         _tell(watch, settings, exit_code, child.printed, stopped=stopped)
     return _recording(watch, known, settings, excitation)
@@ -121,6 +120,11 @@ class _Watch:
     def done(self) -> bool:
         """The arm is back, the control program ended, every row is here."""
         return self.last_word is not None and self.last_word["kind"] == "done"
+
+    @property
+    def may_move(self) -> bool:
+        """A program of ours may still run: not before control was taken, nor after the child gave it back or was refused it."""
+        return self.in_control and (self.last_word is None or self.last_word["kind"] == "failed")
 
     def until_done(self, child: Child) -> None:
         """Follow the child to its last word, its death, or the end of our patience."""

@@ -8,20 +8,25 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from monitor.errors import Unidentifiable
 from monitor.recording import Array, Recording
 
+Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
+
 STANDSTILL_SPEED_RAD_S = 0.02  # slower than this Coulomb friction is stiction and holding torque is history
-MAX_POSITION_RAD = 4.0 * np.pi  # twice the ±2π of the joints: beyond is a torn row, not an arm
+MAX_POSITION_RAD = 1000.0  # the last joint of some models turns without end, but not 160 turns in a row
 MAX_SPEED_RAD_S = 20.0  # three times the fastest joint of any UR
+MAX_ACCELERATION_RAD_S2 = 1000.0  # an emergency stop stays below 100
 MAX_CURRENT_A = 200.0  # an order above what the drives can carry
 MAX_TORQUE_NM = 5000.0  # an order above the largest joint's
 MAX_TEMPERATURE_C = 200.0
 
-_LIMITS = {"q": MAX_POSITION_RAD, "qd": MAX_SPEED_RAD_S, "current": MAX_CURRENT_A, "torque": MAX_TORQUE_NM}
+_LIMITS = {"q": MAX_POSITION_RAD, "qd": MAX_SPEED_RAD_S, "qdd": MAX_ACCELERATION_RAD_S2, "current": MAX_CURRENT_A, "torque": MAX_TORQUE_NM}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,18 +72,22 @@ class Motion:
         """Rows dropped for any reason."""
         return sum(self.rejected_why.values())
 
-    def moving(self, threshold_rad_s: float = STANDSTILL_SPEED_RAD_S) -> Array:
+    def moving(self, threshold_rad_s: float = STANDSTILL_SPEED_RAD_S) -> Mask:
         """(N, J) of bool: where a joint is faster than the threshold."""
         return np.abs(self.qd) > threshold_rad_s
 
-    def blocks(self, length_s: float) -> Array:
+    @property
+    def segments(self) -> Indices:
+        """(N,) of int: number of the stretch without a hole that each sample lies in."""
+        return np.cumsum(np.diff(self.t_s, prepend=self.t_s[:1]) > 1.5 / self.rate_hz)
+
+    def blocks(self, length_s: float) -> Indices:
         """(N,) of int: number of the block of about `length_s` that each sample lies in; no block spans a hole."""
-        starts = np.flatnonzero(np.diff(self.t_s) > 1.5 / self.rate_hz) + 1
         numbers, following = [], 0
-        for segment in np.split(np.arange(self.samples), starts):
-            count = max(1, round(len(segment) / self.rate_hz / length_s))
-            numbers.append(following + np.arange(len(segment)) * count // len(segment))
-            following += count
+        for count in np.bincount(self.segments):
+            blocks = max(1, round(count / self.rate_hz / length_s))
+            numbers.append(following + np.arange(count) * blocks // count)
+            following += blocks
         return np.concatenate(numbers)
 
 
@@ -104,13 +113,11 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     duration_s = float(t_s[-1] - t_s[0])
     if rate_hz < settings.min_rate_hz * 0.99:  # a clock that is 1 % slow is still that clock
         raise Unidentifiable(f"{name}: sampled at {rate_hz:.3g} Hz; expected at least {settings.min_rate_hz:g} Hz, better 100 Hz")
-    if duration_s < settings.min_duration_s:
-        # standing still is the better reason where both hold
-        _refuse_standstill(name, recording, keep, t_s, settings)
-        raise Unidentifiable(f"{name}: {duration_s:.3g} s long; expected at least {settings.min_duration_s:g} s of motion")
     _refuse_standstill(name, recording, keep, t_s, settings)
+    if duration_s < settings.min_duration_s:
+        raise Unidentifiable(f"{name}: {duration_s:.3g} s long; expected at least {settings.min_duration_s:g} s of motion")
 
-    measured = {key: value[keep] for key in ("q", "qd", "current", "torque") if (value := getattr(recording, key)) is not None}
+    measured = {key: value[keep] for key in _LIMITS if (value := getattr(recording, key)) is not None}
     low_pass = _low_pass(rate_hz, settings)
     parts = []
     short = 0
@@ -122,8 +129,9 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         parts.append(_filtered(part, rate_hz, low_pass, round(settings.trim_s * rate_hz)))
     if short:
         why["between_gaps"] = short
-    if not parts:
-        raise Unidentifiable(f"{name}: no stretch without a gap is long enough; expected {settings.min_duration_s:g} s of unbroken rows")
+    usable_s = sum(len(part["t_s"]) for part in parts) / rate_hz
+    if usable_s < 0.8 * settings.min_duration_s:  # the filter's edges may cost a fifth
+        raise Unidentifiable(f"{name}: between its gaps {usable_s:.3g} s are usable; expected {settings.min_duration_s:g} s of unbroken rows")
     joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     temperature_c = _temperature(recording, keep, joined["t_s"])
     return Motion(
@@ -151,7 +159,7 @@ def _same(a: Array | None, b: Array | None) -> bool:
     return a is not None and b is not None and bool(np.array_equal(a, b)) and bool(np.any(a != 0.0))
 
 
-def _sound_rows(recording: Recording) -> tuple[Array, dict[str, int]]:
+def _sound_rows(recording: Recording) -> tuple[Indices, dict[str, int]]:
     """Indices of the rows to keep, and how many were dropped why. Columns that nobody reads may hold what they like."""
     read = {"t_s": recording.t_s} | {key: getattr(recording, key) for key in _LIMITS}
     rows = {key: value.reshape(len(value), -1) for key, value in read.items() if value is not None}
@@ -168,7 +176,7 @@ def _sound_rows(recording: Recording) -> tuple[Array, dict[str, int]]:
     return keep[steady], {reason: count for reason, count in why.items() if count}
 
 
-def _longest_increasing(t_s: Array) -> Array:
+def _longest_increasing(t_s: Array) -> Indices:
     """Indices of the longest strictly increasing subsequence: one torn time, ahead or behind, costs one row and no more."""
     if np.all(np.diff(t_s) > 0):
         return np.arange(len(t_s))
@@ -192,7 +200,7 @@ def _longest_increasing(t_s: Array) -> Array:
     return np.array(chain[::-1])
 
 
-def _jumps(t_s: Array, q: Array) -> Array:
+def _jumps(t_s: Array, q: Array) -> Mask:
     """(N,) of bool: rows whose position neither neighbour could have reached, while the neighbours reach each other."""
     jump = np.zeros(len(q), dtype=bool)
     if len(q) < 3:
@@ -214,20 +222,21 @@ def _rate(t_s: Array) -> float:
     return rate
 
 
-def _refuse_standstill(name: str, recording: Recording, keep: Array, t_s: Array, settings: SignalSettings) -> None:
+def _refuse_standstill(name: str, recording: Recording, keep: Indices, t_s: Array, settings: SignalSettings) -> None:
     """Raises Unidentifiable where most joints never move."""
     qd = recording.qd[keep] if recording.qd is not None else np.gradient(recording.q[keep], t_s, axis=0)
     fastest = np.percentile(np.abs(qd), 99.0, axis=0)  # (J,) not the maximum: one torn sample is no motion
     moving = int(np.sum(fastest >= settings.min_speed_rad_s))
-    if moving < settings.min_moving_share * recording.joints:
-        which = "the arm stands still" if moving == 0 else f"only {moving} of {recording.joints} joints move"
+    needed = int(np.ceil(settings.min_moving_share * recording.joints))
+    if moving < needed:
+        which = "the arm stands still" if moving == 0 else f"the joints that move are {moving} of {recording.joints}"
         raise Unidentifiable(
             f"{name}: {which} (fastest {fastest.max():.3g} rad/s); friction shows only in motion: "
-            f"expected {settings.min_speed_rad_s:g} rad/s or more on at least {int(np.ceil(settings.min_moving_share * recording.joints))} joints"
+            f"expected {settings.min_speed_rad_s:g} rad/s or more on at least {needed} joints"
         )
 
 
-def _segments(t_s: Array, gap_s: float) -> list[Array]:
+def _segments(t_s: Array, gap_s: float) -> list[Indices]:
     """Indices of each stretch without a hole longer than `gap_s`."""
     return np.split(np.arange(len(t_s)), np.flatnonzero(np.diff(t_s) > gap_s) + 1)
 
@@ -250,17 +259,18 @@ def _low_pass(rate_hz: float, settings: SignalSettings) -> Callable[[Array], Arr
 
 
 def _filtered(part: dict[str, Array], rate_hz: float, low_pass: Callable[[Array], Array], trim: int) -> dict[str, Array]:
-    """Every signal filtered alike; q̇ from q where it was not recorded; q̈ by central differences of q̇."""
+    """Every signal filtered alike; q̇ and q̈ by central differences where they were not recorded."""
     smooth = {key: low_pass(value) for key, value in part.items() if key != "t_s"}
     if "qd" not in smooth:
         smooth["qd"] = np.gradient(smooth["q"], 1.0 / rate_hz, axis=0)
-    smooth["qdd"] = np.gradient(smooth["qd"], 1.0 / rate_hz, axis=0)
+    if "qdd" not in smooth:
+        smooth["qdd"] = np.gradient(smooth["qd"], 1.0 / rate_hz, axis=0)
     # one more sample each end for the one-sided differences there
     inner = slice(trim + 1, len(part["t_s"]) - trim - 1)
     return {"t_s": part["t_s"][inner], **{key: value[inner] for key, value in smooth.items()}}
 
 
-def _temperature(recording: Recording, keep: Array, t_s: Array) -> Array | None:
+def _temperature(recording: Recording, keep: Indices, t_s: Array) -> Array | None:
     """(N, J) the measured temperatures at the motion's times; a joint that nothing sensible was read from is NaN."""
     if recording.temperature_c is None:
         return None

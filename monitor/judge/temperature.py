@@ -81,9 +81,7 @@ class Line:
 
     def inside(self, temperature_c: Array) -> np.ndarray:
         """(…, J) whether a temperature lies in the learnt range, widened by the margin; False where unknown."""
-        low, high = self.range_c[:, 0] - self.margin_k, self.range_c[:, 1] + self.margin_k
-        within: np.ndarray = (temperature_c >= low) & (temperature_c <= high)
-        return within
+        return inside_range(self.range_c, temperature_c, self.margin_k)
 
     @property
     def change(self) -> Array:
@@ -97,6 +95,12 @@ class Line:
         """Plain JSON; `line_from_document` is its inverse."""
         document: dict[str, Any] = plain(self)
         return document
+
+
+def inside_range(range_c: Array, temperature_c: Array, margin_k: float) -> np.ndarray:
+    """(…, J) whether temperatures (…, J) lie in ranges (J, 2) widened by a margin; False where either is unknown."""
+    within: np.ndarray = (temperature_c >= range_c[:, 0] - margin_k) & (temperature_c <= range_c[:, 1] + margin_k)
+    return within
 
 
 def line_from_document(document: Any, joints: int, *, where: str) -> Line:
@@ -130,8 +134,8 @@ def law_from_document(document: Any, joints: int, *, where: str) -> Law:
 
 
 def begun(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_per_k: float, scatter: float) -> Law:
-    """A law before its first replay: slope and scatter as fractions of a first value (J,)."""
-    size = np.maximum(np.abs(value), 1e-3)  # a friction of nothing would make the prior certain
+    """A law before its first replay: slope and scatter as fractions of a first value (J,); NaN where it is unknown."""
+    size = np.where(np.isfinite(value), np.maximum(np.abs(value), 1e-3), 1.0)  # a friction of nothing would make the prior certain
     J = len(origin_c)
     return Law(
         origin_c=origin_c,

@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from monitor.model.regressor import PER_JOINT, parameter_names, regressor
-from monitor.model.robot import Mounting, Robot
+from monitor.model.regressor import parameter_names, regressor
+from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array
 
 RANDOM_STATES = 25  # as the paper; 150 equations for 78 columns
@@ -37,7 +37,7 @@ class Base:
         """(B,) every combination as coefficients by the name of the standard parameter; the kept one leads."""
         rows = []
         for column, row in zip(self.columns, self.combination, strict=True):
-            others = [k for k in np.flatnonzero(row) if k != column]
+            others = [int(k) for k in np.flatnonzero(row) if k != column]
             rows.append({self.parameters[k]: float(row[k]) for k in [column, *others]})
         return tuple(rows)
 
@@ -49,7 +49,7 @@ class Base:
     @property
     def without_effect(self) -> tuple[str, ...]:
         """Standard parameters that no motion on this mounting reveals, not even in a combination."""
-        return tuple(name for name, used in zip(self.parameters, self.combination.any(axis=0), strict=True) if not used)
+        return tuple(name for name, used in zip(self.parameters, np.any(self.combination != 0.0, axis=0).tolist(), strict=True) if not used)
 
 
 def _short(terms: dict[str, float], longest: int = 4) -> str:
@@ -91,13 +91,14 @@ def _base_parameters(key: _ByIdentity, mounting: Mounting, tol: float, seed: int
     q, qd, qdd = rng.uniform(-np.pi, np.pi, (3, RANDOM_STATES, robot.joints))
     Y = regressor(robot, mounting, q, qd, qdd).reshape(-1, PER_JOINT * robot.joints)  # (25·J, P)
     columns = _left_to_right(Y, tol)
-    combination = np.linalg.lstsq(Y[:, columns], Y, rcond=None)[0]  # (B, P): Y = Y_kept · combination
-    combination = np.round(combination, 12)  # 1e-15 of rounding is not a dependence, and 1.0 reads better than 0.9999999999999981
+    dependence = np.linalg.lstsq(Y[:, columns], Y, rcond=None)[0]  # (B, P): Y = Y_kept · combination
+    # 1e-15 of rounding is not a dependence, and 1.0 reads better than 0.9999999999999981
+    combination: Array = np.round(dependence, 12).astype(np.float64)
     combination[:, columns] = np.eye(len(columns))
     return Base(
         columns=tuple(columns),
         combination=combination,
-        singular_values=np.linalg.svd(Y, compute_uv=False),
+        singular_values=np.asarray(np.linalg.svd(Y, compute_uv=False), dtype=float),
         parameters=parameter_names(robot.joints),
     )
 

@@ -8,6 +8,7 @@ Joint j feels only the links from j outward: Y is upper block-triangular, and on
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from monitor.errors import BadInput
 from monitor.model.friction import LAWS
@@ -41,7 +42,7 @@ def parameter_names(joints: int) -> tuple[str, ...]:
     return tuple(kind.format(joint) for joint in range(1, joints + 1) for kind in _KINDS)
 
 
-def friction_columns(joints: int) -> tuple[Array, Array]:
+def friction_columns(joints: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Columns of fc and of fv among the 13·J, each (J,) of int."""
     first = PER_JOINT * np.arange(joints)
     return first + COULOMB, first + VISCOUS

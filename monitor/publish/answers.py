@@ -7,6 +7,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.compensation import CompensatedModel
+from monitor.judge.document import plain
 from monitor.model.robot import Robot
 from monitor.recording import Array
 
@@ -47,7 +48,10 @@ def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | 
             n, j = outside[0]
             raise BadInput(f"torque: {name} of joint {j + 1} is {value[n, j]:g}; expected {low:g} … {high:g}")
     predicted = model.torque(robot, q, qd, qdd, temperature)
-    pick = (lambda value: value[0].tolist()) if single else (lambda value: value.tolist())
+
+    def pick(value: Any) -> Any:
+        return plain(value[0] if single else value)
+
     return {
         "torque_nm": pick(predicted.torque),
         "rigid_nm": pick(predicted.rigid),

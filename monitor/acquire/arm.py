@@ -1,0 +1,178 @@
+"""The arm as the child process holds it: both ur-rtde connections, and the discipline of one cycle.
+
+One row a tick, complete and fresh; a look at everything that may be wrong; one target. What is wrong is raised as a
+`Failure` with its cause; whoever catches it must not call ur-rtde again.
+"""
+
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+
+from monitor.acquire import guard
+from monitor.acquire.child import Lifeline, Outbox
+from monitor.acquire.guard import ArmState, ReplaySettings
+from monitor.acquire.rows import PLACE, VARIABLES, Torn, snapshot
+from monitor.recording import Array
+
+POLL_S = 0.0003  # the finest sleep that does not burn a core; measured 0 missed of 3750 ticks
+REMEMBERED = 25  # targets: 0.2 s at 125 Hz, longer than lookahead and servo lag together
+HEARTBEAT_S = 0.1
+
+
+class Failure(Exception):
+    """The stream must end now."""
+
+    def __init__(self, cause: str, text: str) -> None:
+        super().__init__(text)
+        self.cause = cause
+
+
+def arm_state(row: Array) -> ArmState:
+    """What the guards ask, from one row."""
+    of = {name: row[place] for name, place in PLACE.items()}
+    return ArmState(
+        robot_mode=int(of["robot_mode"][0]),
+        safety_mode=int(of["safety_mode"][0]),
+        safety_bits=int(of["safety_status_bits"][0]),
+        runtime_state=int(of["runtime_state"][0]),
+        q=of["actual_q"],
+        qd=of["actual_qd"],
+        target_q=of["target_q"],
+        target_qd=of["target_qd"],
+        temperature_c=of["joint_temperatures"],
+    )
+
+
+def unwell(state: ArmState, settings: ReplaySettings) -> Failure | None:
+    """Why the stream may not go on, from the controller's own words; None if all is well."""
+    if state.safety_mode != guard.SAFETY_MODE_NORMAL or state.safety_bits != guard.SAFETY_BITS_NORMAL:
+        bits = state.safety_bits
+        if state.safety_mode in {6, 7} or bits & 0b1110_0000:
+            cause = "emergency_stop"
+        elif state.safety_mode == 3 or bits & 0b100:
+            cause = "protective_stop"
+        elif state.safety_mode == 5 or bits & 0b1_0000:
+            cause = "safeguard_stop"
+        else:
+            cause = "safety"
+        name = guard.SAFETY_MODES.get(state.safety_mode, "unknown")
+        return Failure(cause, f"safety mode {state.safety_mode} ({name}), bits {bits:#x}")
+    if state.robot_mode != guard.ROBOT_MODE_RUNNING:
+        return Failure("robot_mode", f"robot mode {state.robot_mode} ({guard.ROBOT_MODES.get(state.robot_mode, 'unknown')})")
+    if state.runtime_state != guard.RUNTIME_PLAYING:
+        name = guard.RUNTIME_STATES.get(state.runtime_state, "unknown")
+        return Failure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
+    if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
+        return Failure("bad_data", "the controller reports positions that are not finite")
+    coldest, hottest = settings.joint_temperature_range_c
+    if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
+        return Failure("joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}")
+    return None
+
+
+class Arm:
+    """Both connections to the controller, and the discipline of one cycle."""
+
+    def __init__(self, job: dict[str, Any], outbox: Outbox, lifeline: Lifeline) -> None:
+        self.settings = ReplaySettings(**job["settings"])
+        self.max_speed = np.array(job["max_speed_rad_s"])  # (J,)
+        self.max_position = np.array(job["max_position_rad"])  # (J,)
+        self.tick_s = 1.0 / self.settings.rate_hz
+        self.outbox, self.lifeline = outbox, lifeline
+        self.receive = RTDEReceiveInterface(self.settings.host, self.settings.rate_hz, VARIABLES)
+        self.control: RTDEControlInterface | None = None
+        self.seen_at = time.monotonic()
+        self.told_at = 0.0
+        self.timestamp_s = self.receive.getTimestamp()
+        self.step_s = 0.0  # robot time between the last two rows
+        self.recent: deque[Array] = deque(maxlen=REMEMBERED)
+        self.asked_to_stop = False
+        self.missed = self.torn = 0
+        self.slipped_s = 0.0
+
+    def next_row(self) -> Array:
+        """(WIDTH,) the next tick's row, waiting for it.
+
+        Raises Failure where none comes, or where a connection or the parent is gone.
+        """
+        age_limit_s = self.settings.max_timestamp_age_s
+        suspected_at = None
+        while True:
+            now = time.monotonic()
+            if self.receive.getTimestamp() != self.timestamp_s:
+                break
+            if not self.receive.isConnected() or (self.control is not None and not self.control.isConnected()):
+                raise Failure("connection_lost", "the controller closed the RTDE connection")
+            if now - self.seen_at > 0.8 * age_limit_s:
+                # perhaps it was this process that slept: give ur-rtde's own thread a moment to decode what has come
+                suspected_at = suspected_at or now
+                if now - self.seen_at > age_limit_s and now - suspected_at > 0.2 * age_limit_s:
+                    raise Failure("stalled", f"no new data from the controller for {1000 * (now - self.seen_at):.0f} ms")
+            self._listen_to_parent()
+            time.sleep(POLL_S)
+        try:
+            row, again = snapshot(self.receive)
+        except (Torn, RuntimeError) as error:
+            raise Failure("connection_lost", f"the RTDE data broke off: {error}") from None
+        self.torn += again
+        row[PLACE["host_monotonic_s"]] = self.seen_at = time.monotonic()
+        timestamp_s = float(row[0])
+        self.step_s = timestamp_s - self.timestamp_s
+        self.timestamp_s = timestamp_s
+        if not 0.0 < self.step_s < 10.0:
+            raise Failure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
+        return row
+
+    def cycle(self, target: Array, row: Array) -> None:
+        """Check the row, and send the target (J,) for it."""
+        self._listen_to_parent()
+        failure = unwell(arm_state(row), self.settings) or self._strayed(row)
+        if failure:
+            raise failure
+        last = self.recent[-1]
+        allowed = self.max_speed * 2.2 * self.tick_s + 1e-6  # a target moves on by at most two ticks a cycle
+        if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.max_position)):
+            raise Failure("bad_target", f"target {np.round(target, 4)} after {np.round(last, 4)}: not finite, too far, or out of range")
+        assert self.control is not None
+        settings = self.settings
+        if not self.control.servoJ(target, 0.0, 0.0, self.tick_s, settings.lookahead_s, settings.gain):
+            raise self.why_refused()
+        self.recent.append(target)
+        row[PLACE["commanded_q"]] = target
+
+    def tell(self) -> None:
+        """A sign of life, now and then."""
+        if self.seen_at - self.told_at > HEARTBEAT_S:
+            self.told_at = self.seen_at
+            self.outbox.message("alive")
+
+    def _strayed(self, row: Array) -> Failure | None:
+        """Is any joint outside the band of the recent targets? Lag stays inside it, standing still does not."""
+        q = row[PLACE["actual_q"]]
+        band = np.array(self.recent)  # (≤ REMEMBERED, J)
+        outside = np.maximum(band.min(axis=0) - q, q - band.max(axis=0))  # (J,)
+        j = int(np.argmax(outside))
+        if outside[j] <= self.settings.max_following_error_rad:
+            return None
+        return Failure("following_error", f"joint {j + 1} is {outside[j]:.3f} rad from where it was sent")
+
+    def why_refused(self) -> Failure:
+        """ServoJ said no. The next rows say why; reading what has been received is no call to the controller."""
+        for _ in range(4):
+            time.sleep(0.005)
+            try:
+                row, _ = snapshot(self.receive)
+            except (Torn, RuntimeError):
+                break
+            if failure := unwell(arm_state(row), self.settings):
+                return failure
+        return Failure("servo_refused", "the control program did not take the target")
+
+    def _listen_to_parent(self) -> None:
+        word = self.lifeline.word()
+        if word == "stop":
+            self.asked_to_stop = True

@@ -1,0 +1,264 @@
+"""Recording, belief → assessment: the whole flow as one function. Daemon, commands, tests and studies all call this one."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.solve import Caveat, Identification, IdentifySettings, identify
+from monitor.judge.belief import WEAR, Belief
+from monitor.judge.compensation import CompensatedModel, compensated
+from monitor.judge.document import plain
+from monitor.judge.drift import DriftSettings, begin, learn
+from monitor.judge.health import Alert, Health, HealthSettings, Transition, judge
+from monitor.judge.prognosis import PrognosisSettings, RemainingLife, remaining_life
+from monitor.judge.temperature import Line, TemperatureSettings
+from monitor.model.robot import Mounting, Robot
+from monitor.recording import Array, Context, Recording
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssessSettings:
+    """The settings of every room on the way."""
+
+    method: str = "wls"
+    identify: IdentifySettings = field(default_factory=IdentifySettings)
+    drift: DriftSettings = field(default_factory=DriftSettings)
+    temperature: TemperatureSettings = field(default_factory=TemperatureSettings)
+    health: HealthSettings = field(default_factory=HealthSettings)
+    prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointFriction:
+    """One joint after one replay, with the names that are published; None where it is unknown."""
+
+    joint: int  # 1…J
+    coulomb_nm: float | None  # of this replay, at its temperature
+    coulomb_std_nm: float | None  # what one replay differs from the next included
+    viscous_nm_s_per_rad: float | None
+    viscous_std_nm_s_per_rad: float | None
+    temperature_c: float | None
+    reference_speed_rad_s: float
+    reference_temperature_c: float
+    reference_torque_nm: float | None  # F(v*, T0), all replays considered
+    reference_torque_std_nm: float | None
+    wear: float  # fraction of friction torque since the beginning
+    wear_std: float
+    wear_rate_per_day: float
+    wear_rate_std_per_day: float
+    remaining_life: RemainingLife
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointTemperature:
+    """What has been learnt of one joint's fv(T), wear divided out."""
+
+    joint: int
+    law: str  # "linear"
+    reference_temperature_c: float
+    viscous_nm_s_per_rad: float | None  # at the reference temperature
+    viscous_std_nm_s_per_rad: float | None
+    slope_nm_s_per_rad_k: float
+    slope_std_nm_s_per_rad_k: float
+    coulomb_nm: float | None
+    coulomb_std_nm: float | None
+    range_c: tuple[float, float] | None  # coldest and warmest replay
+    change: float | None  # of fv over that range, fraction; Raviola et al. (2021), table 4
+    friction_slope_per_k: float  # β of the filter: log F(v*) per kelvin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Assessment:
+    """Everything one replay has told."""
+
+    robot: str
+    recorded_at_unix_s: float
+    source: str
+    identification: Identification
+    friction: tuple[JointFriction, ...]
+    temperature: tuple[JointTemperature, ...]
+    belief: Belief
+    health: Health
+    transitions: tuple[Transition, ...]
+    model: CompensatedModel
+    caveats: tuple[Caveat, ...]
+
+    def as_document(self) -> dict[str, Any]:
+        """What is told of this replay, plain JSON; belief and model have documents of their own."""
+        return {
+            "robot": self.robot,
+            "recorded_at_unix_s": self.recorded_at_unix_s,
+            "file": self.source,
+            "replays": self.belief.replays,
+            "health": {"arm": self.health.state, "joints": [joint.state for joint in self.health.joints]},
+            "why": {"arm": self.health.why, "joints": [joint.why for joint in self.health.joints]},
+            "alerts": [alert_document(alert) for alert in self.health.active_alerts],
+            "friction": plain(self.friction),
+            "temperature": plain(self.temperature),
+            "contexts": plain(self.belief.contexts),
+            "warnings": [plain(caveat) for caveat in self.caveats],
+        }
+
+
+class Rejected(NamedTuple):
+    """A replay not worth learning from: not an error, so it is stored and told."""
+
+    reason: str
+
+
+def assess(
+    recording: Recording,
+    *,
+    robot: Robot,
+    mounting: Mounting,
+    belief: Belief | None,
+    health: Health | None,
+    gains: Array | None = None,
+    settings: AssessSettings | None = None,
+) -> Assessment | Rejected:
+    """One recording's verdict, and the belief and health to hand in with the next one.
+
+    gains : (J,) [N·m/A] or None for the published torque constants. A recording without enough motion, without a time or older
+    than the belief is Rejected; BadInput is raised where recording, robot and belief do not belong together.
+    """
+    settings = settings or AssessSettings()
+    refused = _refusal(recording.context.recorded_at_unix_s, belief)
+    if refused:
+        return refused
+    try:
+        identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify)
+    except Unidentifiable as why:
+        return Rejected(str(why))
+    return judge_identification(identification, recording.context, belief=belief, health=health, settings=settings, source=recording.source)
+
+
+def judge_identification(
+    identification: Identification,
+    context: Context,
+    *,
+    belief: Belief | None,
+    health: Health | None,
+    settings: AssessSettings | None = None,
+    source: str = "",
+) -> Assessment | Rejected:
+    """The same flow from an identification on; its time is `context.recorded_at_unix_s`."""
+    settings = settings or AssessSettings()
+    at = context.recorded_at_unix_s
+    refused = _refusal(at, belief)
+    if refused or at is None:
+        return refused or Rejected("no time")
+    if belief is None:
+        belief = begin(identification.robot, context, identification, at, settings=settings.drift, laws=settings.temperature)
+    _belong_together(identification, belief, health, settings)
+    belief, told = learn(belief, identification, context, at, settings=settings.drift, laws=settings.temperature)
+    judged = judge(health, belief, settings.health)
+    coulomb, viscous = belief.lines(settings.temperature)
+    return Assessment(
+        robot=identification.robot,
+        recorded_at_unix_s=at,
+        source=source,
+        identification=identification,
+        friction=_friction(identification, belief, settings, coulomb=coulomb, viscous=viscous),
+        temperature=_temperature(belief, coulomb=coulomb, viscous=viscous),
+        belief=belief,
+        health=judged.health,
+        transitions=judged.transitions,
+        model=compensated(identification, belief, coulomb=coulomb, viscous=viscous),
+        caveats=(*identification.caveats, *told),
+    )
+
+
+def alert_document(alert: Alert) -> dict[str, Any]:
+    """One alert, with `active` said outright."""
+    return {**plain(alert), "active": alert.active}
+
+
+def _refusal(at_unix_s: float | None, belief: Belief | None) -> Rejected | None:
+    """Why a recording of that time cannot be learnt from."""
+    if at_unix_s is None or not math.isfinite(at_unix_s):
+        return Rejected("the recording does not say when it was made (context.recorded_at_unix_s): replays are judged in time order")
+    if belief is not None and belief.replays and at_unix_s <= belief.at_unix_s:
+        which = (
+            "is the one learnt last" if at_unix_s == belief.at_unix_s else f"is {belief.at_unix_s - at_unix_s:.0f} s older than the last"
+        )
+        return Rejected(f"this replay {which}: replays are learnt once, in time order")
+    return None
+
+
+def _belong_together(identification: Identification, belief: Belief, health: Health | None, settings: AssessSettings) -> None:
+    """Raises BadInput where a belief or health of another arm, or of another reference speed, was handed in."""
+    if identification.robot != belief.robot:
+        raise BadInput(f"the belief is of {belief.robot}, the recording of {identification.robot}: each arm has its own state")
+    if len(identification.coulomb_nm) != belief.joints or (health is not None and len(health.joints) != belief.joints):
+        raise BadInput(f"the belief has {belief.joints} joints, the identification {len(identification.coulomb_nm)}; they must agree")
+    if belief.reference_speed_rad_s != settings.drift.reference_speed_rad_s:
+        was, now = belief.reference_speed_rad_s, settings.drift.reference_speed_rad_s
+        raise BadInput(
+            f"the belief refers friction to {was:g} rad/s, drift.reference_speed_rad_s is {now:g}: keep it, or begin a new history"
+        )
+
+
+def _friction(
+    identification: Identification, belief: Belief, settings: AssessSettings, *, coulomb: Line, viscous: Line
+) -> tuple[JointFriction, ...]:
+    """What is published of every joint."""
+    torque, torque_std = belief.reference_torque_nm()
+    # what one replay says of fc and fv, with what the next would say differently: the larger of the two scatters
+    fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
+    fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
+    joints = []
+    for j in range(belief.joints):
+        mean, cov = belief.mean[j, WEAR:], belief.cov[j, WEAR:, WEAR:]  # (wear, rate): they are the last two
+        rise = math.exp(belief.wear[j])
+        joints.append(
+            JointFriction(
+                joint=j + 1,
+                coulomb_nm=_known(identification.coulomb_nm[j]),
+                coulomb_std_nm=_known(fc_std[j]),
+                viscous_nm_s_per_rad=_known(identification.viscous_nm_s_per_rad[j]),
+                viscous_std_nm_s_per_rad=_known(fv_std[j]),
+                temperature_c=_known(belief.temperature_c[j]),
+                reference_speed_rad_s=belief.reference_speed_rad_s,
+                reference_temperature_c=float(belief.reference_temperature_c[j]),
+                reference_torque_nm=_known(torque[j]),
+                reference_torque_std_nm=_known(torque_std[j]),
+                wear=rise - 1.0,
+                wear_std=rise * float(belief.wear_std[j]),
+                wear_rate_per_day=rise * float(mean[1]),
+                wear_rate_std_per_day=rise * math.sqrt(max(cov[1, 1], 0.0)),
+                remaining_life=remaining_life(
+                    mean, cov, wear_walk_per_sqrt_day=settings.drift.wear_walk_per_sqrt_day, settings=settings.prognosis
+                ),
+            )
+        )
+    return tuple(joints)
+
+
+def _temperature(belief: Belief, *, coulomb: Line, viscous: Line) -> tuple[JointTemperature, ...]:
+    """What has been learnt of every joint's temperature law."""
+    change, std = viscous.change, np.sqrt(viscous.cov[:, [0, 1], [0, 1]])  # (J,), (J, 2)
+    return tuple(
+        JointTemperature(
+            joint=j + 1,
+            law="linear",
+            reference_temperature_c=float(belief.reference_temperature_c[j]),
+            viscous_nm_s_per_rad=_known(viscous.intercept[j]),
+            viscous_std_nm_s_per_rad=_known(std[j, 0]) if math.isfinite(viscous.intercept[j]) else None,
+            slope_nm_s_per_rad_k=float(viscous.slope[j]),
+            slope_std_nm_s_per_rad_k=float(std[j, 1]),
+            coulomb_nm=_known(coulomb.intercept[j]),
+            coulomb_std_nm=_known(math.sqrt(coulomb.cov[j, 0, 0])) if math.isfinite(coulomb.intercept[j]) else None,
+            range_c=(float(viscous.range_c[j, 0]), float(viscous.range_c[j, 1])) if np.isfinite(viscous.range_c[j]).all() else None,
+            change=_known(change[j]),
+            friction_slope_per_k=float(belief.mean[j, 1]),
+        )
+        for j in range(belief.joints)
+    )
+
+
+def _known(value: float) -> float | None:
+    """A float, or None for NaN."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,83 @@
+"""Caveats: what the reader of an identification must know, found in the data themselves."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.identify.signals import Mask, Motion
+from monitor.model.robot import Robot
+from monitor.recording import Array, Recording
+
+MOVING_SHARE = 0.2  # of the samples: below it friction rests on a few seconds
+USEFUL_SPEED_RAD_S = 0.2  # slower throughout, fc and fv cannot be told apart
+ONE_WAY_SHARE = 0.05  # of the moving samples: friction against one direction alone looks like weight
+LOW_RATE_HZ = 50.0  # slower, reversals fall between samples
+SAMPLES_A_PARAMETER = 20
+TEMPERATURE_DRIFT_K = 1.0  # fv changes by about 2 % over it
+ILL_CONDITIONED = 1000.0  # an optimised excitation reaches 50–200: Raviola et al. (2021), table 3
+
+
+class Caveat(NamedTuple):
+    """Something the reader of a result must know; `code` is for programs, `text` for people."""
+
+    code: str
+    text: str
+
+
+def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[Caveat]:
+    """What one recording gives reason to say."""
+    name = motion.source or "recording"
+    if motion.rejected_samples:
+        why = ", ".join(f"{count} {reason}" for reason, count in motion.rejected_why.items())
+        yield Caveat("rejected_rows", f"{name}: {motion.rejected_samples} of {motion.recorded_samples} rows were left out: {why}")
+    if motion.current_is_target:
+        yield Caveat(
+            "current_is_target", f"{name}: the actual current equals the target's bit for bit: this is a simulator's, not an arm's"
+        )
+    if motion.rate_hz < LOW_RATE_HZ:
+        yield Caveat("low_rate", f"{name}: {motion.rate_hz:.3g} Hz blurs reversals and accelerations; 100 Hz or more is better")
+    if payload_kg:
+        yield Caveat("payload", f"{name}: a payload of {payload_kg:g} kg is part of the last link's parameters and of the load on friction")
+    if motion.temperature_c is not None:
+        swing = np.ptp(motion.temperature_c, axis=0)  # (J,)
+        for j in np.flatnonzero(swing > TEMPERATURE_DRIFT_K):
+            yield Caveat("temperature_drift", f"{name}: joint {j + 1} changed by {swing[j]:.1f} K: viscous friction is that of the mean")
+
+
+def of_joints(robot: Robot, speeds: Array, moving: Mask) -> Iterator[Caveat]:
+    """How well each joint was moved. speeds : (N, J) [rad/s], moving : (N, J)."""
+    for j in range(robot.joints):
+        share = float(np.mean(moving[:, j]))
+        fastest = float(np.max(np.abs(speeds[:, j])))
+        forward = float(np.mean(speeds[moving[:, j], j] > 0.0)) if share else 0.0
+        if share < MOVING_SHARE or fastest < USEFUL_SPEED_RAD_S:
+            text = f"joint {j + 1} moves in {share:.0%} of the samples and never faster than {fastest:.2g} rad/s: its friction is a guess"
+            yield Caveat("joint_hardly_moves", text)
+        elif min(forward, 1.0 - forward) < ONE_WAY_SHARE:
+            yield Caveat("one_direction", f"joint {j + 1} moves one way only: Coulomb friction cannot be told from weight")
+
+
+def of_solution(
+    names: Sequence[str], excited: Mask, condition: float, samples: int, coulomb_nm: Array, viscous_nm_s_per_rad: Array
+) -> Iterator[Caveat]:
+    """What the solution itself betrays."""
+    if samples < SAMPLES_A_PARAMETER * len(names):
+        yield Caveat("few_samples", f"{samples} samples for {len(names)} parameters; {SAMPLES_A_PARAMETER * len(names)} or more are better")
+    if not np.all(excited):
+        missing = "; ".join(name for name, known in zip(names, excited, strict=True) if not known)
+        yield Caveat("not_excited", f"this motion does not reveal {missing}: those values are the manufacturer's")
+    elif condition > ILL_CONDITIONED:
+        yield Caveat("ill_conditioned", f"the condition number is {condition:.3g}; a designed excitation reaches 50–200")
+    for j, (fc, fv) in enumerate(zip(coulomb_nm, viscous_nm_s_per_rad, strict=True)):
+        if fc < 0.0 or fv < 0.0:
+            text = (
+                f"joint {j + 1}: fc = {fc:.3g} N·m, fv = {fv:.3g} N·m·s/rad; friction cannot be negative: gains, model or motion are wrong"
+            )
+            yield Caveat("unphysical_friction", text)
+
+
+def of_recordings(recordings: Sequence[Recording]) -> Iterator[Caveat]:
+    """Whether several recordings belong together."""
+    if len({(recording.context.payload_kg, recording.context.tool) for recording in recordings}) > 1:
+        yield Caveat("mixed_payload", "the recordings differ in payload or tool: one set of parameters cannot fit them all")

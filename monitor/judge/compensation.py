@@ -1,0 +1,143 @@
+"""The torque model that follows the joints' temperature: rigid parameters of the last replay, friction laws of all of them.
+
+torque = Y·p (rigid and rotor) + [fc(T)·s(q̇) + fv(T)·q̇]·e^w, with wear w as it is believed now. This is what the bus publishes.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.errors import BadInput
+from monitor.identify.solve import Identification
+from monitor.judge.belief import Belief
+from monitor.judge.document import array, entry, plain
+from monitor.judge.temperature import Line, Valued, line_from_document
+from monitor.model.friction import smooth_sign
+from monitor.model.regressor import friction_columns, regressor
+from monitor.model.robot import Mounting, Robot
+from monitor.recording import Array
+
+
+class TorquePrediction(NamedTuple):
+    """Joint torque and what it is made of, (N, J) each [N·m]; `std` is NaN where a joint's friction was never identified."""
+
+    torque: Array
+    rigid: Array
+    friction: Array
+    std: Array
+    extrapolated: np.ndarray  # (N, J) the temperature is outside what was learnt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CompensatedModel:
+    """Torque of one arm at any state and joint temperature."""
+
+    robot: str
+    mounting: Mounting
+    revision: int  # replays learnt from
+    at_unix_s: float
+    columns: tuple[int, ...]  # (R,) of the regressor, friction left out
+    values: Array  # (R,) their base parameters
+    coulomb: Line  # [N·m], wear divided out
+    viscous: Line  # [N·m·s/rad], wear divided out
+    friction_correlation: Array  # (J,) of fc and fv within a replay
+    wear: Array  # (J,) log, now
+    wear_std: Array  # (J,)
+    residual_rms_nm: Array  # (J,) what the model did not explain of the last replay
+
+    @property
+    def joints(self) -> int:
+        """J."""
+        return len(self.wear)
+
+    def coulomb_at(self, temperature_c: Array) -> Valued:
+        """Coulomb friction fc (…, J) [N·m] at joint temperatures (…, J), present wear included; its std; extrapolated."""
+        return self._worn(self.coulomb.at(temperature_c))
+
+    def viscous_at(self, temperature_c: Array) -> Valued:
+        """Viscous friction fv (…, J) [N·m·s/rad] at joint temperatures (…, J), present wear included; its std; extrapolated."""
+        return self._worn(self.viscous.at(temperature_c))
+
+    def torque(self, robot: Robot, q: Array, qd: Array, qdd: Array, temperature_c: Array | None = None) -> TorquePrediction:
+        """Predicted joint torque.
+
+        q, qd, qdd : (N, J) or (J,) [rad, rad/s, rad/s²]; temperature_c : (N, J) or (J,), None for the reference temperature.
+        Raises BadInput for another robot, shapes that do not fit, or values that are not finite.
+        """
+        if robot.name != self.robot:
+            raise BadInput(f"the model is of {self.robot}, the robot is {robot.name}")
+        T = self.viscous.reference_c if temperature_c is None else np.asarray(temperature_c, dtype=float)
+        q, qd, qdd = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, qd, qdd))
+        for name, x in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", np.atleast_2d(T))):
+            if x.ndim != 2 or x.shape[1] != self.joints or len(x) not in (len(q), 1 if name == "temperature_c" else len(q)):
+                raise BadInput(f"{name} has shape {x.shape}; expected ({len(q)}, {self.joints}) like q, or ({self.joints},)")
+            if not np.all(np.isfinite(x)):
+                raise BadInput(f"{name} holds values that are not finite")
+
+        rigid = regressor(robot, self.mounting, q, qd, qdd)[:, :, list(self.columns)] @ self.values  # (N, J, R)·(R,) → (N, J)
+        fc, fv = self.coulomb_at(T), self.viscous_at(T)
+        s = smooth_sign(qd)
+        known = np.isfinite(fc.value) & np.isfinite(fv.value)
+        friction = np.where(known, fc.value * s + fv.value * qd, 0.0)  # (N, J)
+        of_fc, of_fv = np.abs(s) * fc.std, np.abs(qd) * fv.std
+        var = of_fc**2 + of_fv**2 + 2.0 * self.friction_correlation * of_fc * of_fv + (friction * self.wear_std) ** 2
+        std = np.where(known, np.sqrt(var + self.residual_rms_nm**2), np.nan)
+        extrapolated = np.broadcast_to(fv.extrapolated | ~known, q.shape)
+        return TorquePrediction(rigid + friction, rigid, friction, std, extrapolated)
+
+    def as_document(self) -> dict[str, Any]:
+        """Plain JSON; `model_from_document` is its inverse."""
+        document: dict[str, Any] = plain(self)
+        return document
+
+    def _worn(self, fresh: Valued) -> Valued:
+        worn = np.exp(self.wear)
+        return Valued(fresh.value * worn, fresh.std * worn, fresh.extrapolated)
+
+
+def compensated(identification: Identification, belief: Belief, *, coulomb: Line, viscous: Line) -> CompensatedModel:
+    """The model after a replay: its rigid part from the identification, its friction from the belief and its `lines`."""
+    rigid = ~np.isin(identification.columns, np.concatenate(friction_columns(belief.joints)))  # (B,)
+    variances = identification.friction_cov[:, [0, 1], [0, 1]]  # (J, 2)
+    scale = np.sqrt(variances.prod(axis=1))
+    correlation = np.divide(identification.friction_cov[:, 0, 1], scale, out=np.zeros_like(scale), where=scale > 0)
+    return CompensatedModel(
+        robot=identification.robot,
+        mounting=identification.mounting,
+        revision=belief.replays,
+        at_unix_s=belief.at_unix_s,
+        columns=tuple(int(column) for column in np.array(identification.columns)[rigid]),
+        values=identification.values[rigid],
+        coulomb=coulomb,
+        viscous=viscous,
+        friction_correlation=np.clip(np.nan_to_num(correlation), -1.0, 1.0),
+        wear=belief.wear,
+        wear_std=belief.wear_std,
+        residual_rms_nm=identification.rms_nm,
+    )
+
+
+def model_from_document(document: Any) -> CompensatedModel:
+    """A CompensatedModel from its document. Raises BadInput naming what is missing or wrong."""
+    where = "model"
+    J = len(array(document, "wear", (-1,), where=where))
+    arrays: dict[str, Any] = {
+        f.name: array(document, f.name, (-1,) if f.name == "values" else (J,), where=where)
+        for f in fields(CompensatedModel)
+        if f.type == Array
+    }
+    columns = array(document, "columns", arrays["values"].shape, where=where)
+    try:
+        return CompensatedModel(
+            robot=str(entry(document, "robot", where=where)),
+            mounting=Mounting(**entry(document, "mounting", where=where)),
+            revision=int(entry(document, "revision", where=where)),
+            at_unix_s=float(entry(document, "at_unix_s", where=where)),
+            columns=tuple(int(column) for column in columns),
+            coulomb=line_from_document(entry(document, "coulomb", where=where), J, where="model: coulomb"),
+            viscous=line_from_document(entry(document, "viscous", where=where), J, where="model: viscous"),
+            **arrays,
+        )
+    except (TypeError, ValueError) as wrong:
+        raise BadInput(f"model: {wrong}") from None

@@ -1,0 +1,58 @@
+"""python -m monitor.simulate: one simulated robot on a loopback address, until SIGINT or SIGTERM."""
+
+import argparse
+import logging
+import sys
+
+from monitor.errors import MonitorError
+from monitor.model.robot import Mounting, robot_names
+from monitor.simulate.settings import SimulateSettings
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Parse, listen, serve; 2 where the arguments or the ports are wrong."""
+    defaults = SimulateSettings()
+    parser = argparse.ArgumentParser(prog="python -m monitor.simulate", description=__doc__)
+    parser.add_argument("--robot", default=defaults.robot, help=f"one of {', '.join(robot_names())}")
+    parser.add_argument("--bind", default=defaults.bind, help="loopback address; one robot an address")
+    parser.add_argument("--seed", type=int, default=defaults.seed, help="of the measurement noise")
+    parser.add_argument("--ambient", type=float, default=defaults.ambient_c, metavar="C", help="room temperature [°C]")
+    parser.add_argument("--mounting", default="ground", help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees")
+    parser.add_argument("--payload", type=float, default=defaults.payload_kg, metavar="KG")
+    parser.add_argument("--command-port", type=int, default=defaults.command_port)
+    parser.add_argument("--polyscope", default=None, metavar="VERSION", help="version to report, e.g. 5.11.0")
+    parser.add_argument("--protective-runtime", default=defaults.protective_runtime, choices=["paused", "stopped", "playing"])
+    parser.add_argument("--local-control", action="store_true", help="say no to `is in remote control`")
+    parser.add_argument("--verbose", action="store_true")
+    given = parser.parse_args(arguments)
+    logging.basicConfig(level=logging.INFO if given.verbose else logging.WARNING, format="%(name)s %(message)s", stream=sys.stderr)
+    try:
+        settings = SimulateSettings(
+            robot=given.robot,
+            bind=given.bind,
+            seed=given.seed,
+            ambient_c=given.ambient,
+            mounting=Mounting.parse(given.mounting),
+            payload_kg=given.payload,
+            command_port=given.command_port,
+            version=given.polyscope,
+            protective_runtime=given.protective_runtime,
+            remote_control=not given.local_control,
+        )
+        from monitor.simulate.server import serve  # pinocchio: only when the arguments are right
+
+        line = f"listening {settings.bind} robot={settings.robot} rtde=30004 commands={settings.command_port}\n"
+
+        def ready() -> None:
+            sys.stdout.write(line)
+            sys.stdout.flush()
+
+        serve(settings, on_ready=ready)
+    except MonitorError as wrong:
+        sys.stderr.write(f"{wrong}\n")
+        return wrong.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

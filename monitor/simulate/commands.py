@@ -1,0 +1,184 @@
+"""The command port's requests: a JSON object a line, a JSON object a line back.
+
+Request {"do": name, …arguments}; reply {"ok": true, "result": …} or {"ok": false, "error": sentence, "kind": class of error}.
+"""
+
+import asyncio
+import base64
+import io
+import json
+import logging
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from monitor.errors import BadInput, MonitorError
+from monitor.model.fourier import excitation_from_document
+from monitor.recording import Array, Recording
+from monitor.simulate import faults, stepped
+from monitor.simulate.controller import Controller
+from monitor.simulate.ports import Ports
+
+log = logging.getLogger(__name__)
+
+LINE_MAX_BYTES = 32 << 20  # a torque question with some ten thousand rows
+ROWS_MAX = 20_000
+HOURS_MAX = 24.0 * 366
+WEAR_MAX = 100.0
+
+
+class Commands:
+    """Answers requests about one robot."""
+
+    def __init__(self, controller: Controller, ports: Ports, shut_down: Callable[[], None]) -> None:
+        self._controller, self._ports, self._shut_down = controller, ports, shut_down
+        self.ticks: dict[str, Any] = {}  # the server's figures of its timer
+        self.stepping = False
+        self._actions: dict[str, Callable[[dict[str, Any]], Awaitable[Any]]] = {
+            "truth": self._truth,
+            "advance": self._advance,
+            "wear": self._wear,
+            "play": self._play,
+            "torque": self._torque,
+            "friction": self._friction,
+            "fault": self._fault,
+            "shutdown": self._shutdown,
+        }
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One connection, until it ends."""
+        try:
+            while line := await reader.readline():
+                writer.write(json.dumps(await self._answer(line)).encode() + b"\n")
+                await writer.drain()
+        except (ValueError, ConnectionError) as wrong:  # a line beyond the limit, or a peer that went
+            log.info("command connection ended: %s", wrong)
+        finally:
+            writer.close()
+
+    async def _answer(self, line: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(line)
+            if not isinstance(request, dict) or request.get("do") not in self._actions:
+                raise BadInput(f"request: expected an object whose 'do' is one of {', '.join(self._actions)}")
+            return {"ok": True, "result": await self._actions[request["do"]](request)}
+        except MonitorError as wrong:
+            return {"ok": False, "error": str(wrong), "kind": type(wrong).__name__}
+        except (ValueError, RecursionError) as wrong:  # not JSON, or not numbers
+            return {"ok": False, "error": f"request: {wrong}", "kind": "BadInput"}
+
+    async def _truth(self, _: dict[str, Any]) -> dict[str, Any]:
+        return {**self._controller.truth(), "ticks": self.ticks, "stepping": self.stepping}
+
+    async def _advance(self, request: dict[str, Any]) -> dict[str, Any]:
+        hours = _number(request, "hours", 0.0, HOURS_MAX)
+        duty = _number(request, "duty", 0.0, 1.0, default=0.0)
+        ambient_c = _number(request, "ambient_c", -20.0, 60.0, default=self._controller.arm.ambient_c)
+        why = self._controller.live(hours, ambient_c, duty)
+        if why:
+            raise BadInput(f"advance: {why}")
+        return {"clock_s": self._controller.clock_s}
+
+    async def _wear(self, request: dict[str, Any]) -> dict[str, Any]:
+        wear, joints = self._controller.arm.wear, self._controller.robot.joints
+        joint = _number(request, "joint", 1, joints)
+        if joint != int(joint):
+            raise BadInput(f"wear: joint = {joint:g}; expected 1 … {joints}")
+        factors = {
+            name: None if request.get(key) is None else _number(request, key, 0.0, WEAR_MAX)
+            for name, key in (("coulomb", "coulomb_factor"), ("viscous", "viscous_factor"))
+        }
+        self._controller.arm.set_wear(int(joint) - 1, **factors)
+        return {"wear_coulomb": wear.coulomb.tolist(), "wear_viscous": wear.viscous.tolist()}
+
+    async def _play(self, request: dict[str, Any]) -> dict[str, Any]:
+        excitation = excitation_from_document(request.get("excitation"))
+        if self.stepping:
+            raise BadInput("play: another stepped replay is running")
+        self.stepping = True
+        try:
+            playing = stepped.play(self._controller, excitation, software=request.get("software"))
+            while True:
+                try:
+                    next(playing)
+                except StopIteration as done:
+                    return packed(done.value)
+                await asyncio.sleep(0)
+        finally:
+            self.stepping = False
+
+    async def _torque(self, request: dict[str, Any]) -> dict[str, Any]:
+        arm = self._controller.arm
+        q, qd, qdd = (self._rows(request, name) for name in ("q", "qd", "qdd"))
+        if not q.shape == qd.shape == qdd.shape:
+            raise BadInput(f"torque: q is {q.shape}, qd {qd.shape}, qdd {qdd.shape}; expected equal shapes")
+        rigid, load = arm.rigid_torque(q, qd, qdd)
+        friction = arm.friction_torque(qd, load, self._temperature(request))
+        return {"torque": (rigid + friction).tolist(), "rigid": rigid.tolist(), "friction": friction.tolist()}
+
+    async def _friction(self, request: dict[str, Any]) -> list[list[float]]:
+        qd = self._rows(request, "qd")
+        load = self._rows(request, "load_nm") if request.get("load_nm") is not None else np.zeros_like(qd)
+        if load.shape != qd.shape:
+            raise BadInput(f"friction: qd is {qd.shape}, load_nm is {load.shape}; expected equal shapes")
+        torque: list[list[float]] = self._controller.arm.friction_torque(qd, load, self._temperature(request)).tolist()
+        return torque
+
+    async def _fault(self, request: dict[str, Any]) -> str:
+        seconds = None if request.get("seconds") is None else _number(request, "seconds", 0.0, faults.STALL_MAX_S)
+        now_s = asyncio.get_running_loop().time()
+        return faults.inject(str(request.get("name")), seconds, self._controller, self._ports, now_s)
+
+    async def _shutdown(self, _: dict[str, Any]) -> str:
+        asyncio.get_running_loop().call_later(0.05, self._shut_down)  # after the reply
+        return "bye"
+
+    def _rows(self, request: dict[str, Any], name: str) -> Array:
+        rows = _array(request, name)
+        joints = self._controller.robot.joints
+        if rows.ndim != 2 or rows.shape[1] != joints or len(rows) > ROWS_MAX:
+            raise BadInput(f"{name} is {rows.shape}; expected (N, {joints}) with N ≤ {ROWS_MAX}")
+        return rows
+
+    def _temperature(self, request: dict[str, Any]) -> Array | None:
+        if request.get("temperature_c") is None:
+            return None
+        temperature = _array(request, "temperature_c")
+        if temperature.ndim > 2 or (temperature.ndim and temperature.shape[-1] != self._controller.robot.joints):
+            raise BadInput(f"temperature_c is {temperature.shape}; expected one number, ({self._controller.robot.joints},) or (N, J)")
+        return temperature
+
+
+def packed(recording: Recording) -> dict[str, Any]:
+    """A recording as JSON: signals as a base64 npz."""
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **recording.signals)
+    return {
+        "signals": base64.b64encode(file.getvalue()).decode(),
+        "context": asdict(recording.context),
+        "quality": dict(recording.quality),
+        "source": recording.source,
+    }
+
+
+def _number(request: dict[str, Any], name: str, low: float, high: float, *, default: float | None = None) -> float:
+    value = request.get(name, default)
+    value = default if value is None else value
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or not low <= value <= high:
+        raise BadInput(f"{name} = {value!r}; expected a number from {low:g} to {high:g}")
+    return float(value)
+
+
+def _array(request: dict[str, Any], name: str) -> Array:
+    try:
+        array = np.array(request[name], dtype=float)
+    except KeyError:
+        raise BadInput(f"{name} is missing") from None
+    except (TypeError, ValueError) as wrong:
+        raise BadInput(f"{name}: {wrong}") from None
+    if not np.isfinite(array).all():
+        raise BadInput(f"{name} holds values that are not finite")
+    return array

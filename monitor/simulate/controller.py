@@ -1,0 +1,363 @@
+"""Controller: modes, safety, life of programs and the clock of one simulated arm; no sockets, no wall clock.
+
+`step` is one control tick: programs, reference, servo and physics, sensors, supervision, in this order.
+"""
+
+import logging
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from monitor.recording import Array
+from monitor.simulate.inputs import REGISTERS, Inputs, Recipe
+from monitor.simulate.physics import Arm
+from monitor.simulate.program import ControlProgram, MotionProgram, SteppedProgram
+from monitor.simulate.reference import Reference
+from monitor.simulate.scripts import ControlScript, Immediate, MoveJ, Refused, StopJ, parse
+from monitor.simulate.sensors import Sensors
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.thermal import Temperatures
+from monitor.simulate.variables import Moments, Variable, output_variables
+
+log = logging.getLogger(__name__)
+
+SUBSTEP_S = 0.002  # servo and integration; the e-Series' own tick
+PROGRAM_STOP_RAD_S2 = 15.0  # an arm at 2 rad/s stands after 0.13 s
+PROTECTIVE_STOP_RAD_S2 = 25.0
+UNLOCK_AFTER_S = 5.0
+DEVIATION_MAX_RAD = 0.15  # following error at which the controller protects the arm
+SATURATED_MAX_S = 0.1  # drives at their limit for so long: something blocks the arm
+LIMIT_MARGIN_RAD = 1e-6
+LOG_LENGTH = 200
+
+
+class RobotMode(IntEnum):
+    """As RTDE numbers them."""
+
+    POWER_OFF = 3
+    POWER_ON = 4
+    IDLE = 5
+    RUNNING = 7
+
+
+class SafetyMode(IntEnum):
+    """As RTDE numbers them."""
+
+    NORMAL = 1
+    PROTECTIVE_STOP = 3
+    ROBOT_EMERGENCY_STOP = 7
+
+
+class Runtime(IntEnum):
+    """As RTDE numbers them."""
+
+    STOPPED = 1
+    PLAYING = 2
+    PAUSED = 4
+
+
+@dataclass(slots=True)
+class Stop:
+    """One stop of a program or of the arm, on the controller's clock."""
+
+    at_s: float
+    kind: str  # "watchdog" | "protective_stop" | "emergency_stop" | "program_stop" | "program_end"
+    reason: str
+    stood_at_s: float | None = None  # when the arm had come to rest
+
+
+class Controller:
+    """One simulated controller with its arm."""
+
+    def __init__(self, settings: SimulateSettings) -> None:
+        robot = settings.arm
+        self.settings, self.robot, self.tick_s = settings, robot, settings.tick_s
+        self._substeps = max(1, round(self.tick_s / SUBSTEP_S))
+        self.arm = Arm(
+            robot,
+            q=np.array(settings.home_rad),
+            ambient_c=settings.ambient_c,
+            mounting=settings.mounting,
+            payload_kg=settings.payload_kg,
+            payload_com_m=settings.payload_com_m,
+            wear_per_revolution=None if settings.wear_per_revolution is None else np.array(settings.wear_per_revolution),
+        )
+        if settings.initial_temperature_c is not None:
+            start = np.array(settings.initial_temperature_c)
+            self.arm.set_temperatures(Temperatures(start, start.copy()))
+        self.moments = Moments(self.arm.model)
+        self.reference = Reference(robot, self.arm.q, self.tick_s)
+        self.sensors = Sensors(robot, settings.seed, self.tick_s)
+        self.measured = self.sensors.read(self.arm)
+        self.inputs = Inputs()
+        self.output_ints, self.output_doubles = [0] * REGISTERS, [0.0] * REGISTERS
+        self.declared_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)
+        self.ticks = 0
+        self._leapt_s = 0.0  # by `live`
+        self.robot_mode, self.safety_mode, self.runtime = RobotMode.RUNNING, SafetyMode.NORMAL, Runtime.STOPPED
+        self.program: ControlProgram | MotionProgram | None = None
+        self._watched: str | None = None
+        self._watchdog_s, self._fed_at_s = math.inf, 0.0
+        self.stops: deque[Stop] = deque(maxlen=LOG_LENGTH)
+        self.refused_commands: deque[int] = deque(maxlen=LOG_LENGTH)
+        self.refused_scripts: deque[str] = deque(maxlen=LOG_LENGTH)
+        self.watchdog_trips = self.odd_inputs = self.scripts_started = 0
+        self._protected_at_s = -math.inf
+        self._saturated_s = 0.0
+        self._standing: Stop | None = None  # the stop whose standstill is still to come
+        self.variables: dict[str, Variable] = output_variables(self)
+
+    @property
+    def clock_s(self) -> float:
+        """Uptime of the controller: RTDE's timestamp."""
+        return self.ticks * self.tick_s + self._leapt_s
+
+    # --- one tick -----------------------------------------------------------------------------------------------
+    def step(self) -> None:
+        """Advance by one control period."""
+        self.ticks += 1
+        if self._watched is not None and self.clock_s - self._fed_at_s > self._watchdog_s:
+            self.watchdog_trips += 1
+            self.stop_program(f"{self._watched} was not received for {self._watchdog_s:.3g} s", kind="watchdog")
+        if self.program is not None and self.runtime == Runtime.PLAYING and not self.program.step():
+            self.stop_program("the program ended", kind="program_end")
+        arm = self.arm
+        if self.robot_mode == RobotMode.RUNNING:
+            h = self.tick_s / self._substeps
+            for _ in range(self._substeps):
+                arm.step(h, self.reference.step(h))
+        arm.settle(self.tick_s)
+        self.measured = self.sensors.read(arm)
+        self._supervise()
+
+    def _supervise(self) -> None:
+        arm = self.arm
+        if self.robot_mode == RobotMode.RUNNING and self.safety_mode == SafetyMode.NORMAL:
+            deviation = np.abs(self.reference.q - arm.q)
+            saturated = bool(np.any(np.abs(arm.torque_nm) >= self.robot.max_torque_nm))
+            self._saturated_s = self._saturated_s + self.tick_s if saturated else 0.0
+            if deviation.max() > DEVIATION_MAX_RAD:
+                joint = int(np.argmax(deviation)) + 1
+                self.protective_stop(f"joint {joint} is {deviation.max():.3f} rad from where it should be")
+            elif self._saturated_s > SATURATED_MAX_S:
+                self.protective_stop("a drive is at its torque limit")
+            elif self.outside_limits(arm.q):
+                self.protective_stop(self.outside_limits(arm.q))
+        if self._standing is not None and self.reference.at_rest and not np.any(np.abs(arm.qd) > 1e-3):
+            self._standing.stood_at_s = self.clock_s
+            self._standing = None
+            if self.safety_mode == SafetyMode.ROBOT_EMERGENCY_STOP:
+                self._power_off()
+
+    # --- programs -----------------------------------------------------------------------------------------------
+    def write_inputs(self, written: Recipe, values: Sequence[float]) -> None:
+        """A packet of inputs has arrived."""
+        self.inputs.write(written, values)
+        if self._watched in written.names:
+            self._fed_at_s = self.clock_s
+        if self.program is not None and self.program.command_register in written.names:
+            self.program.received()
+
+    def run_script(self, text: str) -> None:
+        """A script has arrived on one of the ports."""
+        script = parse(text)
+        if isinstance(script, Immediate):
+            if "unlock" in script.line:
+                self.unlock()
+            else:
+                self.stop_program(f"script: {script.line}")
+            return
+        why = script.reason if isinstance(script, Refused) else self._not_ready()
+        if isinstance(script, MoveJ) and not why:
+            why = self.unreachable(np.array(script.q_rad), script.speed, script.acceleration)
+        if why:
+            log.warning("script refused: %s", why)
+            self.refused_scripts.append(why)
+            return
+        self.stop_program("replaced by another script")
+        self.scripts_started += 1
+        match script:
+            case ControlScript():
+                self.program = ControlProgram(script, self)
+            case MoveJ():
+                self.program = MotionProgram(self)
+                self.reference.move(np.array(script.q_rad), script.speed, script.acceleration)
+            case StopJ():
+                self.program = MotionProgram(self)
+                self.reference.stop(script.deceleration)
+        self.runtime = Runtime.PLAYING
+
+    def begin_stepped(self) -> str:
+        """Take the arm for a stepped replay; says why not, or nothing."""
+        why = self._not_ready() or ("a program is running" if self.program is not None else "")
+        if not why:
+            self.program, self.runtime = SteppedProgram(self), Runtime.PLAYING
+        return why
+
+    def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
+        """End the program, if there is one; the arm decelerates to standstill. False if there was none."""
+        if self.program is None:
+            return False
+        self._note(kind, reason)
+        self.program, self.runtime = None, Runtime.STOPPED
+        self._watched, self._watchdog_s = None, math.inf
+        if self.reference.mode != "stop":
+            self.reference.stop(PROGRAM_STOP_RAD_S2)
+        return True
+
+    def arm_watchdog(self, variable: str, min_frequency_hz: float) -> None:
+        """Stop the program when this input has not been received for 1/f s."""
+        self._watched, self._watchdog_s, self._fed_at_s = variable, 1.0 / min_frequency_hz, self.clock_s
+
+    def pause(self) -> bool:
+        """Pause a playing program: the arm stops, the program waits."""
+        if self.runtime != Runtime.PLAYING:
+            return False
+        self.runtime = Runtime.PAUSED
+        self.reference.stop(PROGRAM_STOP_RAD_S2)
+        return True
+
+    def play(self) -> bool:
+        """Resume a paused program."""
+        if self.runtime != Runtime.PAUSED or self._not_ready():
+            return False
+        self.runtime, self._fed_at_s = Runtime.PLAYING, self.clock_s
+        return True
+
+    def _not_ready(self) -> str:
+        if self.safety_mode != SafetyMode.NORMAL:
+            return f"safety mode is {self.safety_mode.name}"
+        return "" if self.robot_mode == RobotMode.RUNNING else f"robot mode is {self.robot_mode.name}"
+
+    @property
+    def may_move(self) -> bool:
+        """Drives on and no safety stop."""
+        return not self._not_ready()
+
+    def outside_limits(self, q: Array) -> str:
+        """Which joint is beyond its range, or nothing."""
+        beyond = np.abs(q) > self.robot.max_position_rad + LIMIT_MARGIN_RAD
+        joint = int(np.argmax(beyond))
+        return f"joint {joint + 1} at {q[joint]:.3f} rad is beyond ±{self.robot.max_position_rad[joint]:.3f}" if beyond.any() else ""
+
+    def unreachable(self, q: Array, speed: float, acceleration: float) -> str:
+        """Why a joint move cannot be made, or nothing."""
+        if q.shape != self.arm.q.shape or not np.isfinite(q).all():
+            return f"the target is not {self.robot.joints} finite numbers"
+        if not (0.0 < speed < math.inf and 0.0 < acceleration < math.inf):
+            return f"speed {speed:g} and acceleration {acceleration:g} must be positive"
+        return self.outside_limits(q)
+
+    # --- safety -------------------------------------------------------------------------------------------------
+    def protective_stop(self, reason: str) -> None:
+        """Halt the arm; the program pauses, stops or plays on, as the settings say."""
+        if self.safety_mode != SafetyMode.NORMAL:
+            return
+        self.safety_mode, self._protected_at_s = SafetyMode.PROTECTIVE_STOP, self.clock_s
+        self._note("protective_stop", reason)
+        if self.program is not None:
+            if self.settings.protective_runtime == "stopped":
+                self.stop_program(reason, kind="protective_stop")
+            elif self.settings.protective_runtime == "paused":
+                self.runtime = Runtime.PAUSED
+        self.reference.stop(PROTECTIVE_STOP_RAD_S2)
+
+    def unlock(self) -> bool:
+        """End a protective stop, 5 s after it began at the earliest."""
+        if self.safety_mode != SafetyMode.PROTECTIVE_STOP or self.clock_s - self._protected_at_s < UNLOCK_AFTER_S:
+            return False
+        self.safety_mode, self._saturated_s = SafetyMode.NORMAL, 0.0
+        self.reference.reset(self.arm.q)
+        return True
+
+    def emergency_stop(self) -> None:
+        """Halt the arm, then drives off."""
+        if self.safety_mode == SafetyMode.ROBOT_EMERGENCY_STOP:
+            return
+        self.stop_program("emergency stop", kind="emergency_stop")
+        self._note("emergency_stop", "the button was pressed")
+        self.safety_mode = SafetyMode.ROBOT_EMERGENCY_STOP
+        self.reference.stop(PROTECTIVE_STOP_RAD_S2)
+
+    def release_emergency_stop(self) -> None:
+        """The button is pulled out again; power stays off."""
+        if self.safety_mode == SafetyMode.ROBOT_EMERGENCY_STOP:
+            self._power_off()
+            self.safety_mode = SafetyMode.NORMAL
+
+    def power(self, mode: RobotMode) -> bool:
+        """Dashboard's power on (IDLE), brake release (RUNNING), power off."""
+        if mode == RobotMode.POWER_OFF:
+            self.stop_program("power off")
+            self._power_off()
+        elif self.safety_mode == SafetyMode.ROBOT_EMERGENCY_STOP:
+            return False
+        elif mode == RobotMode.RUNNING:
+            if self.robot_mode == RobotMode.POWER_OFF:
+                return False
+            self.reference.reset(self.arm.q)
+            self.robot_mode = RobotMode.RUNNING
+        elif self.robot_mode == RobotMode.POWER_OFF:
+            self.robot_mode = RobotMode.IDLE
+        return True
+
+    def _power_off(self) -> None:
+        self.arm.brake()
+        self.reference.reset(self.arm.q)
+        self.robot_mode = RobotMode.POWER_OFF
+
+    def _note(self, kind: str, reason: str) -> None:
+        log.info("stop kind=%s at=%.3f reason=%s", kind, self.clock_s, reason)
+        stop = Stop(self.clock_s, kind, reason)
+        self.stops.append(stop)
+        self._standing = stop
+
+    # --- scenario -----------------------------------------------------------------------------------------------
+    def live(self, hours: float, ambient_c: float, duty: float) -> str:
+        """Let hours of the arm's life pass at once; says why not, or nothing."""
+        if self.program is not None:
+            return "a program is running"
+        self.arm.live(hours, ambient_c, duty)
+        self._leapt_s += 3600.0 * hours
+        self.measured = self.sensors.read(self.arm)
+        return ""
+
+    def truth(self) -> dict[str, Any]:
+        """What tests compare with: nothing of it is on the robot's own wire."""
+        arm, law = self.arm, self.arm.law
+        return {
+            "robot": self.robot.name,
+            "clock_s": self.clock_s,
+            "q": arm.q.tolist(),
+            "qd": arm.qd.tolist(),
+            "torque_nm": arm.torque_nm.tolist(),
+            "motor_temperature_c": arm.temperatures.motor_c.tolist(),
+            "grease_temperature_c": arm.temperatures.grease_c.tolist(),
+            "ambient_c": arm.ambient_c,
+            "wear_coulomb": arm.wear.coulomb.tolist(),
+            "wear_viscous": arm.wear.viscous.tolist(),
+            "wear_per_revolution": arm.wear.per_revolution.tolist(),
+            "revolutions": arm.wear.revolutions.tolist(),
+            "payload_kg": arm.payload_kg,
+            "drive_gain_nm_per_a": arm.gain_nm_per_a.tolist(),
+            "rotor_kg_m2": arm.rotor_kg_m2.tolist(),
+            "friction_law": {name: getattr(law, name).tolist() for name in law.__dataclass_fields__},
+            "robot_mode": int(self.robot_mode),
+            "safety_mode": int(self.safety_mode),
+            "runtime_state": int(self.runtime),
+            "reference_mode": self.reference.mode,
+            "standing": self.reference.at_rest and not np.any(np.abs(arm.qd) > 1e-3),
+            "program": type(self.program).__name__ if self.program else None,
+            "scripts_started": self.scripts_started,
+            "stops": [asdict(stop) for stop in self.stops],
+            "watchdog_trips": self.watchdog_trips,
+            "watchdog_s": None if self._watched is None else self._watchdog_s,
+            "refused_commands": list(self.refused_commands),
+            "refused_scripts": list(self.refused_scripts),
+            "odd_inputs": self.odd_inputs,
+        }

@@ -1,0 +1,78 @@
+"""The dashboard's lines: one reply a command."""
+
+import re
+from typing import TYPE_CHECKING
+
+from monitor.simulate.controller import RobotMode, Runtime, SafetyMode
+
+if TYPE_CHECKING:
+    from monitor.simulate.controller import Controller
+
+GREETING = "Connected: Universal Robots Dashboard Server"
+LINE_MAX_BYTES = 4096
+PROGRAM = "rtde_control.urp"  # programs that come over a script port have no file; the dashboard needs a name
+DATES = {3: "Mar 10 2022", 5: "Mar 10 2021"}
+
+
+def reply(controller: "Controller", line: str) -> str:
+    """The answer to one line, without its newline."""
+    command = line.strip()
+    word = command.lower()
+    settings = controller.settings
+    match word:
+        case "polyscopeversion":
+            version = settings.polyscope
+            return f"URSoftware {'.'.join(map(str, version))} ({DATES[version.major]})"
+        case "get serial number":
+            return settings.serial
+        case "get robot model":
+            return settings.robot.removesuffix("e").upper()
+        case "is in remote control":
+            return "true" if settings.remote_control else "false"
+        case "robotmode":
+            return f"Robotmode: {controller.robot_mode.name}"
+        case "safetymode":
+            return f"Safetymode: {controller.safety_mode.name}"
+        case "safetystatus":
+            return f"Safetystatus: {controller.safety_mode.name}"
+        case "running":
+            return f"Program running: {str(controller.runtime == Runtime.PLAYING).lower()}"
+        case "programstate":
+            return f"{controller.runtime.name} {PROGRAM}"
+        case "get loaded program":
+            return f"Loaded program: /programs/{PROGRAM}"
+        case "isprogramsaved":
+            return f"true {PROGRAM}"
+        case "stop":
+            controller.stop_program("dashboard: stop")
+            return "Stopped"  # also when nothing ran: ur-rtde's constructor asks for exactly this
+        case "play":
+            return "Starting program" if controller.play() else "Failed to execute: play"
+        case "pause":
+            return "Pausing program" if controller.pause() else "Failed to execute: pause"
+        case "power on":
+            return "Powering on" if controller.power(RobotMode.IDLE) else "Failed to execute: power on"
+        case "power off":
+            return "Powering off" if controller.power(RobotMode.POWER_OFF) else "Failed to execute: power off"
+        case "brake release":
+            return "Brake releasing" if controller.power(RobotMode.RUNNING) else "Failed to execute: brake release"
+        case "unlock protective stop":
+            early = "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+            if controller.unlock() or controller.safety_mode != SafetyMode.PROTECTIVE_STOP:
+                return "Protective stop releasing"
+            return early
+        case "close safety popup":
+            return "closing safety popup"
+        case "close popup":
+            return "closing popup"
+        case "restart safety":
+            return "Restarting safety"
+        case "quit":
+            return "Disconnected"
+    if word.startswith("popup "):
+        return "showing popup"
+    if word.startswith("addtolog "):
+        return "Added log message"
+    if word.startswith("load "):
+        return f"File not found: {re.sub(r'[^ -~]', '?', command[5:])[:200]}"  # there are no files here
+    return f"could not understand: {re.sub(r'[^ -~]', '?', command)[:200]}"

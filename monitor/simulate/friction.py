@@ -1,0 +1,67 @@
+"""The simulated joint's friction: a law of the simulator's own, unknown to whatever identifies it.
+
+τ_f = w_c·[Fc(T) + c·|τ_link|]·sign(q̇) + w_v·e^(−k(T−25))·[Fv·(|q̇|)^p + fl·|q̇|]·sign(q̇)
+
+T is the temperature of the grease. The shape follows the factory sweeps of a UR5e (concave, p ≈ 0.52–0.63 there) and the
+load term seen on a UR10e; the magnitudes follow those sweeps scaled by each joint's maximum torque.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.model.robot import Robot
+from monitor.recording import Array
+
+REFERENCE_C = 25.0
+SMOOTH_SPEED_RAD_S = 0.01  # below it the concave part turns linear, or its slope at rest would be infinite
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionLaw:
+    """Parameters at 25 °C, unworn, each (J,)."""
+
+    coulomb_nm: Array
+    load_factor: Array  # c, share of the transmitted torque
+    concave_nm: Array  # Fv, at 1 rad/s
+    exponent: Array  # p
+    linear_nm_s_per_rad: Array  # fl
+    viscous_per_k: Array  # k
+    coulomb_per_k: Array  # nearly nothing
+
+    def dry(self, load_nm: Array, grease_c: Array, wear: Array) -> Array:
+        """Sliding resistance, and the largest that stiction gives, ≥ 0. All (…, J)."""
+        warm = 1.0 - self.coulomb_per_k * (grease_c - REFERENCE_C)
+        result: Array = wear * (self.coulomb_nm * warm + self.load_factor * np.abs(load_nm))
+        return result
+
+    def viscous_coefficient(self, qd: Array, grease_c: Array, wear: Array) -> Array:
+        """Viscous torque divided by q̇, > 0. All (…, J) [N·m·s/rad]."""
+        thin = wear * np.exp(-self.viscous_per_k * (grease_c - REFERENCE_C))
+        concave = self.concave_nm * (qd * qd + SMOOTH_SPEED_RAD_S**2) ** (0.5 * (self.exponent - 1.0))
+        result: Array = thin * (concave + self.linear_nm_s_per_rad)
+        return result
+
+    def torque(self, qd: Array, load_nm: Array, grease_c: Array, wear_coulomb: Array, wear_viscous: Array) -> Array:
+        """Friction torque at a speed, with the sign of the speed; 0 at rest. All (…, J) [N·m]."""
+        viscous = self.viscous_coefficient(qd, grease_c, wear_viscous) * qd
+        result: Array = np.sign(qd) * self.dry(load_nm, grease_c, wear_coulomb) + viscous
+        return result
+
+
+def default_law(robot: Robot) -> FrictionLaw:
+    """Plausible friction for any arm: proportional to the joints' maximum torque, with differences from joint to joint."""
+    size = robot.max_torque_nm
+    return FrictionLaw(
+        coulomb_nm=0.050 * size * _pattern(robot.joints, [1.00, 1.18, 0.88, 1.05, 0.92, 1.14]),
+        load_factor=_pattern(robot.joints, [0.040, 0.050, 0.045, 0.035, 0.050, 0.040]),
+        concave_nm=0.045 * size * _pattern(robot.joints, [1.00, 1.12, 0.95, 1.10, 0.90, 1.02]),
+        exponent=_pattern(robot.joints, [0.65, 0.68, 0.63, 0.66, 0.61, 0.64]),
+        linear_nm_s_per_rad=0.026 * size * _pattern(robot.joints, [1.00, 0.94, 1.08, 0.90, 1.05, 1.12]),
+        viscous_per_k=_pattern(robot.joints, [0.012, 0.016, 0.014, 0.019, 0.018, 0.015]),
+        coulomb_per_k=np.full(robot.joints, 0.0008),
+    )
+
+
+def _pattern(joints: int, values: list[float]) -> Array:
+    return np.resize(np.array(values), joints)

@@ -1,0 +1,94 @@
+"""Input variables of the RTDE interface: values that last, and one owner a variable."""
+
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+REGISTERS = 48
+FORMAT = {  # RTDE's type names as struct codes, big-endian
+    "DOUBLE": "d",
+    "VECTOR3D": "3d",
+    "VECTOR6D": "6d",
+    "INT32": "i",
+    "UINT32": "I",
+    "UINT64": "Q",
+    "VECTOR6INT32": "6i",
+    "VECTOR6UINT32": "6I",
+    "UINT8": "B",
+    "BOOL": "?",
+}
+INPUT_TYPES = {
+    **{f"input_int_register_{i}": "INT32" for i in range(REGISTERS)},
+    **{f"input_double_register_{i}": "DOUBLE" for i in range(REGISTERS)},
+    **{f"input_bit_register_{i}": "BOOL" for i in range(64, 128)},
+    "input_bit_registers0_to_31": "UINT32",
+    "input_bit_registers32_to_63": "UINT32",
+    "speed_slider_mask": "UINT32",
+    "speed_slider_fraction": "DOUBLE",
+    "standard_digital_output_mask": "UINT8",
+    "standard_digital_output": "UINT8",
+    "configurable_digital_output_mask": "UINT8",
+    "configurable_digital_output": "UINT8",
+    "tool_digital_output_mask": "UINT8",
+    "tool_digital_output": "UINT8",
+    "standard_analog_output_mask": "UINT8",
+    "standard_analog_output_type": "UINT8",
+    "standard_analog_output_0": "DOUBLE",
+    "standard_analog_output_1": "DOUBLE",
+    "external_force_torque": "VECTOR6D",
+}
+
+
+class Recipe(NamedTuple):
+    """Variables of one packet, in order."""
+
+    names: tuple[str, ...]
+    layout: struct.Struct
+    widths: tuple[int, ...]  # values per variable
+
+
+def recipe(names: Sequence[str], types: dict[str, str]) -> Recipe:
+    """Layout of known names."""
+    codes = [FORMAT[types[name]] for name in names]
+    widths = tuple(int(code[:-1] or 1) for code in codes)
+    return Recipe(tuple(names), struct.Struct(">" + "".join(codes)), widths)
+
+
+class Inputs:
+    """What clients wrote last, and which connection may write what."""
+
+    def __init__(self) -> None:
+        self.ints = [0] * REGISTERS
+        self.doubles = [0.0] * REGISTERS
+        self.others: dict[str, float | tuple[float, ...]] = {}
+        self._owner: dict[str, int] = {}
+
+    def claim(self, names: Sequence[str], owner: int) -> list[str]:
+        """Types of the names as the reply to I: `NOT_FOUND`, or `IN_USE` where another connection owns one; then nothing is taken."""
+        types = []
+        for name in names:
+            if name not in INPUT_TYPES:
+                types.append("NOT_FOUND")
+            elif self._owner.get(name, owner) != owner:
+                types.append("IN_USE")
+            else:
+                types.append(INPUT_TYPES[name])
+        if not {"NOT_FOUND", "IN_USE"} & set(types):
+            self._owner.update(dict.fromkeys(names, owner))
+        return types
+
+    def release(self, owner: int) -> None:
+        """The owner's connection ended."""
+        self._owner = {name: who for name, who in self._owner.items() if who != owner}
+
+    def write(self, written: Recipe, values: Sequence[float]) -> None:
+        """Take over the values of one packet."""
+        at = 0
+        for name, width in zip(written.names, written.widths, strict=True):
+            if name.startswith("input_double_register_"):
+                self.doubles[int(name[22:])] = float(values[at])
+            elif name.startswith("input_int_register_"):
+                self.ints[int(name[19:])] = int(values[at])
+            else:
+                self.others[name] = values[at] if width == 1 else tuple(values[at : at + width])
+            at += width

@@ -1,0 +1,162 @@
+"""Reference: what the controller asks of the joints at every servo period: hold, follow servoj, speedj, movej, stop.
+
+How the manufacturer's servoj smooths its targets is not published. Here: the targets are carried on with their speed for a few
+milliseconds, and a critically damped second-order filter follows them, twice as fast as 1/lookahead and faster with more gain.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from monitor.model.robot import Robot
+from monitor.recording import Array
+from monitor.simulate.physics import Target
+
+SERVO_MAX_RAD_S2 = 60.0  # the filter never asks for more
+SPEED_CHANGE_MAX_RAD_S2 = 40.0  # faster changes of the targets' speed are jitter of the network
+ACCELERATION_TRUST = 0.5  # share of each newly seen acceleration: two targets of memory
+STREAM_GAP_PERIODS = 2.0  # so much longer the motion is carried on when a target is late
+STREAM_GAP_BACK_S = 0.1  # and in this time it goes back to the last target if none comes
+
+
+class Reference:
+    """Position, speed and acceleration asked for, continuous through every change of mode."""
+
+    def __init__(self, robot: Robot, q: Array, tick_s: float) -> None:
+        self.q, self.qd, self.qdd = q.copy(), np.zeros_like(q), np.zeros_like(q)
+        self._max_speed = robot.max_speed_rad_s
+        self._tick_s = tick_s
+        self._advance: Callable[[float], None] | None = None  # None: hold
+        self._then: Callable[[], None] | None = None
+        self.mode = "hold"
+
+    @property
+    def at_rest(self) -> bool:
+        """Nothing is being asked for but to stand; servoj and speedj count as motion even at zero speed."""
+        return self._advance is None
+
+    def step(self, h: float) -> Target:
+        """Go on by h; the mean over the step, where the servo evaluates it."""
+        if self._advance is None:
+            return Target(self.q, self.qd, self.qdd)
+        q, qd = self.q, self.qd
+        self._advance(h)
+        return Target(0.5 * (q + self.q), 0.5 * (qd + self.qd), self.qdd)
+
+    def reset(self, q: Array) -> None:
+        """Stand at q: after brakes or power-on."""
+        self.q = q.copy()
+        self._hold()
+
+    # --- modes --------------------------------------------------------------------------------------------------
+    def stop(self, deceleration_rad_s2: float, then: Callable[[], None] | None = None) -> None:
+        """All joints to standstill in the same time, the fastest with this deceleration."""
+        deceleration = max(deceleration_rad_s2, 0.01)
+
+        def advance(h: float) -> None:
+            fastest = float(np.max(np.abs(self.qd)))
+            keep = 1.0 - deceleration * h / fastest if fastest > deceleration * h else 0.0
+            self._to(self.qd * keep, h)
+            if keep == 0.0:
+                self._hold()
+                if self._then is not None:
+                    go_on, self._then = self._then, None
+                    go_on()
+
+        self._begin("stop", advance)
+        self._then = then
+        if not self.qd.any():
+            advance(1e-9)
+
+    def move(self, q_end: Array, speed_rad_s: float, acceleration_rad_s2: float) -> None:
+        """movej: trapezoid, all joints in the same time; from motion, after a stop."""
+        if self.qd.any():
+            self.stop(acceleration_rad_s2, lambda: self.move(q_end, speed_rad_s, acceleration_rad_s2))
+            return
+        start, way = self.q.copy(), q_end - self.q
+        length = float(np.max(np.abs(way)))
+        if length < 1e-9:
+            self._hold()
+            return
+        v, a = speed_rad_s / length, acceleration_rad_s2 / length  # of the path parameter s ∈ [0, 1]
+        v = min(v, float(np.min(self._max_speed / np.maximum(np.abs(way), 1e-12))), math.sqrt(a))
+        ramp_s, total_s = v / a, v / a + 1.0 / v
+        t = 0.0
+
+        def advance(h: float) -> None:
+            nonlocal t
+            t = min(t + h, total_s)
+            rest = total_s - t
+            if t < ramp_s:
+                s, sd, sdd = 0.5 * a * t * t, a * t, a
+            elif rest < ramp_s:
+                s, sd, sdd = 1.0 - 0.5 * a * rest * rest, a * rest, -a
+            else:
+                s, sd, sdd = v * (t - 0.5 * ramp_s), v, 0.0
+            self.q, self.qd, self.qdd = start + s * way, sd * way, sdd * way
+            if rest <= 0.0:
+                self._hold()
+
+        self._begin("move", advance)
+
+    def speed(self, qd: Array, acceleration_rad_s2: float) -> None:
+        """speedj: towards this speed until told otherwise."""
+        goal = np.clip(qd, -self._max_speed, self._max_speed)
+        acceleration = max(acceleration_rad_s2, 0.01)
+
+        def advance(h: float) -> None:
+            change = goal - self.qd
+            largest = float(np.max(np.abs(change)))
+            self._to(goal if largest <= acceleration * h else self.qd + change * (acceleration * h / largest), h)
+
+        self._begin("speed", advance)
+
+    def follow(self, targets: list[Array], time_s: float, lookahead_s: float, gain: float) -> None:
+        """servoj: the targets that arrived in this tick, oldest first, possibly none."""
+        if self.mode != "servo":
+            self._goal, self._between_qd, self._goal_qdd = self.q.copy(), self.qd.copy(), np.zeros_like(self.q)
+            self._goal_qd, self._age_s, self._first = self.qd.copy(), 0.0, True
+            self._begin("servo", self._servo)
+        period = time_s if time_s > 0.0 else self._tick_s
+        for i, target in enumerate(targets):
+            # one target after a gap stands for the whole gap; several at once were sent one period apart
+            between = max(period, self._age_s) if i == 0 and len(targets) == 1 else period
+            if self._first:  # has no speed
+                self._between_qd, self._goal_qdd, self._first = np.zeros_like(target), np.zeros_like(target), False
+            else:
+                room = SPEED_CHANGE_MAX_RAD_S2 * between
+                change = (target - self._goal) / between - self._between_qd
+                change = np.minimum(np.maximum(change, -room), room)
+                self._between_qd = self._between_qd + change
+                self._goal_qdd = self._goal_qdd + ACCELERATION_TRUST * (change / between - self._goal_qdd)
+            self._goal_qd = self._between_qd + (0.5 * between) * self._goal_qdd
+            self._goal, self._age_s = target, 0.0
+        self._carry_s = period * (1.0 + STREAM_GAP_PERIODS)
+        self._rate = 2.0 / lookahead_s * math.sqrt(gain / 500.0)
+
+    def _servo(self, h: float) -> None:
+        self._age_s += h
+        age = min(self._age_s, self._carry_s)
+        goal = self._goal + age * (self._goal_qd + (0.5 * age) * self._goal_qdd)
+        w = self._rate
+        if age == self._age_s:
+            pull = self._goal_qdd + 2.0 * w * (self._goal_qd + age * self._goal_qdd - self.qd) + w * w * (goal - self.q)
+        else:  # no target any more: back to the last one
+            away = max(0.0, 1.0 - (self._age_s - age) / STREAM_GAP_BACK_S)
+            pull = w * w * (self._goal + away * (goal - self._goal) - self.q) - 2.0 * w * self.qd
+        qdd = np.minimum(np.maximum(pull, -SERVO_MAX_RAD_S2), SERVO_MAX_RAD_S2)
+        qd = self.qd + h * qdd
+        self._to(np.minimum(np.maximum(qd, -self._max_speed), self._max_speed), h)
+
+    def _to(self, qd: Array, h: float) -> None:
+        self.q = self.q + (0.5 * h) * (self.qd + qd)
+        self.qdd = (qd - self.qd) / h
+        self.qd = qd
+
+    def _begin(self, mode: str, advance: Callable[[float], None]) -> None:
+        self.mode, self._advance, self._then = mode, advance, None
+
+    def _hold(self) -> None:
+        self.mode, self._advance = "hold", None
+        self.qd, self.qdd = np.zeros_like(self.q), np.zeros_like(self.q)

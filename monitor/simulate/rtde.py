@@ -1,0 +1,139 @@
+"""One RTDE connection as bytes in, bytes out: protocol version 2, without a socket.
+
+Nothing is ever sent unasked before the reply to START: ur-rtde reads one packet per request and takes it for the answer.
+"""
+
+import logging
+import math
+import struct
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from monitor.simulate.inputs import Recipe, recipe
+
+if TYPE_CHECKING:
+    from monitor.simulate.controller import Controller
+
+log = logging.getLogger(__name__)
+
+NAMES_MAX_BYTES = 2048  # of a list of names, as documented
+INPUT_RECIPES_MAX = 255
+
+Read = Callable[[], Sequence[float]]
+
+
+class ProtocolError(Exception):
+    """The peer does not speak RTDE: close the connection."""
+
+
+class RtdeSession:
+    """State of one connection."""
+
+    def __init__(self, controller: "Controller", connection: int) -> None:
+        self._controller, self._connection = controller, connection
+        self._buffer = b""
+        self._reads: list[Read] = []
+        self._output: Recipe | None = None
+        self._every = 1  # ticks per packet
+        self._inputs: list[Recipe] = []
+        self.started = False
+
+    def feed(self, data: bytes) -> bytes:
+        """Replies to whatever complete packets have arrived.
+
+        Raises ProtocolError where a header cannot be one.
+        """
+        self._buffer += data
+        replies = b""
+        while len(self._buffer) >= 3:
+            size, kind = struct.unpack_from(">HB", self._buffer)
+            if size < 3:
+                raise ProtocolError(f"packet of {size} bytes; the header alone has 3")
+            if len(self._buffer) < size:
+                break
+            payload, self._buffer = self._buffer[3:size], self._buffer[size:]
+            replies += self._answer(kind, payload)
+        return replies
+
+    def output(self, tick: int) -> bytes | None:
+        """The data packet due in this tick, if any."""
+        if not self.started or self._output is None or tick % self._every:
+            return None
+        values: list[float] = []
+        for read in self._reads:
+            values.extend(read())
+        return _packet(85, b"\x01" + self._output.layout.pack(*values))
+
+    def close(self) -> None:
+        """The connection ended: its inputs are free again."""
+        self._controller.inputs.release(self._connection)
+
+    def _answer(self, kind: int, payload: bytes) -> bytes:
+        match kind:
+            case 86:  # V
+                accepted = len(payload) == 2 and payload == b"\x00\x02"
+                return _packet(kind, bytes([accepted]))
+            case 118:  # v
+                return _packet(kind, struct.pack(">4I", *self._controller.settings.polyscope))
+            case 79:  # O
+                return _packet(kind, self._set_output(payload))
+            case 73:  # I
+                return _packet(kind, self._add_input(payload))
+            case 83:  # S
+                self.started = self._output is not None or bool(self._inputs)
+                return _packet(kind, bytes([self.started]))
+            case 80:  # P
+                self.started = False
+                return _packet(kind, b"\x01")
+            case 85:  # U
+                self._write_input(payload)
+            case 77:  # M
+                log.info("rtde client says: %s", payload[1:].decode("utf-8", "replace")[:200])
+            case _:
+                log.warning("rtde packet of unknown type %d ignored", kind)
+        return b""
+
+    def _set_output(self, payload: bytes) -> bytes:
+        if len(payload) < 8:
+            raise ProtocolError("output recipe without a frequency")
+        (frequency_hz,) = struct.unpack_from(">d", payload)
+        names = _names(payload[8:])
+        variables = self._controller.variables
+        types = [variables[name].kind if name in variables else "NOT_FOUND" for name in names]
+        known = bool(names) and "NOT_FOUND" not in types
+        self._output = recipe(names, {name: variables[name].kind for name in names}) if known else None
+        self._reads = [variables[name].read for name in names] if known else []
+        rate_hz = self._controller.settings.arm.rate_hz
+        wanted_hz = min(max(frequency_hz, 1.0), rate_hz) if math.isfinite(frequency_hz) else rate_hz
+        self._every = int(rate_hz / wanted_hz + 1e-9)
+        return bytes([1 if known else 0]) + ",".join(types).encode()
+
+    def _add_input(self, payload: bytes) -> bytes:
+        names = _names(payload)
+        types = self._controller.inputs.claim(names, self._connection)
+        good = bool(names) and not {"NOT_FOUND", "IN_USE"} & set(types) and len(self._inputs) < INPUT_RECIPES_MAX
+        if good:
+            self._inputs.append(recipe(names, dict(zip(names, types, strict=True))))
+        return bytes([len(self._inputs) if good else 0]) + ",".join(types).encode()
+
+    def _write_input(self, payload: bytes) -> None:
+        if not payload or not 1 <= payload[0] <= len(self._inputs):
+            self._controller.odd_inputs += 1  # ur-rtde's reconnect really does send a recipe before it asks for it
+            return
+        written = self._inputs[payload[0] - 1]
+        values = payload[1:]
+        if len(values) != written.layout.size:
+            self._controller.odd_inputs += 1  # the client checks no lengths: a short vector shifts the rest
+            values = values[: written.layout.size].ljust(written.layout.size, b"\x00")
+        self._controller.write_inputs(written, written.layout.unpack(values))
+
+
+def _packet(kind: int, payload: bytes) -> bytes:
+    return struct.pack(">HB", len(payload) + 3, kind) + payload
+
+
+def _names(payload: bytes) -> list[str]:
+    if len(payload) > NAMES_MAX_BYTES:
+        raise ProtocolError(f"list of names has {len(payload)} bytes; at most {NAMES_MAX_BYTES}")
+    text = payload.decode("ascii", "replace")
+    return [name.strip() for name in text.split(",") if name.strip()]  # ur-rtde ends its lists with a comma

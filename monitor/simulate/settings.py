@@ -1,0 +1,100 @@
+"""What one simulated arm is: model, place, seed, and how its life goes."""
+
+import ipaddress
+import math
+import re
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from monitor.errors import BadInput
+from monitor.model.robot import Mounting, Robot, load_robot
+
+RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # fixed in ur-rtde
+DEFAULT_COMMAND_PORT = 30020
+# the newest of each generation that ur-rtde 1.6.5 handles with the small control recipe
+DEFAULT_VERSION = {"cb3": "3.15.8.106339", "e-series": "5.11.0.108249"}
+
+
+class Version(NamedTuple):
+    """PolyScope's version as RTDE and the dashboard tell it."""
+
+    major: int
+    minor: int
+    bugfix: int
+    build: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulateSettings:
+    """One simulated arm on one loopback address."""
+
+    robot: str = "ur5"
+    bind: str = "127.0.0.1"
+    seed: int = 0  # of the measurement noise
+    ambient_c: float = 22.0
+    mounting: Mounting = field(default_factory=Mounting)
+    payload_kg: float = 0.0
+    payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.05)  # in the flange's frame
+    command_port: int = DEFAULT_COMMAND_PORT
+    version: str | None = None  # "3.15.8"; None: DEFAULT_VERSION of the generation
+    serial: str = "20180500001"
+    home_rad: tuple[float, ...] = (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0)
+    initial_temperature_c: tuple[float, ...] | None = None  # per joint; None: idle equilibrium in `ambient_c`
+    wear_per_revolution: tuple[float, ...] | None = None  # per joint, added to the wear factor at rated load; None: that of a healthy arm
+    remote_control: bool = True  # dashboard's answer to `is in remote control`
+    protective_runtime: str = "paused"  # runtime_state in a protective stop; a real controller's is not documented
+
+    def __post_init__(self) -> None:
+        """Raises BadInput naming the field, its value and what would be right."""
+        check_loopback(self.bind)
+        robot = load_robot(self.robot)
+        for name, values in (("home_rad", self.home_rad), ("initial_temperature_c", self.initial_temperature_c)):
+            if values is not None and (len(values) != robot.joints or not all(math.isfinite(v) for v in values)):
+                raise BadInput(f"simulate: {name} = {values!r}; expected {robot.joints} finite numbers")
+        if self.wear_per_revolution is not None and (len(self.wear_per_revolution) != robot.joints or min(self.wear_per_revolution) < 0.0):
+            raise BadInput(f"simulate: wear_per_revolution = {self.wear_per_revolution!r}; expected {robot.joints} numbers, none negative")
+        if not 0.0 <= self.payload_kg <= 2.0 * robot.payload_max_kg:
+            raise BadInput(f"simulate: payload_kg = {self.payload_kg:g}; expected 0 … {robot.payload_max_kg:g} for a {self.robot}")
+        if not -20.0 <= self.ambient_c <= 60.0:
+            raise BadInput(f"simulate: ambient_c = {self.ambient_c:g}; expected −20 … 60 °C")
+        if self.protective_runtime not in {"paused", "stopped", "playing"}:
+            raise BadInput(f"simulate: protective_runtime = {self.protective_runtime!r}; expected paused, stopped or playing")
+        if not 0 < self.command_port < 65536:
+            raise BadInput(f"simulate: command_port = {self.command_port}; expected 1 … 65535")
+        if not self.serial.isdigit():
+            raise BadInput(f"simulate: serial = {self.serial!r}; expected digits only, ur-rtde refuses others")
+        _ = self.polyscope
+
+    @property
+    def arm(self) -> Robot:
+        """The model's published parameters."""
+        return load_robot(self.robot)
+
+    @property
+    def tick_s(self) -> float:
+        """Control period: 8 ms on CB3, 2 ms on e-Series."""
+        return 1.0 / self.arm.rate_hz
+
+    @property
+    def polyscope(self) -> Version:
+        """`version` as four numbers.
+
+        Raises BadInput for text that is not one, and for 5.0 … 5.3 and 3.0 … 3.3, at which ur-rtde 1.6.5 crashes.
+        """
+        text = self.version or DEFAULT_VERSION[self.arm.generation]
+        if not re.fullmatch(r"\d+(\.\d+){1,3}", text):
+            raise BadInput(f"simulate: version = {text!r}; expected MAJOR.MINOR[.BUGFIX[.BUILD]], e.g. 5.11.0")
+        parts = ([int(part) for part in text.split(".")] + [0, 0])[:4]
+        if parts[0] not in {3, 5} or parts[1] < 4:
+            raise BadInput(f"simulate: version = {text!r}; expected 3.4 … 3.15 or 5.4 … 5.22: ur-rtde 1.6.5 crashes on older ones")
+        return Version(*parts)
+
+
+def check_loopback(address: str) -> None:
+    """Raises BadInput unless the address is an IPv4 loopback one: a simulated robot must not look real on a network."""
+    try:
+        loopback = ipaddress.IPv4Address(address).is_loopback
+    except ValueError:
+        loopback = False
+    if not loopback:
+        raise BadInput(f"simulate: bind = {address!r}; expected a loopback address 127.x.y.z: the simulator is not for networks")

@@ -1,0 +1,127 @@
+"""A replay faster than real time: the same controller, servo, physics and sensors as on the wire, without the wire.
+
+Where a client would send a servoj packet every 8 ms, the player hands the target to the reference itself.
+"""
+
+from collections.abc import Generator
+
+import numpy as np
+
+from monitor.errors import BadInput, ReplayAborted
+from monitor.model.fourier import Excitation
+from monitor.recording import Array, Context, Recording
+from monitor.simulate.controller import Controller, SafetyMode
+from monitor.simulate.variables import target_moment
+
+RATE_HZ = 125.0
+LOOKAHEAD_S, GAIN = 0.03, 500.0  # as the replays on the wire
+APPROACH_RAD_S, APPROACH_RAD_S2 = 0.5, 0.5
+THERE_RAD = 1e-3  # so near to the start no approach is made
+SETTLE_S = 0.3  # at standstill before the first sample
+YIELD_EVERY = 25  # rows
+
+JOINT_SIGNALS = ("q", "qd", "current", "temperature_c", "target_q", "target_qd", "target_qdd", "target_current", "target_moment")
+STATUS = ("t_s", "robot_mode", "safety_mode", "runtime_state", "speed_scaling")
+
+
+def stepped_replay(controller: Controller, excitation: Excitation, *, software: str | None = None) -> Recording:
+    """Approach, play all repetitions, and return what a client would have recorded.
+
+    Raises BadInput where the excitation is not for this arm or beyond its limits, ReplayAborted where the controller stopped it.
+    """
+    playing = play(controller, excitation, software=software)
+    while True:
+        try:
+            next(playing)
+        except StopIteration as done:
+            recording: Recording = done.value
+            return recording
+
+
+def play(controller: Controller, excitation: Excitation, *, software: str | None = None) -> Generator[None, None, Recording]:
+    """`stepped_replay` in slices of `YIELD_EVERY` rows, for whoever has other things to do meanwhile."""
+    check(controller, excitation)
+    why = controller.begin_stepped()
+    if why:
+        raise BadInput(f"stepped replay: {why}")
+    try:
+        yield from _approach(controller, excitation.at(np.zeros(1)).q[0])
+        rows = yield from _rows(controller, excitation)
+    finally:
+        controller.stop_program("the stepped replay is over", kind="program_end")
+    return _recording(controller, excitation, rows, software)
+
+
+def check(controller: Controller, excitation: Excitation) -> None:
+    """Raises BadInput naming what does not fit: robot, mounting, or the joint and limit."""
+    robot, settings = controller.robot, controller.settings
+    if excitation.robot != robot.name:
+        raise BadInput(f"excitation is for a {excitation.robot}; this arm is a {robot.name}")
+    if not np.allclose(excitation.mounting.rotation, settings.mounting.rotation, atol=1e-6):
+        degrees = np.degrees(excitation.mounting.angles_rad), np.degrees(settings.mounting.angles_rad)
+        raise BadInput(f"excitation is for the mounting {degrees[0].round(3)}°; this arm's is {degrees[1].round(3)}°")
+    _, state = excitation.sampled(RATE_HZ)
+    for name, values, limit in (("|q|", state.q, robot.max_position_rad), ("|q̇|", state.qd, robot.max_speed_rad_s)):
+        largest = np.max(np.abs(values), axis=0)
+        joint = int(np.argmax(largest / limit))
+        if largest[joint] > limit[joint]:
+            raise BadInput(f"excitation: {name} of joint {joint + 1} reaches {largest[joint]:.3f}; at most {limit[joint]:.3f}")
+
+
+def _approach(controller: Controller, start: Array) -> Generator[None, None, None]:
+    if np.max(np.abs(controller.reference.q - start)) < THERE_RAD:
+        return
+    controller.reference.move(start, APPROACH_RAD_S, APPROACH_RAD_S2)
+    settled = 0
+    ticks = 0
+    while settled < SETTLE_S / controller.tick_s:
+        controller.step()
+        _still_playing(controller)
+        settled = settled + 1 if controller.reference.at_rest else 0
+        ticks += 1
+        if ticks % (YIELD_EVERY * 4) == 0:
+            yield
+
+
+def _rows(controller: Controller, excitation: Excitation) -> Generator[None, None, dict[str, Array]]:
+    _, path = excitation.sampled(RATE_HZ)
+    ticks = round(1.0 / RATE_HZ / controller.tick_s)
+    N, J = path.q.shape
+    rows = {name: np.empty((N, J)) for name in JOINT_SIGNALS} | {name: np.empty(N) for name in STATUS}
+    reference, gain = controller.reference, controller.arm.gain_nm_per_a
+    for i in range(N):
+        reference.follow([path.q[i]], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
+        for _ in range(ticks):
+            controller.step()
+        _still_playing(controller)
+        moment = target_moment(controller)
+        values = (*controller.measured, reference.q, reference.qd, reference.qdd, moment / gain, moment)
+        for name, value in zip(JOINT_SIGNALS, values, strict=True):
+            rows[name][i] = value
+        status = (controller.clock_s, controller.robot_mode, controller.safety_mode, controller.runtime, 1.0)
+        for name, number in zip(STATUS, status, strict=True):
+            rows[name][i] = number
+        if i % YIELD_EVERY == 0:
+            yield
+    return rows
+
+
+def _still_playing(controller: Controller) -> None:
+    if controller.safety_mode != SafetyMode.NORMAL or controller.program is None:
+        stop = controller.stops[-1]
+        raise ReplayAborted(f"{stop.kind}: {stop.reason}")
+
+
+def _recording(controller: Controller, excitation: Excitation, rows: dict[str, Array], software: str | None) -> Recording:
+    settings = controller.settings
+    context = Context(
+        robot=settings.robot,
+        serial=settings.serial,
+        firmware=".".join(map(str, settings.polyscope[:3])),
+        mounting_rad=settings.mounting.angles_rad,
+        payload_kg=settings.payload_kg,
+        trajectory_digest=excitation.digest,
+        software=software,
+        note="stepped replay of the simulator",
+    )
+    return Recording(**rows, context=context, quality={"missed_ticks": 0, "duplicated_ticks": 0, "stepped": True}, source="simulator")

@@ -1,0 +1,169 @@
+"""Output variables of the RTDE interface: name, type and where the value comes from."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from monitor.recording import Array
+from monitor.simulate.inputs import INPUT_TYPES, REGISTERS
+
+if TYPE_CHECKING:
+    from monitor.simulate.controller import Controller
+
+SUPPLY_V = 48.0
+ELECTRONICS_A = 0.9  # of the whole arm at rest
+JOINT_RUNNING, JOINT_POWER_OFF = 253, 239
+POWER_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1  # robot_status_bits
+NORMAL, PROTECTIVE, ROBOT_EMERGENCY, EMERGENCY, STOPPED = 1 << 0, 1 << 2, 1 << 6, 1 << 7, 1 << 10  # safety_status_bits
+
+
+class Variable(NamedTuple):
+    """RTDE's type name and a reader of the present value, always a sequence."""
+
+    kind: str
+    read: Callable[[], Sequence[float]]
+
+
+def output_variables(c: "Controller") -> dict[str, Variable]:
+    """Every output that this controller knows.
+
+    Not modelled and constantly zero: forces at the tool, accelerometer, momentum, analogue inputs.
+    """
+    pose = _Poses(c)
+
+    def constant(*values: float) -> Callable[[], Sequence[float]]:
+        return lambda: values
+
+    def vector(read: Callable[[], Array]) -> Variable:
+        return Variable("VECTOR6D", lambda: read().tolist())
+
+    none6 = Variable("VECTOR6D", constant(*[0.0] * 6))
+    zero = Variable("DOUBLE", constant(0.0))
+    gain = c.arm.gain_nm_per_a
+    table = {
+        "timestamp": Variable("DOUBLE", lambda: (c.clock_s,)),
+        "target_q": vector(lambda: c.reference.q),
+        "target_qd": vector(lambda: c.reference.qd),
+        "target_qdd": vector(lambda: c.reference.qdd),
+        "target_moment": vector(lambda: target_moment(c)),
+        "target_current": vector(lambda: target_moment(c) / gain),
+        "actual_q": vector(lambda: c.measured.q),
+        "actual_qd": vector(lambda: c.measured.qd),
+        "actual_current": vector(lambda: c.measured.current),
+        "actual_current_as_torque": vector(lambda: c.measured.current * gain),
+        "joint_control_output": vector(lambda: c.arm.torque_nm / gain),
+        "joint_temperatures": vector(lambda: c.measured.temperature_c),
+        "actual_joint_voltage": Variable("VECTOR6D", constant(*[SUPPLY_V] * 6)),
+        "actual_TCP_pose": vector(lambda: pose.actual()[0]),
+        "actual_TCP_speed": vector(lambda: pose.actual()[1]),
+        "target_TCP_pose": vector(lambda: pose.target()[0]),
+        "target_TCP_speed": vector(lambda: pose.target()[1]),
+        "actual_TCP_force": none6,
+        "ft_raw_wrench": none6,
+        "payload_inertia": none6,
+        "joint_mode": Variable("VECTOR6INT32", lambda: [JOINT_RUNNING if c.robot_mode > 3 else JOINT_POWER_OFF] * 6),
+        "robot_mode": Variable("INT32", lambda: (int(c.robot_mode),)),
+        "safety_mode": Variable("INT32", lambda: (int(c.safety_mode),)),
+        "safety_status": Variable("INT32", lambda: (int(c.safety_mode),)),
+        "runtime_state": Variable("UINT32", lambda: (int(c.runtime),)),
+        "robot_status_bits": Variable("UINT32", lambda: (robot_status_bits(c),)),
+        "safety_status_bits": Variable("UINT32", lambda: (safety_status_bits(c),)),
+        "actual_execution_time": Variable("DOUBLE", constant(1e3 * c.tick_s / 4)),
+        "speed_scaling": Variable("DOUBLE", constant(1.0)),
+        "target_speed_fraction": Variable("DOUBLE", lambda: (_speed_fraction(c),)),
+        "actual_momentum": zero,
+        "tcp_force_scalar": zero,
+        "joint_position_deviation_ratio": zero,
+        "collision_detection_ratio": zero,
+        "tool_temperature": Variable("DOUBLE", lambda: (c.arm.ambient_c,)),
+        "actual_main_voltage": Variable("DOUBLE", constant(SUPPLY_V)),
+        "actual_robot_voltage": Variable("DOUBLE", constant(SUPPLY_V)),
+        "actual_robot_current": Variable("DOUBLE", lambda: (_supply_current(c),)),
+        "actual_tool_accelerometer": Variable("VECTOR3D", constant(0.0, 0.0, 0.0)),
+        "payload": Variable("DOUBLE", lambda: c.declared_payload[:1]),
+        "payload_cog": Variable("VECTOR3D", lambda: c.declared_payload[1:]),
+        "actual_digital_input_bits": Variable("UINT64", constant(0)),
+        "actual_digital_output_bits": Variable("UINT64", constant(0)),
+        **{f"standard_analog_{way}{i}": zero for way in ("input", "output") for i in (0, 1)},
+        "output_bit_registers0_to_31": Variable("UINT32", constant(0)),
+        "output_bit_registers32_to_63": Variable("UINT32", constant(0)),
+    }
+    for i in range(REGISTERS):
+        table[f"output_int_register_{i}"] = Variable("INT32", lambda i=i: (c.output_ints[i],))  # type: ignore[misc]
+        table[f"output_double_register_{i}"] = Variable("DOUBLE", lambda i=i: (c.output_doubles[i],))  # type: ignore[misc]
+        for name, source in ((f"input_int_register_{i}", c.inputs.ints), (f"input_double_register_{i}", c.inputs.doubles)):
+            table[name] = Variable(INPUT_TYPES[name], lambda i=i, source=source: (source[i],))  # type: ignore[misc]
+    return table
+
+
+def target_moment(c: "Controller") -> Array:
+    """(J,) torque of the rigid body at the targets, without friction: what a controller's model predicts. [N·m]."""
+    moment: Array = c.moments.at(c.reference.q, c.reference.qd, c.reference.qdd)
+    return moment
+
+
+class Moments:
+    """Inverse dynamics at the targets, computed once for equal arguments: two variables ask each tick."""
+
+    def __init__(self, model: "pin.Model") -> None:
+        self._model, self._data = model, model.createData()
+        self._of: tuple[int, int, int] | None = None
+        self._held: tuple[Array, ...] = ()  # keeps the arrays alive, so that an id is not given twice
+        self._moment: Array = np.zeros(model.nv)
+
+    def at(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(J,) [N·m]."""
+        of = (id(q), id(qd), id(qdd))
+        if of != self._of:
+            self._moment = pin.rnea(self._model, self._data, q, qd, qdd).copy()
+            self._of, self._held = of, (q, qd, qdd)
+        return self._moment
+
+
+class _Poses:
+    """Pose (m, rotation vector) and speed of the flange in the base's frame, per tick."""
+
+    def __init__(self, c: "Controller") -> None:
+        self._c, self._data = c, c.arm.model.createData()
+        self._known: dict[str, tuple[int, Array, Array]] = {}
+
+    def actual(self) -> tuple[Array, Array]:
+        return self._of("actual", self._c.measured.q, self._c.measured.qd)
+
+    def target(self) -> tuple[Array, Array]:
+        return self._of("target", self._c.reference.q, self._c.reference.qd)
+
+    def _of(self, key: str, q: Array, qd: Array) -> tuple[Array, Array]:
+        known = self._known.get(key)
+        if known is None or known[0] != self._c.ticks:
+            model, data, frame = self._c.arm.model, self._data, self._c.arm.flange
+            pin.forwardKinematics(model, data, q, qd)
+            at = pin.updateFramePlacement(model, data, frame)
+            speed = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            known = (self._c.ticks, np.concatenate([at.translation, pin.log3(at.rotation)]), np.asarray(speed.vector).copy())
+            self._known[key] = known
+        return known[1], known[2]
+
+
+def robot_status_bits(c: "Controller") -> int:
+    """Power on, program running."""
+    return (POWER_ON if c.robot_mode > 3 else 0) | (PROGRAM_RUNNING if c.runtime == 2 else 0)
+
+
+def safety_status_bits(c: "Controller") -> int:
+    """Normal; or protective or emergency stop, each with "stopped due to safety"."""
+    return {1: NORMAL, 3: PROTECTIVE | STOPPED, 7: ROBOT_EMERGENCY | EMERGENCY | STOPPED}[int(c.safety_mode)]
+
+
+def _speed_fraction(c: "Controller") -> float:
+    others = c.inputs.others
+    fraction = others.get("speed_slider_fraction", 1.0) if others.get("speed_slider_mask") else 1.0
+    return min(max(float(fraction), 0.0), 1.0) if isinstance(fraction, (int, float)) else 1.0
+
+
+def _supply_current(c: "Controller") -> float:
+    mechanical_w = float(c.arm.torque_nm @ c.arm.qd)
+    copper_w = float(c.arm.thermal.winding_ohm @ (c.arm.torque_nm / c.arm.gain_nm_per_a) ** 2)
+    return ELECTRONICS_A + max(mechanical_w + copper_w, 0.0) / SUPPLY_V

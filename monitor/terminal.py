@@ -1,0 +1,154 @@
+"""What people see on a terminal: tables, progress, one line a message. Progress goes to standard error, results to standard output."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+from rich.table import Table
+
+_STATE_STYLE = {
+    "NORMAL": "green",
+    "CHECK_FUNCTION": "yellow",
+    "OFF_SPEC": "yellow",
+    "MAINTENANCE_REQUIRED": "bold magenta",
+    "FAILURE": "bold red",
+}
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[str, float, float], None]]:
+    """A bar for phases whose length is known, a spinner for others; nothing where standard error is no terminal."""
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"))
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=None)
+
+        def show(phase: str, elapsed_s: float, duration_s: float) -> None:
+            bar.update(task, description=f"{title}: {phase}", completed=elapsed_s, total=duration_s or None)
+
+        yield show
+
+
+@contextmanager
+def status(text: str) -> Iterator[None]:
+    """A spinner while something is computed; nothing where standard error is no terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status(text):
+        yield
+
+
+def told(key: str, document: dict[str, Any]) -> str:
+    """One line for one document of the bus."""
+    if key == "health":
+        joints = " ".join(f"J{joint['joint']}:{joint['state']}" for joint in document.get("joints", []))
+        return f"health  {document.get('state') or 'UNKNOWN: no replay has been assessed yet'}  {joints}"
+    if key.startswith("alert/"):
+        return f"{key}  {'ACTIVE' if document.get('active') else 'cleared'}  {document.get('text', '')}"
+    if key == "event":
+        return f"event {document.get('seq')}  {document.get('kind')}  {document.get('text', '')}"
+    if key.endswith("/friction"):
+        return f"{key}  {_friction_line(document)}"
+    text = json.dumps(document, ensure_ascii=False)
+    return f"{key}  {text if len(text) <= 160 else text[:159] + '…'}"
+
+
+def _friction_line(document: dict[str, Any]) -> str:
+    return (
+        f"fc {document['coulomb_nm']:.2f} Nm  fv {document['viscous_nm_s_per_rad']:.2f} Nm·s/rad  "
+        f"at {_number(document.get('temperature_c'), '.1f')} °C  wear {100 * document['wear']:+.1f} ± {100 * document['wear_std']:.1f} %"
+    )
+
+
+def _number(value: float | None, form: str) -> str:
+    return "–" if value is None else format(value, form)
+
+
+def print_status(document: dict[str, Any]) -> None:
+    """The `status` command's table."""
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    health = document["health"]
+    console.print(
+        f"{document['robot']}: {health['state'] if health else 'no replay has been assessed yet'}, model {document['model_revision']}"
+    )
+    if document["friction"]:
+        states = {joint["joint"]: joint["state"] for joint in health["joints"]} if health else {}
+        table = Table()
+        for title in ("joint", "state", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "wear [%]", "rate [%/month]", "remaining life"):
+            table.add_column(title, justify="right" if title != "state" else "left")
+        for row in document["friction"]:
+            state = states.get(row["joint"], "")
+            table.add_row(
+                str(row["joint"]),
+                f"[{_STATE_STYLE.get(state, 'white')}]{state}",
+                _number(row.get("temperature_c"), ".1f"),
+                f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
+                f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",
+                f"{100 * row['wear']:+.1f} ± {100 * row['wear_std']:.1f}",
+                f"{3000 * row['wear_rate_per_day']:+.1f}",
+                remaining_life(row.get("remaining_life")),
+            )
+        console.print(table)
+    for alert in health["alerts"] if health else []:
+        if alert.get("active"):
+            console.print(
+                f"[bold]{'arm' if alert['joint'] is None else 'J' + str(alert['joint'])} {alert['condition']}[/]: {alert['text']}"
+            )
+    for row in document["ledger"]:
+        console.print(
+            f"  replay {row['replay']}  {row['window']}  {row['state']}{'  ' + row['reason'] if row['reason'] else ''}", highlight=False
+        )
+
+
+def remaining_life(life: dict[str, Any] | None) -> str:
+    """`no trend`, or the median with its P10–P90 in days."""
+    if not life or life.get("p50_days") is None:
+        return "no trend"
+    return f"{life['p50_days']:.0f} d ({_number(life.get('p10_days'), '.0f')}–{_number(life.get('p90_days'), '.0f')})"
+
+
+def print_identification(document: dict[str, Any]) -> None:
+    """The `identify` command's tables."""
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    for recording in document["recordings"]:
+        why = ", ".join(f"{count} {reason}" for reason, count in recording["rejected_why"].items())
+        rejected = f", {recording['rejected_samples']} rows rejected ({why})" if recording["rejected_samples"] else ""
+        line = (
+            f"{recording['file']}: {recording['samples']} samples, {recording['rate_hz']:.0f} Hz, {recording['duration_s']:.1f} s{rejected}"
+        )
+        console.print(line, highlight=False)
+    base = document["base_parameters"]
+    console.print(
+        f"{base['count']} base parameters by {document['method']}, condition number {base['condition_number']:.0f}", highlight=False
+    )
+    friction, fit = document["friction"], document["fit"]
+    table = Table()
+    titles = ["joint", "fc [Nm]", "fv [Nm·s/rad]", "T [°C]", "RMS [Nm]", "relative"]
+    for validation in document["validation"]:
+        titles.append(f"held out: {validation['file'].rsplit('/', 1)[-1][-24:]}")
+    for title in titles:
+        table.add_column(title, justify="right")
+    temperatures = friction["temperature_c"] or [None] * len(friction["coulomb_nm"])
+    for j, temperature in enumerate(temperatures):
+        cells = [
+            str(j + 1),
+            f"{friction['coulomb_nm'][j]:.3f} ± {friction['coulomb_std_nm'][j]:.3f}",
+            f"{friction['viscous_nm_s_per_rad'][j]:.3f} ± {friction['viscous_std_nm_s_per_rad'][j]:.3f}",
+            _number(temperature, ".1f"),
+            f"{fit['rms_nm'][j]:.3f}",
+            f"{100 * fit['relative_rms'][j]:.1f} %",
+        ]
+        for held in document["validation"]:
+            cells.append(
+                f"{100 * held['relative_rms'][j]:.1f} % (before {held['nominal_rms_nm'][j]:.1f} Nm, after {held['rms_nm'][j]:.2f} Nm)"
+            )
+        table.add_row(*cells)
+    console.print(table)
+    for warning in document["warnings"]:
+        console.print(f"[yellow]{warning['code']}[/]: {warning['text']}", highlight=False)

@@ -1,0 +1,114 @@
+"""A child that hangs, a controller that is mute or absent: both ends of the pipes without a robot."""
+
+import socket
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+
+import pytest
+from excitations import short
+from processes import children
+
+from monitor.acquire.guard import ReplaySettings
+from monitor.acquire.listen import Listener, ListenSettings
+from monitor.acquire.replay import replay
+from monitor.errors import MotionRefused, RobotUnreachable
+from monitor.model.robot import load_robot
+
+ANSWERS = {
+    "get robot model": "UR5",
+    "get serial number": "2016331234",
+    "PolyscopeVersion": "URSoftware 3.15.8.106339 (Sep 2021)",
+    "is in remote control": "could not understand: is in remote control",
+}
+
+
+@contextmanager
+def mute_controller(host, answers=ANSWERS):
+    """Accepts RTDE connections and never says a word; its dashboard is alive."""
+
+    def talk(listening):
+        while True:
+            try:
+                peer, _ = listening.accept()
+            except OSError:
+                return
+            with peer, peer.makefile("rw", newline="\n") as lines:
+                lines.write("Connected: Universal Robots Dashboard Server\n")
+                lines.flush()
+                for line in lines:
+                    asked.append(line.strip())
+                    lines.write(answers.get(line.strip(), "could not understand") + "\n")
+                    lines.flush()
+
+    asked = []
+    with ExitStack() as stack:
+        rtde = stack.enter_context(socket.create_server((host, 30004)))
+        rtde.listen()
+        dashboard = stack.enter_context(socket.create_server((host, 29999)))
+        thread = threading.Thread(target=talk, args=(dashboard,), daemon=True)
+        thread.start()
+        yield asked
+        dashboard.shutdown(socket.SHUT_RDWR)
+        thread.join(2.0)
+
+
+def test_a_controller_that_never_answers_is_given_up_and_its_child_reaped():
+    """ur-rtde's constructor waits for ever; the parent's patience ends it. No `stop` is sent: nothing of ours runs."""
+    settings = ReplaySettings(host="127.0.2.1", allow_motion=True, startup_timeout_s=1.5)
+    with mute_controller("127.0.2.1") as asked:
+        begun = time.monotonic()
+        with pytest.raises(RobotUnreachable, match=r"no RTDE connection.*longer than 1\.5 s"):
+            replay(short(), load_robot("ur5"), settings)
+    took_s = time.monotonic() - begun
+    assert took_s < 6.0  # 1.5 s of patience in each of two phases, an interpreter to start, and noise
+    assert children() == []
+    assert "stop" not in asked
+
+
+def test_an_address_where_nobody_listens_is_unreachable():
+    """Said within seconds, with the port that was tried."""
+    with pytest.raises(RobotUnreachable, match="port 29999"):
+        replay(short(), load_robot("ur5"), ReplaySettings(host="127.0.2.2", allow_motion=True))
+
+
+@pytest.mark.parametrize(
+    ("command", "answer", "words"),
+    [("get robot model", "UR10", "UR10.*ur5"), ("is in remote control", "false", "local control")],
+)
+def test_a_controller_that_is_not_the_one_expected_is_refused_before_anything_starts(command, answer, words):
+    """Another model, or an arm in local control, by its own word."""
+    with mute_controller("127.0.2.3", {**ANSWERS, command: answer}), pytest.raises(MotionRefused, match=words):
+        replay(short(), load_robot("ur5"), ReplaySettings(host="127.0.2.3", allow_motion=True))
+    assert children() == []
+
+
+def test_a_listener_waits_longer_after_each_failure_and_says_why():
+    """An absent controller costs a process now and then, not a storm of them."""
+    listener = Listener(ListenSettings(host="127.0.2.4", first_pause_s=0.2, longest_pause_s=10.0))
+    seen, until = set(), time.monotonic() + 4.0
+    listener.start()
+    while time.monotonic() < until:
+        assert listener.poll() == []
+        seen |= set(children())
+        time.sleep(0.02)
+    assert not listener.reachable
+    assert listener.latest() is None
+    assert "127.0.2.4" in (listener.trouble or "")
+    listener.stop()
+    assert children() == []
+    assert 2 <= len(seen) <= 5  # pauses of 0.2, 0.4, 0.8, 1.6 s and a start each; never more than five in 4 s
+
+
+def test_a_listener_gives_up_on_a_mute_controller():
+    """The hanging child is killed and reaped."""
+    with mute_controller("127.0.2.5"):
+        listener = Listener(ListenSettings(host="127.0.2.5", startup_timeout_s=1.0, first_pause_s=5.0))
+        listener.start()
+        until = time.monotonic() + 5.0
+        while listener.trouble is None and time.monotonic() < until:
+            listener.poll()
+            time.sleep(0.02)
+        assert "no RTDE data" in (listener.trouble or "")
+        assert children() == []
+        listener.stop()

@@ -1,0 +1,332 @@
+"""Replays of the real child process, through the unmodified ur-rtde, on a simulated controller in a process of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from excitations import short
+from monitor.simulate.remote import Remote
+from processes import alive, children
+
+from monitor.acquire.guard import ReplaySettings
+from monitor.acquire.listen import Listener, ListenSettings
+from monitor.acquire.replay import replay
+from monitor.errors import MotionRefused, ReplayAborted
+from monitor.model.fourier import excitation_from_document
+from monitor.model.robot import load_robot
+from monitor.recording import Context
+
+ROOT = Path(__file__).parent.parent.parent
+UR5 = load_robot("ur5")
+# the watchdog fires 0.1 s after the last target, the servo brakes within about 0.1 s, the rest is scheduling on noisy cores
+STANDS_WITHIN_S = 0.6
+AT_REST_RAD_S = 0.01
+
+
+class Simulated:
+    """One simulated controller in its own process."""
+
+    def __init__(self, host, *options, robot="ur5"):
+        self.host = host
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "monitor.simulate", "--robot", robot, "--bind", host, *options], stdout=subprocess.PIPE, text=True
+        )
+        line = self.process.stdout.readline()
+        assert "listening" in line, f"the simulator said {line!r}"
+
+    def truth(self):
+        with Remote(self.host) as remote:
+            return remote.truth()
+
+    def settings(self, **changes):
+        return ReplaySettings(**{"host": self.host, "allow_motion": True, **changes})
+
+    def close(self):
+        self.process.terminate()
+        try:
+            self.process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+@pytest.fixture(scope="module")
+def arm():
+    simulated = Simulated("127.0.2.20")
+    yield simulated
+    simulated.close()
+
+
+@pytest.fixture
+def fresh_arm(request):
+    """An arm that the test may break."""
+    number = 100 + sum(request.node.name.encode()) % 100
+    simulated = Simulated(f"127.0.2.{number}")
+    yield simulated
+    simulated.close()
+
+
+def ground_excitation():
+    document = json.loads((ROOT / "config" / "excitation" / "ur5-ground.json").read_text())
+    return replace(excitation_from_document(document), repetitions=1)
+
+
+def speed(arm):
+    return float(np.max(np.abs(arm.truth()["qd"])))
+
+
+def assert_stands(arm, since_s):
+    """At rest STANDS_WITHIN_S after since_s (monotonic), and still there a moment later."""
+    while speed(arm) > AT_REST_RAD_S:
+        assert time.monotonic() - since_s < STANDS_WITHIN_S, f"still moving at {speed(arm):.3f} rad/s"
+        time.sleep(0.01)
+    before = np.array(arm.truth()["q"])
+    time.sleep(0.3)
+    assert np.max(np.abs(np.array(arm.truth()["q"]) - before)) < 1e-3  # rad: settling of the servo
+
+
+def during_play(act, at_s=1.0):
+    """An on_progress that acts once, at_s into the play, and remembers when."""
+    done = []
+
+    def on_progress(progress):
+        if progress.phase == "play" and progress.elapsed_s >= at_s and not done:
+            done.append(time.monotonic())
+            act()
+
+    return on_progress, done
+
+
+def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_back(arm):
+    """Ten seconds of config/excitation/ur5-ground.json: rows, targets, following, the pose before and after."""
+    excitation = ground_excitation()
+    before = np.array(arm.truth()["q"])
+    begun_unix_s = time.time()
+    recording = replay(excitation, UR5, arm.settings(), context=Context(payload_kg=0.0, note="test"))
+    quality = recording.quality
+    assert quality["duplicated_ticks"] == 0
+    assert recording.samples + quality["missed_ticks"] == pytest.approx(1251 + quality["slipped_s"] * 125, abs=1.5)
+    assert quality["missed_ticks"] <= 12  # 1 %: two noisy cores shared with other tests; alone it is 0
+    assert np.all(np.diff(recording.t_s) > 0)
+    if quality["slipped_s"] == 0.0:
+        asked = excitation.at(recording.t_s - recording.t_s[0]).q
+        # the servo looks 30 ms ahead, so its target runs behind what was asked by that and a tick or two
+        lag_s = 0.06
+        allowed = lag_s * np.max(np.abs(excitation.sampled(125.0)[1].qd), axis=0) + 2e-3
+        assert np.all(np.max(np.abs(recording.target_q - asked), axis=0) < allowed)
+    assert quality["max_following_error_rad"] < 0.02  # a servo that follows; measured a few mrad
+    assert np.max(np.abs(recording.qd), axis=0).min() > 0.5  # every joint did move
+    assert np.all(recording.robot_mode == 7)
+    assert np.all(recording.safety_mode == 1)
+    assert np.all(recording.runtime_state == 2)
+    after = arm.truth()
+    assert np.max(np.abs(np.array(after["q"]) - before)) < 2e-3  # back, within the servo's stationary error
+    assert speed(arm) < AT_REST_RAD_S
+    context = recording.context
+    assert (context.robot, context.trajectory_digest, context.payload_kg, context.note) == ("ur5", excitation.digest, 0.0, "test")
+    assert context.serial
+    assert context.firmware.startswith("3.")
+    assert begun_unix_s < context.recorded_at_unix_s < time.time() - excitation.duration_s
+    assert children() == []
+
+
+def test_an_e_series_arm_is_recorded_at_125_hz_too():
+    """Its controller ticks at 500 Hz; every fourth row is asked for."""
+    simulated = Simulated("127.0.2.21", robot="ur5e")
+    try:
+        recording = replay(short(robot="ur5e"), load_robot("ur5e"), simulated.settings())
+    finally:
+        simulated.close()
+    assert recording.quality["duplicated_ticks"] == 0
+    assert np.median(np.diff(recording.t_s)) == pytest.approx(0.008, abs=1e-6)
+    assert recording.duration_s == pytest.approx(3.0 + recording.quality["slipped_s"], abs=0.009)
+
+
+def test_without_permission_nothing_reaches_the_controller(arm):
+    """allow_motion false: no program, no motion, no process."""
+    before = arm.truth()
+    with pytest.raises(MotionRefused, match="allow_motion"):
+        replay(short(), UR5, ReplaySettings(host=arm.host))
+    after = arm.truth()
+    assert np.allclose(after["q"], before["q"], atol=1e-5)
+    assert children() == []
+
+
+def test_a_listener_hears_the_arm_while_it_is_replayed_and_survives_the_controllers_restart():
+    """About ten states a second, moving during the replay; lost and found again with the controller."""
+    simulated = Simulated("127.0.2.22")
+    listener = Listener(ListenSettings(host=simulated.host, first_pause_s=0.2))
+    heard = []
+    try:
+        listener.start()
+        replay(short(), UR5, simulated.settings(), on_progress=lambda _: heard.extend(listener.poll()))
+        rate_hz = (len(heard) - 1) / (heard[-1].t_s - heard[0].t_s)
+        assert 8.0 < rate_hz < 12.0  # every 12th tick of 125 Hz is 10.4 Hz
+        assert max(np.max(np.abs(state.qd)) for state in heard) > 0.2
+        assert listener.reachable
+        simulated.close()
+        until = time.monotonic() + 8.0
+        while listener.trouble is None and time.monotonic() < until:
+            listener.poll()
+            time.sleep(0.02)
+        assert listener.trouble is not None
+        assert listener.latest() is None
+        simulated = Simulated(simulated.host)
+        until = time.monotonic() + 10.0
+        while not listener.reachable and time.monotonic() < until:
+            listener.poll()
+            time.sleep(0.02)
+        assert listener.latest() is not None
+    finally:
+        listener.stop()
+        simulated.close()
+    assert children() == []
+
+
+FOREIGN_PROGRAM = """
+import socket, sys, time
+s = socket.create_connection((sys.argv[1], 30003))
+from rtde_control import RTDEControlInterface
+c = RTDEControlInterface(sys.argv[1])
+print("running", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_program_that_already_runs_is_refused_and_left_running(fresh_arm):
+    """Ur-rtde's constructor would have killed it."""
+    other = subprocess.Popen([sys.executable, "-c", FOREIGN_PROGRAM, fresh_arm.host], stdout=subprocess.PIPE, text=True)
+    try:
+        assert other.stdout.readline().strip() == "running"
+        with pytest.raises(MotionRefused, match="a program is playing"):
+            replay(short(), UR5, fresh_arm.settings())
+        assert running(fresh_arm.host)
+        assert children() == []
+    finally:
+        other.kill()
+        other.wait()
+
+
+def running(host):
+    from monitor.acquire.dashboard import Dashboard
+
+    with Dashboard(host) as dashboard:
+        return dashboard.ask("running").lower() == "program running: true"
+
+
+def test_when_the_child_is_killed_the_arm_stands_and_the_replay_is_told_as_aborted(fresh_arm):
+    """SIGKILL in the middle of the play: the watchdog stops the arm, the parent reaps and tells."""
+    on_progress, at = during_play(lambda: os.kill(children()[0], signal.SIGKILL))
+    with pytest.raises(ReplayAborted, match="signal 9") as aborted:
+        replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress)
+    assert aborted.value.cause == "child_died"
+    assert_stands(fresh_arm, at[0])
+    assert not running(fresh_arm.host)
+    assert children() == []
+
+
+PARENT = """
+import sys
+sys.path[:0] = {paths!r}
+from excitations import short
+from monitor.acquire.guard import ReplaySettings
+from monitor.acquire.replay import replay
+from monitor.model.robot import load_robot
+replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True),
+       on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True))
+"""
+
+
+def test_when_the_parent_is_killed_the_child_goes_with_it_and_the_arm_stands(fresh_arm):
+    """SIGKILL of the supervising process in the middle of the play."""
+    program = PARENT.format(paths=[str(ROOT / "tests" / "acquire")])
+    parent = subprocess.Popen([sys.executable, "-c", program, fresh_arm.host], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    try:
+        for line in parent.stdout:
+            phase, elapsed_s = line.split()
+            if phase == "play" and float(elapsed_s) > 1.0:
+                break
+        else:
+            pytest.fail("the replay never came to its play")
+        (child,) = children(parent.pid)
+        assert speed(fresh_arm) > AT_REST_RAD_S
+    finally:
+        parent.kill()
+        at = time.monotonic()
+        parent.wait()
+    assert_stands(fresh_arm, at)
+    assert not alive(child)
+    assert not running(fresh_arm.host)
+
+
+@pytest.mark.parametrize(
+    ("fault", "causes"),
+    [
+        ("stall", {"stalled"}),
+        ("close", {"connection_lost"}),
+        ("reset", {"connection_lost"}),
+        ("program_stop", {"program_stopped"}),
+        ("emergency_stop", {"emergency_stop"}),
+        ("protective_stop", {"protective_stop"}),
+    ],
+)
+def test_a_fault_in_the_middle_of_the_play_aborts_with_its_cause_and_the_arm_stands(fresh_arm, fault, causes):
+    """The arm is not left moving, no program of ours runs, no process is left, no protective stop is unlocked."""
+
+    def act():
+        with Remote(fresh_arm.host) as remote:
+            inject(remote, fault)
+
+    on_progress, at = during_play(act)
+    with pytest.raises(ReplayAborted) as aborted:
+        replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress)
+    assert aborted.value.cause in causes, str(aborted.value)
+    assert "DID NOT CONFIRM" not in str(aborted.value)
+    assert_stands(fresh_arm, at[0] + 0.2)  # the fault itself is told through a socket
+    assert not running(fresh_arm.host)
+    assert children() == []
+    if fault == "protective_stop":
+        assert fresh_arm.truth()["safety_mode"] == 3
+
+
+def inject(remote, fault):
+    if fault == "protective_stop":
+        remote.protective_stop()
+    elif fault == "stall":
+        remote.fault("stall", seconds=1.5)
+    else:
+        remote.fault(fault)
+
+
+def test_on_request_the_arm_slows_down_stands_and_its_program_ends(fresh_arm):
+    """What SIGTERM of the daemon asks for: a stop along the path, without the watchdog's help."""
+    asked = []
+
+    on_progress, at = during_play(lambda: asked.append(True))
+    with pytest.raises(ReplayAborted, match="on request") as aborted:
+        replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress, should_stop=lambda: bool(asked))
+    assert aborted.value.cause == "parent_asked_to_stop"
+    assert time.monotonic() - at[0] < 3.0  # 0.4 s to slow down, 0.15 s at rest, the end of the program, two looks at the dashboard
+    assert speed(fresh_arm) < AT_REST_RAD_S
+    assert not running(fresh_arm.host)
+    assert children() == []
+
+
+def test_a_callback_that_fails_does_not_leave_the_arm_moving(fresh_arm):
+    """Whatever the caller's own code raises comes out only after the arm has been stopped."""
+
+    def fail():
+        raise KeyError("a bug of the caller's")
+
+    on_progress, at = during_play(fail)
+    with pytest.raises(KeyError):
+        replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress)
+    assert_stands(fresh_arm, at[0])
+    assert children() == []

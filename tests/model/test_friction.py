@@ -1,0 +1,30 @@
+"""The friction laws as columns."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.errors import BadInput
+from monitor.model.friction import friction_law, friction_torque, smooth_sign
+
+
+@given(v=st.floats(-10, 10))
+def test_friction_is_odd_and_never_drives(v):
+    """With positive parameters friction opposes motion equally both ways: F(−v) = −F(v) and F(v)·v ≥ 0."""
+    qd = np.array([[v, -v]])
+    torque = friction_torque(np.array([2.0, 2.0]), np.array([3.0, 3.0]), qd)
+    assert torque[0, 0] == -torque[0, 1]
+    assert torque[0, 0] * v >= 0.0
+
+
+def test_sign_is_whole_above_the_standstill_threshold():
+    """At 0.02 rad/s, from where samples are fitted, tanh is 1 to rounding: the smoothing's width biases nothing."""
+    assert smooth_sign(np.array(0.02)) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_an_unknown_law_is_refused_with_the_known_ones():
+    """The message lists what may be chosen."""
+    assert friction_law("paper").parameters == ("fc", "fv")
+    with pytest.raises(BadInput, match="'stribeck' is not known; known are paper"):
+        friction_law("stribeck")
