@@ -11,10 +11,12 @@ from monitor.identify.solve import Caveat, Identification, IdentifySettings, ide
 from monitor.judge.belief import WEAR, Belief
 from monitor.judge.compensation import CompensatedModel, compensated
 from monitor.judge.document import plain
-from monitor.judge.drift import DriftSettings, begin, learn
-from monitor.judge.health import Alert, Health, HealthSettings, Transition, judge
+from monitor.judge.drift import begin, learn
+from monitor.judge.evidence import DriftSettings
+from monitor.judge.health import Alert, Health, HealthSettings, Transition
 from monitor.judge.prognosis import PrognosisSettings, RemainingLife, remaining_life
 from monitor.judge.temperature import Line, TemperatureSettings
+from monitor.judge.verdict import judge
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Context, Recording
 

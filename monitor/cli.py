@@ -56,7 +56,10 @@ def _common(
 
 
 @app.command()
-def run(config: ConfigOption) -> None:
+def run(
+    config: ConfigOption,
+    now: Annotated[bool, typer.Option("--now", help="Replay once at the start, then as scheduled.")] = False,
+) -> None:
     """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong."""
     from monitor.daemon import serve
 
@@ -67,7 +70,7 @@ def run(config: ConfigOption) -> None:
     except BadConfiguration as error:
         typer.echo(f"joint-monitor: {error}", err=True)
         raise typer.Exit(EXIT_CONFIG) from None
-    serve(configuration)
+    serve(configuration, replay_now=now)
 
 
 @app.command()

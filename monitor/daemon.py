@@ -249,8 +249,10 @@ class Daemon:
         )
 
 
-def serve(configuration: Configuration) -> None:
+def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     """Run until SIGTERM or SIGINT. A moving arm is stopped first.
+
+    `replay_now` asks for one replay at the start, whatever the schedule says.
 
     Raises StoreError or BusError where the daemon cannot start.
     """
@@ -288,6 +290,8 @@ def serve(configuration: Configuration) -> None:
             lambda event: daemon.skip(event.scheduled_run_time.timestamp(), "missed: the monitor or its host was not running"),
             EVENT_JOB_MISSED,
         )
+        if replay_now:
+            scheduler.add_job(lambda: daemon.perform(time.time(), "requested"), id="now", misfire_grace_time=None)
         scheduler.start()
         stack.callback(scheduler.shutdown, wait=True)
         daemon.next_due(job.next_run_time.timestamp())

@@ -35,7 +35,7 @@ class SignalSettings:
 
     cutoff_hz: float = 8.0  # above the excitation's harmonics, below the drives' ripple and the encoder's noise after d/dt
     filter_order: int = 2  # once forward, once backward: 4 in effect
-    trim_s: float = 0.1  # at each end, where filtfilt guesses the signal's continuation
+    trim_s: float = 0.2  # at each end, where filtfilt guesses the signal's continuation
     gap_s: float = 0.25  # a longer hole is not bridged: the motion within it is unknown
     min_rate_hz: float = 10.0  # slower, q̈ from differences is fiction
     min_duration_s: float = 5.0  # half a period of the paper's excitation

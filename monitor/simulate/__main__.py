@@ -4,9 +4,16 @@ import argparse
 import logging
 import sys
 
-from monitor.errors import MonitorError
+from monitor.errors import BadInput, MonitorError
 from monitor.model.robot import Mounting, robot_names
 from monitor.simulate.settings import SimulateSettings
+
+
+def _numbers(text: str | None) -> tuple[float, ...] | None:
+    try:
+        return None if text is None else tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise BadInput(f"--wear-per-revolution {text!r}: expected one number a joint, comma-separated") from None
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -22,6 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--command-port", type=int, default=defaults.command_port)
     parser.add_argument("--polyscope", default=None, metavar="VERSION", help="version to report, e.g. 5.11.0")
     parser.add_argument("--protective-runtime", default=defaults.protective_runtime, choices=["paused", "stopped", "playing"])
+    parser.add_argument("--wear-per-revolution", metavar="W1,…,W6", help="growth of friction a turn at rated load, per joint")
     parser.add_argument("--local-control", action="store_true", help="say no to `is in remote control`")
     parser.add_argument("--verbose", action="store_true")
     given = parser.parse_args(arguments)
@@ -38,6 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
             version=given.polyscope,
             protective_runtime=given.protective_runtime,
             remote_control=not given.local_control,
+            wear_per_revolution=_numbers(given.wear_per_revolution),
         )
         from monitor.simulate.server import serve  # pinocchio: only when the arguments are right
 

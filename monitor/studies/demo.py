@@ -127,8 +127,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
                 )
             diary.doing = "stepped replay: the simulator plays it faster than real time"
             recording = remote.play(excitation)
-            mounting_rad, digest = excitation.mounting.angles_rad, excitation.digest
-            known = dataclasses.replace(recording.context, **_known(context), mounting_rad=mounting_rad, trajectory_digest=digest)
+            known = dataclasses.replace(recording.context, **_known(context))
             return dataclasses.replace(recording, context=known)
 
         store = stack.enter_context(Store.open(configuration.state_directory))
@@ -264,7 +263,7 @@ def _ask_torque(client: Client, remote: Remote, configuration: Configuration) ->
     remote.advance(hours=14.0, ambient_c=20.0, duty=0.0)
     remote.advance(hours=0.6, ambient_c=20.0, duty=0.35)
     truth = remote.truth()
-    temperature = list(truth["temperature_motor_c"])
+    temperature = list(truth["motor_temperature_c"])
     t_s = np.linspace(0.0, configuration.excitation.period_s, 200, endpoint=False)
     q, qd, qdd = configuration.excitation.at(t_s)
     true = np.array(remote.torque(q.tolist(), qd.tolist(), qdd.tolist()))

@@ -89,11 +89,12 @@ def assert_stands(arm, since_s):
         time.sleep(0.01)
     before = np.array(arm.truth()["q"])
     time.sleep(0.3)
-    assert np.max(np.abs(np.array(arm.truth()["q"]) - before)) < 1e-3  # rad: settling of the servo
+    # rad: from 0.01 rad/s a servo settles within some tenths of a second; an arm still sent about would go on by 0.1
+    assert np.max(np.abs(np.array(arm.truth()["q"]) - before)) < 4e-3
 
 
-def during_play(act, at_s=1.0):
-    """An on_progress that acts once, at_s into the play, and remembers when."""
+def during_play(act, at_s=1.4):
+    """An on_progress that acts once, at_s into the play, and remembers when. `short()` is fastest at 1.5 s."""
     done = []
 
     def on_progress(progress):
@@ -117,10 +118,10 @@ def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_ba
     assert np.all(np.diff(recording.t_s) > 0)
     if quality["slipped_s"] == 0.0:
         asked = excitation.at(recording.t_s - recording.t_s[0]).q
-        # the servo looks 30 ms ahead, so its target runs behind what was asked by that and a tick or two
-        lag_s = 0.06
-        allowed = lag_s * np.max(np.abs(excitation.sampled(125.0)[1].qd), axis=0) + 2e-3
-        assert np.all(np.max(np.abs(recording.target_q - asked), axis=0) < allowed)
+        off = np.abs(recording.target_q - asked)  # (N, J)
+        fastest = np.max(np.abs(excitation.sampled(125.0)[1].qd), axis=0)  # (J,)
+        assert np.all(np.median(off, axis=0) < 0.016 * fastest)  # a target becomes the servo's within two ticks
+        assert np.all(np.max(off, axis=0) < 0.05 * fastest + 2e-3)  # a late cycle on a noisy core: the target waits a few ticks
     assert quality["max_following_error_rad"] < 0.02  # a servo that follows; measured a few mrad
     assert np.max(np.abs(recording.qd), axis=0).min() > 0.5  # every joint did move
     assert np.all(recording.robot_mode == 7)
@@ -155,7 +156,8 @@ def test_without_permission_nothing_reaches_the_controller(arm):
     with pytest.raises(MotionRefused, match="allow_motion"):
         replay(short(), UR5, ReplaySettings(host=arm.host))
     after = arm.truth()
-    assert np.allclose(after["q"], before["q"], atol=1e-5)
+    assert np.allclose(after["q"], before["q"], atol=1e-5)  # rad: an arm held by friction does not creep
+    assert after["scripts_started"] == before["scripts_started"]
     assert children() == []
 
 
@@ -208,6 +210,7 @@ def test_a_program_that_already_runs_is_refused_and_left_running(fresh_arm):
         with pytest.raises(MotionRefused, match="a program is playing"):
             replay(short(), UR5, fresh_arm.settings())
         assert running(fresh_arm.host)
+        assert fresh_arm.truth()["scripts_started"] == 1
         assert children() == []
     finally:
         other.kill()
@@ -251,7 +254,7 @@ def test_when_the_parent_is_killed_the_child_goes_with_it_and_the_arm_stands(fre
     try:
         for line in parent.stdout:
             phase, elapsed_s = line.split()
-            if phase == "play" and float(elapsed_s) > 1.0:
+            if phase == "play" and float(elapsed_s) > 1.4:
                 break
         else:
             pytest.fail("the replay never came to its play")
@@ -264,6 +267,9 @@ def test_when_the_parent_is_killed_the_child_goes_with_it_and_the_arm_stands(fre
     assert_stands(fresh_arm, at)
     assert not alive(child)
     assert not running(fresh_arm.host)
+    truth = fresh_arm.truth()
+    assert truth["watchdog_trips"] == 1  # nobody else was left to stop it
+    assert truth["stops"][-1]["stood_at_s"] - truth["stops"][-1]["at_s"] < 0.3  # braking from at most 0.7 rad/s
 
 
 @pytest.mark.parametrize(

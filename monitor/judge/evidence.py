@@ -1,0 +1,83 @@
+"""What one replay says of every joint's friction, as the filter sees it, and the settings of filter and evidence."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.errors import BadConfiguration
+from monitor.identify.solve import Identification
+from monitor.recording import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriftSettings:
+    """How friction is expected to move when nothing, or something, is wrong."""
+
+    reference_speed_rad_s: float = 0.4  # F here repeats to 1.3–2.3 % where fv alone scatters 4–10 %
+    between_std: float = 0.02  # fraction, replay to replay, until the history tells better
+    between_replays: float = 10.0  # how many replays that belief is worth
+    between_floor: float = 0.003  # no history makes us surer than this: temperatures come in 1/16 K and friction is no constant
+    memory_replays: float = 100.0  # the noise of long ago is forgotten
+    autocorrelation: float = 0.3  # of the noise of successive replays, at first; then learnt
+    autocorrelation_max: float = 0.7
+    rate_std_per_day: float = 3e-4  # a new arm's wear rate: 11 % a year is one σ
+    rate_walk_per_sqrt_day: float = 5e-5  # wear changes its pace within months
+    wear_walk_per_sqrt_day: float = 5e-4  # 1 % in a year by chance
+    gate_sigma: float = 4.0  # one replay further off than this is not learnt from …
+    gate_run: int = 3  # … so many in a row on one side are a step
+    cusum_slack: float = 0.5  # [σ] a shift of twice this is found quickest
+    cusum_limit: float = 6.0  # [σ] by chance about once a robot-year; it only loosens the filter, it raises nothing
+    resolution: float = 0.25  # a replay whose own std is a larger fraction of F says nothing of that joint
+    settle_replays: int = 20  # T0 is the mean temperature of the first so many replays
+    unknown_temperature_c: float = 25.0  # stands in where nothing measured it …
+    unknown_temperature_std_k: float = 6.0  # … with this doubt
+
+    def __post_init__(self) -> None:
+        """Raises BadConfiguration naming the figure that is out of its range."""
+        if not 0.2 <= self.reference_speed_rad_s <= 0.6:
+            raise BadConfiguration(f"drift.reference_speed_rad_s = {self.reference_speed_rad_s!r}; expected 0.2 to 0.6 rad/s")
+        for name in (
+            "between_std",
+            "between_floor",
+            "between_replays",
+            "memory_replays",
+            "rate_std_per_day",
+            "gate_sigma",
+            "cusum_limit",
+            "resolution",
+        ):
+            if not getattr(self, name) > 0:
+                raise BadConfiguration(f"drift.{name} = {getattr(self, name)!r}; expected a positive number")
+        for name in ("rate_walk_per_sqrt_day", "wear_walk_per_sqrt_day"):
+            if not getattr(self, name) > 0:
+                raise BadConfiguration(f"drift.{name} = {getattr(self, name)!r}; expected a positive number: silence must cost certainty")
+        if not 0 <= self.autocorrelation <= self.autocorrelation_max < 1:
+            raise BadConfiguration(f"drift.autocorrelation = {self.autocorrelation!r}; expected 0 ≤ it ≤ autocorrelation_max < 1")
+        if self.gate_run < 2:
+            raise BadConfiguration(f"drift.gate_run = {self.gate_run!r}; expected 2 or more")
+
+
+class Observation(NamedTuple):
+    """One replay as the filter sees it, (J,) each; NaN in `log_torque` where a joint was not resolved."""
+
+    log_torque: Array
+    variance: Array  # of log_torque, within the replay
+    temperature_c: Array  # NaN where unknown
+    viscous_share: Array  # of the torque at the reference speed
+
+
+def observe(identification: Identification, settings: DriftSettings) -> Observation:
+    """The logarithm of friction torque at the reference speed, of every joint that moved and is resolved."""
+    v = settings.reference_speed_rad_s
+    torque, std = identification.friction_at(v)
+    resolved = (torque > 0) & (std <= settings.resolution * np.abs(torque)) & (identification.max_speed_rad_s >= v)
+    resolved &= np.isfinite(torque) & np.isfinite(std)
+    F = np.where(resolved, torque, 1.0)
+    unknown = np.full(len(F), np.nan)
+    return Observation(
+        log_torque=np.where(resolved, np.log(F), np.nan),
+        variance=np.where(resolved, (std / F) ** 2, np.nan),  # Var log F ≈ Var F / F²
+        temperature_c=unknown if identification.temperature_c is None else identification.temperature_c,
+        viscous_share=np.clip(np.where(resolved, identification.viscous_nm_s_per_rad * v / F, 0.4), 0.05, 0.95),
+    )

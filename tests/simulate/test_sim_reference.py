@@ -1,0 +1,121 @@
+"""What the controller asks of the joints is smooth, ends where it should and obeys its limits."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.model.robot import load_robot
+from monitor.simulate.reference import SERVO_MAX_RAD_S2, Reference
+
+H = 0.002
+ZERO = np.zeros(6)
+
+
+def wave(t: float) -> np.ndarray:
+    """1.9 rad/s and 11.8 rad/s² at the most, from rest."""
+    w = 2 * np.pi
+    return np.full(6, 0.15 * (1 - np.cos(w * max(t, 0.0))))
+
+
+def run(reference: Reference, seconds: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    path = []
+    for _ in range(round(seconds / H)):
+        reference.step(H)
+        path.append((reference.q, reference.qd))
+    return path
+
+
+@given(goal=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), speed=st.floats(0.1, 3.0), acceleration=st.floats(0.2, 10.0))
+def test_a_move_ends_exactly_at_its_goal_within_its_limits(goal, speed, acceleration):
+    """movej for any goal: the speed and acceleration asked for are kept by the leading joint, hence by all."""
+    reference = Reference(load_robot("ur5"), ZERO, 0.008)
+    reference.move(np.array(goal), speed, acceleration)
+    path = []
+    while not reference.at_rest:
+        reference.step(H)
+        path.append(reference.qd)
+        assert len(path) < 1e6
+    assert np.allclose(reference.q, goal, atol=1e-9)
+    if path:
+        assert np.abs(path).max() <= speed * (1 + 1e-9)
+        steps = np.abs(np.diff([ZERO, *path], axis=0)).max()
+        assert steps <= acceleration * H * (1 + 1e-6)
+
+
+@given(qd=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), deceleration=st.floats(1.0, 30.0))
+def test_a_stop_takes_the_time_that_its_deceleration_gives(qd, deceleration):
+    """All joints reach standstill together, on a straight line in joint space."""
+    reference = Reference(load_robot("ur5"), ZERO, 0.008)
+    reference.speed(np.array(qd), 1e6)
+    reference.step(H)
+    begun = reference.q
+    reference.stop(deceleration)
+    time_s = 0.0
+    while not reference.at_rest:
+        reference.step(H)
+        time_s += H
+    fastest = np.abs(qd).max()
+    assert time_s == pytest.approx(fastest / deceleration, abs=2 * H)
+    assert np.allclose(reference.q - begun, np.array(qd) * fastest / deceleration / 2, atol=fastest * H)
+
+
+def test_a_move_from_motion_stops_first():
+    """An asynchronous move replaced by another one: no jump in position."""
+    reference = Reference(load_robot("ur5"), ZERO, 0.008)
+    reference.move(np.ones(6), 1.0, 1.0)
+    run(reference, 0.6)
+    reference.move(-np.ones(6), 1.0, 1.0)
+    path = [reference.q, *(q for q, _ in run(reference, 6.0))]
+    assert np.abs(np.diff(path, axis=0)).max() <= 1.0 * H * (1 + 1e-9)
+    assert np.allclose(reference.q, -1.0)
+
+
+@pytest.mark.parametrize("tick_s", [0.008, 0.002])
+@pytest.mark.parametrize("lost", ["none", "late", "skipped"])
+def test_servoj_follows_a_stream_at_125_hz_on_both_generations(tick_s, lost):
+    """A swing of 11.8 rad/s²: 5 mrad behind at the worst, also when one packet in a hundred comes a period late or never."""
+    dice = np.random.default_rng(0)
+    reference = Reference(load_robot("ur5"), ZERO, tick_s)
+    every, errors, accelerations, waiting = round(0.008 / tick_s), [], [], []
+    for k in range(round(4.0 / tick_s)):
+        t = k * tick_s
+        arrived = []
+        if k % every == 0:
+            arrived, waiting = [*waiting, wave(t)], []
+            if lost != "none" and dice.random() < 0.01:
+                waiting, arrived = (arrived if lost == "late" else []), []
+        reference.follow(arrived, 0.008, 0.03, 500.0)
+        for _ in range(round(tick_s / H)):
+            reference.step(H)
+            accelerations.append(reference.qdd)
+        errors.append(reference.q - wave(t + tick_s))
+    assert np.abs(errors).max() < 8e-3  # 4.5 mrad of filter lag; a lost packet adds 2–3
+    assert np.abs(accelerations).max() < 25.0  # no jerk to the limit of 60: the drives would saturate
+
+
+def test_a_dead_stream_goes_back_to_its_last_target():
+    """servoj latches: without new targets the arm ends at the last one, at rest."""
+    reference = Reference(load_robot("ur5"), ZERO, 0.008)
+    for k in range(20):
+        reference.follow([wave(k * 0.008)], 0.008, 0.03, 500.0)
+        run(reference, 0.008)
+    for _ in range(125):
+        reference.follow([], 0.008, 0.03, 500.0)
+        run(reference, 0.008)
+    assert np.allclose(reference.q, wave(19 * 0.008), atol=1e-4)
+    assert np.allclose(reference.qd, 0.0, atol=1e-3)
+    assert not reference.at_rest  # it still servoes
+
+
+def test_a_distant_target_is_approached_within_the_limits():
+    """Three radians away at once: speed and acceleration stay bounded."""
+    reference = Reference(load_robot("ur5"), ZERO, 0.008)
+    path = []
+    for _ in range(300):
+        reference.follow([np.full(6, 3.0)], 0.008, 0.03, 500.0)
+        path += run(reference, 0.008)
+    speeds = np.array([qd for _, qd in path])
+    assert np.abs(speeds).max() <= load_robot("ur5").max_speed_rad_s[0] + 1e-9
+    assert np.abs(np.diff(speeds, axis=0)).max() <= SERVO_MAX_RAD_S2 * H * (1 + 1e-9)
+    assert np.allclose(reference.q, 3.0, atol=1e-3)
