@@ -74,6 +74,18 @@ def unwell(state: ArmState, settings: ReplaySettings) -> Failure | None:
     return None
 
 
+def strayed(q: Array, targets: Array, limit_rad: float) -> Failure | None:
+    """Is any joint of q (J,) outside the band of the last targets (n, J) by more than the limit?
+
+    A servo's lag stays inside the band; an arm that stands while its targets go on does not.
+    """
+    outside = np.maximum(targets.min(axis=0) - q, q - targets.max(axis=0))  # (J,)
+    j = int(np.argmax(outside))
+    if outside[j] <= limit_rad:
+        return None
+    return Failure("following_error", f"joint {j + 1} is {outside[j]:.3f} rad from where it was sent")
+
+
 class Arm:
     """Both connections to the controller, and the discipline of one cycle."""
 
@@ -130,7 +142,9 @@ class Arm:
     def cycle(self, target: Array, row: Array) -> None:
         """Check the row, and send the target (J,) for it."""
         self._listen_to_parent()
-        failure = unwell(arm_state(row), self.settings) or self._strayed(row)
+        settings = self.settings
+        failure = unwell(arm_state(row), settings)
+        failure = failure or strayed(row[PLACE["actual_q"]], np.array(self.recent), settings.max_following_error_rad)
         if failure:
             raise failure
         last = self.recent[-1]
@@ -138,7 +152,6 @@ class Arm:
         if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.max_position)):
             raise Failure("bad_target", f"target {np.round(target, 4)} after {np.round(last, 4)}: not finite, too far, or out of range")
         assert self.control is not None
-        settings = self.settings
         if not self.control.servoJ(target, 0.0, 0.0, self.tick_s, settings.lookahead_s, settings.gain):
             raise self.why_refused()
         self.recent.append(target)
@@ -149,16 +162,6 @@ class Arm:
         if self.seen_at - self.told_at > HEARTBEAT_S:
             self.told_at = self.seen_at
             self.outbox.message("alive")
-
-    def _strayed(self, row: Array) -> Failure | None:
-        """Is any joint outside the band of the recent targets? Lag stays inside it, standing still does not."""
-        q = row[PLACE["actual_q"]]
-        band = np.array(self.recent)  # (≤ REMEMBERED, J)
-        outside = np.maximum(band.min(axis=0) - q, q - band.max(axis=0))  # (J,)
-        j = int(np.argmax(outside))
-        if outside[j] <= self.settings.max_following_error_rad:
-            return None
-        return Failure("following_error", f"joint {j + 1} is {outside[j]:.3f} rad from where it was sent")
 
     def why_refused(self) -> Failure:
         """ServoJ said no. The next rows say why; reading what has been received is no call to the controller."""

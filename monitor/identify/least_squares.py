@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.errors import Unidentifiable
 from monitor.identify.signals import Indices, Mask
 from monitor.recording import Array
 
@@ -102,18 +103,20 @@ def jackknife_covariance(recordings: Sequence[Rows], weights: Array, solution: S
             scores.append(Z.T @ e[first:last].ravel())
             runs.append((number, int(rec.segments[first])))
     windows = _windows(runs)
-    G = np.array([np.sum([grams[k] for k in window], axis=0) for window in windows])  # (W, r, r)
-    g = np.array([np.sum([scores[k] for k in window], axis=0) for window in windows])  # (W, r)
+    G, g = (sum(np.array(part)[windows + k] for k in range(WINDOW_STEPS)) for part in (grams, scores))  # (W, r, r), (W, r)
     # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
-    leverage, V = np.linalg.eigh(G)  # (W, r), (W, r, r)
-    along = np.einsum("wik,wi->wk", V, g) / (1.0 - np.minimum(leverage, HIGHEST_LEVERAGE))
-    moved = np.einsum("wik,wk->wi", V, along) @ T.T  # (W, B)
+    moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g[:, :, None])[:, :, 0] @ T.T  # (W, B)
     blocks = len(runs) / WINDOW_STEPS
     covariance: Array = moved.T @ moved * (blocks / len(windows) * (blocks - 1.0) / blocks)
     return covariance
 
 
-def _windows(runs: Sequence[tuple[int, int]]) -> list[range]:
-    """Blocks of six neighbouring steps, each block one step on; none reaches over a hole or into another recording."""
-    windows = [range(k, k + WINDOW_STEPS) for k in range(len(runs) - WINDOW_STEPS + 1) if runs[k] == runs[k + WINDOW_STEPS - 1]]
-    return windows or [range(len(runs))]
+def _windows(runs: Sequence[tuple[int, int]]) -> Indices:
+    """(W,) first steps of blocks of six neighbouring ones, each block one step on; none reaches over a hole or into another recording.
+
+    Raises Unidentifiable where no stretch is a block long.
+    """
+    windows = [k for k in range(len(runs) - WINDOW_STEPS + 1) if runs[k] == runs[k + WINDOW_STEPS - 1]]
+    if len(windows) < 2 * WINDOW_STEPS:
+        raise Unidentifiable("the stretches without a gap are too short to say how sure the result is; expected several seconds unbroken")
+    return np.array(windows)

@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from monitor.errors import Unidentifiable
+from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Recording
 
 Indices = npt.NDArray[np.intp]
@@ -53,6 +54,7 @@ class Motion:
     q: Array  # (N, J) [rad]
     qd: Array  # (N, J) [rad/s]
     qdd: Array  # (N, J) [rad/s²]
+    direction: Array  # (N, J) s(q̇) through the filter of the torque: as round as the step that Coulomb friction left there
     current: Array | None  # (N, J) [A]
     torque: Array | None  # (N, J) [N·m]; one of current and torque is there
     temperature_c: Array | None  # (N, J)
@@ -131,7 +133,9 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         why["between_gaps"] = short
     usable_s = sum(len(part["t_s"]) for part in parts) / rate_hz
     if usable_s < 0.8 * settings.min_duration_s:  # the filter's edges may cost a fifth
-        raise Unidentifiable(f"{name}: between its gaps {usable_s:.3g} s are usable; expected {settings.min_duration_s:g} s of unbroken rows")
+        raise Unidentifiable(
+            f"{name}: between its gaps {usable_s:.3g} s are usable; expected {settings.min_duration_s:g} s of unbroken rows"
+        )
     joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     temperature_c = _temperature(recording, keep, joined["t_s"])
     return Motion(
@@ -140,6 +144,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         q=joined["q"],
         qd=joined["qd"],
         qdd=joined["qdd"],
+        direction=joined["direction"],
         current=joined.get("current"),
         torque=joined.get("torque"),
         temperature_c=temperature_c,
@@ -265,6 +270,7 @@ def _filtered(part: dict[str, Array], rate_hz: float, low_pass: Callable[[Array]
         smooth["qd"] = np.gradient(smooth["q"], 1.0 / rate_hz, axis=0)
     if "qdd" not in smooth:
         smooth["qdd"] = np.gradient(smooth["qd"], 1.0 / rate_hz, axis=0)
+    smooth["direction"] = low_pass(smooth_sign(smooth["qd"]))
     # one more sample each end for the one-sided differences there
     inner = slice(trim + 1, len(part["t_s"]) - trim - 1)
     return {"t_s": part["t_s"][inner], **{key: value[inner] for key, value in smooth.items()}}

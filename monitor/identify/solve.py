@@ -266,8 +266,15 @@ def _errors(measured: Array, predicted: Array, moving: Mask) -> _Errors:
 
 
 def _rows(moved: Motion, torque: Array, robot: Robot, mounting: Mounting, base: Base, method: str, settings: IdentifySettings) -> Rows:
-    """The equations of one motion."""
-    Y = regressor(robot, mounting, moved.q, moved.qd, moved.qdd)[:, :, list(base.columns)]  # (N, J, B)
+    """The equations of one motion.
+
+    A step of Coulomb friction beside a filtered torque would make fc too small by several of its standard deviations, and fv too large:
+    the torque's filter rounds the column too.
+    """
+    Y = regressor(robot, mounting, moved.q, moved.qd, moved.qdd)  # (N, J, P)
+    joints = np.arange(robot.joints)
+    Y[:, joints, friction_columns(robot.joints)[0]] = moved.direction
+    Y = Y[:, :, list(base.columns)]  # (N, J, B)
     used = moved.moving(settings.moving_rad_s) if method == "wls" else np.ones(torque.shape, dtype=bool)
     return Rows(Y, torque, used, moved.blocks(settings.block_s / WINDOW_STEPS), moved.segments)
 

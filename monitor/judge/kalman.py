@@ -27,7 +27,6 @@ def filtered(belief: Belief, seen: Observation, elapsed_days: float, settings: D
     rho = np.clip(belief.autocorrelation, 0.0, settings.autocorrelation_max)
     # what is alike from replay to replay averages out slowly: n correlated replays are worth n·(1−ρ)/(1+ρ)
     dulled = (1.0 + rho) / (1.0 - rho)
-
     recent = elapsed_days <= 3.0  # noise of longer ago has nothing to do with today's
 
     for j in np.flatnonzero(np.isfinite(seen.log_torque)):

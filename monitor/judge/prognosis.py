@@ -14,7 +14,8 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from monitor.errors import BadConfiguration
 from monitor.recording import Array
 
-DAYS = np.geomspace(0.05, 20_000.0, 160)  # the mixture's distribution is tabulated here; 54 years stand for "not foreseeable"
+DAYS = np.geomspace(0.05, 20_000.0, 48)  # the distribution is tabulated here, then finely where it rises; 54 years end foresight
+FINE = 96
 # a golden-ratio lattice over (rate, wear given the rate), equally likely points: with few Gauss nodes the mixture of nearly
 # sharp passages would be a staircase, and its quantiles the steps
 NODES = 199
@@ -54,8 +55,11 @@ def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, se
         return RemainingLife(trend, 0.0, 0.0, 0.0, "reached")
     if trend < settings.trend_sure:
         return RemainingLife(trend, None, None, None, "no_trend")
-    reached = _mixture(mean, cov, DAYS, wear_walk_per_sqrt_day, settings)
-    p10, p50, p90 = (_quantile(reached, p) for p in (0.1, 0.5, 0.9))
+    coarse = _mixture(mean, cov, DAYS, wear_walk_per_sqrt_day, settings)
+    first, last = np.searchsorted(coarse, [0.1, 0.9])  # P10 and P90 lie between these and the points before
+    days = np.geomspace(DAYS[max(first - 1, 0)], DAYS[min(last, len(DAYS) - 1)], FINE)
+    reached = _mixture(mean, cov, days, wear_walk_per_sqrt_day, settings)
+    p10, p50, p90 = (_quantile(days, reached, p) for p in (0.1, 0.5, 0.9))
     return RemainingLife(trend, p10, p50, p90, "trend")
 
 
@@ -89,13 +93,12 @@ def _mixture(mean: Array, cov: Array, days: Array, walk: float, settings: Progno
     return mixed
 
 
-def _quantile(reached: Array, p: float) -> float | None:
+def _quantile(days: Array, reached: Array, p: float) -> float | None:
     """Days at which the tabulated distribution passes p, linear in log days; None where it never does."""
-    over = np.flatnonzero(reached >= p)
-    if not len(over):
+    if reached[-1] < p:
         return None
-    i = int(over[0])
+    i = int(np.searchsorted(reached, p))
     if i == 0:
-        return float(DAYS[0])
+        return float(days[0])
     part = (p - reached[i - 1]) / (reached[i] - reached[i - 1])
-    return float(np.exp(np.log(DAYS[i - 1]) + part * np.log(DAYS[i] / DAYS[i - 1])))
+    return float(np.exp(np.log(days[i - 1]) + part * np.log(days[i] / days[i - 1])))

@@ -61,7 +61,9 @@ def judge(health: Health | None, belief: Belief, settings: HealthSettings) -> Ju
     doubt = np.maximum(belief.wear_std, 1e-9)
 
     together = _common_wear(belief, settings)
-    common = before.common.with_replay(day) if together else Evidence()
+    common = before.common
+    if 2 * usable.sum() >= J:  # as for a joint: an unusable replay says nothing
+        common = common.with_replay(day) if together else Evidence()
     excess = belief.wear - together  # (J,) beyond what all joints share
     rises, sures = settings.rises, settings.sures
     above = ndtr((excess[:, None] - np.log1p(rises)) / doubt[:, None])  # (J, 3) P(wear > rise)

@@ -32,6 +32,7 @@ PROTECTIVE_STOP_RAD_S2 = 25.0
 UNLOCK_AFTER_S = 5.0
 DEVIATION_MAX_RAD = 0.15  # following error at which the controller protects the arm
 SATURATED_MAX_S = 0.1  # drives at their limit for so long: something blocks the arm
+STANDING_RAD_S = 0.01  # slower is the servo's settling, by microradians
 LIMIT_MARGIN_RAD = 1e-6
 LOG_LENGTH = 200
 
@@ -109,7 +110,7 @@ class Controller:
         self.watchdog_trips = self.odd_inputs = self.scripts_started = 0
         self._protected_at_s = -math.inf
         self._saturated_s = 0.0
-        self._standing: Stop | None = None  # the stop whose standstill is still to come
+        self._standing: list[Stop] = []  # stops whose standstill is still to come
         self.variables: dict[str, Variable] = output_variables(self)
 
     @property
@@ -148,9 +149,10 @@ class Controller:
                 self.protective_stop("a drive is at its torque limit")
             elif self.outside_limits(arm.q):
                 self.protective_stop(self.outside_limits(arm.q))
-        if self._standing is not None and self.reference.at_rest and not np.any(np.abs(arm.qd) > 1e-3):
-            self._standing.stood_at_s = self.clock_s
-            self._standing = None
+        if self._standing and self.reference.at_rest and not np.any(np.abs(arm.qd) > STANDING_RAD_S):
+            for stop in self._standing:
+                stop.stood_at_s = self.clock_s
+            self._standing = []
             if self.safety_mode == SafetyMode.ROBOT_EMERGENCY_STOP:
                 self._power_off()
 
@@ -315,7 +317,7 @@ class Controller:
         log.info("stop kind=%s at=%.3f reason=%s", kind, self.clock_s, reason)
         stop = Stop(self.clock_s, kind, reason)
         self.stops.append(stop)
-        self._standing = stop
+        self._standing = [*self._standing[-8:], stop]
 
     # --- scenario -----------------------------------------------------------------------------------------------
     def live(self, hours: float, ambient_c: float, duty: float) -> str:
@@ -351,7 +353,7 @@ class Controller:
             "safety_mode": int(self.safety_mode),
             "runtime_state": int(self.runtime),
             "reference_mode": self.reference.mode,
-            "standing": self.reference.at_rest and not np.any(np.abs(arm.qd) > 1e-3),
+            "standing": self.reference.at_rest and not np.any(np.abs(arm.qd) > STANDING_RAD_S),
             "program": type(self.program).__name__ if self.program else None,
             "scripts_started": self.scripts_started,
             "stops": [asdict(stop) for stop in self.stops],

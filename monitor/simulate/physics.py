@@ -21,7 +21,7 @@ from monitor.simulate.thermal import Temperatures, ThermalModel, default_thermal
 
 SETTLE_S = 0.05  # heat and wear are slow
 SERVO_RAD_S = 100.0  # bandwidth of the joint servo: friction of 10 N·m bends a base joint by under a milliradian
-SERVO_INTEGRAL_PER_S = 5.0  # takes the rest of the error away in a few tenths of a second
+SERVO_INTEGRAL_PER_S = 25.0  # takes the rest of the error away, and ends the creep after a stop, in a tenth of a second
 SERVO_INTEGRAL_MAX_RAD_S2 = 40.0  # as much as friction can ask for
 ROTOR_KG_M2_PER_NM = 0.0075  # rotor inertia at the joint per maximum torque: 1.1 kg·m² on a size 3 joint
 RATED_LOAD = 0.25  # share of the maximum torque at which wear per revolution is quoted
@@ -119,10 +119,14 @@ class Arm:
         """One servo period: computed torque on the true rigid body, PID for what it does not know, which is friction."""
         M, n, q_m, v_m = self._middle(h)
         error = target.q - q_m
-        self._integral = np.minimum(np.maximum(self._integral + h * error, -self._integral_max), self._integral_max)
-        wanted = SERVO_RAD_S**2 * (error + SERVO_INTEGRAL_PER_S * self._integral) + 2.0 * SERVO_RAD_S * (target.qd - v_m) + target.qdd
+        integral = np.minimum(np.maximum(self._integral + h * error, -self._integral_max), self._integral_max)
+        wanted = SERVO_RAD_S**2 * (error + SERVO_INTEGRAL_PER_S * integral) + 2.0 * SERVO_RAD_S * (target.qd - v_m) + target.qdd
         limit = self.robot.max_torque_nm
-        self._integrate(h, np.minimum(np.maximum(M @ wanted + n, -limit), limit), M, n, q_m)
+        asked = M @ wanted + n
+        given = np.minimum(np.maximum(asked, -limit), limit)
+        if (given == asked).all():  # at the limit an integral would only wind up
+            self._integral = integral
+        self._integrate(h, given, M, n, q_m)
 
     def push(self, h: float, torque_nm: Array) -> None:
         """One step under given drive torques (J,), the servo out of the loop."""

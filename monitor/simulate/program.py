@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 READY, DONE = 1, 2
 SERVO_J, SPEED_J, END = 11, 9, 255
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
-STEADY_RAD_S = 1e-3
+STEADY_RAD_S = 0.01
 LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # servoj's documented ranges
 
 
@@ -93,7 +93,7 @@ class ControlProgram:
         elif not self._executing:
             self._executing = True
             self._once(command)
-            if not self._blocked:
+            if not self._blocked and self._controller.program is self:  # a refused move has ended the program: never done
                 self._set(0, DONE)
         return True
 

@@ -13,10 +13,11 @@ from monitor.model.robot import Robot
 from monitor.recording import Array
 from monitor.simulate.physics import Target
 
-SERVO_MAX_RAD_S2 = 60.0  # the filter never asks for more
+SERVO_MAX_RAD_S2 = 30.0  # the filter never asks for more: twice what an excitation needs, about what the drives can give
 SPEED_CHANGE_MAX_RAD_S2 = 40.0  # faster changes of the targets' speed are jitter of the network
 ACCELERATION_TRUST = 0.5  # share of each newly seen acceleration: two targets of memory
 STREAM_GAP_PERIODS = 2.0  # so much longer the motion is carried on when a target is late
+BACK_RAD_S = 20.0  # how briskly: 1 rad/s is braked with 20–30 rad/s²
 STREAM_GAP_BACK_S = 0.1  # and in this time it goes back to the last target if none comes
 
 
@@ -144,7 +145,7 @@ class Reference:
             pull = self._goal_qdd + 2.0 * w * (self._goal_qd + age * self._goal_qdd - self.qd) + w * w * (goal - self.q)
         else:  # no target any more: back to the last one
             away = max(0.0, 1.0 - (self._age_s - age) / STREAM_GAP_BACK_S)
-            pull = w * w * (self._goal + away * (goal - self._goal) - self.q) - 2.0 * w * self.qd
+            pull = BACK_RAD_S**2 * (self._goal + away * (goal - self._goal) - self.q) - 2.0 * BACK_RAD_S * self.qd
         qdd = np.minimum(np.maximum(pull, -SERVO_MAX_RAD_S2), SERVO_MAX_RAD_S2)
         qd = self.qd + h * qdd
         self._to(np.minimum(np.maximum(qd, -self._max_speed), self._max_speed), h)

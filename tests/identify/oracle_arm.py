@@ -70,6 +70,7 @@ def exact_motion(known: Truth) -> Motion:
         q=known.q,
         qd=known.qd,
         qdd=known.qdd,
+        direction=np.tanh(known.qd / 0.001),
         current=None,
         torque=known.torque,
         temperature_c=None,

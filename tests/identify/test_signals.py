@@ -43,7 +43,12 @@ def test_filtering_shifts_nothing():
     found = motion(swing())
     phase = OMEGA * found.t_s
     # amplitude: |H|² of 2nd order at 0.5 of 8 Hz is 1 − 1.5e-5; the central difference takes (ω·dt)²/6 = 1e-4
-    for signal, size, lead in ((found.q, 1 / OMEGA, 0.0), (found.qd, 1.0, np.pi / 2), (found.qdd, OMEGA, np.pi), (found.current, 3.0, np.pi / 2)):
+    for signal, size, lead in (
+        (found.q, 1 / OMEGA, 0.0),
+        (found.qd, 1.0, np.pi / 2),
+        (found.qdd, OMEGA, np.pi),
+        (found.current, 3.0, np.pi / 2),
+    ):
         for j, start in enumerate((0.0, np.pi / 2)):
             basis = np.column_stack([np.sin(phase + lead + start), np.cos(phase + lead + start)])
             in_phase, across = np.linalg.lstsq(basis, signal[:, j], rcond=None)[0]

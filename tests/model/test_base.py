@@ -40,7 +40,9 @@ def test_single_combined_and_invisible_parameters_count_to_78(mounting, single, 
     assert not alone & together
 
 
-@given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(["ur3", "ur5", "ur10e"]), mounting=st.sampled_from(["ground", "wall", "30,40,50"]))
+@given(
+    seed=st.integers(0, 2**32 - 1), name=st.sampled_from(["ur3", "ur5", "ur10e"]), mounting=st.sampled_from(["ground", "wall", "30,40,50"])
+)
 @settings(max_examples=25)
 def test_base_parameters_explain_every_torque_that_standard_ones_do(seed, name, mounting):
     """Y·p = Y_kept·(combination·p) for any p at any state, to 1e-10 of the largest torque: combinations are rounded at 1e-12."""

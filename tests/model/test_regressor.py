@@ -37,9 +37,7 @@ def newton_euler(robot: Robot, mounting: Mounting, q: np.ndarray, qd: np.ndarray
 angles = st.floats(-np.pi, np.pi)
 
 
-@given(
-    seed=st.integers(0, 2**32 - 1), name=st.sampled_from(robot_names()), mounting=st.tuples(angles, angles, angles), known=st.booleans()
-)
+@given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(robot_names()), mounting=st.tuples(angles, angles, angles), known=st.booleans())
 @settings(max_examples=60)
 def test_regressor_times_parameters_is_newton_euler_plus_friction_plus_rotors(seed, name, mounting, known):
     """For every arm, mounting and motion, to 1e-10 of the largest torque (rounding of some hundred operations is 1e-13)."""

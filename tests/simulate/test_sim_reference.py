@@ -91,7 +91,7 @@ def test_servoj_follows_a_stream_at_125_hz_on_both_generations(tick_s, lost):
             accelerations.append(reference.qdd)
         errors.append(reference.q - wave(t + tick_s))
     assert np.abs(errors).max() < 8e-3  # 4.5 mrad of filter lag; a lost packet adds 2–3
-    assert np.abs(accelerations).max() < 25.0  # no jerk to the limit of 60: the drives would saturate
+    assert np.abs(accelerations).max() < 25.0  # no jerk to the limit of 30: the drives would saturate
 
 
 def test_a_dead_stream_goes_back_to_its_last_target():

@@ -1,0 +1,136 @@
+"""The torque model that follows temperature: equal to the laws it is made of, and honest at their ends."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import COULOMB_NM, Arm, History
+
+from monitor.errors import BadInput
+from monitor.judge.compensation import CompensatedModel, model_from_document
+from monitor.model.robot import load_robot
+
+UR5 = load_robot("ur5")
+DICE = np.random.default_rng(0)
+Q, QDD = DICE.uniform(-2, 2, (20, 6)), DICE.uniform(-3, 3, (20, 6))
+QD = DICE.choice([-1.0, 1.0], (20, 6)) * DICE.uniform(0.1, 1.5, (20, 6))  # at rest the sign of friction is a matter of smoothing
+
+
+@pytest.fixture(scope="module")
+def model() -> CompensatedModel:
+    """After 60 replays between 20 and 40 °C, 1 % noise, no wear."""
+    history, dice = History(), np.random.default_rng(1)
+    arm = Arm(seed=1, noise=0.01)
+    for day in range(60):
+        history.add(day, arm.replay(dice.uniform(20, 40)))
+    return history.last.model
+
+
+def true_friction(qd: np.ndarray, temperature_c: float) -> np.ndarray:
+    return COULOMB_NM * np.sign(qd) + Arm().viscous * np.exp(-0.015 * (temperature_c - 25.0)) * qd
+
+
+def test_the_rigid_part_is_newton_euler(model):
+    """Manufacturer's masses in, manufacturer's masses out: pinocchio's inverse dynamics at rest, without inertias."""
+    import pinocchio as pin
+
+    robot = UR5.pinocchio_model()
+    for inertia in robot.inertias[1:]:
+        inertia.inertia = np.zeros((3, 3))
+    data = robot.createData()
+    still = np.zeros((20, 6))
+    predicted = model.torque(UR5, Q, still, still)
+    expected = np.array([pin.computeGeneralizedGravity(robot, data, q) for q in Q])
+    assert np.allclose(predicted.rigid, expected, atol=1e-9)  # rounding
+    assert np.allclose(predicted.friction, 0.0)
+    assert np.allclose(predicted.torque, predicted.rigid + predicted.friction)
+
+
+@pytest.mark.parametrize("temperature_c", [20.0, 30.0, 40.0])
+def test_friction_follows_temperature_within_what_was_learnt(model, temperature_c):
+    """Within 4 % of the true friction: a straight line through an exponential over 20 K misses 1 %, the noise leaves the rest."""
+    predicted = model.torque(UR5, Q, QD, QDD, np.full(6, temperature_c))
+    truth = true_friction(QD, temperature_c)
+    assert np.all(np.abs(predicted.friction - truth) < 0.04 * np.abs(truth))
+    assert not predicted.extrapolated.any()
+
+
+def test_temperature_correction_is_worth_its_name(model):
+    """Over 20–40 °C the corrected friction errs by less than a third of the one at the reference temperature."""
+    errors = {True: [], False: []}
+    for T in (20.0, 24.0, 36.0, 40.0):
+        for corrected, found in errors.items():
+            predicted = model.torque(UR5, Q, QD, QDD, np.full(6, T) if corrected else None)
+            found.append(predicted.friction - true_friction(QD, T))
+    rms = {corrected: np.sqrt(np.mean(np.square(found), axis=(0, 1))) for corrected, found in errors.items()}
+    assert np.all(rms[True] < rms[False] / 3)
+
+
+def test_beyond_what_was_learnt_it_says_so_and_doubts(model):
+    """At 60 °C: flagged, and the law less sure than at 30 °C; each joint by its own temperature."""
+    outside = model.torque(UR5, Q, QD, QDD, np.array([60.0, 30, 30, 30, 30, 30]))
+    assert outside.extrapolated[:, 0].all()
+    assert not outside.extrapolated[:, 1:].any()
+    warm, hot = model.viscous_at(np.full(6, 30.0)), model.viscous_at(np.full(6, 60.0))
+    assert np.all(hot.std > 2 * warm.std)
+    assert hot.extrapolated.all()
+    assert not warm.extrapolated.any()
+
+
+def test_present_wear_is_in_the_prediction(model):
+    """10 % of wear is 10 % more friction, and its doubt widens the prediction."""
+    worn = replace(model, wear=model.wear + np.log(1.1), wear_std=np.full(6, 0.05))
+    before, after = (m.torque(UR5, Q, QD, QDD) for m in (model, worn))
+    assert np.allclose(after.friction, 1.1 * before.friction)
+    assert np.allclose(after.rigid, before.rigid)
+    assert np.all(after.std > before.std)
+
+
+def test_one_sample_and_temperatures_a_sample_are_welcome(model):
+    """(6,) for one state; (N, 6) temperatures give row by row what one row gives."""
+    T = np.linspace(20, 40, 20)[:, None] * np.ones(6)
+    every = model.torque(UR5, Q, QD, QDD, T)
+    one = model.torque(UR5, Q[7], QD[7], QDD[7], T[7])
+    assert one.torque.shape == (1, 6)
+    assert np.allclose(one.torque[0], every.torque[7])
+
+
+def test_a_joint_never_identified_has_no_doubt_stated():
+    """Friction NaN: predicted without friction, flagged, std unknown; the others as ever."""
+    seen = Arm().replay(30.0)
+    fc = np.where(np.arange(6) == 5, np.nan, seen.coulomb_nm)
+    last = History().add(0, replace(seen, coulomb_nm=fc, viscous_nm_s_per_rad=np.where(np.isnan(fc), np.nan, seen.viscous_nm_s_per_rad)))
+    predicted = last.model.torque(UR5, Q, QD, QDD)
+    assert np.all(predicted.friction[:, 5] == 0)
+    assert np.all(np.isnan(predicted.std[:, 5]))
+    assert predicted.extrapolated[:, 5].all()
+    assert np.all(np.isfinite(predicted.torque))
+    assert np.all(np.isfinite(predicted.std[:, :5]))
+    assert last.friction[5].coulomb_nm is None
+
+
+def test_the_model_survives_as_json(model):
+    """What the bus carries predicts bit for bit the same."""
+    back = model_from_document(json.loads(json.dumps(model.as_document(), allow_nan=False)))
+    here, there = (m.torque(UR5, Q, QD, QDD, np.full(6, 33.0)) for m in (model, back))
+    assert all(np.array_equal(a, b) for a, b in zip(here, there, strict=True))
+    with pytest.raises(BadInput, match="'values' is missing"):
+        model_from_document({key: value for key, value in model.as_document().items() if key != "values"})
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"robot": load_robot("ur3")}, "of ur5, the robot is ur3"),
+        ({"qd": QD[:3]}, "qd has shape"),
+        ({"q": Q[:, :5]}, "q has shape"),
+        ({"temperature_c": np.full(5, 30.0)}, "temperature_c has shape"),
+        ({"qdd": np.full((20, 6), np.nan)}, "qdd holds values that are not finite"),
+    ],
+)
+def test_what_does_not_fit_is_named(model, change, says):
+    """Shape, robot or value: the message says which."""
+    asked = {"robot": UR5, "q": Q, "qd": QD, "qdd": QDD, "temperature_c": None, **change}
+    with pytest.raises(BadInput, match=says):
+        model.torque(**asked)

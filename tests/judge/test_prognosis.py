@@ -1,0 +1,86 @@
+"""When the limit is met: the distribution, its quantiles, and when there is none."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import invgauss
+
+from monitor.errors import BadConfiguration
+from monitor.judge.prognosis import PrognosisSettings, first_passage, probability_within, remaining_life
+
+SETTINGS = PrognosisSettings()
+WALK = 5e-4
+
+
+def test_first_passage_is_the_inverse_gaussian():
+    """Against scipy's distribution, for a drift and a walk where both terms matter."""
+    days, rise, rate, walk = np.linspace(1, 2000, 50), 0.2, 0.0005, 0.01
+    mean, shape = rise / rate, rise**2 / walk**2
+    expected = invgauss.cdf(days, mean / shape, scale=shape)
+    assert np.allclose(first_passage(days, np.float64(rise), np.float64(rate), walk), expected, atol=1e-12)  # rounding
+
+
+def test_first_passage_survives_where_its_formula_overflows():
+    """2νd/σ² of 40 000: no inf, no NaN, a sharp step at d/ν."""
+    passed = first_passage(np.array([90.0, 110.0]), np.float64(0.2), np.float64(0.002), 1e-4)
+    assert passed == pytest.approx([0.0, 1.0], abs=1e-9)
+
+
+def test_a_constant_sure_rate_is_met_on_time():
+    """0.1 % a day from 5 % to 30 %: the median is the remaining logarithm over the rate, to 1 %; the spread is the walk's."""
+    life = remaining_life(np.array([math.log(1.05), 0.001]), np.diag([1e-10, 1e-12]), wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
+    truth = math.log(1.3 / 1.05) / 0.001
+    assert life.verdict == "trend"
+    assert life.p50_days == pytest.approx(truth, rel=0.01)
+    assert life.p10_days == pytest.approx(truth - 1.2816 * WALK * math.sqrt(truth) / 0.001, rel=0.02)
+    assert life.p10_days < life.p50_days < life.p90_days
+
+
+def test_quantiles_are_those_of_a_simulation():
+    """Against 200 000 drawn rates and wears, walked in closed form: 2 % (the lattice has 199 points, the table 2–4 % steps)."""
+    mean, cov = np.array([0.08, 0.0008]), np.array([[1e-4, 1e-6], [1e-6, 6e-8]])
+    dice = np.random.default_rng(0)
+    wear, rate = dice.multivariate_normal(mean, cov, size=200_000).T
+    rise = math.log(1.3) - wear
+    rising = rate > 0
+    days = np.full(len(rate), np.inf)
+    shape = rise[rising] ** 2 / WALK**2
+    days[rising] = invgauss.rvs(rise[rising] / rate[rising] / shape, scale=shape, random_state=dice)
+    life = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
+    assert [life.p10_days, life.p50_days, life.p90_days] == pytest.approx(np.quantile(days, [0.1, 0.5, 0.9]), rel=0.02)
+    asked = float(np.quantile(days, 0.3))
+    within = probability_within(asked, mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
+    assert within == pytest.approx(0.3, abs=0.01)
+
+
+def test_what_lies_beyond_foresight_is_not_dated():
+    """A sure but tiny rate, 30 % in 270 years: a trend, and no date within 54 years."""
+    life = remaining_life(np.array([0.0, 2.7e-6]), np.diag([1e-8, 1e-13]), wear_walk_per_sqrt_day=1e-5, settings=SETTINGS)
+    assert life.verdict == "trend"
+    assert (life.p10_days, life.p50_days, life.p90_days) == (None, None, None)
+
+
+def test_without_a_trend_there_is_no_date():
+    """P(rate > 0) = 0.84 is not beyond doubt."""
+    life = remaining_life(np.array([0.02, 1e-4]), np.diag([1e-4, 1e-8]), wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
+    assert life.verdict == "no_trend"
+    assert life.trend_probability == pytest.approx(0.841, abs=0.001)
+    assert (life.p10_days, life.p50_days, life.p90_days) == (None, None, None)
+
+
+def test_beyond_the_limit_nothing_remains():
+    """Friction 35 % up is past 30 %, whatever the rate."""
+    mean, cov = np.array([math.log(1.35), -1e-4]), np.diag([1e-4, 1e-8])
+    life = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
+    assert life.verdict == "reached"
+    assert life.p50_days == 0.0
+    assert probability_within(1.0, mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS) == 1.0
+
+
+def test_a_limit_that_is_no_rise_is_refused():
+    """And the key is named."""
+    with pytest.raises(BadConfiguration, match=r"prognosis\.limit_rise"):
+        PrognosisSettings(limit_rise=0.0)
+    with pytest.raises(BadConfiguration, match=r"prognosis\.trend_sure"):
+        PrognosisSettings(trend_sure=1.0)

@@ -1,0 +1,121 @@
+"""The lines fv(T) and fc(T): what one replay gives, what many give, and where they end."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.document import plain
+from monitor.judge.temperature import (
+    Law,
+    TemperatureSettings,
+    begun,
+    fitted,
+    law_from_document,
+    learnt,
+    line_from_document,
+    reopened,
+)
+
+SETTINGS = TemperatureSettings()
+ONE = np.ones(1)
+
+
+def law_of(temperatures: np.ndarray, values: np.ndarray) -> Law:
+    law = begun(temperatures[:1], values[:1], fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
+    for T, value in zip(temperatures, values, strict=True):
+        law = learnt(law, np.array([T]), np.array([value]))
+    return law
+
+
+def test_one_replay_gives_a_usable_law_with_an_honest_doubt():
+    """Level as measured, slope of the robot family ± its published spread; ten kelvin away the doubt is larger."""
+    line = fitted(law_of(np.array([25.0]), np.array([10.0])), 25.0 * ONE, SETTINGS)
+    assert line.intercept[0] == pytest.approx(10.0)
+    assert line.slope[0] == pytest.approx(-0.15)  # 1.5 %/K of 10
+    assert np.sqrt(line.cov[0, 1, 1]) == pytest.approx(0.07)
+    here, there = line.at(25.0 * ONE), line.at(35.0 * ONE)
+    assert here.std[0] == pytest.approx(0.5)  # 5 % scatter
+    assert there.std[0] == pytest.approx(np.hypot(0.5, 0.7))
+    assert not here.extrapolated[0]
+    assert there.extrapolated[0]
+
+
+def test_many_replays_give_the_line_that_is_there():
+    """60 replays over 20–40 °C with 3 % scatter: slope and level within 3 of their own σ, and σ of the slope below 0.1 %/K."""
+    dice = np.random.default_rng(0)
+    T = dice.uniform(20, 40, 60)
+    fv = 10.0 - 0.12 * (T - 30.0) + dice.normal(size=60) * 0.3
+    line = fitted(law_of(T, fv), 30.0 * ONE, SETTINGS)
+    std = np.sqrt(np.diagonal(line.cov[0]))
+    assert abs(line.intercept[0] - 10.0) < 3 * std[0]
+    assert abs(line.slope[0] + 0.12) < 3 * std[1]
+    assert std[1] < 0.01
+    assert line.scatter[0] == pytest.approx(0.3, rel=0.3)  # χ² with 60 degrees leaves 9 %; the prior's five replays the rest
+    assert line.change[0] == pytest.approx(-0.12 * np.ptp(T) / (10.0 + 0.12 * (30.0 - T.min())), rel=0.15)
+
+
+@given(st.lists(st.tuples(st.floats(0, 60), st.floats(1, 20)), min_size=2, max_size=12))
+def test_the_running_sums_are_the_whole_regression(replays):
+    """The line equals a batch Bayesian regression with the same scatter, whatever the replays."""
+    T, value = np.array(replays).T
+    law = law_of(T, value)
+    line = fitted(law, T[:1], SETTINGS)
+    X = np.stack([np.ones_like(T), T - T[0]], axis=1)
+    precision = X.T @ X / line.scatter[0] ** 2 + np.diag([0.0, 1.0 / law.slope_prior_std[0] ** 2])
+    right = X.T @ value / line.scatter[0] ** 2 + [0.0, law.slope_prior[0] / law.slope_prior_std[0] ** 2]
+    expected = np.linalg.solve(precision, right)
+    assert line.intercept[0] == pytest.approx(expected[0], rel=1e-6, abs=1e-6)  # sums cancel, the batch does not
+    assert line.slope[0] == pytest.approx(expected[1], rel=1e-6, abs=1e-6)
+
+
+def test_the_reference_temperature_is_a_way_of_speaking():
+    """Value and doubt at 33 °C are the same from a line referred to 20 and to 40 °C."""
+    law = law_of(np.array([22.0, 28.0, 36.0]), np.array([11.0, 10.1, 9.2]))
+    a, b = (fitted(law, T0 * ONE, SETTINGS).at(33.0 * ONE) for T0 in (20.0, 40.0))
+    assert a.value[0] == pytest.approx(b.value[0], rel=1e-12)
+    assert a.std[0] == pytest.approx(b.std[0], rel=1e-9)
+
+
+def test_friction_never_drives_however_far_a_line_is_stretched():
+    """At 200 °C the line of −0.15/K from 10 would be negative: it is held at 5 % and flagged."""
+    hot = fitted(law_of(np.array([25.0]), np.array([10.0])), 25.0 * ONE, SETTINGS).at(200.0 * ONE)
+    assert hot.value[0] == pytest.approx(0.5)
+    assert hot.extrapolated[0]
+
+
+def test_a_new_context_keeps_the_slope_and_learns_the_level_anew():
+    """A payload that adds 30 % moves the level at once; the slope learnt before stands as the prior."""
+    T = np.linspace(20, 40, 30)
+    law = law_of(T, 10.0 - 0.10 * (T - 30.0))
+    slope = fitted(law, 30.0 * ONE, SETTINGS).slope[0]
+    anew = learnt(reopened(law, SETTINGS), 30.0 * ONE, 13.0 * ONE)
+    line = fitted(anew, 30.0 * ONE, SETTINGS)
+    assert line.intercept[0] == pytest.approx(13.0)
+    assert line.slope[0] == pytest.approx(slope)
+
+
+def test_a_joint_never_seen_has_no_law():
+    """NaN values teach nothing: the line says NaN instead of a guess, and does not spoil the others."""
+    law = begun(np.full(2, 25.0), np.array([10.0, np.nan]), fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
+    line = fitted(learnt(law, np.full(2, 25.0), np.array([10.0, np.nan])), np.full(2, 25.0), SETTINGS)
+    assert line.intercept[0] == pytest.approx(10.0)
+    assert np.isnan(line.intercept[1])
+    assert not line.inside(np.full(2, 25.0))[1]
+
+
+def test_documents_carry_law_and_line_exactly():
+    """NaN travels as null; every float comes back as it was."""
+    law = learnt(law_of(np.array([21.3, 30.7]), np.array([10.1, 9.3])), np.array([np.nan]), np.array([9.9]))
+    line = fitted(law, 27.1 * ONE, SETTINGS)
+    assert plain(law_from_document(plain(law), 1, where="law")) == plain(law)
+    assert plain(line_from_document(line.as_document(), 1, where="line")) == line.as_document()
+    with pytest.raises(BadInput, match="sums has shape"):
+        law_from_document({**plain(law), "sums": [[1.0]]}, 1, where="law")
+
+
+def test_settings_that_cannot_be_are_named():
+    """A scatter of nothing would make one replay certain."""
+    with pytest.raises(BadConfiguration, match=r"temperature\.scatter"):
+        TemperatureSettings(scatter=0.0)

@@ -1,0 +1,216 @@
+"""From belief to states and alerts: when one is raised, kept, told again and cleared."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
+
+from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.belief import ORDINARY, RATE, WEAR, Belief
+from monitor.judge.drift import begin
+from monitor.judge.evidence import DriftSettings
+from monitor.judge.health import Health, HealthSettings, acknowledge, health_from_document, shelve
+from monitor.judge.temperature import TemperatureSettings
+from monitor.judge.verdict import judge
+
+SETTINGS = HealthSettings()
+
+
+def believed(day: float, wear: dict[int, float] | None = None, std: float = 0.005, **changes: object) -> Belief:
+    """A belief of that day: joint → fraction of wear, the others none; `std` of all."""
+    fresh = begin("ur5", CONTEXT, Arm().replay(30.0), START_S, settings=DriftSettings(), laws=TemperatureSettings())
+    mean, cov = fresh.mean.copy(), np.zeros((6, 4, 4))
+    for joint, fraction in (wear or {}).items():
+        mean[joint - 1, WEAR] = np.log1p(fraction)
+    cov[:, WEAR, WEAR], cov[:, RATE, RATE] = std**2, 1e-8
+    standing = {"event": np.full(6, float(ORDINARY)), "inside_range": np.ones(6), "joint_replays": np.full(6, 50.0), "replays": 50}
+    return replace(fresh, at_unix_s=START_S + day * DAY_S, mean=mean, cov=cov, **{**standing, **changes})
+
+
+def through(days: list[Belief], health: Health | None = None) -> tuple[Health, list[tuple[int, str, int | None, str, str]]]:
+    """Health after these replays, and (replay, kind, joint, condition, tier) of every transition."""
+    told = []
+    for i, belief in enumerate(days):
+        health, transitions = judge(health, belief, SETTINGS)
+        told += [(i, kind, alert.joint, alert.condition, alert.tier) for kind, alert in transitions]
+    assert health is not None
+    return health, told
+
+
+def test_wear_is_told_at_the_third_replay_that_agrees():
+    """12 % ± 0.5 % is the wear tier at once, but one replay is none and two are too few."""
+    health, told = through([believed(day, {3: 0.12}) for day in range(3)])
+    assert told == [(2, "raised", 3, "wear_rising", "wear")]
+    [alert] = health.active_alerts
+    assert alert.change == pytest.approx(0.12)
+    assert alert.probability > 0.99
+    assert "Joint 3" in alert.text
+    assert "+12.0%" in alert.text
+    assert alert.action
+    assert health.state == health.joints[2].state == "MAINTENANCE_REQUIRED"
+    assert [joint.state for joint in health.joints if joint.joint != 3] == ["NORMAL"] * 5
+
+
+def test_three_replays_of_one_day_are_one_days_evidence():
+    """A hot afternoon is not two days: the alert waits for the next one."""
+    _, told = through([believed(0.1 + hour / 24, {3: 0.12}) for hour in range(6)] + [believed(1.1, {3: 0.12})])
+    assert [step[0] for step in told] == [6]
+
+
+def test_a_replay_that_disagrees_begins_the_count_again():
+    """Two agreeing, one not, two agreeing: nothing is said."""
+    _, told = through([believed(day, {3: 0.0 if day == 2 else 0.12}) for day in range(5)])
+    assert told == []
+
+
+def test_replays_outside_the_learnt_temperatures_count_for_nothing():
+    """Neither evidence nor its opposite; once enough replays are known, the joint is OFF_SPEC meanwhile."""
+    cold = {"inside_range": np.zeros(6), "temperature_c": np.full(6, 8.0)}
+    days = [believed(0, {3: 0.12}), *[believed(day, {3: 0.12}, **cold) for day in (1, 2, 3)]]
+    health, told = through(days)
+    assert told == []
+    assert health.joints[0].state == "OFF_SPEC"
+    assert "8.0 °C" in health.joints[0].why
+    _, told = through([believed(4, {3: 0.12}), believed(5, {3: 0.12})], health)
+    assert [step[0] for step in told] == [1]  # with the one of day 0 these are three
+
+
+def test_an_unsure_rise_is_no_wear():
+    """6 % ± 4 %: P(wear > 5 %) is 0.6, P(wear > 1 %) 0.9: neither tier is beyond doubt."""
+    _, told = through([believed(day, {3: 0.06}, std=0.04) for day in range(20)])
+    assert told == []
+
+
+def test_tiers_escalate_and_ask_to_be_seen_again():
+    """3 % is an advisory, 10 % wear, 40 % the limit; each step is told, and takes an acknowledgement of the lower one away."""
+    health, told = through([believed(day, {3: 0.03}) for day in range(3)])
+    assert health.joints[2].state == "NORMAL"  # worth knowing, nothing to do
+    health = acknowledge(health, 3, "wear_rising", by="Ada", why="seen", at_unix_s=START_S + 3 * DAY_S)
+    health, more = through([believed(day, {3: 0.10}) for day in range(4, 7)], health)
+    assert health.active_alerts[0].acknowledged_by is None
+    health, most = through([believed(day, {3: 0.40}) for day in range(7, 10)], health)
+    tiers = [(kind, tier) for _, kind, _, _, tier in told + more + most]
+    assert tiers[0] == ("raised", "advisory")
+    assert tiers[-1] == ("updated", "limit")
+    assert ("updated", "wear") in tiers
+    assert health.state == "FAILURE"
+
+
+def test_an_alert_stays_until_it_is_seen_and_then_until_it_is_gone():
+    """Latched: without acknowledgement it stands though wear is gone; acknowledged, it clears with the next good replay."""
+    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+    health, told = through([believed(day) for day in range(3, 30)], health)
+    assert [kind for _, kind, *_ in told] == ["updated"]  # its change is told once, it is not cleared
+    assert health.active_alerts
+    health = acknowledge(health, 3, "wear_rising", by="Ada", why="greased", at_unix_s=START_S + 30 * DAY_S)
+    assert health.active_alerts
+    health, told = through([believed(31)], health)
+    assert [(kind, joint) for _, kind, joint, *_ in told] == [("cleared", 3)]
+    assert not health.active_alerts
+    [gone] = health.alerts
+    assert gone.cleared_at_unix_s == START_S + 31 * DAY_S
+    assert gone.acknowledged_why == "greased"
+    assert health.state == "NORMAL"
+
+
+def test_an_acknowledged_alert_does_not_flap():
+    """Between the clearing and the raising level nothing happens: 0.8 % … 1.8 % about the advisory of 1 %."""
+    health, _ = through([believed(day, {3: 0.025}) for day in range(3)])
+    health = acknowledge(health, 3, "wear_rising", by="Ada", why="seen", at_unix_s=START_S + 3 * DAY_S)
+    health, told = through([believed(4 + i, {3: 0.008 if i % 2 else 0.018}) for i in range(40)], health)
+    assert told == []
+    assert len(health.active_alerts) == 1
+
+
+def test_an_acknowledged_alert_steps_down_when_wear_recedes():
+    """From 12 % to 2 %: no longer wear, still an advisory; the state follows."""
+    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+    health = acknowledge(health, 3, "wear_rising", by="Ada", why="greased", at_unix_s=START_S + 3 * DAY_S)
+    health, told = through([believed(4, {3: 0.02})], health)
+    assert told == [(0, "updated", 3, "wear_rising", "advisory")]
+    assert health.state == "NORMAL"
+
+
+def test_a_cleared_alert_may_come_again():
+    """It takes its three replays, and is unacknowledged."""
+    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+    health = acknowledge(health, 3, "wear_rising", by="Ada", why="greased", at_unix_s=START_S + 3 * DAY_S)
+    health, _ = through([believed(4)], health)
+    health, told = through([believed(day, {3: 0.12}) for day in range(5, 8)], health)
+    assert told == [(2, "raised", 3, "wear_rising", "wear")]
+    assert health.active_alerts[0].acknowledged_by is None
+
+
+def test_all_joints_rising_together_is_not_wear():
+    """4–6 % in every joint: one alert of the arm, none of a joint."""
+    shared = {j + 1: 0.05 + 0.002 * (j - 2.5) for j in range(6)}
+    health, told = through([believed(day, shared) for day in range(5)])
+    assert told == [(2, "raised", None, "common_mode", "advisory")]
+    assert health.state == "CHECK_FUNCTION"
+
+
+def test_one_joint_is_seen_above_what_all_share():
+    """All rise by 3 %, joint 3 by 20 %: both are told, joint 3 with what is its own."""
+    shared = {j + 1: 0.03 for j in range(6)} | {3: 0.20}
+    health, told = through([believed(day, shared) for day in range(5)])
+    assert {(joint, condition) for _, _, joint, condition, _ in told} == {(None, "common_mode"), (3, "wear_rising")}
+    [wear] = [alert for alert in health.active_alerts if alert.joint == 3]
+    assert wear.change == pytest.approx(1.20 / 1.03 - 1)
+
+
+def test_falling_friction_is_news_but_no_wear():
+    """−10 %: grease or another joint; to be checked."""
+    health, told = through([believed(day, {2: -0.10}) for day in range(4)])
+    assert told == [(2, "raised", 2, "friction_falling", "advisory")]
+    assert health.joints[1].state == "CHECK_FUNCTION"
+
+
+def test_a_shelved_alert_is_still_active():
+    """Shelving hides it from a list for a while; the state stays."""
+    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+    until = START_S + 20 * DAY_S
+    health = shelve(health, 3, "wear_rising", by="Ada", why="part ordered", until_unix_s=until, at_unix_s=START_S + 3 * DAY_S)
+    health, _ = through([believed(4, {3: 0.12})], health)
+    assert health.active_alerts[0].shelved_until_unix_s == until
+    assert health.state == "MAINTENANCE_REQUIRED"
+
+
+def test_what_cannot_be_acknowledged_is_said():
+    """The message names what is active; nobody may act anonymously; a shelf does not end before it begins."""
+    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+    with pytest.raises(BadInput, match="no active alert 4/wear_rising; active: 3/wear_rising"):
+        acknowledge(health, 4, "wear_rising", by="Ada", why="", at_unix_s=START_S)
+    with pytest.raises(BadInput, match="name of the person"):
+        acknowledge(health, 3, "wear_rising", by=" ", why="", at_unix_s=START_S)
+    with pytest.raises(BadInput, match="in the past"):
+        shelve(health, 3, "wear_rising", by="Ada", why="", until_unix_s=START_S, at_unix_s=START_S + 1)
+
+
+def test_health_survives_as_json():
+    """Through JSON text and back it is equal, and judges on as before."""
+    health, _ = through([believed(day, {3: 0.12, 2: -0.1}) for day in range(3)])
+    health = acknowledge(health, 3, "wear_rising", by="Ada", why="seen", at_unix_s=START_S)
+    back = health_from_document(json.loads(json.dumps(health.as_document(), allow_nan=False)))
+    assert back == health
+    assert through([believed(4)], back) == through([believed(4)], health)
+    with pytest.raises(BadInput, match="'alerts' is missing"):
+        health_from_document({"joints": []})
+    with pytest.raises(BadInput, match="health"):
+        health_from_document({**health.as_document(), "alerts": [{"joint": 1}]})
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"wear_rise": 0.005}, "advisory_rise < wear_rise"),
+        ({"wear_sure": 1.0}, "wear_sure"),
+        ({"clear_fraction": 1.0}, "clear_fraction"),
+        ({"min_days": 0}, "min_days"),
+    ],
+)
+def test_thresholds_out_of_order_are_named(wrong, says):
+    """Each with the key as it stands in the file."""
+    with pytest.raises(BadConfiguration, match=says):
+        HealthSettings(**wrong)

@@ -1,0 +1,115 @@
+"""The torque query: right numbers out, wrong requests named."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.assess import Assessment, assess
+from monitor.config import find_excitation
+from monitor.errors import BadInput
+from monitor.model.robot import Mounting, load_robot
+from monitor.publish.answers import torque_answer
+from monitor.recording import Recording
+
+UR5 = load_robot("ur5")
+STATE = {"q": [0, -1.5, 0.5, 0, 0, 0], "qd": [0.5] * 6, "qdd": [0.1] * 6, "temperature_c": [30.0] * 6}
+
+
+def _model():
+    """From torque made by pinocchio and linear friction on the shipped excitation: no simulator, no noise."""
+    import pinocchio as pin
+
+    arm = UR5.pinocchio_model(Mounting())
+    data = arm.createData()
+    t_s, motion = find_excitation("ur5-ground", Path()).sampled(125.0)
+    t_s, (q, qd, qdd) = t_s[:1251], (signal[:1251] for signal in motion)
+    rigid = np.array([pin.rnea(arm, data, *row) for row in zip(q, qd, qdd, strict=True)])
+    torque = rigid + np.array([8, 9, 7, 2, 2, 2]) * np.tanh(qd / 0.001) + np.array([9, 10, 8, 1.5, 1.5, 1.5]) * qd
+    recording = Recording(t_s=t_s, q=q, qd=qd, torque=torque, temperature_c=np.full_like(q, 30.0))
+    recording = recording.__class__(
+        **recording.signals, context=recording.context.__class__(robot="ur5", recorded_at_unix_s=1.0), source="oracle"
+    )
+    outcome = assess(recording, robot=UR5, mounting=Mounting(), belief=None, health=None)
+    assert isinstance(outcome, Assessment), outcome
+    return outcome.model
+
+
+MODEL = _model()
+
+
+def ask(**changes: object) -> dict:
+    request = {key: value for key, value in (STATE | changes).items() if value is not None}
+    return torque_answer(MODEL, UR5, None, request)
+
+
+def test_one_sample_answers_in_the_shape_of_the_question():
+    """Six numbers in, six out; N rows in, N out, equal row by row."""
+    one = ask()
+    many = ask(q=[STATE["q"]] * 3, qd=[STATE["qd"]] * 3)
+    assert np.shape(one["torque_nm"]) == (6,)
+    assert np.shape(many["torque_nm"]) == (3, 6)
+    assert many["torque_nm"][2] == pytest.approx(one["torque_nm"])
+    assert one["torque_nm"] == pytest.approx(np.add(one["rigid_nm"], one["friction_nm"]))
+
+
+def test_the_answer_is_the_torque_that_made_the_data():
+    """At the temperature of the replay the model gives back the law it was fitted to, to 2 % of the friction or 0.2 N·m."""
+    import pinocchio as pin
+
+    arm = UR5.pinocchio_model(Mounting())
+    rigid = pin.rnea(arm, arm.createData(), *(np.array(STATE[name], dtype=float) for name in ("q", "qd", "qdd")))
+    friction = np.array([8, 9, 7, 2, 2, 2]) + np.array([9, 10, 8, 1.5, 1.5, 1.5]) * 0.5
+    assert ask()["friction_nm"] == pytest.approx(friction, rel=0.02, abs=0.2)
+    assert ask()["torque_nm"] == pytest.approx(rigid + friction, rel=0.02, abs=0.3)
+
+
+def test_far_from_the_learnt_temperature_the_answer_says_so():
+    """One replay at 30 °C knows little of 60 °C: flagged, and less sure."""
+    near, far = ask(), ask(temperature_c=[60.0] * 6)
+    assert not any(near["extrapolated"])
+    assert all(far["extrapolated"])
+    assert np.all(np.array(far["std_nm"]) > near["std_nm"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"q": None}, "q is missing"),
+        ({"q": [0.0] * 5}, "q is not 6 numbers"),
+        ({"q": []}, "q is not 6 numbers"),
+        ({"q": [[0.0] * 6, [0.0] * 5]}, "q is not 6 numbers"),
+        ({"q": ["a"] * 6}, "q is not 6 numbers"),
+        ({"q": [True] * 6}, "q is not 6 numbers"),
+        ({"q": {"a": 1}}, "q is not 6 numbers"),
+        ({"qd": [math.inf] * 6}, "qd holds a value that is not finite"),
+        ({"qd": [0, 0, 99, 0, 0, 0]}, "qd of joint 3 is 99"),
+        ({"qd": [[0.0] * 6] * 2, "q": [[0.0] * 6] * 3}, "qd has 2 rows but q has 3"),
+        ({"temperature_c": None}, "temperature_c is missing"),
+        ({"temperature_c": [300.0] * 6}, "temperature_c of joint 1 is 300"),
+        ({"torque": 1}, "unknown argument 'torque'"),
+        ({"q": [[0.0] * 6] * 10_001}, "at most 10000"),
+    ],
+)
+def test_a_wrong_request_is_named(changes: dict, says: str):
+    """Which argument, and what would be right."""
+    with pytest.raises(BadInput, match=says):
+        ask(**changes)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5), lambda inner: st.lists(inner, max_size=7), max_leaves=20
+)
+
+
+@given(q=JSON, qd=JSON, temperature_c=JSON)
+def test_any_json_is_answered_or_refused(q, qd, temperature_c):
+    """Whatever a stranger sends: an answer in the right shape or BadInput, nothing else."""
+    try:
+        answer = torque_answer(MODEL, UR5, None, {"q": q, "qd": qd, "temperature_c": temperature_c})
+    except BadInput:
+        return
+    assert np.shape(answer["torque_nm"])[-1] == 6

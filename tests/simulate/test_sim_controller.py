@@ -1,0 +1,326 @@
+"""The controller without sockets: the register machine, the watchdog, stops and the dashboard's rules."""
+
+import math
+
+import numpy as np
+import pytest
+from test_sim_scripts import CONTROL
+
+from monitor.errors import BadInput
+from monitor.simulate import dashboard
+from monitor.simulate.controller import Controller, RobotMode, Runtime, SafetyMode
+from monitor.simulate.inputs import INPUT_TYPES, recipe
+from monitor.simulate.settings import SimulateSettings
+
+DOUBLES = [f"input_double_register_{i}" for i in range(11)]
+COMMAND = recipe(["input_int_register_0"], INPUT_TYPES)
+SERVO = recipe(["input_int_register_0", *DOUBLES], INPUT_TYPES)
+MOVE = recipe(["input_int_register_0", *DOUBLES[:8], "input_int_register_1"], INPUT_TYPES)
+ONE = recipe(["input_int_register_0", DOUBLES[0]], INPUT_TYPES)
+CLEAR = (COMMAND, [0])
+
+
+class Pendant:
+    """Writes registers as ur-rtde does."""
+
+    def __init__(self, **settings) -> None:
+        self.controller = Controller(SimulateSettings(**settings))
+        self.controller.step()
+        self.controller.run_script(CONTROL.rstrip())
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / self.controller.tick_s)):
+            self.controller.step()
+
+    def do(self, written, values, within_s: float = 20.0) -> int:
+        """A blocking command: wait for done, then clear. Returns OI1."""
+        c = self.controller
+        c.write_inputs(written, values)
+        until = c.clock_s + within_s
+        while c.output_ints[0] != 2 and c.clock_s < until and c.runtime == Runtime.PLAYING:
+            c.step()
+        result = c.output_ints[1] if c.output_ints[0] == 2 else -1
+        c.write_inputs(*CLEAR)
+        c.step()
+        return result
+
+    def servo(self, q) -> None:
+        self.controller.write_inputs(SERVO, [11, *q, 0, 0, 0.008, 0.03, 500])
+
+    def stream(self, seconds: float, speed: float = 1.0) -> None:
+        """servoj at 125 Hz, all joints at a constant speed after a soft start."""
+        c = self.controller
+        q = c.reference.q.copy()
+        v = 0.0
+        for _ in range(round(seconds / 0.008)):
+            v = min(speed, v + 0.05)
+            q = q + 0.008 * v
+            self.servo(q)
+            for _ in range(round(0.008 / c.tick_s)):
+                c.step()
+
+    @property
+    def standing(self) -> bool:
+        return self.controller.reference.at_rest and np.abs(self.controller.arm.qd).max() < 0.01
+
+
+@pytest.fixture
+def pendant() -> Pendant:
+    return Pendant()
+
+
+def test_an_uploaded_script_plays_and_is_ready(pendant):
+    """runtime 2, OI0 = 1."""
+    pendant.run(0.02)
+    assert pendant.controller.runtime == Runtime.PLAYING
+    assert pendant.controller.output_ints[0] == 1
+
+
+def test_a_blocking_move_is_done_when_the_arm_is_there(pendant):
+    """moveJ: OI0 stays 1 on the way and becomes 2 at the goal."""
+    goal = pendant.controller.reference.q + np.array([0.2, -0.1, 0.1, 0, 0, 0.3])
+    pendant.controller.write_inputs(MOVE, [1, *goal, 1.0, 1.0, 0])
+    pendant.run(0.3)
+    assert pendant.controller.output_ints[0] == 1
+    pendant.run(1.5)
+    assert pendant.controller.output_ints[0] == 2
+    assert np.allclose(pendant.controller.arm.q, goal, atol=2e-3)  # the servo's error at rest
+
+
+def test_an_asynchronous_move_is_done_at_once_and_tells_its_progress(pendant):
+    """OI2: bit 15 is set while it runs and cleared at the end."""
+    goal = pendant.controller.reference.q + 0.1
+    pendant.do(MOVE, [1, *goal, 1.0, 1.0, 1])
+    assert pendant.controller.clock_s < 0.1
+    assert pendant.controller.output_ints[2] & 0x8000
+    pendant.run(1.5)
+    assert not pendant.controller.output_ints[2] & 0x8000
+    assert np.allclose(pendant.controller.arm.q, goal, atol=2e-3)
+
+
+def test_an_edge_command_is_processed_once(pendant):
+    """While the register keeps its value nothing happens again: a second stop log would show it."""
+    pendant.controller.write_inputs(ONE, [35, 10.0])
+    pendant.controller.step()
+    armed_at = pendant.controller.truth()["watchdog_s"]
+    pendant.controller.inputs.doubles[0] = 1.0
+    pendant.controller.step()
+    assert pendant.controller.truth()["watchdog_s"] == armed_at == 0.1
+
+
+def test_servoj_latches_and_servostop_ends_it(pendant):
+    """A second without a packet and without a watchdog: still servoing at the last target; then a linear stop."""
+    pendant.stream(0.5)
+    pendant.run(1.0)
+    assert pendant.controller.reference.mode == "servo"
+    assert pendant.controller.runtime == Runtime.PLAYING
+    assert pendant.do(ONE, [16, 10.0]) >= 0
+    assert pendant.standing
+
+
+@pytest.mark.parametrize("robot", ["ur5", "ur5e"])
+def test_the_watchdog_stops_a_program_whose_client_has_died(robot):
+    """10 Hz: the program ends 0.1 s after the last packet, and the arm stands within 0.3 s, from 1 rad/s."""
+    pendant = Pendant(robot=robot)
+    pendant.do(ONE, [35, 10.0])
+    pendant.stream(1.0)
+    last = pendant.controller.clock_s
+    pendant.run(0.5)
+    stop = pendant.controller.stops[-1]
+    assert stop.kind == "watchdog"
+    assert pendant.controller.runtime == Runtime.STOPPED
+    assert stop.at_s - last == pytest.approx(0.1, abs=2 * 0.008 + 1e-6)
+    assert stop.stood_at_s is not None
+    assert stop.stood_at_s - last < 0.3
+    assert pendant.controller.watchdog_trips == 1
+
+
+def test_a_blocking_move_does_not_feed_the_watchdog(pendant):
+    """As measured on the wire: moveJ under a 10 Hz watchdog is stopped after 0.1 s."""
+    pendant.do(ONE, [35, 10.0])
+    assert pendant.do(MOVE, [1, *(pendant.controller.reference.q + 0.5), 1.0, 1.0, 0]) == -1
+    assert pendant.controller.stops[-1].kind == "watchdog"
+    assert pendant.controller.clock_s < 0.3
+
+
+def test_the_watchdog_ends_with_the_program(pendant):
+    """A new program has none until it asks."""
+    pendant.do(ONE, [35, 10.0])
+    pendant.run(0.3)
+    pendant.controller.run_script(CONTROL.rstrip())
+    pendant.run(1.0)
+    assert pendant.controller.runtime == Runtime.PLAYING
+
+
+def test_queries_and_settings(pendant):
+    """isSteady, isJointsWithinSafetyLimits, setPayload; refusals give 0."""
+    assert pendant.do(COMMAND, [47]) == 1
+    six = recipe(["input_int_register_0", *DOUBLES[:6]], INPUT_TYPES)
+    assert pendant.do(six, [37, 0, 0, 0, 0, 0, 0]) == 1
+    assert pendant.do(six, [37, 0, 0, 3.5, 0, 0, 0]) == 0  # the elbow turns ±π
+    four = recipe(["input_int_register_0", *DOUBLES[:4]], INPUT_TYPES)
+    assert pendant.do(four, [17, 1.5, 0, 0, 0.1]) == 1
+    assert pendant.controller.variables["payload"].read() == (1.5,)
+    assert pendant.do(four, [17, 50.0, 0, 0, 0.1]) == 0
+    assert pendant.do(ONE, [35, 0.0]) == 0
+    assert pendant.do(ONE, [35, math.nan]) == 0
+
+
+def test_unknown_commands_are_refused_visibly(pendant):
+    """forceMode's end and an inverse kinematics: done, result 0, told in the truth."""
+    pendant.controller.output_ints[1] = 1
+    assert pendant.do(COMMAND, [30]) == 0
+    assert pendant.do(COMMAND, [7]) == 0
+    assert pendant.controller.truth()["refused_commands"] == [30, 7]
+    pendant.controller.write_inputs(COMMAND, [10])  # a realtime one: told once, not every tick
+    pendant.run(0.2)
+    assert pendant.controller.truth()["refused_commands"] == [30, 7, 10]
+
+
+def test_255_ends_the_program(pendant):
+    """stopScript."""
+    pendant.controller.write_inputs(COMMAND, [255])
+    pendant.run(0.02)
+    assert pendant.controller.runtime == Runtime.STOPPED
+    assert pendant.controller.stops[-1].kind == "program_end"
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf])
+def test_a_target_that_is_no_number_stops_the_arm(pendant, broken):
+    """servoj and speedj with NaN: a protective stop; moveJ: the program ends. The state stays finite."""
+    pendant.stream(0.2)
+    pendant.servo([0, broken, 0, 0, 0, 0])
+    pendant.run(0.5)
+    assert pendant.controller.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert np.isfinite(pendant.controller.arm.q).all()
+    other = Pendant()
+    assert other.do(MOVE, [1, broken, 0, 0, 0, 0, 0, 1.0, 1.0, 0]) == -1
+    assert other.controller.runtime == Runtime.STOPPED
+
+
+def test_beyond_the_limits_the_arm_protects_itself(pendant):
+    """speedj into the elbow's end stop: a protective stop that names the joint."""
+    speed = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
+    pendant.controller.write_inputs(speed, [9, 0, 0, 2.0, 0, 0, 0, 2.0, 0.0])
+    pendant.run(4.0)
+    stop = pendant.controller.stops[-1]
+    assert stop.kind == "protective_stop"
+    assert "joint 3" in stop.reason
+
+
+def test_a_blocked_drive_becomes_a_protective_stop():
+    """Joint 5 so worn that its drive cannot turn it: torque limit or following error, within a second of motion."""
+    pendant = Pendant()
+    pendant.controller.arm.set_wear(4, coulomb=40.0)
+    pendant.stream(1.0)
+    assert pendant.controller.safety_mode == SafetyMode.PROTECTIVE_STOP
+
+
+@pytest.mark.parametrize(("runtime", "state"), [("paused", 4), ("stopped", 1), ("playing", 2)])
+def test_a_protective_stop_halts_the_arm_in_each_variant(runtime, state):
+    """Bits, modes, runtime; servo packets do not move it meanwhile."""
+    pendant = Pendant(protective_runtime=runtime)
+    pendant.stream(0.3)
+    pendant.controller.protective_stop("test")
+    pendant.run(0.3)
+    assert pendant.standing
+    at = pendant.controller.reference.q.copy()
+    pendant.stream(0.2)
+    assert np.array_equal(pendant.controller.reference.q, at)
+    read = {
+        name: pendant.controller.variables[name].read()[0] for name in ("safety_mode", "safety_status_bits", "robot_mode", "runtime_state")
+    }
+    assert read == {"safety_mode": 3, "safety_status_bits": (1 << 2) | (1 << 10), "robot_mode": 7, "runtime_state": state}
+    stop = pendant.controller.stops[0]
+    assert stop.stood_at_s is not None
+    assert stop.stood_at_s - stop.at_s < 0.2
+
+
+def test_a_protective_stop_unlocks_after_five_seconds_and_not_before(pendant):
+    """Dashboard's replies literally; the program stays paused until play."""
+    pendant.controller.protective_stop("test")
+    pendant.run(4.9)
+    assert dashboard.reply(pendant.controller, "unlock protective stop").startswith("Cannot unlock protective stop until 5s")
+    assert dashboard.reply(pendant.controller, "play") == "Failed to execute: play"
+    pendant.run(0.2)
+    assert dashboard.reply(pendant.controller, "unlock protective stop") == "Protective stop releasing"
+    assert pendant.controller.safety_mode == SafetyMode.NORMAL
+    assert pendant.controller.runtime == Runtime.PAUSED
+    assert dashboard.reply(pendant.controller, "play") == "Starting program"
+    assert pendant.controller.runtime == Runtime.PLAYING
+
+
+def test_an_emergency_stop_takes_the_power_and_the_dashboard_brings_it_back(pendant):
+    """Arm at rest before the drives go off; scripts are refused until it runs again."""
+    pendant.stream(0.3)
+    pendant.controller.emergency_stop()
+    pendant.run(0.5)
+    assert pendant.controller.robot_mode == RobotMode.POWER_OFF
+    assert pendant.controller.variables["safety_status_bits"].read() == ((1 << 6) | (1 << 7) | (1 << 10),)
+    pendant.controller.run_script(CONTROL.rstrip())
+    assert pendant.controller.runtime == Runtime.STOPPED
+    assert "ROBOT_EMERGENCY_STOP" in pendant.controller.refused_scripts[-1]
+    assert dashboard.reply(pendant.controller, "power on") == "Failed to execute: power on"
+    pendant.controller.release_emergency_stop()
+    assert [dashboard.reply(pendant.controller, line) for line in ("power on", "brake release")] == ["Powering on", "Brake releasing"]
+    pendant.controller.run_script(CONTROL.rstrip())
+    pendant.run(0.1)
+    assert pendant.controller.runtime == Runtime.PLAYING
+
+
+def test_the_dashboard_answers_literally(pendant):
+    """The replies that ur-rtde compares or parses."""
+    replies = {
+        "PolyscopeVersion": "URSoftware 3.15.8.106339 (Mar 10 2022)",
+        "get serial number": "20180500001",
+        "is in remote control": "true",
+        "robotmode": "Robotmode: RUNNING",
+        "safetymode": "Safetymode: NORMAL",
+        "safetystatus": "Safetystatus: NORMAL",
+        "running": "Program running: true",
+        "programState": "PLAYING rtde_control.urp",
+        "pause": "Pausing program",
+        "stop": "Stopped",
+        "play": "Failed to execute: play",
+        "close safety popup": "closing safety popup",
+        "popup hello": "showing popup",
+        "addToLog hello": "Added log message",
+        "load nothing.urp": "File not found: nothing.urp",
+        "quit": "Disconnected",
+        "sing": "could not understand: sing",
+    }
+    assert {line: dashboard.reply(pendant.controller, line) for line in replies} == replies
+
+
+def test_months_pass_at_once_only_without_a_program(pendant):
+    """live: heat, wear and clock go on; refused while a program plays."""
+    assert pendant.controller.live(1.0, 22.0, 0.0) == "a program is running"
+    pendant.controller.stop_program("test")
+    before = pendant.controller.clock_s
+    assert pendant.controller.live(24.0 * 30, 30.0, 0.5) == ""
+    assert pendant.controller.clock_s - before == pytest.approx(24 * 30 * 3600)
+    assert np.all(pendant.controller.arm.temperatures.motor_c > 31.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"bind": "0.0.0.0"}, "bind"),
+        ({"bind": "192.168.56.101"}, "bind"),
+        ({"bind": "localhost"}, "bind"),
+        ({"robot": "ur7"}, "ur7"),
+        ({"version": "5.3.0"}, "version"),
+        ({"version": "new"}, "version"),
+        ({"payload_kg": -1.0}, "payload_kg"),
+        ({"home_rad": (0.0,) * 5}, "home_rad"),
+        ({"serial": "abc"}, "serial"),
+        ({"ambient_c": 99.0}, "ambient_c"),
+        ({"wear_per_revolution": (-1.0,) * 6}, "wear_per_revolution"),
+        ({"protective_runtime": "shrugs"}, "protective_runtime"),
+        ({"command_port": 0}, "command_port"),
+    ],
+)
+def test_wrong_settings_are_named(wrong, named):
+    """Every mistake is a BadInput that names the field."""
+    with pytest.raises(BadInput, match=named):
+        SimulateSettings(**wrong)

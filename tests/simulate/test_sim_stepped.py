@@ -1,0 +1,102 @@
+"""Stepped replays: deterministic, refused where they do not fit, and true to the simulator's own laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sim_process import excitation
+from test_sim_scripts import CONTROL
+
+from monitor.errors import BadInput, ReplayAborted
+from monitor.model.robot import Mounting
+from monitor.simulate.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+
+
+@pytest.fixture(scope="module")
+def played():
+    """A controller and what it recorded."""
+    controller = Controller(SimulateSettings(seed=5))
+    return controller, stepped_replay(controller, excitation(), software="test")
+
+
+def test_equal_seeds_give_equal_recordings_bit_for_bit(played):
+    """Every signal; another seed gives other noise."""
+    again = stepped_replay(Controller(SimulateSettings(seed=5)), excitation())
+    other = stepped_replay(Controller(SimulateSettings(seed=6)), excitation())
+    for name, signal in played[1].signals.items():
+        assert np.array_equal(signal, again.signals[name]), name
+    assert not np.array_equal(again.current, other.current)
+    assert np.array_equal(again.target_q, other.target_q)
+
+
+def test_a_recording_has_a_row_every_8_ms(played):
+    """On both generations, although the e-Series ticks every 2 ms."""
+    series_e = stepped_replay(Controller(SimulateSettings(robot="ur5e")), excitation("ur5e"))
+    for recording in (played[1], series_e):
+        assert recording.samples == 501
+        assert np.allclose(np.diff(recording.t_s), 0.008, atol=1e-9)
+        assert recording.context.trajectory_digest == excitation(recording.context.robot).digest
+
+
+def test_the_arm_follows_the_excitation(played):
+    """Targets within the servo filter's 5 mrad, the joints within 2.5 mrad of the targets."""
+    path = excitation().sampled(125.0)[1]
+    recording = played[1]
+    assert np.abs(recording.target_q[:-1] - path.q[1:]).max() < 8e-3
+    assert np.abs(recording.q - recording.target_q).max() < 2.5e-3
+
+
+def test_currents_are_the_told_torque_and_noise(played):
+    """Drive torque of the laws at the recorded states, over Kt·G: the rest is the sensors' noise, no more."""
+    controller, recording = played
+    arm = controller.arm
+    qdd = np.gradient(recording.qd, 0.008, axis=0)
+    rigid, load = arm.rigid_torque(recording.q, recording.qd, qdd)
+    expected = (rigid + arm.friction_torque(recording.qd, load)) / arm.gain_nm_per_a
+    error = recording.current - expected
+    moving = np.abs(recording.qd) > 0.1
+    for joint in range(6):
+        spread = np.std(error[moving[:, joint], joint])
+        assert 0.01 < spread < (0.2 if joint < 3 else 0.1)  # noise of 0.03–0.09 and 0.01–0.03 A, and q̈ by differences of noisy q̇
+        assert abs(np.mean(error[moving[:, joint], joint])) < 0.03
+
+
+def test_temperatures_come_in_sixteenths(played):
+    """And move upwards in a replay."""
+    temperature = played[1].temperature_c
+    assert np.array_equal(temperature * 16, np.rint(temperature * 16))
+    assert np.mean(temperature[-50:]) >= np.mean(temperature[:50])
+
+
+def test_the_second_replay_needs_no_approach():
+    """It begins where the first ended: nine minutes of demo time are made of this."""
+    controller = Controller(SimulateSettings())
+    first = stepped_replay(controller, excitation())
+    second = stepped_replay(controller, excitation())
+    assert second.t_s[0] - first.t_s[-1] < 0.01 + 1e-9
+
+
+def test_what_does_not_fit_is_refused():
+    """Another robot, another mounting, a joint beyond its limit, a running program."""
+    controller = Controller(SimulateSettings())
+    with pytest.raises(BadInput, match="ur3"):
+        stepped_replay(controller, excitation("ur3"))
+    with pytest.raises(BadInput, match="mounting"):
+        stepped_replay(controller, replace(excitation(), mounting=Mounting.parse("wall")))
+    with pytest.raises(BadInput, match="joint 3"):
+        stepped_replay(controller, replace(excitation(), offset_rad=np.array([0, -1.57, 3.1, -1.57, 0, 0])))
+    controller.run_script(CONTROL.rstrip())
+    with pytest.raises(BadInput, match="a program is running"):
+        stepped_replay(controller, excitation())
+
+
+def test_a_replay_that_the_controller_stops_is_aborted():
+    """A joint that its drive cannot turn: the error says what happened, and the arm is free for the next program."""
+    controller = Controller(SimulateSettings())
+    stepped_replay(controller, excitation())
+    controller.arm.set_wear(4, coulomb=40.0)
+    with pytest.raises(ReplayAborted, match="protective_stop"):
+        stepped_replay(controller, excitation())
+    assert controller.program is None
