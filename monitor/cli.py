@@ -161,7 +161,7 @@ def identify(
     import numpy as np
 
     from monitor.files import read_recording
-    from monitor.identify.document import identification_document
+    from monitor.identify.document import document as told_of
     from monitor.identify.solve import identify as identify_recordings
     from monitor.identify.solve import validate as validate_recording
     from monitor.model.robot import Mounting, load_robot
@@ -176,7 +176,7 @@ def identify(
     with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):
         found = identify_recordings(recordings, arm, attitude, method=method, gains=joint_gains)
         validations = [validate_recording(found, recording, arm, gains=joint_gains) for recording in held_out]
-    document = identification_document(found, validations)
+    document = told_of(found, validations)
     if as_json:
         _print_json(document)
     else:
@@ -218,7 +218,8 @@ def predict(
 
 def _asked_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
     with _client(configuration) as client:
-        return client.torque(**request)
+        answer: dict[str, Any] = client.torque(**request)
+    return answer
 
 
 def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:

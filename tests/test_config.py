@@ -94,7 +94,7 @@ def test_an_excitation_for_another_robot_or_no_file_is_refused(tmp_path: Path):
     assert "made for a ur3" in refusal(replay={"excitation": "ur3-ground"})
     assert "shipped are" in refusal(replay={"excitation": "ur5-moon"})
     (tmp_path / "broken.json").write_text("{")
-    with pytest.raises(BadConfiguration, match="broken.json"):
+    with pytest.raises(BadConfiguration, match=r"broken\.json"):
         from_document({**LEAST, "replay": {"excitation": "broken.json"}}, tmp_path / "cell.toml")
 
 

@@ -85,7 +85,7 @@ class Cell:
                 time.sleep(0.1)
 
     def command(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
-        return subprocess.run([sys.executable, "-m", "monitor", *arguments], capture_output=True, text=True, timeout=60)
+        return subprocess.run([sys.executable, "-m", "monitor", *arguments], capture_output=True, text=True, timeout=60, check=False)
 
     def ledger(self) -> list:
         with Store.reader(self.folder / "history") as store:
@@ -230,7 +230,9 @@ def test_a_wrong_configuration_ends_with_78_and_every_mistake(tmp_path: Path):
     """The service manager must not restart into it; the operator sees all of it at once."""
     config = tmp_path / "wrong.toml"
     config.write_text('[robot]\nmodel = "ur7"\nsite = "A"\nid = "b"\n[replay]\nalow_motion = true\n')
-    ended = subprocess.run([sys.executable, "-m", "monitor", "run", "--config", str(config)], capture_output=True, text=True, timeout=60)
+    ended = subprocess.run(
+        [sys.executable, "-m", "monitor", "run", "--config", str(config)], capture_output=True, text=True, timeout=60, check=False
+    )
     assert ended.returncode == 78
     for part in ("ur7", "known are", "'A'", "did you mean allow_motion"):
         assert part in ended.stderr

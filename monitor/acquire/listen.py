@@ -113,14 +113,17 @@ class Listener:
                 self._try(now)
             return []
         fresh: list[LiveState] = []
+        last_word = None
         try:
             for frame in self._child.frames(0.0):
                 if isinstance(frame, dict):
-                    self.trouble = frame["text"]
+                    last_word = frame["text"]
                 else:
                     fresh.append(_live(frame))
         except ChildLost:
-            self._lost(now, self.trouble or f"{self._settings.host}: the listening process died")
+            last_word = last_word or f"{self._settings.host}: the listening process died"
+        if last_word is not None:
+            self._lost(now, last_word)
             return fresh
         if fresh:
             self._heard_at, self._spoke, self._latest, self.trouble = now, True, fresh[-1], None

@@ -103,7 +103,8 @@ def jackknife_covariance(recordings: Sequence[Rows], weights: Array, solution: S
             scores.append(Z.T @ e[first:last].ravel())
             runs.append((number, int(rec.segments[first])))
     windows = _windows(runs)
-    G, g = (sum(np.array(part)[windows + k] for k in range(WINDOW_STEPS)) for part in (grams, scores))  # (W, r, r), (W, r)
+    within = windows[:, None] + np.arange(WINDOW_STEPS)  # (W, 6) steps of each block
+    G, g = np.sum(np.array(grams)[within], axis=1), np.sum(np.array(scores)[within], axis=1)  # (W, r, r), (W, r)
     # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
     moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g[:, :, None])[:, :, 0] @ T.T  # (W, B)
     blocks = len(runs) / WINDOW_STEPS

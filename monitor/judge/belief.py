@@ -14,7 +14,7 @@ from monitor.recording import Array, Context
 SCHEMA_VERSION = 1
 LEVEL, SLOPE, WEAR, RATE = range(4)  # order of the state: log N·m, 1/K, log, 1/day
 COMPARABLE = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest")
-ORDINARY, OUTLIER, STEP, UNSEEN = range(4)  # what the last replay was to a joint
+ORDINARY, SETTLING, STEP, OUTLIER, UNSEEN = range(5)  # what the last replay was to a joint; the last two are not learnt from
 
 
 class OpenedContext(NamedTuple):
@@ -40,13 +40,13 @@ class Belief:
     mean: Array  # (J, 4) level, temperature slope, wear, wear rate per day
     cov: Array  # (J, 4, 4)
     joint_replays: Array  # (J,) learnt from
-    noise_var: Array  # (J,) between replays, of y
-    noise_lag: Array  # (J,) product of successive innovations, on average
+    noise_step_var: Array  # (J,) half the mean square of what differs from one replay to the next, within-replay noise taken off
+    autocorrelation: Array  # (J,) mean product of successive normalised innovations
     noise_weight: Array  # (J,) replays behind both
     consistency: Array  # (J,) running mean of normalised innovations squared: 1 where the filter is consistent
     innovation: Array  # (J,) of the last replay; NaN where unseen
     normalised_innovation: Array  # (J,) in its own σ
-    event: Array  # (J,) ORDINARY, OUTLIER, STEP or UNSEEN: the last replay
+    event: Array  # (J,) ORDINARY, SETTLING, STEP, OUTLIER or UNSEEN: the last replay
     gate_run: Array  # (J,) signed count of gated replays in a row
     cusum: Array  # (J, 2) whitened innovations summed up, upward and downward, beyond what chance does
     cusum_replays: Array  # (J, 2) replays since each sum left 0
@@ -78,9 +78,15 @@ class Belief:
         return np.sqrt(np.maximum(self.cov[:, WEAR, WEAR], 0.0))
 
     @property
-    def autocorrelation(self) -> Array:
-        """(J,) of the noise of successive replays, as learnt; not bounded."""
-        return self.noise_lag / self.noise_var
+    def learnt_from(self) -> np.ndarray:
+        """(J,) whether the last replay taught something of a joint."""
+        learnt: np.ndarray = self.event <= STEP
+        return learnt
+
+    @property
+    def noise_var(self) -> Array:
+        """(J,) of y between replays: σ² = E[(εₖ − εₖ₋₁)²]/2 / (1 − ρ). A trend is in the differences once, in the values ever more."""
+        return self.noise_step_var / (1.0 - np.maximum(self.autocorrelation, 0.0))
 
     def reference_torque_nm(self) -> tuple[Array, Array]:
         """F(v*, T0), wear included, and its standard deviation, (J,) each [N·m]; NaN where a joint was never seen."""

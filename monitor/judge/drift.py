@@ -14,7 +14,7 @@ from filterpy.kalman import predict
 
 from monitor.errors import BadInput
 from monitor.identify.solve import Caveat, Identification
-from monitor.judge.belief import LEVEL, ORDINARY, RATE, SLOPE, STEP, UNSEEN, WEAR, Belief, OpenedContext, comparable, differences
+from monitor.judge.belief import LEVEL, RATE, SLOPE, UNSEEN, WEAR, Belief, OpenedContext, comparable, differences
 from monitor.judge.evidence import DriftSettings, observe
 from monitor.judge.kalman import filtered, numbers, symmetric
 from monitor.judge.temperature import TemperatureSettings, begun, inside_range, learnt, reopened
@@ -62,8 +62,8 @@ def begin(
         mean=mean,
         cov=cov,
         joint_replays=np.zeros(J),
-        noise_var=np.full(J, settings.between_std**2),
-        noise_lag=np.full(J, settings.autocorrelation * settings.between_std**2),
+        noise_step_var=np.full(J, settings.between_std**2 * (1.0 - settings.autocorrelation)),
+        autocorrelation=np.full(J, settings.autocorrelation),
         noise_weight=np.full(J, settings.between_replays),
         consistency=np.ones(J),
         innovation=np.full(J, np.nan),
@@ -166,7 +166,7 @@ def learn(
 
     belief, more = filtered(belief, seen, elapsed_days, settings)
     caveats += more
-    unworn = np.where(np.isin(belief.event, (ORDINARY, STEP)), np.exp(-belief.wear), np.nan)  # wear divided out, outliers left out
+    unworn = np.where(belief.learnt_from, np.exp(-belief.wear), np.nan)  # wear divided out, outliers left out
     now = belief.contexts[-1]
     return Learnt(
         replace(

@@ -28,6 +28,7 @@ class DriftSettings:
     gate_run: int = 3  # … so many in a row on one side are a step
     cusum_slack: float = 0.5  # [σ] a shift of twice this is found quickest
     cusum_limit: float = 6.0  # [σ] by chance about once a robot-year; it only loosens the filter, it raises nothing
+    jump_days: float = 30.0  # what looks like a jump may be a new pace of wear: as much in so many days
     resolution: float = 0.25  # a replay whose own std is a larger fraction of F says nothing of that joint
     settle_replays: int = 20  # T0 is the mean temperature of the first so many replays
     unknown_temperature_c: float = 25.0  # stands in where nothing measured it …

@@ -11,7 +11,7 @@ import numpy as np
 from filterpy.kalman import update
 
 from monitor.identify.solve import Caveat
-from monitor.judge.belief import ORDINARY, OUTLIER, RATE, SLOPE, STEP, UNSEEN, WEAR, Belief
+from monitor.judge.belief import ORDINARY, OUTLIER, RATE, SETTLING, SLOPE, STEP, UNSEEN, WEAR, Belief
 from monitor.judge.evidence import DriftSettings, Observation
 from monitor.recording import Array
 
@@ -20,11 +20,12 @@ def filtered(belief: Belief, seen: Observation, elapsed_days: float, settings: D
     """Gate, update and learn the noise, joint by joint."""
     J = belief.joints
     mean, cov = belief.mean.copy(), belief.cov.copy()
-    noise_var, noise_lag, noise_weight = belief.noise_var.copy(), belief.noise_lag.copy(), belief.noise_weight.copy()
+    noise_var = belief.noise_var
+    noise_step_var, autocorrelation, noise_weight = belief.noise_step_var.copy(), belief.autocorrelation.copy(), belief.noise_weight.copy()
     cusum, cusum_replays = belief.cusum.copy(), belief.cusum_replays.copy()
     gate_run, outliers, consistency = belief.gate_run.copy(), belief.outliers.copy(), belief.consistency.copy()
     innovation, normalised, event = np.full(J, np.nan), np.full(J, np.nan), np.full(J, float(UNSEEN))
-    rho = np.clip(belief.autocorrelation, 0.0, settings.autocorrelation_max)
+    rho = np.maximum(belief.autocorrelation, 0.0)
     # what is alike from replay to replay averages out slowly: n correlated replays are worth n·(1−ρ)/(1+ρ)
     dulled = (1.0 + rho) / (1.0 - rho)
     recent = elapsed_days <= 3.0  # noise of longer ago has nothing to do with today's
@@ -39,7 +40,10 @@ def filtered(belief: Belief, seen: Observation, elapsed_days: float, settings: D
         nu = float(seen.log_torque[j] - H[0] @ mean[j])
         foreseen = float(H[0] @ cov[j] @ H[0])
         z = nu / math.sqrt(foreseen + within + noise_var[j])
-        innovation[j], normalised[j], event[j] = nu, z, ORDINARY
+        innovation[j], normalised[j] = nu, z
+        # only where a replay was foreseen well does its surprise tell of noise and shifts
+        event[j] = ORDINARY if foreseen <= 2.0 * (within + noise_var[j]) else SETTLING
+        followed = recent and event[j] == ORDINARY and belief.event[j] == ORDINARY
 
         if abs(z) > settings.gate_sigma:
             side = math.copysign(1.0, z)
@@ -48,44 +52,42 @@ def filtered(belief: Belief, seen: Observation, elapsed_days: float, settings: D
             if abs(gate_run[j]) < settings.gate_run:
                 event[j] = OUTLIER
                 continue
-            event[j] = STEP
-            jump = nu  # so many on one side are no accident: wear has jumped, by about as much
-        else:
-            before = belief.normalised_innovation[j] if recent and belief.event[j] == ORDINARY else 0.0
-            white = (z - rho[j] * before) / math.sqrt(1.0 - rho[j] ** 2 * (before != 0.0))
+            event[j], jump = STEP, nu  # so many on one side are no accident: wear has jumped, by about as much
+        elif event[j] == ORDINARY:
+            white = (z - rho[j] * belief.normalised_innovation[j]) / math.sqrt(1.0 - rho[j] ** 2) if followed else z
             cusum[j] = np.maximum(cusum[j] + [white, -white] - settings.cusum_slack, 0.0)
             cusum_replays[j] = np.where(cusum[j] > 0, cusum_replays[j] + 1, 0)
-            side = int(np.argmax(cusum[j]))
-            jump = 0.0
-            if cusum[j, side] > settings.cusum_limit:
+            up = int(np.argmax(cusum[j]))
+            if cusum[j, up] > settings.cusum_limit:
                 event[j] = STEP
-                jump = (settings.cusum_slack + cusum[j, side] / cusum_replays[j, side]) * math.sqrt(foreseen + within + noise_var[j])
+                jump = (settings.cusum_slack + cusum[j, up] / cusum_replays[j, up]) * math.sqrt(foreseen + within + noise_var[j])
         gate_run[j] = 0.0
         if event[j] == STEP:
-            # as unsure of wear as the jump is large, and of its rate as with a new arm
             cov[j, WEAR, WEAR] += jump**2
-            cov[j, RATE, RATE] += settings.rate_std_per_day**2
+            cov[j, RATE, RATE] += (jump / settings.jump_days) ** 2
             cusum[j] = cusum_replays[j] = 0.0
 
         R = within + noise_var[j] * dulled[j]
         mean[j], P = update(mean[j], cov[j], np.array([seen.log_torque[j]]), np.array([[R]]), H)
         cov[j] = symmetric(P)
-        # only where the replay was foreseen well does its surprise tell the noise
-        if event[j] == ORDINARY and foreseen <= 2.0 * (within + noise_var[j]):
+        if event[j] == belief.event[j] == ORDINARY and elapsed_days <= 10.0:
             n = noise_weight[j] = min(noise_weight[j] + 1.0, settings.memory_replays)
-            previous = belief.innovation[j]
-            noise_var[j] = max(noise_var[j] + (nu**2 - foreseen - within - noise_var[j]) / n, settings.between_floor**2)
-            if recent and belief.event[j] == ORDINARY:
-                noise_lag[j] += (nu * previous - noise_lag[j]) / n
+            differs = 0.5 * (nu - belief.innovation[j]) ** 2 - within
+            noise_step_var[j] = max(noise_step_var[j] + (differs - noise_step_var[j]) / n, settings.between_floor**2)
+            # while a shift is suspected it must not pass for noise that lasts
+            if followed and cusum[j].max() <= 0.5 * settings.cusum_limit:
+                product = np.clip(z, -2.0, 2.0) * np.clip(belief.normalised_innovation[j], -2.0, 2.0)
+                autocorrelation[j] = min(autocorrelation[j] + (product - autocorrelation[j]) / n, settings.autocorrelation_max)
+        if event[j] == ORDINARY:
             consistency[j] += (z**2 - consistency[j]) / 20.0
 
     updated = replace(
         belief,
         mean=mean,
         cov=cov,
-        joint_replays=belief.joint_replays + ((event == ORDINARY) | (event == STEP)),
-        noise_var=noise_var,
-        noise_lag=noise_lag,
+        joint_replays=belief.joint_replays + (event <= STEP),
+        noise_step_var=noise_step_var,
+        autocorrelation=autocorrelation,
         noise_weight=noise_weight,
         consistency=consistency,
         innovation=innovation,

@@ -57,7 +57,7 @@ def judge(health: Health | None, belief: Belief, settings: HealthSettings) -> Ju
     at, J = belief.at_unix_s, belief.joints
     day = math.floor(at / 86_400.0)
     before = health or Health(joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
-    usable = (belief.event != UNSEEN) & (belief.event != OUTLIER) & (belief.inside_range > 0)
+    usable = belief.learnt_from & (belief.inside_range > 0)
     doubt = np.maximum(belief.wear_std, 1e-9)
 
     together = _common_wear(belief, settings)

@@ -16,6 +16,9 @@ from monitor.simulate.physics import Target
 SERVO_MAX_RAD_S2 = 30.0  # the filter never asks for more: twice what an excitation needs, about what the drives can give
 SPEED_CHANGE_MAX_RAD_S2 = 40.0  # faster changes of the targets' speed are jitter of the network
 ACCELERATION_TRUST = 0.5  # share of each newly seen acceleration: two targets of memory
+STREAM_BURST = 8  # targets, or periods of silence, that are still put in order
+FIT_CLEAR_RAD, FIT_BETTER = 2e-3, 0.25  # at low speed every place fits, and a wrong one would confirm itself
+PHASE_KEEP = 0.9  # a stream's place in time is forgotten in ten targets
 STREAM_GAP_PERIODS = 2.0  # so much longer the motion is carried on when a target is late
 BACK_RAD_S = 20.0  # how briskly: 1 rad/s is braked with 20–30 rad/s²
 STREAM_GAP_BACK_S = 0.1  # and in this time it goes back to the last target if none comes
@@ -29,6 +32,7 @@ class Reference:
         self._max_speed = robot.max_speed_rad_s
         self._tick_s = tick_s
         self._advance: Callable[[float], None] | None = None  # None: hold
+        self._waiting: list[Array] = []  # servoj targets not yet taken
         self._then: Callable[[], None] | None = None
         self.mode = "hold"
 
@@ -114,29 +118,59 @@ class Reference:
         self._begin("speed", advance)
 
     def follow(self, targets: list[Array], time_s: float, lookahead_s: float, gain: float) -> None:
-        """servoj: the targets that arrived in this tick, oldest first, possibly none."""
+        """servoj: the targets that arrived in this tick, oldest first, possibly none.
+
+        One call of servoj lasts `time_s`: targets that come faster wait, and the newest counts. Targets that come more slowly than
+        that make the arm run ahead and wait in turn, as they should not be sent.
+        """
         if self.mode != "servo":
             self._goal, self._between_qd, self._goal_qdd = self.q.copy(), self.qd.copy(), np.zeros_like(self.q)
-            self._goal_qd, self._age_s, self._first = self.qd.copy(), 0.0, True
+            self._goal_qd, self._age_s, self._first, self._waiting = self.qd.copy(), math.inf, True, []
             self._begin("servo", self._servo)
         period = time_s if time_s > 0.0 else self._tick_s
-        for i, target in enumerate(targets):
-            # one target after a gap stands for the whole gap; several at once were sent one period apart
-            between = max(period, self._age_s) if i == 0 and len(targets) == 1 else period
-            if self._first:  # has no speed
-                self._between_qd, self._goal_qdd, self._first = np.zeros_like(target), np.zeros_like(target), False
-            else:
-                room = SPEED_CHANGE_MAX_RAD_S2 * between
-                change = (target - self._goal) / between - self._between_qd
-                change = np.minimum(np.maximum(change, -room), room)
-                self._between_qd = self._between_qd + change
-                self._goal_qdd = self._goal_qdd + ACCELERATION_TRUST * (change / between - self._goal_qdd)
-            self._goal_qd = self._between_qd + (0.5 * between) * self._goal_qdd
-            self._goal, self._age_s = target, 0.0
         self._carry_s = period * (1.0 + STREAM_GAP_PERIODS)
         self._rate = 2.0 / lookahead_s * math.sqrt(gain / 500.0)
+        self._waiting = [*self._waiting, *targets][-STREAM_BURST:]
+        if self._waiting and self._age_s > period - 0.75 * self._tick_s:
+            self._take(self._waiting[-1], len(self._waiting), period)
+            self._waiting = []
+
+    def _take(self, target: Array, arrived: int, period: float) -> None:
+        """The newest target: its speed from the one before, its place in time from where it fits best.
+
+        After a gap nobody says whether a packet is late or was never sent, in a burst whether the sender is fast or caught up.
+        """
+        if self._first:  # has no speed
+            self._between_qd, self._goal_qdd, self._first = np.zeros_like(target), np.zeros_like(target), False
+            self._age_s = 0.0
+        else:
+            passed = min(max(1, round(self._age_s / period)), STREAM_BURST)
+            periods = passed if max(passed, arrived) == 1 else self._fitting(target, period, passed, max(passed, arrived))
+            between = periods * period
+            room = SPEED_CHANGE_MAX_RAD_S2 * between
+            change = (target - self._goal) / between - self._between_qd
+            change = np.minimum(np.maximum(change, -room), room)
+            self._between_qd = self._between_qd + change
+            self._goal_qdd = self._goal_qdd + ACCELERATION_TRUST * (change / between - self._goal_qdd)
+            self._goal_qd = self._between_qd + (0.5 * between) * self._goal_qdd
+            self._age_s = min(max(PHASE_KEEP * (self._age_s - between), -period), 2.0 * period)
+        self._goal = target
+
+    def _fitting(self, target: Array, period: float, passed: int, most: int) -> int:
+        """How many periods after the last target this one belongs: as many as have passed, unless the motion so far clearly denies it."""
+
+        def miss(periods: int) -> float:
+            t = periods * period
+            return float(np.linalg.norm(target - self._goal - t * (self._goal_qd + (0.5 * t) * self._goal_qdd)))
+
+        best = min(range(1, most + 1), key=miss)
+        denied = miss(passed) > FIT_CLEAR_RAD and miss(best) < FIT_BETTER * miss(passed)
+        return best if denied else passed
 
     def _servo(self, h: float) -> None:
+        if self._first:
+            self._to(self.qd * 0.5, h)  # no target has come yet
+            return
         self._age_s += h
         age = min(self._age_s, self._carry_s)
         goal = self._goal + age * (self._goal_qd + (0.5 * age) * self._goal_qdd)

@@ -49,7 +49,7 @@ WEAR_PER_REVOLUTION = 1.2e-5  # a thousand times a healthy joint's: a month of d
 DUTY = 0.5  # share of the working day in which the arm moves
 WORKING_H = 10.0
 COLD_DAYS = {7: -9.0, 14: -7.0}  # Mondays after a weekend with the heating off [K]
-WARM_TIERS = ("wear", "limit")
+WEAR_TIERS = ("wear", "limit")
 
 
 @dataclass(slots=True)
@@ -122,9 +122,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
                     diary.doing = f"live replay over RTDE, servoJ at 125 Hz: {at.phase} {at.elapsed_s:.1f}{total} s"
 
                 settings = configuration.replay
-                return replay(
-                    excitation, configuration.model, settings, context=context, on_progress=on_progress, should_stop=should_stop
-                )
+                return replay(excitation, configuration.model, settings, context=context, on_progress=on_progress, should_stop=should_stop)
             diary.doing = "stepped replay: the simulator plays it faster than real time"
             recording = remote.play(excitation)
             known = dataclasses.replace(recording.context, **_known(context))
@@ -153,9 +151,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
                 diary.stepped_replays += not live
                 diary.truth = remote.truth()
                 how = "RTDE, real time" if live else "stepped"
-                diary.replays.append(
-                    f"{rfc3339(diary.clock_unix_s)[:10]}  {how:<15}  {row.state}{': ' + row.reason if row.reason else ''}"
-                )
+                diary.replays.append(f"{rfc3339(diary.clock_unix_s)[:10]}  {how:<15}  {row.state}{': ' + row.reason if row.reason else ''}")
                 time.sleep(0.05)  # what was published arrives
                 on_screen.refresh()
             diary.doing = "a cold evening: asking the model for torque at temperatures between those of the replays"
@@ -170,7 +166,8 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
 def _simulated_arm(host: str, seed: int) -> Iterator[Remote]:
     """A simulated UR5 in a process of its own, whose elbow will wear."""
     rates = ",".join(str(WEAR_PER_REVOLUTION if joint == WEARING_JOINT else 2e-8) for joint in range(1, 7))
-    command = [sys.executable, "-m", "monitor.simulate", "--robot", "ur5", "--bind", host, "--seed", str(seed), "--wear-per-revolution", rates]
+    command = [sys.executable, "-m", "monitor.simulate", "--robot", "ur5", "--bind", host]
+    command += ["--seed", str(seed), "--wear-per-revolution", rates]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -333,9 +330,8 @@ class _Screen:
             Text(f"day {diary.day + 1} of {DAYS}, {rfc3339(diary.clock_unix_s)[:10]} (the daemon's clock), room {diary.ambient_c:.0f} °C"),
             Text(f"{diary.live_replays} replays in real time over RTDE, {diary.stepped_replays} stepped; now: {diary.doing}", style="dim"),
         ]
-        alerts = [
-            Text(f"ALERT {key}, {a['tier']}: {a['text']}", style="bold magenta") for key, a in sorted(seen.alerts.items()) if a.get("active")
-        ]
+        active = [(key, alert) for key, alert in sorted(seen.alerts.items()) if alert.get("active")]
+        alerts = [Text(f"ALERT {key}, {alert['tier']}: {alert['text']}", style="bold magenta") for key, alert in active]
         return Group(*lines, table, *alerts, *(Text(line, style="dim") for line in diary.replays[-4:]))
 
 
@@ -354,10 +350,9 @@ def _true_wear(diary: Diary, row: dict[str, Any], joint: int) -> float | None:
 
 
 def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], took_s: float, *, as_json: bool) -> int:
-    worn = {j: row for j, row in seen.friction.items()}
-    alerts = {
-        (alert["joint"], alert["condition"]): alert["tier"] for alert in seen.alerts.values() if alert.get("active") and alert["tier"] in WARM_TIERS
-    }
+    worn = dict(seen.friction)
+    active = [alert for alert in seen.alerts.values() if alert.get("active") and alert["tier"] in WEAR_TIERS]
+    alerts = {(alert["joint"], alert["condition"]): alert["tier"] for alert in active}
     right = any(joint == WEARING_JOINT for joint, _ in alerts)
     wrong = sorted(str(place) for place in alerts if place[0] != WEARING_JOINT)
     complete = len(diary.replays) == DAYS and all("assessed" in line for line in diary.replays)
@@ -381,9 +376,11 @@ def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], 
             "live_replays": diary.live_replays,
             "stepped_replays": diary.stepped_replays,
             "live_torque_samples": seen.live_samples,
-            "alerts": [{"joint": joint, "condition": condition, "tier": tier} for (joint, condition), tier in sorted(alerts.items(), key=str)],
+            "alerts": [{key: alert[key] for key in ("joint", "condition", "tier", "text")} for alert in active],
             "raised": [{"at": at, "alert": which} for at, which in seen.raised],
-            "wear": {str(j): {"estimated": row["wear"], "std": row["wear_std"], "true": _true_wear(diary, row, j)} for j, row in worn.items()},
+            "wear": [
+                {"joint": j, "estimated": row["wear"], "std": row["wear_std"], "true": _true_wear(diary, row, j)} for j, row in worn.items()
+            ],
             "torque": asked,
             "took_s": round(took_s, 1),
         }
@@ -395,8 +392,10 @@ def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], 
         row = worn.get(WEARING_JOINT)
         if row:
             estimate = f"{_percent(row['wear'])} ± {_percent(row['wear_std'])}"
-            console.print(f"joint {WEARING_JOINT} wore by {_percent(_true_wear(diary, row, WEARING_JOINT))} in truth; the monitor says {estimate}")
-        console.print(f"{diary.live_replays} replays over RTDE, {diary.stepped_replays} stepped, {seen.live_samples} live torque samples, {took_s:.0f} s")
+            true = _percent(_true_wear(diary, row, WEARING_JOINT))
+            console.print(f"joint {WEARING_JOINT} wore by {true} in truth; the monitor says {estimate}")
+        counts = f"{diary.live_replays} replays over RTDE, {diary.stepped_replays} stepped, {seen.live_samples} live torque samples"
+        console.print(f"{counts}, {took_s:.0f} s")
         verdict = "the wear alert came for the right joint and for no other" if passed else "FAILED: "
         if not complete:
             verdict += "not every replay was assessed; "

@@ -87,7 +87,7 @@ def test_the_filter_is_the_joint_gaussian_of_all_replays():
     q, walk = settings.rate_walk_per_sqrt_day**2, settings.wear_walk_per_sqrt_day**2
     for day in days:
         seen = arm.replay(weather(day, dice) * np.ones(6), 0.001 * day)
-        rho = np.clip(belief.autocorrelation[0], 0, settings.autocorrelation_max)
+        rho = max(belief.autocorrelation[0], 0)
         Rs.append(observe(seen, settings).variance[0] + belief.noise_var[0] * (1 + rho) / (1 - rho))
         ys.append(observe(seen, settings).log_torque[0])
         rows.append([1.0, -(seen.temperature_c[0] - belief.reference_temperature_c[0]), 1.0, 0.0])
@@ -322,8 +322,8 @@ def test_a_spoilt_belief_is_refused_by_the_name_of_its_key(spoil, says):
 def test_a_belief_without_a_key_is_refused():
     """A missing key is named."""
     document = fresh().as_document()
-    del document["noise_var"]
-    with pytest.raises(BadInput, match="'noise_var' is missing"):
+    del document["noise_weight"]
+    with pytest.raises(BadInput, match="'noise_weight' is missing"):
         belief_from_document(document)
 
 

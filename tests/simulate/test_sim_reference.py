@@ -94,6 +94,17 @@ def test_servoj_follows_a_stream_at_125_hz_on_both_generations(tick_s, lost):
     assert np.abs(accelerations).max() < 25.0  # no jerk to the limit of 30: the drives would saturate
 
 
+def test_targets_that_come_faster_than_servoj_lasts_give_the_same_motion():
+    """An e-Series fed at 500 Hz with a time of 8 ms: the newest counts, the speed is not misread."""
+    reference = Reference(load_robot("ur5"), ZERO, 0.002)
+    errors = []
+    for k in range(1000):
+        reference.follow([wave(k * 0.002)], 0.008, 0.03, 500.0)
+        reference.step(H)
+        errors.append(reference.q - wave((k + 1) * 0.002))
+    assert np.abs(errors).max() < 6e-3  # the filter's 4.5 mrad
+
+
 def test_a_dead_stream_goes_back_to_its_last_target():
     """servoj latches: without new targets the arm ends at the last one, at rest."""
     reference = Reference(load_robot("ur5"), ZERO, 0.008)
