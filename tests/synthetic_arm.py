@@ -3,7 +3,7 @@
 F(v, T) = fc + fv·e^(−k(T−25)) v, both times the wear; the noise of successive replays may be autocorrelated.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -95,8 +95,6 @@ class History:
 
     def add(self, day: float, seen: Identification, context: Context = CONTEXT) -> Assessment:
         """One replay so many days after the first Monday, midnight."""
-        from dataclasses import replace
-
         at = replace(context, recorded_at_unix_s=START_S + day * DAY_S)
         belief = self.last.belief if self.last else None
         verdict = judge_identification(seen, at, belief=belief, health=self.health, settings=self.settings)

@@ -10,7 +10,7 @@ from synthetic_arm import CONTEXT, START_S, Arm, History, weather
 
 from monitor.assess import Assessment, AssessSettings, Rejected, alert_document, assess, judge_identification
 from monitor.errors import BadInput
-from monitor.judge.drift import DriftSettings
+from monitor.judge.evidence import DriftSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
@@ -39,7 +39,7 @@ def on_joint_3(fraction: float) -> np.ndarray:
 def test_a_quiet_year_raises_no_wear_alert(kind):
     """Seasons, warm and cold mornings, 2 % noise, white or lasting: 2 arm-years of each kind without a wear alert.
 
-    Advisories: at most 1 in the 2 years here (measured over 36 arm-years: 0.1 a year, all of lasting noise).
+    Advisories: at most 1 in the 2 years here (measured over 36 arm-years: none of a joint, two of the arm's common mode).
     """
     years = [lived(365, seed=seed, **kind) for seed in range(2)]
     assert [year.first() for year in years] == [{}] * 2

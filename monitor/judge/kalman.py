@@ -74,10 +74,10 @@ def filtered(belief: Belief, seen: Observation, elapsed_days: float, settings: D
             n = noise_weight[j] = min(noise_weight[j] + 1.0, settings.memory_replays)
             differs = 0.5 * (nu - belief.innovation[j]) ** 2 - within
             noise_step_var[j] = max(noise_step_var[j] + (differs - noise_step_var[j]) / n, settings.between_floor**2)
-            # while a shift is suspected it must not pass for noise that lasts
-            if followed and cusum[j].max() <= 0.5 * settings.cusum_limit:
+            if followed:  # clipped and slow: wear that sets in must not soon pass for noise that lasts
                 product = np.clip(z, -2.0, 2.0) * np.clip(belief.normalised_innovation[j], -2.0, 2.0)
-                autocorrelation[j] = min(autocorrelation[j] + (product - autocorrelation[j]) / n, settings.autocorrelation_max)
+                raised = autocorrelation[j] + (product - autocorrelation[j]) / (n + 2.0 * settings.between_replays)
+                autocorrelation[j] = min(raised, settings.autocorrelation_max)
         if event[j] == ORDINARY:
             consistency[j] += (z**2 - consistency[j]) / 20.0
 

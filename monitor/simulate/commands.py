@@ -89,7 +89,11 @@ class Commands:
             raise BadInput(f"wear: joint = {joint:g}; expected 1 … {joints}")
         factors = {
             name: None if request.get(key) is None else _number(request, key, 0.0, WEAR_MAX)
-            for name, key in (("coulomb", "coulomb_factor"), ("viscous", "viscous_factor"))
+            for name, key in (
+                ("coulomb", "coulomb_factor"),
+                ("viscous", "viscous_factor"),
+                ("per_revolution", "per_revolution"),
+            )
         }
         self._controller.arm.set_wear(int(joint) - 1, **factors)
         return {"wear_coulomb": wear.coulomb.tolist(), "wear_viscous": wear.viscous.tolist()}

@@ -227,8 +227,10 @@ class Arm:
         self.temperatures = temperatures
         self._grip()
 
-    def set_wear(self, joint: int, coulomb: float | None = None, viscous: float | None = None) -> None:
-        """Wear factors of one joint (0 … J−1), on command."""
+    def set_wear(self, joint: int, coulomb: float | None = None, viscous: float | None = None, per_revolution: float | None = None) -> None:
+        """Wear factors of one joint (0 … J−1), on command, and how fast it wears from now on."""
+        if per_revolution is not None:
+            self.wear.per_revolution[joint] = per_revolution
         if coulomb is not None:
             self.wear.coulomb[joint] = coulomb
         if viscous is not None:

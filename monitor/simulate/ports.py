@@ -75,6 +75,7 @@ class RtdePort(asyncio.Protocol):
         """Requests and inputs."""
         if self._transport is None or self._transport.is_closing():
             return
+        _acknowledge(self._transport)
         try:
             replies = self._session.feed(data)
         except ProtocolError as wrong:
@@ -186,6 +187,13 @@ def _accept(ports: Ports, transport: asyncio.BaseTransport) -> asyncio.Transport
     _no_delay(transport)
     ports.others.add(transport)
     return transport
+
+
+def _acknowledge(transport: asyncio.Transport) -> None:
+    """At once: ur-rtde's small writes wait for it (its TCP_NODELAY is lost), and would come in bunches. Not lasting: ask each time."""
+    wire = transport.get_extra_info("socket")
+    if wire is not None:
+        wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
 
 
 def _no_delay(transport: asyncio.Transport) -> None:

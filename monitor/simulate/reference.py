@@ -17,7 +17,9 @@ SERVO_MAX_RAD_S2 = 30.0  # the filter never asks for more: twice what an excitat
 SPEED_CHANGE_MAX_RAD_S2 = 40.0  # faster changes of the targets' speed are jitter of the network
 ACCELERATION_TRUST = 0.5  # share of each newly seen acceleration: two targets of memory
 STREAM_BURST = 8  # targets, or periods of silence, that are still put in order
-FIT_CLEAR_RAD, FIT_BETTER = 2e-3, 0.25  # at low speed every place fits, and a wrong one would confirm itself
+FIT_CLEAR_RAD, FIT_BETTER = 1e-3, 0.25  # at low speed every place fits, and a wrong one would confirm itself
+SPACING_PRIOR, SPACING_KEEP = 5.0, 0.98  # the spacing of targets is learnt over some fifty
+SPACING_NOMINAL = 0.15  # and is the one that servoj was told if it is so near
 PHASE_KEEP = 0.9  # a stream's place in time is forgotten in ten targets
 STREAM_GAP_PERIODS = 2.0  # so much longer the motion is carried on when a target is late
 BACK_RAD_S = 20.0  # how briskly: 1 rad/s is braked with 20–30 rad/s²
@@ -120,14 +122,14 @@ class Reference:
     def follow(self, targets: list[Array], time_s: float, lookahead_s: float, gain: float) -> None:
         """servoj: the targets that arrived in this tick, oldest first, possibly none.
 
-        One call of servoj lasts `time_s`: targets that come faster wait, and the newest counts. Targets that come more slowly than
-        that make the arm run ahead and wait in turn, as they should not be sent.
+        One call of servoj lasts `time_s`: targets that come faster wait, and the newest counts.
         """
+        period = time_s if time_s > 0.0 else self._tick_s
         if self.mode != "servo":
             self._goal, self._between_qd, self._goal_qdd = self.q.copy(), self.qd.copy(), np.zeros_like(self.q)
             self._goal_qd, self._age_s, self._first, self._waiting = self.qd.copy(), math.inf, True, []
+            self._heard_s, self._heard = SPACING_PRIOR * period, SPACING_PRIOR
             self._begin("servo", self._servo)
-        period = time_s if time_s > 0.0 else self._tick_s
         self._carry_s = period * (1.0 + STREAM_GAP_PERIODS)
         self._rate = 2.0 / lookahead_s * math.sqrt(gain / 500.0)
         self._waiting = [*self._waiting, *targets][-STREAM_BURST:]
@@ -136,17 +138,23 @@ class Reference:
             self._waiting = []
 
     def _take(self, target: Array, arrived: int, period: float) -> None:
-        """The newest target: its speed from the one before, its place in time from where it fits best.
+        """The newest target: its speed from the one before, and its place in time.
 
-        After a gap nobody says whether a packet is late or was never sent, in a burst whether the sender is fast or caught up.
+        The network makes targets late and bunches them, so their place follows from how many came and how far apart they come
+        on the average; where some were never sent, from where the motion so far expects them.
         """
         if self._first:  # has no speed
             self._between_qd, self._goal_qdd, self._first = np.zeros_like(target), np.zeros_like(target), False
             self._age_s = 0.0
         else:
-            passed = min(max(1, round(self._age_s / period)), STREAM_BURST)
-            periods = passed if max(passed, arrived) == 1 else self._fitting(target, period, passed, max(passed, arrived))
-            between = periods * period
+            if self._age_s < STREAM_BURST * period:  # longer silence is no spacing
+                self._heard_s = SPACING_KEEP * self._heard_s + self._age_s
+                self._heard = SPACING_KEEP * self._heard + arrived
+            spacing = self._heard_s / self._heard
+            spacing = period if abs(spacing / period - 1.0) < SPACING_NOMINAL else spacing
+            late = round(self._age_s / spacing) - arrived
+            count = arrived if late <= 0 else self._fitting(target, spacing, arrived, min(late, STREAM_BURST))
+            between = count * spacing
             room = SPEED_CHANGE_MAX_RAD_S2 * between
             change = (target - self._goal) / between - self._between_qd
             change = np.minimum(np.maximum(change, -room), room)
@@ -156,16 +164,16 @@ class Reference:
             self._age_s = min(max(PHASE_KEEP * (self._age_s - between), -period), 2.0 * period)
         self._goal = target
 
-    def _fitting(self, target: Array, period: float, passed: int, most: int) -> int:
-        """How many periods after the last target this one belongs: as many as have passed, unless the motion so far clearly denies it."""
+    def _fitting(self, target: Array, spacing: float, arrived: int, late: int) -> int:
+        """How many places on the newest target is: as many as arrived, unless the motion so far clearly says that some were skipped."""
 
-        def miss(periods: int) -> float:
-            t = periods * period
+        def miss(count: int) -> float:
+            t = count * spacing
             return float(np.linalg.norm(target - self._goal - t * (self._goal_qd + (0.5 * t) * self._goal_qdd)))
 
-        best = min(range(1, most + 1), key=miss)
-        denied = miss(passed) > FIT_CLEAR_RAD and miss(best) < FIT_BETTER * miss(passed)
-        return best if denied else passed
+        best = min(range(arrived, arrived + late + 1), key=miss)
+        denied = miss(arrived) > FIT_CLEAR_RAD and miss(best) < FIT_BETTER * miss(arrived)
+        return best if denied else arrived
 
     def _servo(self, h: float) -> None:
         if self._first:

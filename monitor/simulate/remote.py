@@ -69,9 +69,16 @@ class Remote:
         """Let hours pass, `duty` (0 … 1) of them a typical job, in a room at `ambient_c`; the controller's clock afterwards [s]."""
         return float(self.ask("advance", hours=hours, ambient_c=ambient_c, duty=duty)["clock_s"])
 
-    def wear(self, joint: int, *, coulomb_factor: float | None = None, viscous_factor: float | None = None) -> None:
-        """Set the friction multipliers of joint 1 … J."""
-        self.ask("wear", joint=joint, coulomb_factor=coulomb_factor, viscous_factor=viscous_factor)
+    def wear(
+        self,
+        joint: int,
+        *,
+        coulomb_factor: float | None = None,
+        viscous_factor: float | None = None,
+        per_revolution: float | None = None,
+    ) -> None:
+        """Set the friction multipliers of joint 1 … J, or how much they grow from now on with a revolution under rated load."""
+        self.ask("wear", joint=joint, coulomb_factor=coulomb_factor, viscous_factor=viscous_factor, per_revolution=per_revolution)
 
     def play(self, excitation: Excitation, *, software: str | None = None) -> Recording:
         """A replay stepped faster than real time inside the simulator."""

@@ -117,7 +117,7 @@ def _recording(controller: Controller, excitation: Excitation, rows: dict[str, A
     context = Context(
         robot=settings.robot,
         serial=settings.serial,
-        firmware=".".join(map(str, settings.polyscope[:3])),
+        firmware=".".join(map(str, settings.polyscope)),
         mounting_rad=settings.mounting.angles_rad,
         payload_kg=settings.payload_kg,
         trajectory_digest=excitation.digest,

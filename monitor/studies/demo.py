@@ -33,8 +33,9 @@ from monitor.client import Client
 from monitor.config import Configuration, from_document
 from monitor.daemon import Daemon
 from monitor.errors import RobotUnreachable
+from monitor.judge.evidence import DriftSettings
 from monitor.model.fourier import Excitation
-from monitor.recording import Context, Recording
+from monitor.recording import Array, Context, Recording
 from monitor.simulate.remote import Remote
 from monitor.store import Store
 from monitor.terminal import remaining_life
@@ -42,13 +43,15 @@ from monitor.timestamps import rfc3339
 
 DAY_S = 86_400.0
 FIRST_DAY_UNIX_S = 1_767_582_000.0  # Monday 2026-01-05 03:00 UTC
-DAYS = 22
-LIVE_DAYS = (0, 5, 10, 15, 21)  # these replays go through the RTDE wire in real time
+DAYS = 28
+LIVE_DAYS = (0, 7, 14, 20, 27)  # these replays go through the RTDE wire in real time
 WEARING_JOINT = 3
-WEAR_PER_REVOLUTION = 1.2e-5  # a thousand times a healthy joint's: a month of damage fits into the demo
+ONSET_DAY = 14  # until then every joint is healthy
+WEAR_PER_REVOLUTION = 5e-5  # from then on, of that joint: thousands of times a healthy one's, so that two weeks show what takes years
 DUTY = 0.5  # share of the working day in which the arm moves
 WORKING_H = 10.0
-COLD_DAYS = {7: -9.0, 14: -7.0}  # Mondays after a weekend with the heating off [K]
+COLD_DAYS = {7: -9.0, 21: -7.0}  # Mondays after a weekend with the heating off [K]
+REFERENCE_C = 27.0
 WEAR_TIERS = ("wear", "limit")
 
 
@@ -88,8 +91,7 @@ class Diary:
     replays: list[str] = field(default_factory=list)
     live_replays: int = 0
     stepped_replays: int = 0
-    truth: dict[str, Any] = field(default_factory=dict)
-    first_wear: dict[str, list[float]] = field(default_factory=dict)
+    true_wear: Array = field(default_factory=lambda: np.zeros(6))  # (J,) growth of friction by the simulator's own law
 
 
 def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> int:
@@ -111,7 +113,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
         configuration = _configuration(folder, host, endpoint)
         remote = stack.enter_context(_simulated_arm(host, seed))
         diary, seen = Diary(), Seen()
-        diary.first_wear = {name: list(remote.truth()[f"wear_{name}"]) for name in ("coulomb", "viscous")}
+        healthy_nm = _friction_nm(remote)
         on_screen = _Screen(console, diary, seen)
 
         def have(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
@@ -149,7 +151,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
                 live = day in LIVE_DAYS
                 diary.live_replays += live
                 diary.stepped_replays += not live
-                diary.truth = remote.truth()
+                diary.true_wear = _friction_nm(remote) / healthy_nm - 1.0
                 how = "RTDE, real time" if live else "stepped"
                 diary.replays.append(f"{rfc3339(diary.clock_unix_s)[:10]}  {how:<15}  {row.state}{': ' + row.reason if row.reason else ''}")
                 time.sleep(0.05)  # what was published arrives
@@ -164,10 +166,8 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
 
 @contextmanager
 def _simulated_arm(host: str, seed: int) -> Iterator[Remote]:
-    """A simulated UR5 in a process of its own, whose elbow will wear."""
-    rates = ",".join(str(WEAR_PER_REVOLUTION if joint == WEARING_JOINT else 2e-8) for joint in range(1, 7))
-    command = [sys.executable, "-m", "monitor.simulate", "--robot", "ur5", "--bind", host]
-    command += ["--seed", str(seed), "--wear-per-revolution", rates]
+    """A simulated UR5 in a process of its own."""
+    command = [sys.executable, "-m", "monitor.simulate", "--robot", "ur5", "--bind", host, "--seed", str(seed)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -184,6 +184,13 @@ def _simulated_arm(host: str, seed: int) -> Iterator[Remote]:
             process.wait()
 
 
+def _friction_nm(remote: Remote) -> Array:
+    """(J,) what the simulator knows of friction, at the speed that the monitor refers to and one temperature."""
+    speed = DriftSettings().reference_speed_rad_s
+    friction: Array = remote.friction([[speed] * 6], REFERENCE_C)[0]
+    return friction
+
+
 def _live_a_day(remote: Remote, diary: Diary, day: int) -> None:
     """One day of the arm's life: a night, a day's work, and how warm it is when the replay comes."""
     diary.day = day
@@ -191,6 +198,8 @@ def _live_a_day(remote: Remote, diary: Diary, day: int) -> None:
     diary.ambient_c = season + COLD_DAYS.get(day, 0.0)
     diary.doing = "work and night: heat and wear advance on command"
     weekend = day % 7 in (5, 6)
+    if day == ONSET_DAY:
+        remote.wear(WEARING_JOINT, per_revolution=WEAR_PER_REVOLUTION)
     if day > 0:
         diary.clock_unix_s += DAY_S
         remote.advance(hours=WORKING_H, ambient_c=season + 2.0, duty=0.1 if weekend else DUTY)
@@ -322,12 +331,14 @@ class _Screen:
                 f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
                 f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",
                 f"{_percent(row['wear'])} ± {_percent(row['wear_std'])}",
-                _percent(_true_wear(diary, row, j)),
+                _percent(diary.true_wear[j - 1]),
                 remaining_life(row["remaining_life"]),
                 Text(state, style="green" if state == "NORMAL" else "bold magenta"),
             )
+        condition = f"J{WEARING_JOINT} wears with use" if diary.day >= ONSET_DAY else "all joints healthy"
+        today = f"day {diary.day + 1} of {DAYS}, {rfc3339(diary.clock_unix_s)[:10]} (the daemon's clock)"
         lines = [
-            Text(f"day {diary.day + 1} of {DAYS}, {rfc3339(diary.clock_unix_s)[:10]} (the daemon's clock), room {diary.ambient_c:.0f} °C"),
+            Text(f"{today}, room {diary.ambient_c:.0f} °C; {condition}"),
             Text(f"{diary.live_replays} replays in real time over RTDE, {diary.stepped_replays} stepped; now: {diary.doing}", style="dim"),
         ]
         active = [(key, alert) for key, alert in sorted(seen.alerts.items()) if alert.get("active")]
@@ -339,18 +350,7 @@ def _percent(fraction: float | None) -> str:
     return "–" if fraction is None else f"{100 * fraction:+.1f} %"
 
 
-def _true_wear(diary: Diary, row: dict[str, Any], joint: int) -> float | None:
-    """Growth of the joint's friction at the speed that the monitor refers to, by the simulator's own two factors."""
-    if not diary.truth:
-        return None
-    grown = {name: diary.truth[f"wear_{name}"][joint - 1] / diary.first_wear[name][joint - 1] - 1.0 for name in ("coulomb", "viscous")}
-    v = row.get("reference_speed_rad_s", 0.4)
-    coulomb, viscous = row["coulomb_nm"], row["viscous_nm_s_per_rad"] * v
-    return float((grown["coulomb"] * coulomb + grown["viscous"] * viscous) / (coulomb + viscous))
-
-
 def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], took_s: float, *, as_json: bool) -> int:
-    worn = dict(seen.friction)
     active = [alert for alert in seen.alerts.values() if alert.get("active") and alert["tier"] in WEAR_TIERS]
     alerts = {(alert["joint"], alert["condition"]): alert["tier"] for alert in active}
     right = any(joint == WEARING_JOINT for joint, _ in alerts)
@@ -379,7 +379,8 @@ def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], 
             "alerts": [{key: alert[key] for key in ("joint", "condition", "tier", "text")} for alert in active],
             "raised": [{"at": at, "alert": which} for at, which in seen.raised],
             "wear": [
-                {"joint": j, "estimated": row["wear"], "std": row["wear_std"], "true": _true_wear(diary, row, j)} for j, row in worn.items()
+                {"joint": j, "estimated": row["wear"], "std": row["wear_std"], "true": float(diary.true_wear[j - 1])}
+                for j, row in sorted(seen.friction.items())
             ],
             "torque": asked,
             "took_s": round(took_s, 1),
@@ -389,10 +390,10 @@ def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], 
         console.print(table)
         for at, which in seen.raised:
             console.print(f"  {at[:10]}  raised {which}", highlight=False)
-        row = worn.get(WEARING_JOINT)
+        row = seen.friction.get(WEARING_JOINT)
         if row:
             estimate = f"{_percent(row['wear'])} ± {_percent(row['wear_std'])}"
-            true = _percent(_true_wear(diary, row, WEARING_JOINT))
+            true = _percent(diary.true_wear[WEARING_JOINT - 1])
             console.print(f"joint {WEARING_JOINT} wore by {true} in truth; the monitor says {estimate}")
         counts = f"{diary.live_replays} replays over RTDE, {diary.stepped_replays} stepped, {seen.live_samples} live torque samples"
         console.print(f"{counts}, {took_s:.0f} s")
