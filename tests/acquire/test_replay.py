@@ -61,7 +61,8 @@ class Simulated:
 
 @pytest.fixture(scope="module")
 def arm():
-    simulated = Simulated("127.0.2.20")
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    simulated = Simulated(f"127.0.2.{50 + worker % 50}")  # one a worker: parallel workers share a module's tests
     yield simulated
     simulated.close()
 
