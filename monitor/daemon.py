@@ -93,7 +93,10 @@ class Daemon:
                 return None
             self._perform(ledger_id)
             (row,) = self._store.ledger(limit=1)
-            log.info("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason)
+            if row.state == "assessed" and self._health is not None:
+                log.info("replay=%d verdict=assessed health=%s why=%r", row.id, self._health.state, self._health.why)
+            else:
+                log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason)
             return row
 
     def skip(self, window_unix_s: float, reason: str) -> None:

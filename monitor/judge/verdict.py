@@ -197,8 +197,9 @@ def _arm_state(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...]) -> tu
 def _joint_text(belief: Belief, j: int, evidence: Evidence) -> str:
     """Before, after, where and how often: what an engineer asks first."""
     level, wear = belief.mean[j, 0], belief.wear[j]
+    std = math.exp(wear) * belief.wear_std[j]
     return (
         f"Joint {j + 1}: friction at {belief.reference_speed_rad_s:g} rad/s and {belief.reference_temperature_c[j]:.1f} °C went from "
-        f"{math.exp(level):.2f} to {math.exp(level + wear):.2f} N·m ({math.expm1(wear):+.1%} ± {belief.wear_std[j]:.1%}), temperature "
+        f"{math.exp(level):.2f} to {math.exp(level + wear):.2f} N·m ({math.expm1(wear):+.1%} ± {std:.1%}), temperature "
         f"taken out ({belief.mean[j, 1]:.2%}/K); {evidence.replays} replays on {evidence.days} days in a row agree."
     )

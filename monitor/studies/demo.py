@@ -313,7 +313,7 @@ class _Screen:
         """Say the newest replay where no live table does."""
         if self._live is None:
             friction = self._seen.friction.get(WEARING_JOINT)
-            wear = f"  J{WEARING_JOINT} wear {_percent(friction['wear'])} ± {_percent(friction['wear_std'])}" if friction else ""
+            wear = f"  J{WEARING_JOINT} wear {_wear(friction)}" if friction else ""
             alerts = ", ".join(f"{key} {a['tier']}" for key, a in self._seen.alerts.items() if a.get("active"))
             self._console.print(f"{self._diary.replays[-1]}{wear}  {alerts}", highlight=False)
 
@@ -330,7 +330,7 @@ class _Screen:
                 f"{row['temperature_c']:.1f}" if row["temperature_c"] is not None else "–",
                 f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
                 f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",
-                f"{_percent(row['wear'])} ± {_percent(row['wear_std'])}",
+                _wear(row),
                 _percent(diary.true_wear[j - 1]),
                 remaining_life(row["remaining_life"]),
                 Text(state, style="green" if state == "NORMAL" else "bold magenta"),
@@ -344,6 +344,10 @@ class _Screen:
         active = [(key, alert) for key, alert in sorted(seen.alerts.items()) if alert.get("active")]
         alerts = [Text(f"ALERT {key}, {alert['tier']}: {alert['text']}", style="bold magenta") for key, alert in active]
         return Group(*lines, table, *alerts, *(Text(line, style="dim") for line in diary.replays[-4:]))
+
+
+def _wear(friction: dict[str, Any]) -> str:
+    return f"{100 * friction['wear']:+.1f} ± {100 * friction['wear_std']:.1f} %"
 
 
 def _percent(fraction: float | None) -> str:
@@ -392,9 +396,8 @@ def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], 
             console.print(f"  {at[:10]}  raised {which}", highlight=False)
         row = seen.friction.get(WEARING_JOINT)
         if row:
-            estimate = f"{_percent(row['wear'])} ± {_percent(row['wear_std'])}"
             true = _percent(diary.true_wear[WEARING_JOINT - 1])
-            console.print(f"joint {WEARING_JOINT} wore by {true} in truth; the monitor says {estimate}")
+            console.print(f"joint {WEARING_JOINT} wore by {true} in truth; the monitor says {_wear(row)}")
         counts = f"{diary.live_replays} replays over RTDE, {diary.stepped_replays} stepped, {seen.live_samples} live torque samples"
         console.print(f"{counts}, {took_s:.0f} s")
         verdict = "the wear alert came for the right joint and for no other" if passed else "FAILED: "

@@ -1,0 +1,25 @@
+"""The main job as a new user meets it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.xdist_group("daemon")
+
+
+@pytest.mark.timeout(300)
+def test_the_demo_finds_the_worn_joint_and_no_other():
+    """Exit 0, five live replays, an alert for joint 3 alone; wear within 5 % of friction and torque within 10 % of the truth."""
+    ended = subprocess.run([sys.executable, "-m", "monitor", "demo", "--json"], capture_output=True, text=True, timeout=280, check=False)
+    assert ended.returncode == 0, ended.stderr
+    seen = json.loads(ended.stdout)
+    assert seen["live_replays"] >= 5
+    assert {alert["joint"] for alert in seen["alerts"]} == {3}
+    for joint in seen["wear"]:
+        assert joint["estimated"] == pytest.approx(joint["true"], abs=0.05)
+    torque = seen["torque"]
+    for error, size in zip(torque["rms_error_nm"], torque["rms_torque_nm"], strict=True):
+        assert error < 0.1 * size
+    assert seen["live_torque_samples"] > 50
