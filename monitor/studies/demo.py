@@ -306,8 +306,9 @@ class _Screen:
 
     def __exit__(self, *error: Any) -> None:
         if self._live is not None:
-            self._live.__exit__(*error)
-        self._console.print(self._table())
+            self._live.__exit__(*error)  # its last table stays on the screen
+        else:
+            self._console.print(self._table())
 
     def refresh(self) -> None:
         """Say the newest replay where no live table does."""

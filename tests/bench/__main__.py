@@ -21,6 +21,8 @@ def cases() -> dict[str, Callable[[], object]]:
 
     from monitor.identify.solve import identify
     from monitor.model.regressor import regressor
+    from monitor.simulate.controller import Controller
+    from monitor.simulate.settings import SimulateSettings
     from monitor.simulate.stepped import stepped_replay
 
     robot, mounting = load_robot("ur5"), Mounting()
@@ -36,7 +38,7 @@ def cases() -> dict[str, Callable[[], object]]:
             rows[n] = pin.computeJointTorqueRegressor(model, data, q[n], qd[n], qdd[n])
         return rows
 
-    recording = stepped_replay(excitation)
+    recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), excitation)
     memory = np.empty((3750, 6, 78))
     return {
         "regressor, 3750 samples": lambda: regressor(robot, mounting, q, qd, qdd),

@@ -1,1 +1,0 @@
-"""Robot → Excitation, offline. Pure."""
