@@ -158,6 +158,8 @@ def identify(
     as_json: JsonOption = False,
 ) -> None:
     """Recordings → base parameters, friction, fit; each with its uncertainty."""
+    import dataclasses
+
     import numpy as np
 
     from monitor.files import read_recording
@@ -171,8 +173,10 @@ def identify(
     arm = load_robot(robot)
     attitude = Mounting.parse(mounting)
     joint_gains = None if gains is None else np.array(_numbers(gains, "--gains", arm.joints))
-    recordings = [read_recording(path, columns) for path in files]
-    held_out = [read_recording(path, columns) for path in validate or []]
+    # a result names the files that the user named, whatever a recording says of where it came from
+    recordings, held_out = (
+        [dataclasses.replace(read_recording(path, columns), source=path.name) for path in paths] for paths in (files, validate or [])
+    )
     with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):
         found = identify_recordings(recordings, arm, attitude, method=method, gains=joint_gains)
         validations = [validate_recording(found, recording, arm, gains=joint_gains) for recording in held_out]
