@@ -121,6 +121,8 @@ def identify(
     holds too little motion, BadInput where it does not fit the robot.
     """
     settings = settings or IdentifySettings()
+    for recording in recordings:
+        _refuse_other_arm(recording, robot)
     motions = [motion(recording, settings.signals) for recording in recordings]
     torques = [joint_torque(moved, robot, gains) for moved in motions]
     remarks = list(told.of_recordings(recordings))
@@ -219,6 +221,7 @@ def validate(
     Torque and prediction both come from signals filtered as for the fit. Raises as `identify` does.
     """
     settings = settings or IdentifySettings()
+    _refuse_other_arm(recording, robot)
     moved = motion(recording, settings.signals)
     measured = joint_torque(moved, robot, gains)
     predicted = predict_torque(identification, robot, moved.q, moved.qd, moved.qdd).torque
@@ -235,6 +238,13 @@ def validate(
         normalised_error_nm=found.normalised_error_nm,
         nominal_rms_nm=_errors(measured, nominal, moving).rms_nm,
     )
+
+
+def _refuse_other_arm(recording: Recording, robot: Robot) -> None:
+    """Raises BadInput where the recording itself says that another model made it."""
+    made_by = recording.context.robot
+    if made_by is not None and made_by != robot.name:
+        raise BadInput(f"{recording.source or 'recording'}: recorded on a {made_by}; the robot given is {robot.name}")
 
 
 class _Errors(NamedTuple):

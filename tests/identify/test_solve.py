@@ -210,3 +210,11 @@ def test_measured_torque_needs_no_gains():
     sound = recording(truth(UR5))
     as_torque = replace(sound, current=None, torque=sound.current * UR5.drive_gain_nm_per_a)
     np.testing.assert_allclose(identify([as_torque], UR5, GROUND).values, identify([sound], UR5, GROUND).values, atol=1e-9)
+
+
+def test_a_recording_of_another_model_is_refused():
+    """A UR3's file given as a UR5's would yield plausible nonsense: both names are told."""
+    measured = recording(truth(UR5, GROUND))
+    other = replace(measured, context=replace(measured.context, robot="ur3"))
+    with pytest.raises(BadInput, match="recorded on a ur3; the robot given is ur5"):
+        identify([other], UR5, GROUND)
