@@ -9,7 +9,7 @@ import pytest
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = "14.87,13.26,11.13,10.62,11.03,11.47"
-COMMANDS = ("run", "simulate", "replay", "identify", "predict", "watch", "status", "demo")
+COMMANDS = ("run", "simulate", "replay", "identify", "base", "energy", "predict", "watch", "status", "demo")
 
 
 def joint_monitor(*arguments: str) -> "subprocess.CompletedProcess[str]":

@@ -10,6 +10,7 @@ from monitor.errors import BadInput
 from monitor.identify import caveats as told
 from monitor.identify.caveats import Caveat
 from monitor.identify.least_squares import WINDOW_STEPS, Rows, condition_number, factors, jackknife_covariance, residual_rms, solve
+from monitor.identify.mounting import mounting_check
 from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, Mask, Motion, SignalSettings, motion
 from monitor.identify.torque import joint_torque
 from monitor.model.base import Base, base_parameters
@@ -128,6 +129,9 @@ def identify(
     remarks = list(told.of_recordings(recordings))
     for moved, recording in zip(motions, recordings, strict=True):
         remarks += told.of_motion(moved, recording.context.payload_kg)
+    contradiction = mounting_check(motions, torques, robot, mounting)
+    if contradiction is not None:
+        remarks.append(contradiction)
     return identify_motions(motions, torques, robot, mounting, method=method, settings=settings, caveats=remarks)
 
 
