@@ -59,6 +59,14 @@ class Daemon:
 
     def __enter__(self) -> "Daemon":
         """Take up what the last run left: nothing is replayed, what was recorded is assessed, what was decided is said."""
+        try:
+            self._take_up()
+        except BaseException:
+            self.bus.close()  # a session left open would keep a failed daemon alive
+            raise
+        return self
+
+    def _take_up(self) -> None:
         state = self._store.state()
         if state is not None:
             self._belief = belief_from_document(state.belief)
@@ -74,7 +82,6 @@ class Daemon:
         self._say_everything()
         for event in self._store.events(unpublished=True):
             self._say_event(event)
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.stopping.set()
@@ -145,6 +152,9 @@ class Daemon:
             )
         except BadInput as error:
             outcome = Rejected(str(error))
+        except Exception as error:  # a fault of ours in one recording must not end the service, now and at every start
+            log.exception("replay=%d cannot be assessed", ledger_id)
+            outcome = Rejected(f"internal: {type(error).__name__}: {error}")
         if isinstance(outcome, Rejected):
             self._store.end(ledger_id, "rejected", outcome.reason, self._now())
             return
@@ -274,7 +284,8 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))
         for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: daemon.stopping.set())
+            # from another thread: the main one may hold the event's own lock at the moment of the signal
+            signal.signal(number, lambda *_: threading.Thread(target=daemon.stopping.set, daemon=True).start())
 
         # one worker that lives as long as the scheduler: a replay's child must not outlive the thread that started it
         scheduler = BackgroundScheduler(timezone="UTC", executors={"default": ThreadPoolExecutor(1)})

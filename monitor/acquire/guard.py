@@ -23,6 +23,8 @@ RUNTIME_STOPPED = 1
 RUNTIME_PLAYING = 2
 
 MAX_ACCELERATION_RAD_S2 = 5.5 * math.pi  # Raviola et al. (2021), section 2.3: the limit of the excitation's optimisation
+MAX_HARMONIC_HZ = 5.0  # ten times the paper's; what is faster would slip between the samples at which limits are checked
+MAX_DURATION_S = 600.0  # twenty full replays: longer is a slip of the pen
 END_SPEED_RAD_S = 1e-3  # coefficients are stored to 1e-6: ends that are "zero" are so to about 1e-5
 END_ACCELERATION_RAD_S2 = 2e-2
 STANDSTILL_RAD_S = 0.02  # speed noise of an arm at rest stays below
@@ -138,6 +140,11 @@ def permitted(settings: ReplaySettings) -> None:
 
 def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_rad_s: Array) -> None:
     """Raises MotionRefused naming the joint, the value and the limit that the sampled curve breaks."""
+    fastest_hz = excitation.harmonics / excitation.period_s
+    if fastest_hz > MAX_HARMONIC_HZ:
+        raise MotionRefused(f"the excitation's highest harmonic is {fastest_hz:.3g} Hz; expected at most {MAX_HARMONIC_HZ:g} Hz")
+    if not excitation.duration_s <= MAX_DURATION_S:
+        raise MotionRefused(f"the excitation takes {excitation.duration_s:.3g} s; expected at most {MAX_DURATION_S:g} s")
     joints = len(max_position_rad)
     if len(excitation.offset_rad) != joints:
         raise MotionRefused(f"the excitation moves {len(excitation.offset_rad)} joints, the arm has {joints}")

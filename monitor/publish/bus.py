@@ -11,7 +11,7 @@ import queue
 import re
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import zenoh
@@ -36,7 +36,13 @@ class BusSettings:
     connect: tuple[str, ...] = ()  # routers that the daemon joins; retried for ever in the background
     live_rate_hz: float = 5.0  # of torque/live
     health_period_s: float = 60.0  # `health` is said again at least so often
-    query_workers: int = field(default=2)  # threads that answer queries
+    query_workers: int = 2  # threads that answer queries
+
+    def __post_init__(self) -> None:
+        """Raises BadInput naming the figure that is out of its range."""
+        for name, low, high in (("live_rate_hz", 0.1, 125.0), ("health_period_s", 1.0, 3600.0), ("query_workers", 1, 32)):
+            if not low <= getattr(self, name) <= high:
+                raise BadInput(f"bus: {name} = {getattr(self, name)!r}; expected {low:g} to {high:g}")
 
 
 def prefix(site: str, robot: str) -> str:
