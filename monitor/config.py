@@ -136,6 +136,9 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
     if isinstance(replay, dict):
         excitation_name = replay.pop("excitation", "")
         repetitions = replay.pop("repetitions", None)
+        if not isinstance(excitation_name, str):
+            mistakes.append(f"replay.excitation = {excitation_name!r}: expected the name of a shipped trajectory, or the path of a file")
+            excitation_name = ""
     for name, cls in rooms.items():
         sections[name] = _section(name, cls, document.get(name, {}), mistakes)
     robot = sections["robot"]
