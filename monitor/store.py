@@ -279,11 +279,6 @@ class Store:
         ((revision, belief, health, model),) = rows
         return State(revision=revision, belief=json.loads(belief), health=json.loads(health), model=json.loads(model))
 
-    def latest_assessment(self) -> dict[str, Any] | None:
-        """The newest assessment's document."""
-        rows = self._rows("SELECT document FROM assessment ORDER BY ledger_id DESC LIMIT 1")
-        return json.loads(rows[0][0]) if rows else None
-
     def friction(self, *, joint: int | None = None, limit: int | None = None) -> list[dict[str, Any]]:
         """Friction documents in the order of their replays, each with its `replay` (ledger id) and `joint`."""
         rows = self._rows(

@@ -149,11 +149,6 @@ class Bus:
         """Say one transition on `event`."""
         self._enqueue(("event", "event", _encode(document), False, done))
 
-    def forget(self, key: str) -> None:
-        """No longer answer for a key."""
-        with self._lock:
-            self._last.pop(key, None)
-
     def robot_alive(self, alive: bool) -> None:
         """Hold or drop the liveliness token of the link to the arm."""
         if alive and self._robot_alive is None:
