@@ -13,6 +13,9 @@ from monitor.errors import BadConfiguration, BadInput, MonitorError
 
 if TYPE_CHECKING:
     from monitor.config import Configuration
+    from monitor.identify.solve import Identification
+    from monitor.model.robot import Robot
+    from monitor.recording import Array, Recording
 
 EXIT_CONFIG = 78  # sysexits.h: the service manager must not restart into the same mistake
 
@@ -155,6 +158,9 @@ def identify(
     gains: Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {NumbersHelp}.", show_default=False)] = None,
     method: Annotated[str, typer.Option(help="ls (as the paper) or wls (standstill masked, rows weighted).")] = "wls",
     validate: Annotated[list[Path] | None, typer.Option(help="Held-out recording; may be given again.", show_default=False)] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Residual against speed, load, position: a .png or .html of the held-out, else the fitted.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Recordings → base parameters, friction, fit; each with its uncertainty."""
@@ -170,17 +176,118 @@ def identify(
 
     arm = load_robot(robot)
     attitude = Mounting.parse(mounting)
+    if plot is not None:
+        from monitor.plots import check_target
+
+        check_target(plot)
     joint_gains = None if gains is None else np.array(_numbers(gains, "--gains", arm.joints))
     recordings = [read_recording(path, columns) for path in files]
     held_out = [read_recording(path, columns) for path in validate or []]
     with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):
         found = identify_recordings(recordings, arm, attitude, method=method, gains=joint_gains)
         validations = [validate_recording(found, recording, arm, gains=joint_gains) for recording in held_out]
+    if plot is not None:
+        _plot_residuals(plot, found, arm, held_out or recordings, joint_gains)
     document = told_of(found, validations)
     if as_json:
         _print_json(document)
     else:
         print_identification(document)
+
+
+def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "list[Recording]", gains: "Array | None") -> None:
+    from monitor.identify.signals import motion
+    from monitor.identify.solve import predict_torque
+    from monitor.identify.torque import joint_torque
+    from monitor.plots import Residuals, residual_plot
+
+    shown = []
+    for recording in recordings:
+        moved = motion(recording)
+        parts = predict_torque(found, arm, moved.q, moved.qd, moved.qdd)
+        residual = joint_torque(moved, arm, gains) - parts.torque
+        shown.append(Residuals(Path(moved.source).name, moved.qd, parts.rigid, moved.q, residual, moved.moving()))
+    residual_plot(path, f"{arm.name}: measured − modelled torque ({found.method})", shown)
+
+
+@app.command()
+def base(
+    robot: Annotated[str, typer.Option(help="Model, e.g. ur5.", show_default=False)],
+    mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
+    frames: Annotated[str, typer.Option(help="For what may be quoted: standard-dh (the paper's), modified-dh or joint.")] = "standard-dh",
+    as_json: JsonOption = False,
+) -> None:
+    """What is identifiable: rank, base parameters, their symbolic combinations, and which parameters one may quote."""
+    from monitor.model.quotable import base_document
+    from monitor.model.robot import Mounting, load_robot
+    from monitor.terminal import print_base
+
+    document = base_document(load_robot(robot), Mounting.parse(mounting), frames)
+    if as_json:
+        _print_json(document)
+    else:
+        print_base(document)
+
+
+@app.command()
+def energy(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings to identify the arm from.", show_default=False)],
+    robot: Annotated[str, typer.Option(help="Model, e.g. ur5.", show_default=False)],
+    along: Annotated[
+        str | None, typer.Option(help="Trajectory: an excitation (shipped name or .json) or a recording; else the first FILE.")
+    ] = None,
+    mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
+    columns: Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)] = None,
+    gains: Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {NumbersHelp}.", show_default=False)] = None,
+    limit: Annotated[
+        list[str] | None, typer.Option(help="REGION=JOULES[@KILOGRAMS of the region]; may be given again.", show_default=False)
+    ] = None,
+    payload: Annotated[float | None, typer.Option(help="Payload in the hand [kg]; else the trajectory's recording says.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Kinetic energy along a trajectory, with its uncertainty, beside limits. For a risk assessment: not a safety function."""
+    import numpy as np
+
+    from monitor.files import read_recording
+    from monitor.identify.signals import motion
+    from monitor.identify.solve import identify as identify_recordings
+    from monitor.model.energy import BodyRegion, energy_document, flange_speed, kinetic_energy
+    from monitor.model.robot import Mounting, load_robot
+    from monitor.terminal import print_energy
+    from monitor.terminal import status as status_line
+
+    arm = load_robot(robot)
+    regions = [BodyRegion.parse(text) for text in limit or []]
+    joint_gains = None if gains is None else np.array(_numbers(gains, "--gains", arm.joints))
+    recordings = [read_recording(path, columns) for path in files]
+    carried = recordings[0].context.payload_kg
+    if along is None or Path(along).suffix in {".csv", ".parquet"}:
+        path = recordings[0] if along is None else read_recording(Path(along), columns)
+        moved = motion(path)
+        name, t_s, q, qd, carried = path.source, moved.t_s - moved.t_s[0], moved.q, moved.qd, path.context.payload_kg
+    else:
+        from monitor.config import find_excitation
+
+        excitation = find_excitation(along, Path())
+        if excitation.robot != arm.name:
+            raise BadInput(f"--along {along}: is for a {excitation.robot}; the robot is {arm.name}")
+        name, (t_s, (q, qd, _)) = along, excitation.sampled(arm.rate_hz)
+    with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):
+        found = identify_recordings(recordings, arm, Mounting.parse(mounting), gains=joint_gains)
+    energies = kinetic_energy(arm, q, qd, found.columns, found.values, found.covariance)
+    mass_kg = payload if payload is not None else carried or 0.0
+    document = {
+        "robot": arm.name,
+        "along": name,
+        "samples": len(t_s),
+        "duration_s": float(t_s[-1] - t_s[0]),
+        **energy_document(arm, t_s, energies, flange_speed(arm, q, qd), regions, mass_kg),
+        "warnings": [{"code": caveat.code, "text": caveat.text} for caveat in found.caveats],
+    }
+    if as_json:
+        _print_json(document)
+    else:
+        print_energy(document)
 
 
 @app.command()

@@ -152,3 +152,62 @@ def print_identification(document: dict[str, Any]) -> None:
     console.print(table)
     for warning in document["warnings"]:
         console.print(f"[yellow]{warning['code']}[/]: {warning['text']}", highlight=False)
+
+
+def print_base(document: dict[str, Any]) -> None:
+    """The `base` command's tables."""
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    sigma, count = document["singular_values"], document["count"]
+    console.print(f"{document['robot']}: {count} base parameters of {len(sigma)} standard ones")
+    table = Table()
+    table.add_column("", justify="right")
+    table.add_column("base parameter, led by the column that is kept")
+    for number, row in enumerate(document["combinations"]):
+        table.add_row(str(number + 1), row["text"])
+    console.print(table)
+    console.print("singular values of the regressor at 25 random states, and their cumulative energy Σσ²:")
+    pairs = [f"{value:.3g} ({100 * share:.2f} %)" for value, share in zip(sigma, document["cumulative_energy"], strict=True)]
+    console.print("  " + ", ".join(pairs[:count]) + (f"; then {sigma[count]:.1g} and less" if count < len(sigma) else ""))
+    counts = Table()
+    for title in ("parameters", "fully", "in combination", "not identifiable"):
+        counts.add_column(title, justify="left" if title == "parameters" else "right")
+    for title, key in (("by columns", "by_column"), ("as the paper counts", "as_in_paper")):
+        row = document["classification"][key]
+        counts.add_row(title, str(row["fully"]), str(row["in_combination"]), str(row["not_identifiable"]))
+    console.print(counts)
+    quotable = document["quotable"]
+    console.print(f"may be quoted alone, in {quotable['frames']} frames: {', '.join(quotable['parameters']['fully'])}")
+    console.print(f"without effect on any torque: {', '.join(quotable['parameters']['not_identifiable'])}")
+    for note in document["notes"]:
+        console.print(f"[yellow]note[/]: {note}")
+
+
+def print_energy(document: dict[str, Any]) -> None:
+    """The `energy` command's tables."""
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    energy, speed = document["kinetic_energy_j"], document["flange_speed_m_s"]
+    std = _number(energy["std_at_max"], ".2g")
+    console.print(f"{document['robot']} along {document['along']}: {document['samples']} samples, {document['duration_s']:.1f} s")
+    console.print(f"kinetic energy at most {energy['max']:.2f} ± {std} J (at {energy['at_s']:.2f} s), {energy['mean']:.2f} J on average")
+    console.print(f"flange at most {speed['max']:.2f} m/s (at {speed['at_s']:.2f} s)")
+    if document.get("regions"):
+        mass = document["effective_mass"]
+        console.print(f"effective mass of the robot {mass['robot_kg']:.2f} kg with {mass['payload_kg']:g} kg payload: {mass['formula']}")
+        table = Table()
+        for title in ("region", "limit [J]", "its mass [kg]", "transfer energy [J]", "time above", "below limit", "whole arm below"):
+            table.add_column(title, justify="left" if title == "region" else "right")
+        words = {True: "[green]yes[/]", False: "[bold red]no[/]", None: "unknown"}
+        for row in document["regions"]:
+            table.add_row(
+                row["region"],
+                f"{row['limit_j']:g}",
+                _number(row["body_mass_kg"], "g") if row["body_mass_kg"] is not None else "cannot yield",
+                f"{row['transfer_energy_max_j']:.3f}",
+                f"{100 * row['share_of_time_above']:.1f} %",
+                words[row["transfer_energy_below_limit"]],
+                words[row["whole_arm_below_limit"]],
+            )
+        console.print(table)
+    console.print(f"[bold]{document['statement']}[/]")
+    for warning in document["warnings"]:
+        console.print(f"[yellow]{warning['code']}[/]: {warning['text']}")

@@ -6,6 +6,7 @@ gives the basis of the paper's appendix; pivoting would give another, equally va
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,19 @@ from monitor.recording import Array
 RANDOM_STATES = 25  # as the paper; 150 equations for 78 columns
 SEED = 20210083  # any seed gives the same basis: the states are only in general position
 RANK_TOLERANCE = 1e-9  # of the largest column: rounding leaves 1e-15, the faintest true column of any UR stands above 1e-2
+
+
+class Classification(NamedTuple):
+    """The standard parameters by what a motion can reveal of them; every one is in exactly one of the three."""
+
+    fully: tuple[str, ...]  # alone: its value may be quoted
+    in_combination: tuple[str, ...]  # only in a sum with others
+    not_identifiable: tuple[str, ...]  # no torque depends on it
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """How many of each."""
+        return len(self.fully), len(self.in_combination), len(self.not_identifiable)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,9 +61,51 @@ class Base:
         return tuple(_short(terms) for terms in self.terms)
 
     @property
+    def texts(self) -> tuple[str, ...]:
+        """(B,) the combinations in full, four significant digits."""
+        return tuple(_short(terms, len(self.parameters)) for terms in self.terms)
+
+    @property
+    def cumulative_energy(self) -> Array:
+        """(P,) share of the regressor's energy Σσ² in its first singular values; 1 from the rank on."""
+        energy = np.cumsum(self.singular_values**2)
+        share: Array = energy / energy[-1]
+        return share
+
+    @property
+    def by_column(self) -> Classification:
+        """Fully identifiable is a kept column that no dropped column leans on.
+
+        The choice of basis does not matter: those are the unit vectors in the row space of the regressor.
+        """
+        fully = {name for terms in self.terms if len(terms) == 1 for name in terms}
+        return sorted_into(self.parameters, fully, set(self.without_effect))
+
+    @property
+    def as_in_paper(self) -> Classification:
+        """As Raviola et al. (2021) count: a first moment m·x is a product, hence a combination of a mass and a coordinate.
+
+        So no first moment is fully identifiable, and a mass without a column of its own is in combination where one of its moments shows.
+        """
+        columns = self.by_column
+        moments = {f"m{k}{axis}{k}": f"m{k}" for k in range(1, len(self.parameters) // PER_JOINT + 1) for axis in "xyz"}
+        hidden = set(columns.not_identifiable)
+        shown_by_a_moment = {mass for moment, mass in moments.items() if moment not in hidden}
+        return sorted_into(self.parameters, set(columns.fully) - set(moments), hidden - shown_by_a_moment)
+
+    @property
     def without_effect(self) -> tuple[str, ...]:
         """Standard parameters that no motion on this mounting reveals, not even in a combination."""
         return tuple(name for name, used in zip(self.parameters, np.any(self.combination != 0.0, axis=0).tolist(), strict=True) if not used)
+
+
+def sorted_into(parameters: tuple[str, ...], fully: set[str], hidden: set[str]) -> Classification:
+    """Each parameter in its class, in the order of the parameters."""
+    return Classification(
+        tuple(name for name in parameters if name in fully),
+        tuple(name for name in parameters if name not in fully and name not in hidden),
+        tuple(name for name in parameters if name in hidden),
+    )
 
 
 def _short(terms: dict[str, float], longest: int = 4) -> str:

@@ -59,13 +59,14 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
         raise BadInput(f"{robot.name}: q, q̇, q̈ are {q.shape}, {qd.shape}, {qdd.shape}; expected (samples, {J}) for each")
     N = len(q)
     Y = np.zeros((J, PER_JOINT * J, N))  # (J, P, N)
-    cos, sin = np.cos(q.T), np.sin(q.T)  # (J, N)
+    angle = q.T + robot.zero_rad[:, None]  # (J, N)
+    cos, sin = np.cos(angle), np.sin(angle)  # (J, N)
     speed, acceleration = np.ascontiguousarray(qd.T), np.ascontiguousarray(qdd.T)  # (J, N)
     still = np.zeros(N)
 
     # Newton–Euler outward. The base accelerates upward: gravity then needs no term of its own.
     w, dw = _Vector(still, still, still), _Vector(still, still, still)
-    a = _Vector(*(still - component for component in mounting.gravity_in_base))
+    a = _Vector(*(still - component for component in robot.gravity(mounting)))
     # axes of joints 1…i and their moment arms (axis × vector from the axis to the origin), in the present frame
     axis = _Vector(np.empty((0, N)), np.empty((0, N)), np.empty((0, N)))  # (i, N) each
     arm = axis
@@ -79,7 +80,8 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
         c, s = cos[i], sin[i]
         ca, sa = np.cos(robot.alpha_rad[i]), np.sin(robot.alpha_rad[i])
         w, dw, a, axis, arm = (_into_next(vector, c, s, float(ca), float(sa)) for vector in (w, dw, a, axis, arm))
-        to_here = _Vector(robot.a_m[i], robot.d_m[i] * sa, robot.d_m[i] * ca)  # origin i−1 → i, fixed in frame i
+        y, d = robot.y_m[i], robot.d_m[i]
+        to_here = _Vector(robot.a_m[i], ca * y + sa * d, ca * d - sa * y)  # origin i−1 → i, fixed in frame i
         a = a.plus(dw.cross(to_here)).plus(w.cross(w.cross(to_here)))
         arm = arm.plus(axis.cross(to_here))
 

@@ -1,12 +1,13 @@
 """Robot: kinematics, masses, drives and limits of a serial arm, and how it is mounted.
 
 Frames are standard Denavit–Hartenberg: frame i is fixed to link i, joint i turns about z of frame i−1, and
-frame i−1 → i is Rot(z, qᵢ)·Trans(z, dᵢ)·Trans(x, aᵢ)·Rot(x, αᵢ).
+frame i−1 → i is Rot(z, qᵢ)·Trans(z, dᵢ)·Trans(x, aᵢ)·Rot(x, αᵢ). An arm from elsewhere may need more: where its joints read
+zero, how frame 0 lies in its base, and an offset along y where two axes are nearly parallel and their common normal is far away.
 """
 
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -91,6 +92,15 @@ class Robot:
     max_speed_rad_s: Array  # (J,)
     max_position_rad: Array  # (J,)
     payload_max_kg: float
+    zero_rad: Array = field(default_factory=lambda: np.zeros(0))  # (J,) DH angle where the joint reads zero; not given: 0
+    y_m: Array = field(default_factory=lambda: np.zeros(0))  # (J,) offset beside aᵢ and dᵢ, after Rot(z), Hayati (1983); not given: 0
+    base_rotation: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) DH frame 0 → the robot's base
+
+    def __post_init__(self) -> None:
+        """Offsets that were not given are zero."""
+        for name in ("zero_rad", "y_m"):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(self.joints))
 
     @property
     def joints(self) -> int:
@@ -115,22 +125,29 @@ class Robot:
             blocks.append([mass, *(mass * com), J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2], 0.0, 0.0, 0.0])
         return np.array(blocks).ravel()
 
+    def gravity(self, mounting: Mounting) -> Array:
+        """(3,) in DH frame 0 [m/s²]; components below rounding are zero, as in `Mounting.gravity_in_base`."""
+        gravity: Array = self.base_rotation.T @ mounting.gravity_in_base
+        return np.where(np.abs(gravity) < 1e-12 * STANDARD_GRAVITY_M_S2, 0.0, gravity)
+
     def pinocchio_model(self, mounting: Mounting | None = None) -> "pinocchio.Model":
         """The arm in pinocchio, published inertias included, gravity in the frame of the robot's base.
 
-        Joint frame i of pinocchio coincides with DH frame i−1 turned by qᵢ, so DH frame i is fixed in it.
+        Joint frame i of pinocchio coincides with DH frame i−1 turned by qᵢ and its zero, so DH frame i is fixed in it.
         """
         import pinocchio as pin  # 0.2 s: only where dynamics are asked for
 
         model = pin.Model()
         model.name = self.name
-        before = pin.SE3.Identity()
+        before = pin.SE3(self.base_rotation, np.zeros(3))
         parent = 0
         for i, name in enumerate(self.link_names):
-            parent = model.addJoint(parent, pin.JointModelRZ(), before, name)
+            cz, sz = math.cos(self.zero_rad[i]), math.sin(self.zero_rad[i])
+            zero = pin.SE3(np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
+            parent = model.addJoint(parent, pin.JointModelRZ(), before * zero, name)
             ca, sa = math.cos(self.alpha_rad[i]), math.sin(self.alpha_rad[i])
             turn = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
-            to_dh = pin.SE3(turn, np.array([self.a_m[i], 0.0, self.d_m[i]]))
+            to_dh = pin.SE3(turn, np.array([self.a_m[i], self.y_m[i], self.d_m[i]]))
             inertia = pin.Inertia(float(self.mass_kg[i]), self.com_m[i], self.inertia_kg_m2[i])
             model.appendBodyToJoint(parent, inertia, to_dh)
             model.addFrame(pin.Frame(f"dh_{i + 1}", parent, to_dh, pin.FrameType.OP_FRAME))
@@ -181,4 +198,7 @@ def robot_from_document(document: dict[str, Any]) -> Robot:
         max_speed_rad_s=np.array(document["max_speed_rad_s"]),
         max_position_rad=np.array(document["max_position_rad"]),
         payload_max_kg=float(document["payload_max_kg"]),
+        zero_rad=np.array([link.get("zero_rad", 0.0) for link in links], dtype=float),
+        y_m=np.array([link.get("y_m", 0.0) for link in links], dtype=float),
+        base_rotation=np.array(document.get("base_rotation", np.eye(3)), dtype=float),
     )

@@ -1,0 +1,261 @@
+"""Standard parameters of bodies that can exist: positive masses, tensors of real mass distributions, friction that brakes.
+
+Base parameters say all that torque can; which standard parameters they stand for is open. Among those whose links are physical
+(pseudo-inertia Σ, mc; mcᵀ, m positive semidefinite: Wensing, Kim and Slotine (2018)) this takes the ones that fit best, drawn
+gently to the manufacturer's where torque does not tell. It works on triangular factors: no recording is touched again.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.least_squares import Factor, residual_rms
+from monitor.model.regressor import COULOMB, ROTOR, VISCOUS
+from monitor.model.robot import INERTIAL, PER_JOINT, Robot
+from monitor.model.urdf import urdf_text
+from monitor.recording import Array
+
+_ENTRY = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # Jxx, Jxy, Jxz, Jyy, Jyz, Jzz
+_UPPER = tuple((row, column) for column in range(4) for row in range(column + 1))  # Clarabel's order: the upper triangle by columns
+PERFECT = 1e-3  # of the torque: a smaller residual is not believed, and would ask more of the solver than its digits hold
+UNKNOWN_WEIGHT = 0.01  # where there are no figures to be drawn to: just enough for one solution
+UNKNOWN_LINK_KG = 5.0  # order of a link's mass where the manufacturer gives none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConsistentSettings:
+    """What a link of an arm may be."""
+
+    mass_factor: tuple[float, float] = (0.5, 2.0)  # of the manufacturer's mass; torque alone does not bound the masses
+    unknown_mass_kg: tuple[float, float] = (0.01, 100.0)  # where the manufacturer gives none
+    spread_m: float = 0.005  # radius of gyration that every link has at least in every direction
+    prior_weight: float = 1.0  # 1: the manufacturer's figures are trusted to about ±100 %, against residuals of unit size
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Consistent:
+    """An arm that can exist, and what it costs beside the best that cannot."""
+
+    parameters: Array  # (13·J,) standard parameters in DH frames
+    extra: Array  # (E,) further friction parameters, none negative
+    values: Array  # (B,) base parameters, and the further ones, that these make
+    robot: Robot  # masses, centres of mass and inertias as identified
+    residual_ratio: float  # weighted RMS residual / that of unconstrained least squares
+    rms_nm: Array  # (J,) residual over the samples that the factors hold
+
+    @property
+    def coulomb_nm(self) -> Array:
+        """(J,) fc."""
+        return self.parameters[COULOMB::PER_JOINT]
+
+    @property
+    def viscous_nm_s_per_rad(self) -> Array:
+        """(J,) fv."""
+        return self.parameters[VISCOUS::PER_JOINT]
+
+    @property
+    def rotor_kg_m2(self) -> Array:
+        """(J,) rotor inertia at the joint: the armature of a simulator."""
+        return self.parameters[ROTOR::PER_JOINT]
+
+    def urdf(self) -> str:
+        """The arm as a URDF, with fc and fv; rotor inertia has no place there."""
+        return urdf_text(self.robot, self.coulomb_nm, self.viscous_nm_s_per_rad)
+
+    def toml(self) -> str:
+        """The arm with the keys of `monitor/model/robots/*.toml`, and friction and rotor inertia in a table of their own."""
+        return _toml(self)
+
+
+def consistent(
+    joints: Sequence[Factor],
+    weights: Array,
+    combination: Array,
+    robot: Robot,
+    settings: ConsistentSettings | None = None,
+) -> Consistent:
+    """The physical parameters that explain the rows in the factors best.
+
+    weights : (J,) of each joint's rows, best 1 / its residual. combination : (B, 13·J), base = combination · standard, or
+    (B + E, 13·J + E) with friction parameters beyond the paper's last; those are kept non-negative like fc, fv and Im.
+    Raises Unidentifiable where no arm within the bounds exists or the solver does not converge.
+    """
+    settings = settings or ConsistentSettings()
+    P = PER_JOINT * robot.joints
+    E = combination.shape[1] - P
+    if E < 0 or combination.shape[0] != joints[0].R.shape[1] - 1 or len(weights) != robot.joints or len(joints) != robot.joints:
+        raise BadInput(
+            f"{robot.name}: {len(joints)} factors of {joints[0].R.shape[1] - 1} columns, weights {weights.shape} and combination "
+            f"{combination.shape} do not fit; expected {robot.joints} factors, ({robot.joints},) and (columns, {P} or more)"
+        )
+    stacked = np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])
+    if not np.all(np.isfinite(stacked)):
+        raise BadInput(f"{robot.name}: factors or weights are not finite; expected what least squares was solved with")
+    R = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=float)  # (≤ B + 1, B + 1)
+    A, b = R[:, :-1], R[:, -1]
+    best = float(np.linalg.norm(b - A @ np.linalg.lstsq(A, b, rcond=None)[0]))
+    samples = max(1, sum(factor.samples for factor in joints))
+    # residuals of unit size make the pull of the prior the same for every recording; a perfect fit is no infinite weight
+    unit = max(best, PERFECT * float(np.linalg.norm(b)), 1e-12) / math.sqrt(samples)
+    scale, prior = _scale(robot, E), np.append(robot.nominal_parameters(with_inertia=True), np.zeros(E))
+    found = scale * _solve(A @ combination * (scale / unit), b / unit, prior / scale, scale, robot, settings)
+
+    values = combination @ found
+    return Consistent(
+        parameters=found[:P],
+        extra=found[P:],
+        values=values,
+        robot=_with(robot, found[:P]),
+        residual_ratio=float(np.linalg.norm(b - A @ values) / best) if best > 0.0 else 1.0,
+        rms_nm=residual_rms(joints, values),
+    )
+
+
+def _scale(robot: Robot, extra: int) -> Array:
+    """(13·J + E,) the size that each parameter has on such an arm."""
+    total = float(np.sum(robot.mass_kg))
+    blocks = []
+    for i, (mass, com, about_com, strongest) in enumerate(
+        zip(robot.mass_kg, robot.com_m, robot.inertia_kg_m2, robot.max_torque_nm, strict=True)
+    ):
+        m = max(float(mass), 0.02 * total) if mass > 0.0 else UNKNOWN_LINK_KG
+        link = float(np.linalg.norm([robot.a_m[i], robot.y_m[i], robot.d_m[i]]))
+        length = max(0.05, link, float(np.linalg.norm(com)), math.sqrt(max(0.0, float(np.trace(about_com))) / m))
+        friction = 0.05 * float(strongest) if math.isfinite(strongest) else 1.0
+        rotor = 0.01 * float(strongest) if math.isfinite(strongest) else m * length**2
+        blocks.append([m, *[m * length] * 3, *[m * length**2] * 6, friction, friction, rotor])
+    return np.append(np.array(blocks).ravel(), np.ones(extra))
+
+
+def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, settings: ConsistentSettings) -> Array:
+    """Clarabel: the scaled parameters x with ‖A x − b‖² + w·‖(x − prior)‖² smallest, w on the rigid part and the rotors."""
+    pull = np.zeros(len(prior))
+    for i in range(robot.joints):
+        weight = settings.prior_weight if robot.mass_kg[i] > 0.0 else UNKNOWN_WEIGHT * settings.prior_weight
+        pull[[*range(PER_JOINT * i, PER_JOINT * i + INERTIAL), PER_JOINT * i + ROTOR]] = weight
+    quadratic = 2.0 * (A.T @ A + np.diag(pull))
+    linear = -2.0 * (A.T @ b + pull * prior)
+
+    rows, bounds, cones = [], [], []
+    free = np.flatnonzero(np.arange(len(prior)) >= PER_JOINT * robot.joints)
+    positive = [PER_JOINT * i + kind for i in range(robot.joints) for kind in (COULOMB, VISCOUS, ROTOR)] + [int(k) for k in free]
+    limits = _mass_bounds(robot, settings)  # (J, 2)
+    bound = np.zeros((len(positive) + 2 * robot.joints, len(prior)))
+    at_most = np.zeros(len(bound))
+    bound[np.arange(len(positive)), positive] = -1.0  # −x ≤ 0
+    for i, (least, most) in enumerate(limits):
+        column, row = PER_JOINT * i, len(positive) + 2 * i
+        bound[row, column], at_most[row] = -1.0, -least / scale[column]
+        bound[row + 1, column], at_most[row + 1] = 1.0, most / scale[column]
+    rows.append(bound)
+    bounds.append(at_most)
+    cones.append(clarabel.NonnegativeConeT(len(bound)))
+    for i in range(robot.joints):
+        block = slice(PER_JOINT * i, PER_JOINT * i + INERTIAL)
+        length = scale[PER_JOINT * i + 1] / scale[PER_JOINT * i]
+        pseudo = _pseudo_inertia_map(scale[block], length) / scale[PER_JOINT * i]  # entries of order one
+        least = limits[i, 0] * (settings.spread_m / length) ** 2 / scale[PER_JOINT * i]
+        rows.append(np.zeros((len(_UPPER), len(prior))))
+        rows[-1][:, block] = -pseudo
+        bounds.append(np.array([-least if row == column < 3 else 0.0 for row, column in _UPPER]))
+        cones.append(clarabel.PSDTriangleConeT(4))
+
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    options.max_threads = 1
+    problem = (
+        sparse.csc_matrix(np.triu(quadratic)), linear, sparse.csc_matrix(np.concatenate(rows)), np.concatenate(bounds), cones, options,
+    )  # fmt: skip
+    try:
+        answer = clarabel.DefaultSolver(*problem).solve()
+    except BaseException as wrong:  # a fault inside the solver arrives as a PanicException, which is no Exception
+        if type(wrong).__name__ != "PanicException":
+            raise
+        raise Unidentifiable(f"{robot.name}: the solver broke down ({wrong}); expected factors of a well-excited recording") from None
+    if answer.status not in {clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved}:
+        raise Unidentifiable(
+            f"{robot.name}: no physical arm was found ({answer.status}); expected masses within {settings.mass_factor[0]:g} to "
+            f"{settings.mass_factor[1]:g} of the manufacturer's: check robot, gains and mounting"
+        )
+    return np.asarray(answer.x, dtype=float)
+
+
+def _mass_bounds(robot: Robot, settings: ConsistentSettings) -> Array:
+    """(J, 2) [kg]; the last link may carry a tool or payload."""
+    known = robot.mass_kg > 0.0
+    bounds = np.where(known[:, None], np.multiply.outer(robot.mass_kg, settings.mass_factor), settings.unknown_mass_kg)
+    if math.isfinite(robot.payload_max_kg):
+        bounds[-1, 1] += robot.payload_max_kg
+    return bounds
+
+
+def _pseudo_inertia_map(scale: Array, length: float) -> Array:
+    """(10, 10): the upper triangle of the pseudo-inertia, lengths in units of `length`, from scaled m, mx … Jzz.
+
+    Off the diagonal times √2, so that the triangle keeps the matrix' norm.
+    """
+    columns = []
+    for k in range(INERTIAL):
+        pseudo = np.zeros((4, 4))
+        if k == 0:
+            pseudo[3, 3] = 1.0
+        elif k < 4:
+            pseudo[k - 1, 3] = 1.0 / length
+        else:
+            row, column = _ENTRY[k - 4]
+            J = np.zeros((3, 3))
+            J[row, column] = J[column, row] = 1.0
+            pseudo[:3, :3] = (0.5 * np.trace(J) * np.eye(3) - J) / length**2
+        columns.append([pseudo[at] * (1.0 if at[0] == at[1] else math.sqrt(2.0)) for at in _UPPER])
+    return np.array(columns).T * scale
+
+
+def _with(robot: Robot, parameters: Array) -> Robot:
+    """The robot with masses, centres of mass and tensors about them from its standard parameters."""
+    blocks = parameters.reshape(robot.joints, PER_JOINT)
+    mass = blocks[:, 0]
+    com = blocks[:, 1:4] / mass[:, None]
+    tensor = np.empty((robot.joints, 3, 3))
+    for k, (row, column) in enumerate(_ENTRY):
+        tensor[:, row, column] = tensor[:, column, row] = blocks[:, 4 + k]
+    steiner = np.array([m * (c @ c * np.eye(3) - np.outer(c, c)) for m, c in zip(mass, com, strict=True)])
+    return replace(robot, mass_kg=mass, com_m=com, inertia_kg_m2=tensor - steiner)
+
+
+def _toml(found: Consistent) -> str:
+    robot = found.robot
+
+    def row(values: Array) -> str:
+        return "[" + ", ".join(repr(float(value)) for value in values) + "]"
+
+    def text(value: str) -> str:
+        return '"' + "".join(f"\\u{ord(c):04x}" if c in '"\\' or ord(c) < 32 else c for c in value) + '"'
+
+    lines = [
+        f"# {robot.name}: identified and physically consistent. Standard Denavit-Hartenberg frames, SI units, angles in radians.",
+        "# Inertia tensors about the centre of mass, along the DH axes. nan: not known; inf: no limit known.",
+        *(f"{key} = {text(value)}" for key, value in (("name", robot.name), ("generation", robot.generation))),
+        *(f"{key} = {float(value)!r}" for key, value in (("rate_hz", robot.rate_hz), ("payload_max_kg", robot.payload_max_kg))),
+        f"gear_ratio = {row(robot.gear_ratio)}",
+        f"torque_constant_nm_per_a = {row(robot.torque_constant_nm_per_a)}",
+        f"max_torque_nm = {row(robot.max_torque_nm)}",
+        f"max_speed_rad_s = {row(robot.max_speed_rad_s)}",
+        f"max_position_rad = {row(robot.max_position_rad)}",
+        f"base_rotation = [{', '.join(row(line) for line in robot.base_rotation)}]",
+    ]
+    for i, name in enumerate(robot.link_names):
+        J = robot.inertia_kg_m2[i]
+        tensor = ", ".join(f"{'xyz'[r]}{'xyz'[c]} = {float(J[r, c])!r}" for r, c in _ENTRY)
+        numbers = {"a_m": robot.a_m, "d_m": robot.d_m, "alpha_rad": robot.alpha_rad, "zero_rad": robot.zero_rad, "y_m": robot.y_m}
+        lines += ["", "[[link]]", f"name = {text(name)}"]
+        lines += [f"{key} = {float(values[i])!r}" for key, values in numbers.items()]
+        lines += [f"mass_kg = {float(robot.mass_kg[i])!r}", f"com_m = {row(robot.com_m[i])}", f"inertia_kg_m2 = {{ {tensor} }}"]
+    lines += ["", "[joints]  # identified with the links; a simulator calls the rotor inertia armature"]
+    lines += [f"coulomb_nm = {row(found.coulomb_nm)}", f"viscous_nm_s_per_rad = {row(found.viscous_nm_s_per_rad)}"]
+    lines += [f"rotor_kg_m2 = {row(found.rotor_kg_m2)}"]
+    return "\n".join(lines) + "\n"

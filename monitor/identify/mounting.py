@@ -1,0 +1,251 @@
+"""Which way is down, by the recording itself: a mounting that contradicts the data is told.
+
+Torque is linear in gravity's direction and in the parameters, so it is bilinear in both. With gravity free, Y = Y₀ + Σₖ gₖ·Dₖ; all of it is
+reduced to one triangular factor, and what is searched is a direction on the sphere, the parameters following by least squares (variable
+projection, Golub and Pereyra (1973)). Three things stay open, and are said: rotation about gravity never shows; a component of gravity
+along an axis that is not excited shows faintly; and turning gravity round together with every weight changes the torque only
+through the inertia that comes with the weight.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.identify.caveats import Caveat
+from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, Indices, Mask, Motion
+from monitor.model.base import base_parameters
+from monitor.model.quotable import mounting_with_up
+from monitor.model.regressor import friction_columns, regressor
+from monitor.model.robot import PER_JOINT, Mounting, Robot
+from monitor.recording import Array
+
+CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordings the estimate is right to 0.3°
+SURE_STD = 5.0  # and the configured direction must explain the data worse by so much
+ALIKE = 0.5  # cosine between the weights of the fit and the manufacturer's: a payload or a tool leaves it above 0.9
+CORRELATED_S = 0.5  # residuals are correlated so long: a sample is evidence only once in it
+SAMPLES = 1500  # of all motions together; gravity is slow, and neighbours repeat each other
+ROUNDS = 30
+NAMED_DEG = 10.0  # nearer than this, a direction is called by its mounting's name
+RIDGE = 1e-8  # of the largest singular value: what the motion does not excite stays 0
+
+_ASKEW = Mounting(roll_rad=0.7, pitch_rad=0.4)  # all that any attitude can reveal; kept columns and combinations hold for all of them
+_AXES = np.vstack([np.eye(3), -np.eye(3)])  # (6, 3) where the search starts
+_KNOWN = {"ground": Mounting(), "ceiling": Mounting(roll_rad=math.pi), "wall": Mounting(roll_rad=math.pi / 2)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Upward:
+    """The direction that the data call up, beside the configured one."""
+
+    up: Array  # (3,) unit vector in the base
+    angle_rad: float  # to the configured up
+    std_rad: float  # of that angle; infinite where the data do not tell
+    sign_by: str  # "inertia": the data tell up from down; "masses": the manufacturer's do; "open": neither
+    surprise: float  # standard deviations by which the configured direction explains the data worse
+    contradicts: bool  # the configured direction is wrong, by the data or, for its sign, by the manufacturer's masses
+
+    @property
+    def mounting(self) -> Mounting:
+        """A mounting with this up and yaw 0."""
+        return mounting_with_up(self.up)
+
+
+def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Caveat | None:
+    """`mounting_contradiction` where gravity in the data is not where the mounting puts it, else None.
+
+    torques : (N, J) [N·m] of each motion.
+    """
+    if not motions:
+        return None
+    found = upward(motions, torques, robot, mounting)
+    if not found.contradicts:
+        return None
+    angle_deg, std_deg = math.degrees(found.angle_rad), math.degrees(found.std_rad)
+    sign = {
+        "inertia": "",
+        "masses": "; up is told from down by the manufacturer's masses, not by these data",
+        "open": "; up and down stay open: the opposite direction explains the data as well",
+    }[found.sign_by]
+    return Caveat(
+        "mounting_contradiction",
+        f"gravity in the data is {angle_deg:.0f} ± {max(std_deg, 0.1):.2g}° from where the mounting {_called(mounting)} puts it: "
+        f"likely is {_likely(found.up)}{sign}; rotation about the vertical (yaw) never shows in torques",
+    )
+
+
+def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Upward:
+    """Estimate up in the base from motions and torques, starting from the axes and from the mounting."""
+    problem = _Problem(motions, torques, robot)
+    configured = -mounting.gravity_in_base / np.linalg.norm(mounting.gravity_in_base)
+    ends = [problem.descend(_nudged(start)) for start in (configured, *_AXES)]
+    best = min(ends, key=problem.cost)
+    least = max(problem.cost(best), 1e-18 * problem.size)  # rounding is no evidence
+    opposite = problem.descend(_nudged(-best))
+    noise = max(least / problem.evidence, 1e-300)  # of one independent sample
+
+    def worse(cost: float) -> float:
+        return math.sqrt(max(cost - least, 0.0) / noise)
+
+    surprise = worse(problem.cost(configured))
+    sign_by, upside_down = "inertia", False
+    if opposite @ best < 0.0 and worse(problem.cost(opposite)) < SURE_STD:
+        here, there = problem.agreement(best), problem.agreement(opposite)
+        sign_by = "masses" if max(here, there) > ALIKE else "open"
+        preferred = there > here if sign_by == "masses" else opposite @ configured > best @ configured
+        best = opposite if preferred else best
+        # the data bear the configured direction, but with weights that push upwards; turned over they bear it too
+        upside_down = surprise <= SURE_STD and problem.agreement(configured) < -ALIKE and problem.agreement(-configured) > ALIKE
+        if upside_down and worse(problem.cost(-configured)) <= SURE_STD:
+            best = -configured
+    weight_shows = worse(problem.cost(np.zeros(3))) > SURE_STD
+    angle = math.atan2(float(np.linalg.norm(np.cross(best, configured))), float(best @ configured))
+    return Upward(
+        up=best,
+        angle_rad=angle,
+        std_rad=problem.std_along(best, configured, noise),
+        sign_by=sign_by,
+        surprise=surprise,
+        contradicts=bool(weight_shows and (surprise > SURE_STD or upside_down) and math.degrees(angle) > CONTRADICTION_DEG),
+    )
+
+
+class _Problem:
+    """Least squares with gravity free: cost(up), its Gauss–Newton step, and how sure it is."""
+
+    def __init__(self, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot) -> None:
+        base = base_parameters(robot, _ASKEW)
+        B = base.count
+        kinds = np.array(base.columns) % PER_JOINT
+        self.weighty = np.flatnonzero(kinds < 4)  # places of masses and first moments: gravity acts on nothing else
+        self.nominal = base.combination @ robot.nominal_parameters()  # (B,)
+        step = max(1, sum(moved.samples for moved in motions) // SAMPLES)
+        rows = [_rows(moved, torque, robot, base.columns, self.weighty, step) for moved, torque in zip(motions, torques, strict=True)]
+        factors, evidence = [], 0.0
+        self.size = 0.0
+        for j in range(robot.joints):
+            A = np.concatenate([one[used[:, j], j] for one, used in rows])  # (n, B + 3W + 1)
+            if len(A) <= A.shape[1]:
+                continue  # hardly moves
+            R: Array = np.asarray(np.linalg.qr(A, mode="r"))
+            # with gravity wholly free no mounting is presumed: what remains is noise and friction that no law describes
+            left = abs(R[-1, -1]) / math.sqrt(len(A))
+            weight = 1.0 / max(left, 1e-9 * float(np.linalg.norm(R[:, -1])) / math.sqrt(len(A)) + 1e-12)
+            factors.append(weight * R)
+            self.size += weight**2 * float(R[:, -1] @ R[:, -1])
+            moving_s = sum(float(np.sum(used[:, j])) * step / moved.rate_hz for (_, used), moved in zip(rows, motions, strict=True))
+            evidence += moving_s / CORRELATED_S
+        self.evidence = max(evidence, 1.0)
+        C: Array = np.zeros((1, B + 3 * len(self.weighty) + 1))
+        if factors:
+            C = np.asarray(np.linalg.qr(np.concatenate(factors), mode="r"))
+        self.still, self.torque = C[:, :B], C[:, -1]
+        self.pull = np.stack(np.split(C[:, B:-1], 3, axis=1))  # (3, r, W) what each weight does where up is x, y, z
+
+    def _solved(self, up: Array) -> tuple[Array, Array, Array]:
+        """Parameters (B,), residual (r,), and an orthonormal basis of what the parameters can explain (r, ·)."""
+        A = self.still.copy()
+        A[:, self.weighty] += np.tensordot(up, self.pull, axes=1)
+        norms = np.linalg.norm(A, axis=0)
+        scale = np.where(norms > 0.0, norms, 1.0)
+        U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+        keep = s > RIDGE * max(float(s[0]), 1e-300)
+        reach = U[:, keep]
+        shares = reach.T @ self.torque
+        return Vt[keep].T @ (shares / s[keep]) / scale, self.torque - reach @ shares, reach
+
+    def cost(self, up: Array) -> float:
+        residual = self._solved(up)[1]
+        return float(residual @ residual)
+
+    def agreement(self, up: Array) -> float:
+        """Cosine, −1 … 1, between the weights' torque in the fit and in the manufacturer's masses; 0 where those are not published."""
+        pull = np.tensordot(up, self.pull, axes=1)  # (r, W)
+        fitted, nominal = pull @ self._solved(up)[0][self.weighty], pull @ self.nominal[self.weighty]
+        cosine = float(fitted @ nominal) / max(float(np.linalg.norm(fitted) * np.linalg.norm(nominal)), 1e-300)
+        return cosine if math.isfinite(cosine) else 0.0
+
+    def _slopes(self, up: Array) -> tuple[Array, Array, Array]:
+        """Residual (r,), its two derivatives across the sphere with the parameters following (r, 2), tangents (3, 2)."""
+        values, residual, reach = self._solved(up)
+        tangents = np.linalg.svd(up[None])[2][1:].T  # (3, 2)
+        moved = np.tensordot(tangents.T, self.pull @ values[self.weighty], axes=1).T  # (r, 2)
+        return residual, -(moved - reach @ (reach.T @ moved)), tangents
+
+    def descend(self, up: Array) -> Array:
+        """The nearest minimum: Gauss–Newton with Kaufman's derivative, damped until the cost falls."""
+        cost, damping = self.cost(up), 1e-3
+        for _ in range(ROUNDS):
+            residual, slopes, tangents = self._slopes(up)
+            H = slopes.T @ slopes
+            if not np.trace(H) > 0.0:
+                return up
+            step = -np.linalg.solve(H + damping * np.trace(H) * np.eye(2), slopes.T @ residual)
+            step *= min(1.0, 0.5 / max(float(np.linalg.norm(step)), 1e-300))
+            tried = up + tangents @ step
+            tried /= np.linalg.norm(tried)
+            new = self.cost(tried)
+            if new < cost:
+                small = np.linalg.norm(step) < 1e-6 or cost - new < 1e-10 * cost
+                up, cost, damping = tried, new, damping / 10.0
+                if small:
+                    break
+            else:
+                damping *= 10.0
+                if damping > 1e6:
+                    break
+        return up
+
+    def std_along(self, up: Array, towards: Array, noise: float) -> float:
+        """Standard deviation of the angle from `up` towards another direction [rad]."""
+        _, slopes, tangents = self._slopes(up)
+        H = slopes.T @ slopes
+        across = tangents.T @ towards  # (2,)
+        length = float(np.linalg.norm(across))
+        s, V = np.linalg.eigh(H)
+        if length < 1e-6:  # the same or the opposite: the worse of all directions is what is known
+            return math.sqrt(noise / s[0]) if s[0] > 1e-12 * self.size else math.inf
+        part = (V.T @ (across / length)) ** 2  # (2,)
+        return math.sqrt(noise * float(np.sum(part / np.maximum(s, 1e-12 * self.size + 1e-300))))
+
+
+def _rows(moved: Motion, torque: Array, robot: Robot, columns: tuple[int, ...], weighty: Indices, step: int) -> tuple[Array, Mask]:
+    """(n, J, B + 3W + 1) columns without gravity, what gravity along −x, −y, −z adds, torque; and (n, J) which rows count."""
+    q, qd, qdd, direction = (signal[::step] for signal in (moved.q, moved.qd, moved.qdd, moved.direction))
+
+    def columns_with(up: tuple[float, float, float]) -> Array:
+        return regressor(robot, mounting_with_up(np.array(up)), q, qd, qdd)[:, :, list(columns)]
+
+    top, bottom = columns_with((0.0, 0.0, 1.0)), columns_with((0.0, 0.0, -1.0))
+    still = 0.5 * (top + bottom)
+    along = [columns_with((1.0, 0.0, 0.0)) - still, columns_with((0.0, 1.0, 0.0)) - still, 0.5 * (top - bottom)]
+    places = np.searchsorted(columns, friction_columns(robot.joints)[0])
+    still[:, np.arange(robot.joints), places] = direction
+    pulls = [part[:, :, weighty] for part in along]
+    return np.concatenate([still, *pulls, torque[::step, :, None]], axis=2), np.abs(qd) > STANDSTILL_SPEED_RAD_S
+
+
+def _nudged(up: Array) -> Array:
+    """A degree off: exactly along the axis of joint 1 the weight of link 1 has no column, and no slope leads away."""
+    off = up + 0.02 * np.array([0.3, 0.5, 0.7])
+    direction: Array = off / np.linalg.norm(off)
+    return direction
+
+
+def _called(mounting: Mounting) -> str:
+    for name, known in _KNOWN.items():
+        if np.allclose(known.rotation, mounting.rotation, atol=1e-9):
+            return name
+    return ",".join(f"{math.degrees(angle):g}" for angle in mounting.angles_rad)
+
+
+def _likely(up: Array) -> str:
+    likely = mounting_with_up(up)
+    roll, pitch, _ = (math.degrees(angle) + 0.0 if abs(angle) > math.radians(0.5) else 0.0 for angle in likely.angles_rad)  # no −0
+    angles = f"roll {roll:.0f}°, pitch {pitch:.0f}°"
+    for name, known in _KNOWN.items():
+        away = -known.gravity_in_base / np.linalg.norm(known.gravity_in_base)
+        if float(up @ away) > math.cos(math.radians(NAMED_DEG)):
+            return f"{name} ({angles})"
+    return angles

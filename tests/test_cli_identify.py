@@ -1,0 +1,152 @@
+"""The commands `base`, `energy` and `identify --plot`, run as a user runs them."""
+
+import json
+import struct
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from typer.testing import CliRunner
+
+from monitor.cli import app
+from monitor.config import find_excitation
+from monitor.errors import BadInput
+from monitor.files import write_recording
+from monitor.model.robot import load_robot
+from monitor.plots import Residuals, residual_plot
+from monitor.simulate.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+
+
+def ran(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory):
+    """One replay of the simulated UR5 with nothing in its hand, as a file, and the arm that made it."""
+    from pathlib import Path
+
+    controller = Controller(SimulateSettings(robot="ur5"))
+    excitation = replace(find_excitation("ur5-ground", Path()), repetitions=2)
+    path = tmp_path_factory.mktemp("replay") / "replay.parquet"
+    write_recording(path, stepped_replay(controller, excitation))
+    return path, controller
+
+
+def test_base_prints_the_whole_object():
+    """The keys of the design; counts both ways; coefficients in full precision; singular values with their energy."""
+    document = json.loads(ran("base", "--robot", "ur3", "--mounting", "wall", "--json"))
+    assert {"count", "singular_values", "cumulative_energy", "combinations", "classification"} <= set(document)
+    assert document["count"] == len(document["combinations"]) == 54
+    assert len(document["singular_values"]) == len(document["cumulative_energy"]) == 78
+    second = document["combinations"][1]
+    assert second["name"] == "m1z1 − 4.104·J2xz"
+    assert second["terms"] == pytest.approx({"m1z1": 1.0, "J2xz": -1 / 0.24365}, rel=1e-9)
+    counts = {way: [row[k] for k in ("fully", "in_combination", "not_identifiable")] for way, row in document["classification"].items()}
+    assert counts == {"by_column": [37, 34, 7], "as_in_paper": [30, 42, 6]}
+    assert "m5y5" not in document["quotable"]["parameters"]["fully"]
+
+
+def test_base_without_json_is_a_table_to_read():
+    """Combinations in full, both counts, what may be quoted."""
+    text = ran("base", "--robot", "ur5")
+    assert "m3 − 6.499·J3zz + m4 + m5 + m6" in text  # 1/0.39225²
+    assert "as the paper counts" in text
+    assert "may be quoted alone, in standard-dh frames: fc1, fv1, m2y2" in text
+
+
+def test_energy_of_a_simulated_arm_is_its_own(replayed):
+    """From one replay, along its own path: within 5 of its standard deviations and 3 % of what the simulator's own dynamics hold.
+
+    The simulator's friction is concave: what the paper's law lacks leaks into inertia by more than noise explains.
+    """
+    path, controller = replayed
+    document = json.loads(ran("energy", path, "--robot", "ur5", "--along", "ur5-ground", "--json"))
+    from pathlib import Path
+
+    found = document["kinetic_energy_j"]
+    model = controller.arm.model
+    data = model.createData()
+    state = find_excitation("ur5-ground", Path()).at(np.array([found["at_s"]]))
+    M = pin.crba(model, data, state.q[0])
+    M = np.triu(M) + np.triu(M, 1).T
+    truth = 0.5 * state.qd[0] @ M @ state.qd[0]
+    assert found["max"] == pytest.approx(truth, rel=0.03)
+    assert 0.0 < found["std_at_max"] < 0.03 * found["max"]
+    assert document["along"] == "ur5-ground"
+
+
+def test_energy_beside_limits_says_yes_no_and_what_it_is(replayed):
+    """One region far above, one far below; the statement that this is no safety function in both forms."""
+    path, _ = replayed
+    arguments = ("energy", path, "--robot", "ur5", "--limit", "hand=0.01@0.6", "--limit", "wall=1000", "--payload", "1.5")
+    document = json.loads(ran(*arguments, "--json"))
+    hand, wall = document["regions"]
+    assert (hand["transfer_energy_below_limit"], hand["whole_arm_below_limit"]) == (False, False)
+    assert (wall["transfer_energy_below_limit"], wall["whole_arm_below_limit"]) == (True, True)
+    assert wall["body_mass_kg"] is None
+    arm = load_robot("ur5")
+    assert document["effective_mass"]["robot_kg"] == pytest.approx(0.5 * arm.mass_kg.sum() + 1.5)
+    assert wall["transfer_energy_max_j"] == pytest.approx(0.5 * (0.5 * arm.mass_kg.sum() + 1.5) * document["flange_speed_m_s"]["max"] ** 2)
+    assert "not a safety function" in document["statement"]
+    assert "not a safety function" in ran(*arguments)
+
+
+def test_energy_along_another_arms_trajectory_is_refused(replayed):
+    """By name, before anything is identified."""
+    with pytest.raises(BadInput, match="is for a ur3; the robot is ur5"):
+        ran("energy", replayed[0], "--robot", "ur5", "--along", "ur3-ground")
+
+
+def pixels(path):
+    """(height, width, unpacked bytes) of a PNG, read without the library that wrote it."""
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    width, height = struct.unpack(">II", data[16:24])
+    at, packed = 8, b""
+    while at < len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        packed += data[at + 8 : at + 8 + length] if data[at + 4 : at + 8] == b"IDAT" else b""
+        at += 12 + length
+    return height, width, len(zlib.decompress(packed))
+
+
+def test_identify_draws_its_residuals(replayed, tmp_path):
+    """A PNG of six rows and a HTML file that fetches nothing from anywhere."""
+    path, _ = replayed
+    ran("identify", path, "--robot", "ur5", "--plot", tmp_path / "residuals.png", "--json")
+    height, width, unpacked = pixels(tmp_path / "residuals.png")
+    assert height > width > 1000
+    assert unpacked > height * width  # a whole picture, not a header
+    ran("identify", path, "--robot", "ur5", "--plot", tmp_path / "residuals.html", "--json")
+    page = (tmp_path / "residuals.html").read_text("utf-8")
+    assert page.startswith("<!doctype html>")
+    assert "<svg" in page
+    assert 'src="http' not in page
+    assert "<script" not in page
+    assert "replay.parquet" in page or "simulator" in page
+
+
+def test_a_plot_that_cannot_be_written_is_refused_before_the_work(replayed, tmp_path):
+    """Wrong ending, missing folder."""
+    with pytest.raises(BadInput, match=r"ends in \.png or \.html"):
+        ran("identify", replayed[0], "--robot", "ur5", "--plot", tmp_path / "residuals.pdf")
+    with pytest.raises(BadInput, match="does not exist"):
+        ran("identify", replayed[0], "--robot", "ur5", "--plot", tmp_path / "nowhere" / "residuals.png")
+
+
+def test_a_joint_that_never_moves_is_drawn_too(tmp_path):
+    """No moving sample: grey points, no line, no error."""
+    x = np.zeros((50, 2))
+    moving = np.zeros((50, 2), dtype=bool)
+    moving[:, 0] = True
+    residual_plot(tmp_path / "still.png", "still", [Residuals("one", x, x, x, x + 0.1, moving)])
+    assert pixels(tmp_path / "still.png")[0] > 100
