@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from monitor.identify.payload import NAMES as PAYLOAD_NAMES
+from monitor.identify.payload import Payload
 from monitor.identify.solve import Identification, Validation
 from monitor.recording import Array
 
@@ -46,6 +48,8 @@ def document(identification: Identification, validations: Sequence[Validation] =
             "covariance": _numbers(found.friction_cov[:, 0, 1]),
             "temperature_c": None if found.temperature_c is None else _numbers(found.temperature_c),
             "max_speed_rad_s": _numbers(found.max_speed_rad_s),
+            **_misfit(found),
+            "law": _law(found),
         },
         "fit": {
             "samples": found.samples,
@@ -68,6 +72,46 @@ def document(identification: Identification, validations: Sequence[Validation] =
             for validation in validations
         ],
         "warnings": [{"code": caveat.code, "text": caveat.text} for caveat in found.caveats],
+    }
+
+
+def _misfit(found: Identification) -> dict[str, Any]:
+    """What another motion would change beyond noise, because the law is not quite the arm's."""
+    if found.misfit_cov is None:
+        return {}
+    fc, fv = np.sqrt(found.misfit_cov[:, [0, 1], [0, 1]]).T
+    return {"coulomb_misfit_std_nm": _numbers(fc), "viscous_misfit_std_nm_s_per_rad": _numbers(fv)}
+
+
+def _law(found: Identification) -> dict[str, Any]:
+    """The friction law; of laws richer than the paper's, each parameter by joint."""
+    told: dict[str, Any] = {"name": found.law.name, "parameters": list(found.law.parameters)}
+    if found.friction:
+        fitted = found.friction
+        std = np.sqrt(np.diagonal(fitted.covariance, axis1=1, axis2=2))  # (J, K)
+        told |= {
+            "values": {name: _numbers(fitted.values[:, k]) for k, name in enumerate(fitted.law.parameters)},
+            "std": {name: _numbers(std[:, k]) for k, name in enumerate(fitted.law.parameters)},
+            "exponent": fitted.law.exponent,
+            "load_nm": _numbers(fitted.load_nm),
+        }
+    if found.held_out:
+        told["held_out"] = {name: _number(error) for name, error in found.held_out.items()}
+    return told
+
+
+def payload_document(payload: Payload) -> dict[str, Any]:
+    """A payload at the flange, in the last DH frame."""
+    std = np.sqrt(np.diag(payload.covariance))
+    return {
+        "mass_kg": _number(payload.mass_kg),
+        "mass_std_kg": _number(payload.mass_std_kg),
+        "com_m": _numbers(payload.com_m),
+        "parameters": {name: _number(value) for name, value in zip(PAYLOAD_NAMES, payload.parameters, strict=True)},
+        "std": {name: _number(value) for name, value in zip(PAYLOAD_NAMES, std, strict=True)},
+        "rms_nm": _numbers(payload.rms_nm),
+        "relative_rms": _numbers(payload.relative_rms),
+        "samples": payload.samples,
     }
 
 
