@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.identify.fit import Equations, Layout, fit
 from monitor.identify.least_squares import Factor, Rows, factors, residual_rms, solve
-from monitor.model.friction import LAWS, FrictionLaw
+from monitor.model.friction import EVERY_TERM, LAWS, FrictionLaw
 from monitor.recording import Array
 
 AUTO = "auto"
@@ -27,12 +27,12 @@ def choose_law(equations: Sequence[Equations], layout: Layout, prior: Array, met
     Every law is fitted to the other stretches and judged on this one. A richer law is taken only where it is better than the simpler
     one by more than the standard error of the difference over the stretches.
     """
-    richest = LAWS["concave"]
+    richest = EVERY_TERM
     rows = fit(equations, richest, layout, prior, method=method).rows
     # one scale for all laws, or each would be its own judge
     weights = fit(equations, LAWS["paper"], layout, prior, method=method).weights  # (J,)
     folds = [factors([_stretch(rec, k) for rec in rows]) for k in range(FOLDS)]
-    extra = layout.of_law(richest)[:, 2:]  # (J, 2) places of fl, fp
+    extra = layout.of_law(richest)[:, 2:]  # (J, 3) places of fl, fp, fs
     errors = {}
     for name, law in LAWS.items():
         own = extra[:, [richest.parameters.index(parameter) - 2 for parameter in law.parameters[2:]]].ravel()

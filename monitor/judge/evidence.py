@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import BadConfiguration
-from monitor.identify.solve import Identification
+from monitor.identify.identification import Identification
 from monitor.recording import Array
 
 

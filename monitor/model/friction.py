@@ -12,6 +12,7 @@ from monitor.errors import BadInput
 from monitor.recording import Array
 
 SIGN_SPEED_RAD_S = 0.001  # tanh(q̇/0.001) instead of sgn(q̇): Raviola et al. (2021), eq. (2)
+STRIBECK_SPEED_RAD_S = 0.1  # the film has formed: a linear law needs this fixed, and the fit is blunt between 0.05 and 0.2
 CONCAVE_EXPONENT = 0.5  # factory sweeps of a UR5e fit best with 0.52–0.63; 0.5 keeps the column furthest from fc's and fv's
 
 
@@ -26,7 +27,8 @@ class FrictionLaw:
     """Friction torque of joint j = columns(q̇, τ)[:, j] · parameters of joint j.
 
     τ is the torque that the gear passes on, without friction. The parameters there are: fc [N·m] of s(q̇); fv [N·m·s/rad] of q̇;
-    fl (a share) of |τ|·s(q̇): teeth under load rub more; fp [N·m at 1 rad/s] of |q̇|^p·s(q̇): friction of harmonic drives is concave.
+    fl (a share) of |τ|·s(q̇): teeth under load rub more; fp [N·m at 1 rad/s] of |q̇|^p·s(q̇): friction of harmonic drives is concave;
+    fs [N·m] of exp(−(q̇/v_s)²)·s(q̇): what grips beyond fc before the lubricant carries, Stribeck; Armstrong-Hélouvry et al. (1994).
     """
 
     name: str
@@ -51,6 +53,8 @@ class FrictionLaw:
             columns.append(np.abs(load_nm) * s)
         if "fp" in self.parameters:
             columns.append(np.abs(qd) ** self.exponent * s)
+        if "fs" in self.parameters:
+            columns.append(np.exp(-((qd / STRIBECK_SPEED_RAD_S) ** 2)) * s)
         return np.stack(columns, axis=-1)  # (…, J, K)
 
 
@@ -61,8 +65,10 @@ LAWS = {
         FrictionLaw(name="paper", parameters=("fc", "fv")),
         FrictionLaw(name="load", parameters=("fc", "fv", "fl")),
         FrictionLaw(name="concave", parameters=("fc", "fv", "fl", "fp")),
+        FrictionLaw(name="stribeck", parameters=("fc", "fv", "fl", "fs")),
     )
 }
+EVERY_TERM = FrictionLaw(name="every term", parameters=("fc", "fv", "fl", "fp", "fs"))  # what the laws are chosen from
 
 
 def friction_law(name: str) -> FrictionLaw:

@@ -114,7 +114,7 @@ def _turning(w: Array, dw: Array) -> Array:
 
 
 def _add_cross(total: Array, v: Array, k: int, length: float) -> None:
-    """total += v × (length along axis k), both (3, …, N)."""
+    """Add v × (length along axis k) to the total, both (3, …, N)."""
     row, column = (k + 1) % 3, (k + 2) % 3
     total[row] += v[column] * length  # e.g. v × x = (0, v_z, −v_y)
     total[column] -= v[row] * length
@@ -136,7 +136,7 @@ def _link_block(block: Array, axis: Array, arm: Array, w: Array, dw: Array, a: A
 
 
 def _combined(v: Array, matrix: Array, out: Array, scratch: Array) -> None:
-    """out (i, K, N) = vᵀ·matrix, of v (3, i, N) and matrix (3, K, N)."""
+    """Fill out (i, K, N) with vᵀ·matrix, of v (3, i, N) and matrix (3, K, N)."""
     K = matrix.shape[1]
     for k in range(K):
         into = out[:, k]

@@ -9,7 +9,8 @@ from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, exact_motion, r
 
 from monitor.errors import BadInput
 from monitor.identify.payload import identify_payload
-from monitor.identify.solve import identify, identify_motions, predict_torque, validate
+from monitor.identify.solve import identify, identify_motions
+from monitor.identify.validate import predict_torque, validate
 from monitor.model.friction import LAWS
 from monitor.model.robot import Mounting, load_robot
 

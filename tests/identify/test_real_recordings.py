@@ -7,7 +7,8 @@ from monitor.errors import BadInput, Unidentifiable
 from monitor.files import read_recording
 from monitor.identify.payload import identify_payload
 from monitor.identify.signals import motion
-from monitor.identify.solve import identify, validate
+from monitor.identify.solve import identify
+from monitor.identify.validate import validate
 from monitor.model.robot import Mounting, load_robot
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"

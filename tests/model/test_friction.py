@@ -26,8 +26,8 @@ def test_sign_is_whole_above_the_standstill_threshold():
 def test_an_unknown_law_is_refused_with_the_known_ones():
     """The message lists what may be chosen."""
     assert friction_law("paper").parameters == ("fc", "fv")
-    with pytest.raises(BadInput, match="'stribeck' is not known; known are paper, load, concave"):
-        friction_law("stribeck")
+    with pytest.raises(BadInput, match="'dahl' is not known; known are paper, load, concave, stribeck"):
+        friction_law("dahl")
 
 
 @pytest.mark.parametrize("name", LAWS)
