@@ -65,7 +65,7 @@ def arm(robot: str | None, urdf: Path | None) -> Robot:
     Raises BadInput unless exactly one of them is given, or where it is not known or not readable.
     """
     if (robot is None) == (urdf is None):
-        raise BadInput(f"{'neither' if robot is None else 'both'} --robot and --urdf given; expected one of them")
+        raise BadInput(f"{'neither' if robot is None else 'both'} of --robot and --urdf given; expected one of them")
     if robot is not None:
         return load_robot(robot)
     from monitor.model.urdf import robot_from_urdf

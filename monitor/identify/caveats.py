@@ -34,6 +34,8 @@ def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[Caveat]:
     if motion.rejected_samples:
         why = ", ".join(f"{count} {reason}" for reason, count in motion.rejected_why.items())
         yield Caveat("rejected_rows", f"{name}: {motion.rejected_samples} of {motion.recorded_samples} rows were left out: {why}")
+    for repair in motion.repairs:
+        yield Caveat(repair.code, f"{name}: {repair.text}; put right")
     if motion.repaired_samples:
         yield Caveat(
             "repaired_spikes", f"{name}: {motion.repaired_samples} readings of current or torque stood out alone and were repaired"

@@ -14,6 +14,7 @@ from scipy.ndimage import median_filter
 from scipy.signal import butter, sosfiltfilt
 
 from monitor.errors import Unidentifiable
+from monitor.identify.mend import Repair, mended
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Recording
 
@@ -70,6 +71,7 @@ class Motion:
     current_is_target: bool  # bit for bit: no drive was there to be measured
     low_pass: tuple[int, float] | None = None  # order and cutoff [Hz] of the filter the signals passed; None: none
     repaired_samples: int = 0  # readings of current or torque that stood out alone and were replaced
+    repairs: tuple[Repair, ...] = ()  # what was put right in the recording as a whole
 
     @property
     def samples(self) -> int:
@@ -117,6 +119,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     name = recording.source or "recording"
     if recording.current is None and recording.torque is None:
         raise Unidentifiable(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint")
+    recording, repairs = mended(recording)
     keep, why = _sound_rows(recording)
     if len(keep) < 10:
         raise Unidentifiable(f"{name}: {len(keep)} of {recording.samples} rows are sound ({_told(why)}); expected a recording")
@@ -172,6 +175,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         current_is_target=_same(recording.current, recording.target_current),
         low_pass=(settings.filter_order, cutoff_hz),
         repaired_samples=repaired,
+        repairs=repairs,
     )
 
 
