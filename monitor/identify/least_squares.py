@@ -61,12 +61,17 @@ def factors(recordings: Sequence[Rows]) -> list[Factor]:
             weight = 1.0 if rec.trust is None else np.sqrt(rec.trust[on, j, None])
             rows.append(weight * np.column_stack([rec.Y[on, j], rec.torque_nm[on, j]]))
         stacked = np.concatenate(rows)  # (n, B + 1)
-        felt = np.flatnonzero(np.any(stacked != 0.0, axis=0))  # a joint feels only the links outward of it, and its own friction
-        triangle = np.linalg.qr(stacked[:, felt], mode="r")
-        R = np.zeros((len(triangle), stacked.shape[1]))
-        R[:, felt] = triangle
-        result.append(Factor(R, len(stacked)))
+        result.append(Factor(triangle(stacked), len(stacked)))
     return result
+
+
+def triangle(A: Array) -> Array:
+    """R (r, B) with RᵀR = AᵀA, of A (n, B); r is the number of columns that are not all zero, or n if that is less."""
+    felt = np.flatnonzero(np.any(A != 0.0, axis=0))  # a joint feels only the links outward of it, and its own friction
+    part = np.linalg.qr(A[:, felt], mode="r")
+    R = np.zeros((len(part), A.shape[1]))
+    R[:, felt] = part
+    return R
 
 
 def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array | None = None) -> Solution:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from monitor.identify.caveats import Caveat
+from monitor.identify.least_squares import triangle
 from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, Indices, Mask, Motion
 from monitor.model.base import base_parameters
 from monitor.model.quotable import mounting_with_up
@@ -27,6 +28,7 @@ CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordin
 SURE_STD = 5.0  # and the configured direction must explain the data worse by so much
 ALIKE = 0.5  # cosine between the weights of the fit and the manufacturer's: a payload or a tool leaves it above 0.9
 CORRELATED_S = 0.5  # residuals are correlated so long: a sample is evidence only once in it
+FEW_SAMPLES = 400
 SAMPLES = 1500  # of all motions together; gravity is slow, and neighbours repeat each other
 ROUNDS = 30
 NAMED_DEG = 10.0  # nearer than this, a direction is called by its mounting's name
@@ -59,7 +61,7 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
 
     torques : (N, J) [N·m] of each motion.
     """
-    if not motions:
+    if not motions or _agrees(motions, torques, robot, mounting):
         return None
     found = upward(motions, torques, robot, mounting)
     if not found.contradicts:
@@ -75,6 +77,17 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
         f"gravity in the data is {angle_deg:.0f} ± {max(std_deg, 0.1):.2g}° from where the mounting {_called(mounting)} puts it: "
         f"likely is {_likely(found.up)}{sign}; rotation about the vertical (yaw) never shows in torques",
     )
+
+
+def _agrees(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> bool:
+    """Whether a few hundred samples already put up where the mounting does, with weights like the manufacturer's: the usual case.
+
+    Then no direction elsewhere can be the arm's, and the search over the sphere is spared.
+    """
+    problem = _Problem(motions, torques, robot, samples=FEW_SAMPLES)
+    configured = -mounting.gravity_in_base / np.linalg.norm(mounting.gravity_in_base)
+    up = problem.descend(_nudged(configured))
+    return bool(math.degrees(math.acos(min(1.0, float(up @ configured)))) < 0.5 * CONTRADICTION_DEG and problem.agreement(up) > ALIKE)
 
 
 def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Upward:
@@ -123,13 +136,13 @@ class _Solved(NamedTuple):
 class _Problem:
     """Least squares with gravity free: cost(up), its Gauss–Newton step, and how sure it is."""
 
-    def __init__(self, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot) -> None:
+    def __init__(self, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, samples: int = SAMPLES) -> None:
         base = base_parameters(robot, _ASKEW)
         B = base.count
         kinds = np.array(base.columns) % PER_JOINT
         self.weighty = np.flatnonzero(kinds < 4)  # places of masses and first moments: gravity acts on nothing else
         self.nominal = base.combination @ robot.nominal_parameters()  # (B,)
-        step = max(1, sum(moved.samples for moved in motions) // SAMPLES)
+        step = max(1, sum(moved.samples for moved in motions) // samples)
         rows = [_rows(moved, torque, robot, base.columns, self.weighty, step) for moved, torque in zip(motions, torques, strict=True)]
         factors, evidence = [], 0.0
         self.size = 0.0
@@ -137,7 +150,7 @@ class _Problem:
             A = np.concatenate([one[used[:, j], j] for one, used in rows])  # (n, B + 3W + 1)
             if len(A) <= A.shape[1]:
                 continue  # hardly moves
-            R: Array = np.asarray(np.linalg.qr(A, mode="r"))
+            R = triangle(A)
             # with gravity wholly free no mounting is presumed: what remains is noise and friction that no law describes
             left = abs(R[-1, -1]) / math.sqrt(len(A))
             weight = 1.0 / max(left, 1e-9 * float(np.linalg.norm(R[:, -1])) / math.sqrt(len(A)) + 1e-12)
