@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 
+from monitor.bounds import between
 from monitor.identify.caveats import Caveat
 from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, SignalSettings
 from monitor.model.friction import LAWS, FrictionLaw
@@ -21,8 +22,12 @@ class IdentifySettings:
     """How a motion becomes parameters."""
 
     signals: SignalSettings = field(default_factory=SignalSettings)
-    moving_rad_s: float = STANDSTILL_SPEED_RAD_S  # slower samples of a joint are not fitted by WLS, nor counted in the RMS
-    block_s: float = 0.8  # residuals stay correlated for 0.4–0.55 s: blocks must be longer, and still be many
+    moving_rad_s: Annotated[float, between(1e-6, 0.5)] = (
+        STANDSTILL_SPEED_RAD_S  # slower samples of a joint are not fitted by WLS, nor counted in the RMS
+    )
+    block_s: Annotated[float, between(0.1, 10.0)] = (
+        0.8  # residuals stay correlated for 0.4–0.55 s: blocks must be longer, and still be many
+    )
 
 
 class Source(NamedTuple):
