@@ -34,7 +34,7 @@ app = typer.Typer(
 ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object (watch: one a line) on standard output.")]
 NumbersHelp = "one figure a joint, comma-separated"
-RobotOption = Annotated[str | None, typer.Option(help="Model, e.g. ur5.", show_default=False)]
+RobotOption = Annotated[str | None, typer.Option(help="Model, e.g. ur5, or a .toml of an arm of yours.", show_default=False)]
 UrdfOption = Annotated[Path | None, typer.Option(help="Instead of a model: any serial arm of 1 to 8 turning joints.", show_default=False)]
 MountingOption = Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")]
 ColumnsOption = Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from monitor.identify.identification import Identification
 from monitor.identify.payload import identify_payload
 from monitor.identify.solve import identify
 from monitor.identify.validate import Validation, validate
-from monitor.model.robot import Mounting, Robot, load_robot
+from monitor.model.robot import Mounting, Robot, load_robot, robot_from_document
 from monitor.recording import Array, Recording
 
 
@@ -60,17 +61,29 @@ class Outcome:
 
 
 def arm(robot: str | None, urdf: Path | None) -> Robot:
-    """The arm by its model's name or from a URDF.
+    """The arm by its model's name, from a TOML like those of the models (`--export` writes one), or from a URDF.
 
     Raises BadInput unless exactly one of them is given, or where it is not known or not readable.
     """
     if (robot is None) == (urdf is None):
         raise BadInput(f"{'neither' if robot is None else 'both'} of --robot and --urdf given; expected one of them")
     if robot is not None:
-        return load_robot(robot)
+        return _from_toml(Path(robot)) if robot.endswith(".toml") else load_robot(robot)
     from monitor.model.urdf import robot_from_urdf
 
     return robot_from_urdf(str(urdf))
+
+
+def _from_toml(path: Path) -> Robot:
+    try:
+        return robot_from_document(tomllib.loads(path.read_text("utf-8")))
+    except OSError as wrong:
+        raise BadInput(f"--robot {path}: cannot be read: {wrong.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as wrong:
+        raise BadInput(f"--robot {path}: not TOML: {wrong}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as wrong:
+        why = f"{type(wrong).__name__}: {wrong}"
+        raise BadInput(f"--robot {path}: is no arm ({why}); expected the keys of the shipped models, as --export writes them") from None
 
 
 def named_recordings(paths: Sequence[Path], columns: str | None) -> list[Recording]:

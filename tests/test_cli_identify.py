@@ -202,6 +202,8 @@ def test_an_exported_arm_is_an_arm_to_identify(replayed, tmp_path):
     """`--urdf` instead of `--robot`: the same rank; a URDF has no torque constants, so the gains are given."""
     ran("identify", replayed[0], "--robot", "ur5", "--method", "consistent", "--export", tmp_path / "arm.urdf")
     assert json.loads(ran("base", "--urdf", tmp_path / "arm.urdf", "--json"))["count"] == 52
+    ran("identify", replayed[0], "--robot", "ur5", "--method", "consistent", "--export", tmp_path / "arm.toml")
+    assert json.loads(ran("base", "--robot", tmp_path / "arm.toml", "--json"))["count"] == 52
     recording = replayed[0]
     with pytest.raises(BadInput, match="give the joint gains"):
         ran("identify", strange(recording, tmp_path), "--urdf", tmp_path / "arm.urdf")

@@ -65,6 +65,11 @@ def factors(recordings: Sequence[Rows]) -> list[Factor]:
     return result
 
 
+def merged(one: Sequence[Factor], other: Sequence[Factor]) -> list[Factor]:
+    """The factors of both sets of rows together: recordings may come one after the other, and none has to be kept."""
+    return [Factor(triangle(np.concatenate([a.R, b.R])), a.samples + b.samples) for a, b in zip(one, other, strict=True)]
+
+
 def triangle(A: Array) -> Array:
     """R (r, B) with RᵀR = AᵀA, of A (n, B); r is the number of columns that are not all zero, or n if that is less."""
     felt = np.flatnonzero(np.any(A != 0.0, axis=0))  # a joint feels only the links outward of it, and its own friction
