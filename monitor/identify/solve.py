@@ -51,6 +51,7 @@ def identify(
     settings = settings or IdentifySettings()
     for recording in recordings:
         refuse_other_arm(recording, robot)
+    _refuse_twice(recordings)
     if method == "robust":
         settings = replace(settings, signals=replace(settings.signals, despike=True))
     motions = [motion(recording, settings.signals) for recording in recordings]
@@ -129,6 +130,8 @@ def identify_motions(
     remarks = [*caveats, *told.of_joints(robot, speeds, moving), *told.of_trust(found.rows)]
     excited = found.solution.excited[: base.count] | (layout.rigid & layout.frozen)
     remarks += told.of_solution(base.names, excited, condition, len(measured), coulomb, viscous)
+    if physical is not None and physical.residual_ratio > told.FAR_FROM_PHYSICAL:
+        remarks.append(told.far_from_physical(physical.residual_ratio))
     richer = None
     if law != LAWS["paper"]:
         richer = FrictionFit(
@@ -167,6 +170,14 @@ def identify_motions(
         paper_d=np.linalg.norm((M @ found.solution.directions), axis=1),
         physical=physical,
     )
+
+
+def _refuse_twice(recordings: Sequence[Recording]) -> None:
+    """Raises BadInput where one recording is given twice: it would be believed twice."""
+    for number, one in enumerate(recordings):
+        for other in recordings[:number]:
+            if one.samples == other.samples and np.array_equal(one.t_s, other.t_s) and np.array_equal(one.q, other.q):
+                raise BadInput(f"{one.source or 'recording'} is {other.source or 'recording'} once more: it says nothing new; give it once")
 
 
 def _physical(found: Fit, base: Base, robot: Robot) -> tuple[Fit, Consistent]:
