@@ -330,7 +330,8 @@ def energy(
         found = identify_recordings(recordings, arm, Mounting.parse(mounting), gains=joint_gains)
     speed = flange_speed(arm, q, qd)
     # what was in the hand while the arm was identified is part of its last link already; more than that is added
-    energies = kinetic_energy(arm, q, qd, found.columns, found.values, found.covariance)
+    covariance = found.covariance if found.total_covariance is None else found.total_covariance
+    energies = kinetic_energy(arm, q, qd, found.columns, found.values, covariance)
     energies = energies.with_payload(max(mass_kg - identified_with, 0.0) if mass_kg >= 0.0 else mass_kg, speed)
     document = {
         "robot": arm.name,

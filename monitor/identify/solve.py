@@ -113,11 +113,13 @@ def identify_motions(
     loads = [eq.load(found.solution.values[: base.count], layout) for eq in equations]
     M, places = projection(equations, loads, found, layout), layout.of_law(law)  # (B, X): the paper's base parameters, (J, K)
     values, base_covariance = M @ found.solution.values, mapped(M, covariance)
-    misfit = mapped(M, with_misfit) - mapped(M, np.nan_to_num(covariance))
+    total = mapped(M, with_misfit)
+    misfit = total - mapped(M, np.nan_to_num(covariance))
+    total[np.isnan(base_covariance)] = np.nan
     if rigid_from is not None:
         values[layout.rigid] = rigid_from.values[layout.rigid]
         rigid = np.ix_(layout.rigid, layout.rigid)
-        base_covariance[rigid] = rigid_from.covariance[rigid]
+        base_covariance[rigid] = total[rigid] = rigid_from.covariance[rigid]
     known = np.all(found.solution.excited[places], axis=1)  # (J,)
     pair = layout.friction[:, :, None], layout.friction[:, None, :]
     coulomb, viscous = np.where(known[:, None], values[layout.friction], np.nan).T  # (J,), (J,)
@@ -165,6 +167,7 @@ def identify_motions(
             Source(m.source, m.recorded_samples, m.rate_hz, m.duration_s, m.rejected_samples, dict(m.rejected_why)) for m in motions
         ),
         friction=richer,
+        total_covariance=total,
         misfit_cov=np.where(known[:, None, None], [positive(part) for part in misfit[pair]], np.nan),
         held_out=held_out,
         paper_d=np.linalg.norm((M @ found.solution.directions), axis=1),
