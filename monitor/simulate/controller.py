@@ -79,6 +79,7 @@ class Controller:
         robot = settings.arm
         self.settings, self.robot, self.tick_s = settings, robot, settings.tick_s
         self._substeps = max(1, round(self.tick_s / SUBSTEP_S))
+        self._limit = robot.max_position_rad + LIMIT_MARGIN_RAD
         self.arm = Arm(
             robot,
             q=np.array(settings.home_rad),
@@ -128,10 +129,11 @@ class Controller:
         if self.program is not None and self.runtime == Runtime.PLAYING and not self.program.step():
             self.stop_program("the program ended", kind="program_end")
         arm = self.arm
-        if self.robot_mode == RobotMode.RUNNING:
+        reference = self.reference
+        if self.robot_mode == RobotMode.RUNNING and not (reference.at_rest and arm.stand(self.tick_s, reference.step(self.tick_s))):
             h = self.tick_s / self._substeps
             for _ in range(self._substeps):
-                arm.step(h, self.reference.step(h))
+                arm.step(h, reference.step(h))
         arm.settle(self.tick_s)
         self.measured = self.sensors.read(arm)
         self._supervise()
@@ -140,14 +142,14 @@ class Controller:
         arm = self.arm
         if self.robot_mode == RobotMode.RUNNING and self.safety_mode == SafetyMode.NORMAL:
             deviation = np.abs(self.reference.q - arm.q)
-            saturated = bool(np.any(np.abs(arm.torque_nm) >= self.robot.max_torque_nm))
-            self._saturated_s = self._saturated_s + self.tick_s if saturated else 0.0
+            self._saturated_s = self._saturated_s + self.tick_s if (np.abs(arm.torque_nm) >= self.robot.max_torque_nm).any() else 0.0
             if deviation.max() > DEVIATION_MAX_RAD:
                 joint = int(np.argmax(deviation)) + 1
                 self.protective_stop(f"joint {joint} is {deviation.max():.3f} rad from where it should be")
             elif self._saturated_s > SATURATED_MAX_S:
-                self.protective_stop("a drive is at its torque limit")
-            elif self.outside_limits(arm.q):
+                joint = int(np.argmax(np.abs(arm.torque_nm) / self.robot.max_torque_nm)) + 1
+                self.protective_stop(f"the drive of joint {joint} is at its torque limit")
+            elif (np.abs(arm.q) > self._limit).any():
                 self.protective_stop(self.outside_limits(arm.q))
         if self._standing and self.reference.at_rest and not np.any(np.abs(arm.qd) > STANDING_RAD_S):
             for stop in self._standing:
@@ -243,7 +245,7 @@ class Controller:
 
     def outside_limits(self, q: Array) -> str:
         """Which joint is beyond its range, or nothing."""
-        beyond = np.abs(q) > self.robot.max_position_rad + LIMIT_MARGIN_RAD
+        beyond = np.abs(q) > self._limit
         joint = int(np.argmax(beyond))
         return f"joint {joint + 1} at {q[joint]:.3f} rad is beyond ±{self.robot.max_position_rad[joint]:.3f}" if beyond.any() else ""
 

@@ -15,6 +15,9 @@ DEFAULT_COMMAND_PORT = 30020
 DEFAULT_VERSION = {"cb3": "3.15.8.106339", "e-series": "5.11.0.108249"}
 
 
+PAYLOAD_COM_MAX_M = 2.0
+
+
 class Version(NamedTuple):
     """PolyScope's version as RTDE and the dashboard tell it."""
 
@@ -51,7 +54,8 @@ class SimulateSettings:
         for name, values in (("home_rad", self.home_rad), ("initial_temperature_c", self.initial_temperature_c)):
             if values is not None and (len(values) != robot.joints or not all(math.isfinite(v) for v in values)):
                 raise BadInput(f"simulate: {name} = {values!r}; expected {robot.joints} finite numbers")
-        if self.wear_per_revolution is not None and (len(self.wear_per_revolution) != robot.joints or min(self.wear_per_revolution) < 0.0):
+        rates = self.wear_per_revolution
+        if rates is not None and (len(rates) != robot.joints or not all(0.0 <= rate < math.inf for rate in rates)):
             raise BadInput(f"simulate: wear_per_revolution = {self.wear_per_revolution!r}; expected {robot.joints} numbers, none negative")
         if not 0.0 <= self.payload_kg <= 2.0 * robot.payload_max_kg:
             raise BadInput(f"simulate: payload_kg = {self.payload_kg:g}; expected 0 … {robot.payload_max_kg:g} for a {self.robot}")
@@ -61,6 +65,14 @@ class SimulateSettings:
             raise BadInput(f"simulate: protective_runtime = {self.protective_runtime!r}; expected paused, stopped or playing")
         if not 0 < self.command_port < 65536:
             raise BadInput(f"simulate: command_port = {self.command_port}; expected 1 … 65535")
+        if self.command_port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):
+            raise BadInput(f"simulate: command_port = {self.command_port} is one of the robot's own ports; expected another, e.g. 30020")
+        if self.seed < 0:
+            raise BadInput(f"simulate: seed = {self.seed}; expected 0 or more")
+        if len(self.payload_com_m) != 3 or not all(abs(metres) <= PAYLOAD_COM_MAX_M for metres in self.payload_com_m):
+            raise BadInput(
+                f"simulate: payload_com_m = {self.payload_com_m!r}; expected x, y, z within ±{PAYLOAD_COM_MAX_M:g} m of the flange"
+            )
         if not self.serial.isdigit():
             raise BadInput(f"simulate: serial = {self.serial!r}; expected digits only, ur-rtde refuses others")
         _ = self.polyscope
