@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 
 from monitor.recording import Array
+from monitor.simulate import motions
 from monitor.simulate.inputs import REGISTERS, Inputs, Recipe
-from monitor.simulate.physics import Arm
-from monitor.simulate.program import ControlProgram, MotionProgram, SteppedProgram
+from monitor.simulate.kinematics import Kinematics, se3
+from monitor.simulate.physics import Arm, arm_model
+from monitor.simulate.program import ControlProgram, SteppedProgram, StepsProgram
 from monitor.simulate.reference import Reference
-from monitor.simulate.scripts import ControlScript, Immediate, MoveJ, Refused, StopJ, parse
+from monitor.simulate.scripts import ControlScript, Immediate, Move, Refused, Steps, StopMotion, parse
 from monitor.simulate.sensors import Sensors
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.thermal import Temperatures
@@ -35,6 +37,8 @@ SATURATED_MAX_S = 0.1  # drives at their limit for so long: something blocks the
 STANDING_RAD_S = 0.01  # slower is the servo's settling, by microradians
 LIMIT_MARGIN_RAD = 1e-6
 LOG_LENGTH = 200
+HISTORY_TICKS = 1024  # measured positions kept for get_actual_joint_positions_history
+STOP_MAX_RAD_S2 = 40.0  # of a stopl with the tool near an axis
 
 
 class RobotMode(IntEnum):
@@ -92,17 +96,23 @@ class Controller:
         if settings.initial_temperature_c is not None:
             start = np.array(settings.initial_temperature_c)
             self.arm.set_temperatures(Temperatures(start, start.copy()))
-        self.moments = Moments(self.arm.model)
+        self.kinematics = Kinematics(robot)
+        self.waypoint: Array | None = None  # pose that the last move goes to
+        self.history: deque[Array] = deque([self.arm.q], maxlen=HISTORY_TICKS)
         self.reference = Reference(robot, self.arm.q, self.tick_s)
         self.sensors = Sensors(robot, settings.seed, self.tick_s)
         self.measured = self.sensors.read(self.arm)
         self.inputs = Inputs()
         self.output_ints, self.output_doubles = [0] * REGISTERS, [0.0] * REGISTERS
         self.declared_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)
+        self.declared_gravity: Array = settings.mounting.gravity_in_base
+        self.moments = Moments(self.arm.believed)
+        self._servo_goal: Array | None = None
+        self._servo_goal_at_s = 0.0
         self.ticks = 0
         self._leapt_s = 0.0  # by `live`
         self.robot_mode, self.safety_mode, self.runtime = RobotMode.RUNNING, SafetyMode.NORMAL, Runtime.STOPPED
-        self.program: ControlProgram | MotionProgram | None = None
+        self.program: ControlProgram | StepsProgram | SteppedProgram | None = None
         self._watched: str | None = None
         self._watchdog_s, self._fed_at_s = math.inf, 0.0
         self.stops: deque[Stop] = deque(maxlen=LOG_LENGTH)
@@ -136,6 +146,7 @@ class Controller:
                 arm.step(h, reference.step(h))
         arm.settle(self.tick_s)
         self.measured = self.sensors.read(arm)
+        self.history.append(self.measured.q)
         self._supervise()
 
     def _supervise(self) -> None:
@@ -177,8 +188,6 @@ class Controller:
                 self.stop_program(f"script: {script.line}")
             return
         why = script.reason if isinstance(script, Refused) else self._not_ready()
-        if isinstance(script, MoveJ) and not why:
-            why = self.unreachable(np.array(script.q_rad), script.speed, script.acceleration)
         if why:
             log.warning("script refused: %s", why)
             self.refused_scripts.append(why)
@@ -188,19 +197,91 @@ class Controller:
         match script:
             case ControlScript():
                 self.program = ControlProgram(script, self)
-            case MoveJ():
-                self.program = MotionProgram(self)
-                self.reference.move(np.array(script.q_rad), script.speed, script.acceleration)
-            case StopJ():
-                self.program = MotionProgram(self)
-                self.reference.stop(script.deceleration)
+            case Steps():
+                self.program = StepsProgram(script, self)
         self.runtime = Runtime.PLAYING
+
+    # --- motions ------------------------------------------------------------------------------------------------
+    def start_move(self, move: Move) -> str:
+        """Movej or movel; says why it cannot be made, or nothing."""
+        target = np.array(move.target)
+        if target.shape != self.arm.q.shape or not np.isfinite(target).all():
+            return f"the target is not {self.robot.joints} finite numbers"
+        if not (0.0 < move.speed < math.inf and 0.0 < move.acceleration < math.inf):
+            return f"speed {move.speed:g} and acceleration {move.acceleration:g} must be positive"
+        q = self.inverse(target) if move.pose else target
+        if q is None:
+            return f"no joint positions for the tool at {target.round(4).tolist()}"
+        why = self.outside_limits(q)
+        if why:
+            return why
+        goal = se3(target) if move.pose else self.kinematics.at(target)
+        if not move.straight:
+            self.reference.move(q, move.speed, move.acceleration)
+        elif self.reference.qd.any():  # a line begins at rest
+
+            def then() -> None:
+                wrong = self._line(goal, move)
+                if wrong:
+                    self.stop_program(f"runtime exception: movel: {wrong}")
+
+            self.reference.stop(PROGRAM_STOP_RAD_S2, then)
+        else:
+            why = self._line(goal, move)
+        self.waypoint = self.kinematics.pose(q)
+        return why
+
+    def _line(self, goal: Any, move: Move) -> str:
+        why = motions.line(self.reference, self.kinematics, goal, move.speed, move.acceleration, self.robot.max_speed_rad_s)
+        if why:
+            self.reference.hold()
+        return why
+
+    def start_stop(self, stop: StopMotion) -> None:
+        """stopj, or stopl: the joints decelerate together, so that the tool does it with this many m/s²."""
+        deceleration = stop.deceleration
+        fastest = float(np.max(np.abs(self.reference.qd)))
+        if stop.straight and fastest > 0.0:
+            tool = float(np.linalg.norm(self.kinematics.speed(self.reference.q, self.reference.qd)[:3]))
+            deceleration = min(deceleration * fastest / max(tool, 1e-3), STOP_MAX_RAD_S2)
+        self.reference.stop(deceleration)
+
+    def sudden(self, target: Array) -> str:
+        """Whether a servoj target lies further from the last than the arm could have gone since; says which joint, or nothing."""
+        fresh = self.reference.mode == "servo" and self._servo_goal is not None
+        before = self._servo_goal if fresh and self._servo_goal is not None else self.reference.q
+        since_s = self.clock_s - self._servo_goal_at_s if fresh else self.tick_s
+        self._servo_goal, self._servo_goal_at_s = target, self.clock_s
+        jump = np.abs(target - before)
+        allowed = DEVIATION_MAX_RAD + self.robot.max_speed_rad_s * since_s
+        if (jump <= allowed).all():
+            return ""
+        joint = int(np.argmax(jump - allowed))
+        return f"sudden change of the target of joint {joint + 1} by {jump[joint]:.3f} rad within {1000 * since_s:.0f} ms"
+
+    def inverse(self, pose: Array, near: Array | None = None) -> Array | None:
+        """(J,) joint positions for the tool at a pose (6,), or None."""
+        return self.kinematics.inverse(se3(pose), self.reference.q if near is None else near)
+
+    def declare(self, *, payload: tuple[float, ...] | None = None, gravity: Array | None = None) -> None:
+        """What a program tells the controller of payload and mounting: it reckons with that, whatever the arm really carries."""
+        self.declared_payload = payload or self.declared_payload
+        self.declared_gravity = self.declared_gravity if gravity is None else gravity
+        arm = self.arm
+        same_payload = self.declared_payload == (arm.payload_kg, *arm.payload_com_m)
+        if same_payload and np.array_equal(self.declared_gravity, arm.model.gravity.linear):
+            model = arm.model
+        else:
+            model = arm_model(self.robot, arm.mounting, self.declared_payload[0], self.declared_payload[1:])
+            model.gravity.linear = self.declared_gravity
+        arm.believe(model)
+        self.moments = Moments(model)
 
     def begin_stepped(self) -> str:
         """Take the arm for a stepped replay; says why not, or nothing."""
         why = self._not_ready() or ("a program is running" if self.program is not None else "")
         if not why:
-            self.program, self.runtime = SteppedProgram(self), Runtime.PLAYING
+            self.program, self.runtime = SteppedProgram(), Runtime.PLAYING
         return why
 
     def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
@@ -248,14 +329,6 @@ class Controller:
         beyond = np.abs(q) > self._limit
         joint = int(np.argmax(beyond))
         return f"joint {joint + 1} at {q[joint]:.3f} rad is beyond ±{self.robot.max_position_rad[joint]:.3f}" if beyond.any() else ""
-
-    def unreachable(self, q: Array, speed: float, acceleration: float) -> str:
-        """Why a joint move cannot be made, or nothing."""
-        if q.shape != self.arm.q.shape or not np.isfinite(q).all():
-            return f"the target is not {self.robot.joints} finite numbers"
-        if not (0.0 < speed < math.inf and 0.0 < acceleration < math.inf):
-            return f"speed {speed:g} and acceleration {acceleration:g} must be positive"
-        return self.outside_limits(q)
 
     # --- safety -------------------------------------------------------------------------------------------------
     def protective_stop(self, reason: str) -> None:

@@ -50,7 +50,7 @@ class Arm:
         ambient_c: float = 22.0,
         mounting: Mounting | None = None,
         payload_kg: float = 0.0,
-        payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.05),
+        payload_com_m: tuple[float, ...] = (0.0, 0.0, 0.05),
         law: FrictionLaw | None = None,
         thermal: ThermalModel | None = None,
         wear_per_revolution: Array | None = None,
@@ -75,7 +75,8 @@ class Arm:
         self._now, self._sums = np.zeros((2, 4, J))  # friction work, torque², travel, load·travel: rates, and what they add up to
         self._integral = np.zeros(J)
         self._slide = np.zeros(J)  # −1, 0, 1: how each joint slid in the last step
-        self.carry(mounting or Mounting(), payload_kg, payload_com_m)
+        self.mounting, self.payload_kg, self.payload_com_m = mounting or Mounting(), payload_kg, tuple(payload_com_m)
+        self.carry()
         self.torque_nm = pin.nonLinearEffects(self.model, self._data, self.q, self.qd).copy()  # the servo has been holding it
         self.torque_before_nm = self.torque_nm
         self._grip()
@@ -94,7 +95,7 @@ class Arm:
         self.payload_com_m = payload_com_m or self.payload_com_m
         self.model = arm_model(self.robot, self.mounting, self.payload_kg, self.payload_com_m)
         self.flange = self.model.getFrameId(f"dh_{self.robot.joints}")
-        self._data = self.model.createData()
+        self._data: pin.Data = self.model.createData()
         self._rest_of: Array | None = None  # the q at which the arm stands and M and n are known
         if told:
             self.believe(self.model)

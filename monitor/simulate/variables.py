@@ -123,10 +123,10 @@ class Moments:
 
 
 class _Poses:
-    """Pose (m, rotation vector) and speed of the flange in the base's frame, per tick."""
+    """Pose (m, rotation vector) and speed of the tool in the base's frame, once a tick."""
 
     def __init__(self, c: "Controller") -> None:
-        self._c, self._data = c, c.arm.model.createData()
+        self._c = c
         self._known: dict[str, tuple[int, Array, Array]] = {}
 
     def actual(self) -> tuple[Array, Array]:
@@ -138,12 +138,8 @@ class _Poses:
     def _of(self, key: str, q: Array, qd: Array) -> tuple[Array, Array]:
         known = self._known.get(key)
         if known is None or known[0] != self._c.ticks:
-            model, data, frame = self._c.arm.model, self._data, self._c.arm.flange
-            pin.forwardKinematics(model, data, q, qd)
-            at = pin.updateFramePlacement(model, data, frame)
-            speed = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            known = (self._c.ticks, np.concatenate([at.translation, pin.log3(at.rotation)]), np.asarray(speed.vector).copy())
-            self._known[key] = known
+            pose = self._c.kinematics.pose(q)
+            known = self._known[key] = (self._c.ticks, pose, self._c.kinematics.speed(q, qd))
         return known[1], known[2]
 
 
