@@ -4,7 +4,8 @@
 
 T is the temperature of the grease. The bracket with σ is Stribeck's: a joint at rest holds (1 + σ) times what it drags when it
 slides faster than v_s, so a joint that is pulled slowly through something soft sticks and slips. The shape follows the factory
-sweeps of a UR5e (concave, p ≈ 0.52–0.63 there) and the load term seen on a UR10e; the magnitudes follow those sweeps scaled by each joint's maximum torque.
+sweeps of a UR5e (concave, p ≈ 0.52–0.63 there) and the load term seen on a UR10e; the magnitudes follow those
+sweeps scaled by each joint's maximum torque.
 """
 
 from dataclasses import dataclass

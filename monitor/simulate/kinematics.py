@@ -82,6 +82,13 @@ class Kinematics:
         place: Array = self._data.oMi[min(3, self._joints)].translation.copy()
         return place
 
+    def elbow_speed(self, q: Array, qd: Array) -> Array:
+        """(3,) of that point [m/s]."""
+        pin.forwardKinematics(self._model, self._data, q, qd)
+        joint = min(3, self._joints)
+        speed: Array = pin.getVelocity(self._model, self._data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).linear.copy()
+        return speed
+
     def towards(self, q: Array, velocity: Array) -> Array:
         """(J,) q̇ that gives the tool this velocity (6,), damped where the arm is singular."""
         J = self.jacobian(q)

@@ -37,6 +37,7 @@ class Reference:
         self._waiting: list[Array] = []  # servoj targets not yet taken
         self._then: Callable[[], None] | None = None
         self.mode = "hold"
+        self.pace = 1.0  # of the speed slider: moves go so much slower; servoj, speedj and stops do not
 
     @property
     def at_rest(self) -> bool:
@@ -93,7 +94,8 @@ class Reference:
 
         def advance(h: float) -> None:
             nonlocal t
-            t = min(t + h, total_s)
+            pace = self.pace
+            t = min(t + pace * h, total_s)
             rest = total_s - t
             if t < ramp_s:
                 s, sd, sdd = 0.5 * a * t * t, a * t, a
@@ -101,7 +103,7 @@ class Reference:
                 s, sd, sdd = 1.0 - 0.5 * a * rest * rest, a * rest, -a
             else:
                 s, sd, sdd = v * (t - 0.5 * ramp_s), v, 0.0
-            self.q, self.qd, self.qdd = start + s * way, sd * way, sdd * way
+            self.q, self.qd, self.qdd = start + s * way, (pace * sd) * way, (pace * pace * sdd) * way
             if rest <= 0.0:
                 self.hold()
 

@@ -7,13 +7,15 @@ of 1/16 K.
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from monitor.model.robot import Robot
 from monitor.recording import Array
-from monitor.simulate.physics import Arm
+
+if TYPE_CHECKING:
+    from monitor.simulate.physics import Arm
 
 STILL_CURRENT_A = ([12.0, 28.0, 56.0, 150.0, 330.0], [0.009, 0.011, 0.018, 0.030, 0.060])  # by the joint's maximum torque [N·m]
 RIPPLE_PER_RAD_S = 2.0  # current noise grows by this share per rad/s, up to RIPPLE_MAX
@@ -67,7 +69,7 @@ class Sensors:
         self._next = 0
         self.faults = SensorFaults()
 
-    def read(self, arm: Arm) -> Measured:
+    def read(self, arm: "Arm") -> Measured:
         """One measurement of the present state."""
         if self._next >= len(self._block):
             self._draw()
