@@ -22,7 +22,9 @@ def settings_from(scenario: Scenario | None, **given: Any) -> SimulateSettings:
     if scenario is not None and scenario.room is not None and given.get("ambient_c") is None:
         chosen["ambient_c"] = scenario.room.at(scenario.started_s)
     settings = SimulateSettings(**chosen, scenario=scenario)
-    for event in () if scenario is None else scenario.events:
+    if scenario is None:
+        return settings
+    for event in scenario.events:
         if event.do == "payload" and event.arguments["kg"] > 2.0 * settings.arm.payload_max_kg:
             most = settings.arm.payload_max_kg
             raise BadInput(f"scenario {scenario.name}: payload of {event.arguments['kg']:g} kg; a {settings.robot} carries {most:g} kg")
