@@ -24,7 +24,7 @@ TOOL_RUNNING, TOOL_OFF = 253, 239
 PERIOD_S = 0.1
 PROTECTIVE_STOP_CODE = 153  # "C153": position deviates from path; the only one that this controller tells
 
-_MODE = struct.Struct(">Q7?BBdddB")
+_MODE = struct.Struct(">Q7?BBddd")
 _JOINT = struct.Struct(">dddffffB")
 _TOOL = struct.Struct(">BBddfBffB")
 _BOARD = struct.Struct(">iiBBddBBddffffBBBIBBB")
@@ -43,6 +43,7 @@ def state(c: "Controller") -> bytes:
     stopped = (c.safety_mode in (6, 7), c.safety_mode == 3)
     speed = c.speed_fraction
     mode = (int(1e6 * c.clock_s), True, True, powered, *stopped, running, c.runtime == 4, int(c.robot_mode))
+    reserved = b"\0" if c.settings.polyscope.major >= 5 else b""  # one byte more since 5.0
     measured = c.measured
     joints = zip(measured.q, c.reference.q, measured.qd, measured.current, measured.temperature_c, strict=True)
     code = joint_mode(c)
@@ -51,7 +52,7 @@ def state(c: "Controller") -> bytes:
     board = (0, 0, 0, 0, 0.0, 0.0, 0, 0, 0.0, 0.0, c.arm.ambient_c, SUPPLY_V, supply_current(c), 0.0, int(c.safety_mode), 0, 0, 0, 0, 0, 0)
     pose = np.concatenate([c.kinematics.pose(measured.q), c.kinematics.tool])
     packages = (
-        package(ROBOT_MODE, _MODE.pack(*mode, POSITION_CONTROL, speed, 1.0, 1.0, 0)),
+        package(ROBOT_MODE, _MODE.pack(*mode, POSITION_CONTROL, speed, speed, 1.0) + reserved),
         package(JOINTS, joint_data),
         package(TOOL, _TOOL.pack(*tool)),
         package(MASTERBOARD, _BOARD.pack(*board)),
