@@ -407,7 +407,8 @@ def test_several_arms_stand_side_by_side(spawn, client):
     """Two generations on two addresses, read at once."""
     arms = [spawn("--robot", robot) for robot in ("ur5", "ur10e")]
     seen = [result_of(one) for one in [client(RECEIVE, arm.address) for arm in arms]]
-    assert all(0.8 < one["seconds"] < 1.2 for one in seen)  # each at its own pace, whatever the other does
+    assert all(one["robot_mode"] == 7 and 0.2 < one["seconds"] < 1.2 for one in seen)  # a busy machine may take time from both
+    assert seen[0]["pose"] != seen[1]["pose"]
 
 
 def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
