@@ -1,0 +1,205 @@
+"""How far an arm stays from itself and from its cell along a path, between the samples too.
+
+A point of link i moves by at most Σ |Δqⱼ|·Lⱼᵢ, where Lⱼᵢ is the farthest that any of its points can be from joint j's axis. So a gap seen
+as c₀ and c₁ at two neighbouring samples is nowhere between them less than (c₀ + c₁)/2 − ½·Σ |Δqⱼ|·Lⱼᵢ, the sum over the joints that
+move the two bodies against each other.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor.design.cell import Cell, rotation
+from monitor.design.distance import between_segments, segment_to_box, segment_to_half_space
+from monitor.design.shapes import Capsules, arm_capsules
+from monitor.model.robot import Mounting, Robot
+from monitor.recording import Array
+
+# links with two joints between them that every UR may turn all the way round, as the manufacturer's meshes confirm (UR3, 5, 10: 0.3 mm
+# apart and more); our capsules, being larger, would touch for ever
+FREE_BY_DESIGN = ((3, 5), (4, 6))
+CHUNK = 512  # samples at once: the working set stays in the cache
+Indices = npt.NDArray[np.intp]
+
+
+class Gaps(NamedTuple):
+    """Clearances in excess of nothing: negative is penetration. N samples."""
+
+    to_itself_m: Array  # (N,)
+    to_cell_m: Array  # (N,); inf where the cell is empty
+
+
+class Nearest(NamedTuple):
+    """The closest approach of two bodies along a path."""
+
+    gap_m: float  # between the samples too
+    between: str  # "forearm and table-top"
+    sample: int  # near which
+
+
+class Clearance(NamedTuple):
+    """A path's closest approaches."""
+
+    itself: Nearest
+    cell: Nearest | None  # None where the cell is empty
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surroundings:
+    """An arm with its tool, in its cell, ready to be asked; made once by `surroundings`."""
+
+    robot: Robot
+    mounting: Mounting
+    cell: Cell
+    capsules: Capsules
+    pairs: Indices  # (S, 2) capsules that could meet
+    lever_m: Array  # (C, J) farthest that a capsule's points can be from each joint's axis; 0 where the joint does not move it
+    planes: tuple[tuple[str, Array, Array], ...]
+    boxes: tuple[tuple[str, Array, Array, Array], ...]  # name, centre (3,), rotation (3, 3), half sizes (3,)
+
+    def placed(self, q: Array) -> Array:
+        """(N, C, 2, 3) ends of every capsule's axis in the cell's frame at q (N, J)."""
+        R, p = frames(self.robot, self.mounting, q)  # (N, J+1, 3, 3), (N, J+1, 3)
+        link = self.capsules.link
+        ends: Array = np.einsum("ncij,cej->ncei", R[:, link], self.capsules.ends_m) + p[:, link, None]
+        return ends
+
+    def pair_gaps(self, ends: Array) -> Array:
+        """(N, S) gap of every pair of capsules."""
+        first, second = self.pairs.T
+        A, B = ends[:, first], ends[:, second]
+        radii = self.capsules.radius_m[first] + self.capsules.radius_m[second]
+        gaps: Array = between_segments(A[:, :, 0], A[:, :, 1], B[:, :, 0], B[:, :, 1]) - radii
+        return gaps
+
+    def cell_gaps(self, ends: Array) -> tuple[Array, Indices, list[str]]:
+        """(N, K) gap of every capsule to every thing it could meet; (K,) which capsule; K names of things."""
+        columns, which, names = [], [], []
+        for name, point, normal in self.planes:
+            # joint 1 turns the shoulder in a plane square to its axis: it comes no nearer to one, and neither does the base
+            square = abs(float(normal @ self.mounting.rotation @ self.robot.base_rotation[:, 2])) > 1.0 - 1e-9
+            mobile = self._mobile(2 if square else 1)
+            columns.append(segment_to_half_space(ends[:, mobile, 0], ends[:, mobile, 1], point, normal))
+            which.append(mobile)
+            names += [name] * len(mobile)
+        for name, centre, turn, half in self.boxes:
+            mobile = self._mobile(1)
+            local = (ends[:, mobile] - centre) @ turn
+            columns.append(segment_to_box(local[:, :, 0], local[:, :, 1], half))
+            which.append(mobile)
+            names += [name] * len(mobile)
+        if not columns:
+            return np.empty((len(ends), 0)), np.empty(0, dtype=np.intp), []
+        capsule = np.concatenate(which)
+        gaps: Array = np.concatenate(columns, axis=1) - self.capsules.radius_m[capsule]
+        return gaps, capsule, names
+
+    def gaps(self, q: Array) -> Gaps:
+        """Least gaps at the samples q (N, J) alone: what an optimiser asks thousands of times."""
+        ends = self.placed(q)
+        cell, _, _ = self.cell_gaps(ends)
+        return Gaps(self.pair_gaps(ends).min(axis=1), cell.min(axis=1) if cell.shape[1] else np.full(len(q), np.inf))
+
+    def along(self, q: Array, bow_rad: Array | None = None) -> Clearance:
+        """Closest approaches along the path through the samples q (N, J), between them too.
+
+        bow_rad : (J,) what a joint may travel beyond |Δq| between two samples, because the path between them is no straight line.
+        """
+        N = len(q)
+        travel = np.zeros((N, self.robot.joints))  # to the next sample; after the last there is none
+        travel[:-1] = np.abs(np.diff(q, axis=0)) + (0.0 if bow_rad is None else bow_rad)
+        pair_lever = self._pair_lever()
+        itself: Nearest | None = None
+        around: Nearest | None = None
+        for first in range(0, N, CHUNK):
+            part = q[first : first + CHUNK + 1]  # one more: the interval that leads to the next chunk
+            step = travel[first : first + len(part)].copy()
+            step[-1] = 0.0
+            ends = self.placed(part)
+            found = _least(self.pair_gaps(ends), step @ pair_lever.T)
+            nearest = Nearest(found[0], self._pair_name(found[2]), first + found[1])
+            itself = nearest if itself is None or nearest.gap_m < itself.gap_m else itself
+            gaps, capsule, names = self.cell_gaps(ends)
+            if names:
+                found = _least(gaps, step @ self.lever_m[capsule].T)
+                nearest = Nearest(found[0], f"{self.capsules.names[capsule[found[2]]]} and {names[found[2]]}", first + found[1])
+                around = nearest if around is None or nearest.gap_m < around.gap_m else around
+        assert itself is not None  # N ≥ 1
+        return Clearance(itself, around)
+
+    def line(self, start: Array, end: Array) -> Clearance:
+        """Along the straight line in joint space from start to end, both (J,): an approach, whatever its law of time."""
+        samples = max(2, int(np.ceil(np.max(np.abs(end - start)) / 0.002)) + 1)  # 2 mrad: a metre of lever moves by 2 mm
+        return self.along(start + np.linspace(0.0, 1.0, samples)[:, None] * (end - start))
+
+    def _mobile(self, from_link: int) -> Indices:
+        return np.flatnonzero(self.capsules.link >= from_link)
+
+    def _pair_lever(self) -> Array:
+        """(S, J) only the joints between the two links move them against each other."""
+        low, high = (self.capsules.link[self.pairs[:, k]] for k in (0, 1))
+        joint = np.arange(self.robot.joints)
+        return np.where(joint >= low[:, None], self.lever_m[self.pairs[:, 1]], 0.0) * (joint < high[:, None])
+
+    def _pair_name(self, pair: int) -> str:
+        first, second = (self.capsules.names[k] for k in self.pairs[pair])
+        return f"{first} and {second}"
+
+
+def surroundings(robot: Robot, mounting: Mounting, cell: Cell) -> Surroundings:
+    """An arm in its cell.
+
+    Raises BadInput for a robot whose shape we do not know.
+    """
+    capsules = arm_capsules(robot.name)
+    if cell.tool_capsules is not None:
+        capsules = capsules.joined(cell.tool_capsules)
+    link, tool = capsules.link, np.array([name == "tool" for name in capsules.names])
+    far = link[None, :] - link[:, None] >= 2  # neighbours share a joint: their housings touch by design
+    for inner, outer in FREE_BY_DESIGN:
+        far &= ~((link[:, None] == inner) & (link[None, :] == outer) & ~tool[None, :])
+    first, second = np.nonzero(far)
+    steps = np.hypot(robot.a_m, robot.d_m)  # (J,) from the origin of frame j to that of frame j + 1
+    lever = np.zeros((len(link), robot.joints))
+    for c, (i, reach) in enumerate(zip(link, capsules.reach_m, strict=True)):
+        for j in range(i):
+            lever[c, j] = np.sum(steps[j:i]) + reach
+    turned = [(box.name, np.array(box.centre_m), rotation(box.rpy_rad), 0.5 * np.array(box.size_m)) for box in cell.boxes]
+    return Surroundings(
+        robot=robot, mounting=mounting, cell=cell, capsules=capsules, pairs=np.stack([first, second], axis=1),
+        lever_m=lever, planes=cell.planes(mounting), boxes=tuple(turned),
+    )  # fmt: skip
+
+
+def frames(robot: Robot, mounting: Mounting, q: Array) -> tuple[Array, Array]:
+    """Attitudes (N, J+1, 3, 3) and origins (N, J+1, 3) of the DH frames in the cell's frame, frame 0 first."""
+    N, J = q.shape
+    R, p = np.empty((N, J + 1, 3, 3)), np.zeros((N, J + 1, 3))
+    R[:, 0] = mounting.rotation @ robot.base_rotation
+    turn = np.zeros((N, 3, 3))
+    step = np.empty((N, 3))
+    for i in range(J):
+        angle = q[:, i] + robot.zero_rad[i]
+        c, s = np.cos(angle), np.sin(angle)
+        ca, sa = np.cos(robot.alpha_rad[i]), np.sin(robot.alpha_rad[i])
+        turn[:, 0, 0], turn[:, 0, 1], turn[:, 0, 2] = c, -s * ca, s * sa
+        turn[:, 1, 0], turn[:, 1, 1], turn[:, 1, 2] = s, c * ca, -c * sa
+        turn[:, 2, 1], turn[:, 2, 2] = sa, ca
+        step[:, 0], step[:, 1], step[:, 2] = robot.a_m[i] * c, robot.a_m[i] * s, robot.d_m[i]
+        R[:, i + 1] = R[:, i] @ turn
+        p[:, i + 1] = p[:, i] + np.einsum("nij,nj->ni", R[:, i], step)
+    return R, p
+
+
+def _least(gaps: Array, travel_m: Array) -> tuple[float, int, int]:
+    """Least gap of all, between the samples too, its sample and its column; gaps and travel_m (to the next sample) are (N, K)."""
+    if len(gaps) > 1:
+        between = 0.5 * (gaps[:-1] + gaps[1:] - travel_m[:-1])
+        bound = np.minimum(between, np.minimum(gaps[:-1], gaps[1:]))
+    else:
+        bound = gaps
+    place = int(np.argmin(bound))
+    sample, column = divmod(place, bound.shape[1])
+    return float(bound.flat[place]), sample, column
