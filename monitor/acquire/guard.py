@@ -140,7 +140,7 @@ def permitted(settings: ReplaySettings) -> None:
 
 def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_rad_s: Array) -> None:
     """Raises MotionRefused naming the joint, the value and the limit that the sampled curve breaks."""
-    fastest_hz = excitation.harmonics / excitation.period_s
+    fastest_hz = excitation.harmonics / excitation.pass_s
     if fastest_hz > MAX_HARMONIC_HZ:
         raise MotionRefused(f"the excitation's highest harmonic is {fastest_hz:.3g} Hz; expected at most {MAX_HARMONIC_HZ:g} Hz")
     if not excitation.duration_s <= MAX_DURATION_S:
@@ -149,7 +149,7 @@ def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_
     if len(excitation.offset_rad) != joints:
         raise MotionRefused(f"the excitation moves {len(excitation.offset_rad)} joints, the arm has {joints}")
     # one period tells all; between samples at 500 Hz a curve below 10 Hz exceeds its samples by less than 0.05 %
-    t_s = np.linspace(0.0, excitation.period_s, max(2, round(excitation.period_s * 500.0) + 1))  # (N,)
+    t_s = np.linspace(0.0, excitation.pass_s, max(2, round(excitation.pass_s * 500.0) + 1))  # (N,)
     curve = excitation.at(t_s)
     limits = (
         ("position", "rad", curve.q, max_position_rad),

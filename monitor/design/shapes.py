@@ -47,7 +47,7 @@ def _of_joints(joints: tuple[float, float, float], foot: tuple[float, float], of
     shoulder, elbow, wrist = joints
     return Sizes(
         base=foot[0], connector=foot[1], shoulder=shoulder, elbow=elbow, wrist=wrist,
-        upper_arm=max(elbow, 0.9 * shoulder), forearm=1.12 * wrist,
+        upper_arm=max(elbow, 0.92 * shoulder), forearm=1.12 * wrist,
         shoulder_offset=offsets[0], elbow_offset=offsets[1], slack=slack,
     )  # fmt: skip
 

@@ -1,0 +1,93 @@
+"""One task of design: which curves, in which cell, judged by what. Its cost orders them for any optimiser."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from monitor.design.clearance import Surroundings
+from monitor.design.curve import Family
+from monitor.design.objective import OBJECTIVES, Information
+from monitor.errors import BadInput
+from monitor.model.fourier import Excitation
+from monitor.recording import Array
+
+GRID = 100  # samples of a period that a cost looks at; ten of the fastest default harmonic
+RATE_HZ = 125.0  # of the look between samples that a new best must pass
+FORBIDDEN = 1e6  # above every allowed cost; the violation comes on top, so that a search finds its way back
+RESERVE_M = 0.003  # kept beyond the margins at the grid's samples: the path between them comes nearer
+
+
+class Infeasible(BadInput):
+    """Nothing that was tried keeps the limits: the message names the one that binds, and by how far it is broken."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """Evaluates free coordinates of a family of curves."""
+
+    family: Family
+    surroundings: Surroundings
+    information: Information
+    objective: str
+    _times: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Raises BadInput for an unknown objective, Infeasible where the arm at rest in the middle breaks a limit already."""
+        if self.objective not in OBJECTIVES:
+            raise BadInput(f"objective {self.objective!r} is not known; known are {', '.join(OBJECTIVES)}")
+        object.__setattr__(self, "_times", np.arange(GRID) * (self.family.period_s / GRID))
+        rest = self.family.offset_rad
+        still = np.zeros((1, len(rest)))
+        broken = self.broken(self.surroundings, rest[None], self.information.rows(rest[None], still, still)[1])
+        if broken is not None:
+            where = "start" if self.family.starts_there else "offset"
+            raise Infeasible(f"standing at the {where} {np.round(rest, 4).tolist()} rad already, {broken}; choose another --{where}")
+
+    def cost(self, u: Array) -> float:
+        """Objective of the curve of u, or FORBIDDEN and more by how far it breaks margins and torque limits at the grid's samples."""
+        excitation = self.family.excitation(u)
+        state = excitation.at(self._times)
+        gaps, cell = self.surroundings.gaps(state.q), self.surroundings.cell
+        lacking = np.maximum(cell.self_margin_m + RESERVE_M - gaps.to_itself_m, 0.0).sum()
+        lacking += np.maximum(cell.margin_m + RESERVE_M - gaps.to_cell_m, 0.0).sum()
+        if lacking > 0.0:
+            return FORBIDDEN * (2.0 + float(lacking))  # clearance first: it is quicker to ask than torque
+        Y, torque = self.information.rows(*state)
+        over = np.maximum(np.abs(torque) / self.family.limits.torque_nm - 1.0, 0.0).sum()
+        if over > 0.0:
+            return FORBIDDEN * (1.0 + float(over) / (1.0 + float(over)))
+        value = self.information.merit(self.objective, Y, state.qd, self.family.period_s)
+        return value if np.isfinite(value) else FORBIDDEN
+
+    def allowed(self, excitation: Excitation) -> bool:
+        """Does the whole path keep its margins, between samples at 125 Hz too?"""
+        t = np.arange(round(excitation.period_s * RATE_HZ) + 1) / RATE_HZ
+        state = excitation.at(t)
+        clearance = self.surroundings.along(state.q, bow(state.qdd, 1.0 / RATE_HZ))
+        cell = self.surroundings.cell
+        return clearance.itself.gap_m >= cell.self_margin_m and (clearance.cell is None or clearance.cell.gap_m >= cell.margin_m)
+
+    def broken(self, surroundings: Surroundings, q: Array, torque: Array) -> str | None:
+        """The first limit that a path q (N, J) with these torques (N, J) breaks, in words; None if none."""
+        cell = surroundings.cell
+        clearance = surroundings.along(q)
+        for nearest, margin, key in ((clearance.cell, cell.margin_m, "margin_m"), (clearance.itself, cell.self_margin_m, "self_margin_m")):
+            if nearest is not None and nearest.gap_m < margin:
+                how = f"{1000 * nearest.gap_m:.0f} mm apart" if nearest.gap_m >= 0.0 else f"{-1000 * nearest.gap_m:.0f} mm inside each other"
+                short = f"{1000 * (margin - nearest.gap_m):.0f} mm short of the {key} of {1000 * margin:.0f} mm"
+                return f"{nearest.between} are {how}, {short}"
+        share = np.max(np.abs(torque), axis=0) / self.family.limits.torque_nm
+        j = int(np.argmax(share))
+        if share[j] > 1.0:
+            limit = self.family.limits.torque_nm[j]
+            return f"joint {j + 1} needs {share[j] * limit:.1f} N·m, {(share[j] - 1.0) * limit:.1f} N·m beyond its limit of {limit:.1f} N·m"
+        return None
+
+
+def bow(qdd: Array, step_s: float) -> Array:
+    """(J,) how much farther than |Δq| a joint may travel within a step: it may turn back once, at most a·h²/4 off the way.
+
+    With |q̈| ≤ a within the step of length h, the way there and back beyond the end points is at most a·h²/4 in all.
+    """
+    farther: Array = 0.25 * 1.1 * np.max(np.abs(qdd), axis=0) * step_s**2  # 1.1: q̈ may peak between the samples
+    return farther
