@@ -7,7 +7,7 @@ file fits a robot on the ground and one on the wall.
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,11 @@ from monitor.model.robot import Mounting
 from monitor.recording import Array
 
 Vector = tuple[float, float, float]
+TOOL_KEYS = {
+    "none": ("shape",),
+    "capsule": ("shape", "start_m", "end_m", "radius_m"),
+    "box": ("shape", "centre_m", "size_m", "rpy_deg"),
+}
 PLAIN_TABLE_BELOW_M = -2.0  # under a ceiling or beside a wall the table-top is so far below the base
 
 
@@ -37,7 +42,7 @@ class Box:
     name: str
     centre_m: Vector
     size_m: Vector  # full edge lengths
-    rpy_rad: Vector = (0.0, 0.0, 0.0)  # Rot(z, yaw)·Rot(y, pitch)·Rot(x, roll)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)  # Rot(z, yaw)·Rot(y, pitch)·Rot(x, roll)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +55,7 @@ class Tool:
     radius_m: float = 0.05
     centre_m: Vector = (0.0, 0.0, 0.05)  # box
     size_m: Vector = (0.1, 0.1, 0.1)
-    rpy_rad: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,13 +84,13 @@ class Cell:
             if math.hypot(*wall.normal) < 1e-9:
                 raise BadInput(f"cell: wall {wall.name!r}: normal = {wall.normal!r} has no length")
         for box in self.boxes:
-            _finite(f"box {box.name!r}", box.centre_m, box.size_m, box.rpy_rad)
+            _finite(f"box {box.name!r}", box.centre_m, box.size_m, box.rpy_deg)
             if min(box.size_m) <= 0.0:
                 raise BadInput(f"cell: box {box.name!r}: size_m = {box.size_m!r}; expected three positive edge lengths")
         tool = self.tool
-        if tool.shape not in {"none", "capsule", "box"}:
+        if tool.shape not in TOOL_KEYS:
             raise BadInput(f"cell: tool.shape = {tool.shape!r}; expected none, capsule or box")
-        _finite("tool", tool.start_m, tool.end_m, tool.centre_m, tool.size_m, tool.rpy_rad, (tool.radius_m, 0.0, 0.0))
+        _finite("tool", tool.start_m, tool.end_m, tool.centre_m, tool.size_m, tool.rpy_deg, (tool.radius_m, 0.0, 0.0))
         if tool.radius_m <= 0.0 or min(tool.size_m) <= 0.0:
             raise BadInput("cell: tool.radius_m and tool.size_m must be positive")
         names = [part.name for part in (*self.walls, *self.boxes)]
@@ -114,27 +119,79 @@ class Cell:
             ends, radius = np.array([[tool.start_m, tool.end_m]]), tool.radius_m
         else:
             ends, radius = _cover(tool)
-        return Capsules(
-            names=("tool",) * len(ends), link=np.full(len(ends), 6), ends_m=ends, radius_m=np.full(len(ends), radius)
-        )
+        names, link = ("tool",) * len(ends), np.full(len(ends), 6)
+        return Capsules(names=names, link=link, ends_m=ends, radius_m=np.full(len(ends), radius))
 
     def as_document(self) -> dict[str, Any]:
-        """Plain JSON or TOML; `cell_from_document` is its inverse."""
-        document: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        """The tables of a cell's TOML file; `cell_from_document` is its inverse."""
+        plain = json.loads(json.dumps(asdict(self)))
+        document: dict[str, Any] = {"cell": {key: value for key, value in plain.items() if key not in {"walls", "boxes", "tool"}}}
         if self.table_top_m is None:
-            del document["table_top_m"]
-        return document
+            del document["cell"]["table_top_m"]
+        tool = {key: plain["tool"][key] for key in TOOL_KEYS[self.tool.shape]}
+        return document | {"wall": plain["walls"], "box": plain["boxes"], "tool": tool}
 
     @property
     def digest(self) -> str:
         """Identifies what there is to hit; names do not enter."""
         document = self.as_document()
-        del document["name"]
-        for part in (*document["walls"], *document["boxes"]):
+        for part in (document["cell"], *document["wall"], *document["box"]):
             del part["name"]
-        if self.tool.shape == "none":
-            document["tool"] = {"shape": "none"}
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def cell_from_document(document: Any) -> Cell:
+    """A Cell from the tables [cell], [[wall]], [[box]], [tool]; a `digest` beside them is ignored.
+
+    Raises BadInput that names every key that is unknown or wrong.
+    """
+    if not isinstance(document, dict):
+        raise BadInput(f"cell: {type(document).__name__}; expected the tables cell, wall, box, tool")
+    mistakes = [f"unknown table {key!r}; known are cell, wall, box, tool" for key in document if key not in {*_TABLES, "digest"}]
+    cell = _made(Cell, document.get("cell", {}), "cell", ("walls", "boxes", "tool"), mistakes)
+    walls, boxes = (_several(kind, document.get(key, []), key, mistakes) for kind, key in ((Wall, "wall"), (Box, "box")))
+    tool = _made(Tool, document.get("tool", {}), "tool", (), mistakes)
+    if mistakes:
+        raise BadInput("cell: " + "; ".join(mistakes))
+    return Cell(**cell, walls=tuple(Wall(**wall) for wall in walls), boxes=tuple(Box(**box) for box in boxes), tool=Tool(**tool))
+
+
+_TABLES = ("cell", "wall", "box", "tool")
+
+
+def _several(kind: type, tables: Any, key: str, mistakes: list[str]) -> list[dict[str, Any]]:
+    if not isinstance(tables, list):
+        mistakes.append(f"{key}: expected tables [[{key}]]")
+        return []
+    return [_made(kind, table, f"{key} {number}", (), mistakes) for number, table in enumerate(tables, 1)]
+
+
+def _made(kind: type, table: Any, where: str, apart: tuple[str, ...], mistakes: list[str]) -> dict[str, Any]:
+    """Checked keyword arguments of a dataclass; fields `apart` come from elsewhere."""
+    if not isinstance(table, dict):
+        mistakes.append(f"{where}: expected a table")
+        return {}
+    known = {field.name: field for field in fields(kind) if field.name not in apart}
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        if key not in known:
+            mistakes.append(f"{where}: unknown key {key!r}; known are {', '.join(known)}")
+            continue
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if known[key].type is Vector or known[key].type == "Vector":
+            good = isinstance(value, list | tuple) and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value)
+            values[key] = tuple(float(part) for part in value) if good else value
+        elif known[key].type in {bool, str}:
+            good = isinstance(value, known[key].type)
+            values[key] = value
+        else:
+            good = number
+            values[key] = float(value) if number else value
+        if not good:
+            mistakes.append(f"{where}: {key} = {value!r} is not of the right kind")
+    missing = [name for name, field in known.items() if field.default is MISSING and name not in table]
+    mistakes += [f"{where}: {name} is missing" for name in missing]
+    return values
 
 
 def plain_cell(mounting: Mounting) -> Cell:
@@ -143,9 +200,10 @@ def plain_cell(mounting: Mounting) -> Cell:
     return Cell(name="plain", table_top_m=None if upright else PLAIN_TABLE_BELOW_M)
 
 
-def rotation(rpy_rad: Vector) -> Array:
+def rotation(rpy_deg: Vector) -> Array:
     """(3, 3) Rot(z, yaw)·Rot(y, pitch)·Rot(x, roll)."""
-    return Mounting(roll_rad=rpy_rad[0], pitch_rad=rpy_rad[1], yaw_rad=rpy_rad[2]).rotation
+    roll, pitch, yaw = (math.radians(angle) for angle in rpy_deg)
+    return Mounting(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw).rotation
 
 
 def _cover(tool: Tool) -> tuple[Array, float]:
@@ -157,7 +215,7 @@ def _cover(tool: Tool) -> tuple[Array, float]:
     ends = np.zeros((strips, 2, 3))
     ends[:, :, wide] = (((np.arange(strips) + 0.5) / strips - 0.5) * size[wide])[:, None]
     ends[:, 0, long], ends[:, 1, long] = -0.5 * size[long], 0.5 * size[long]
-    return ends @ rotation(tool.rpy_rad).T + np.array(tool.centre_m), radius
+    return ends @ rotation(tool.rpy_deg).T + np.array(tool.centre_m), radius
 
 
 def _finite(what: str, *vectors: tuple[float, ...]) -> None:

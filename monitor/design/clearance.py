@@ -45,6 +45,19 @@ class Clearance(NamedTuple):
     itself: Nearest
     cell: Nearest | None  # None where the cell is empty
 
+    def keeps(self, cell: Cell) -> bool:
+        """Within both margins?"""
+        return self.short_of(cell) is None
+
+    def short_of(self, cell: Cell) -> str | None:
+        """What comes too near, how near, and by how much: a clause; None if nothing does."""
+        for nearest, margin, key in ((self.cell, cell.margin_m, "margin_m"), (self.itself, cell.self_margin_m, "self_margin_m")):
+            if nearest is not None and not nearest.gap_m >= margin:
+                gap_mm, margin_mm = 1000.0 * nearest.gap_m, 1000.0 * margin
+                how = f"{gap_mm:.1f} mm apart" if gap_mm >= 0.0 else f"{-gap_mm:.1f} mm inside each other"
+                return f"{nearest.between} come to be {how}, {margin_mm - gap_mm:.1f} mm short of the {key} of {margin_mm:.0f} mm"
+        return None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surroundings:

@@ -29,6 +29,7 @@ class Problem:
     surroundings: Surroundings
     information: Information
     objective: str
+    rest_rad: tuple[Array, ...] = ()  # poses (J,) from which the straight way to the start must be free, besides the offset
     _times: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -59,23 +60,25 @@ class Problem:
         value = self.information.merit(self.objective, Y, state.qd, self.family.period_s)
         return value if np.isfinite(value) else FORBIDDEN
 
+    @property
+    def approaches_rad(self) -> tuple[Array, ...]:
+        """Poses (J,) from which the arm comes to the start."""
+        return (self.family.offset_rad, *self.rest_rad)
+
     def allowed(self, excitation: Excitation) -> bool:
-        """Does the whole path keep its margins, between samples at 125 Hz too?"""
+        """Do the whole path and the approaches keep their margins, between samples at 125 Hz too?"""
         t = np.arange(round(excitation.period_s * RATE_HZ) + 1) / RATE_HZ
         state = excitation.at(t)
-        clearance = self.surroundings.along(state.q, bow(state.qdd, 1.0 / RATE_HZ))
-        cell = self.surroundings.cell
-        return clearance.itself.gap_m >= cell.self_margin_m and (clearance.cell is None or clearance.cell.gap_m >= cell.margin_m)
+        around, cell = self.surroundings, self.surroundings.cell
+        if not around.along(state.q, bow(state.qdd, 1.0 / RATE_HZ)).keeps(cell):
+            return False
+        return all(around.line(pose, state.q[0]).keeps(cell) for pose in self.approaches_rad)
 
     def broken(self, surroundings: Surroundings, q: Array, torque: Array) -> str | None:
         """The first limit that a path q (N, J) with these torques (N, J) breaks, in words; None if none."""
-        cell = surroundings.cell
-        clearance = surroundings.along(q)
-        for nearest, margin, key in ((clearance.cell, cell.margin_m, "margin_m"), (clearance.itself, cell.self_margin_m, "self_margin_m")):
-            if nearest is not None and nearest.gap_m < margin:
-                how = f"{1000 * nearest.gap_m:.0f} mm apart" if nearest.gap_m >= 0.0 else f"{-1000 * nearest.gap_m:.0f} mm inside each other"
-                short = f"{1000 * (margin - nearest.gap_m):.0f} mm short of the {key} of {1000 * margin:.0f} mm"
-                return f"{nearest.between} are {how}, {short}"
+        near = surroundings.along(q).short_of(surroundings.cell)
+        if near is not None:
+            return near
         share = np.max(np.abs(torque), axis=0) / self.family.limits.torque_nm
         j = int(np.argmax(share))
         if share[j] > 1.0:
