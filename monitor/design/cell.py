@@ -93,7 +93,7 @@ class Cell:
         _finite("tool", tool.start_m, tool.end_m, tool.centre_m, tool.size_m, tool.rpy_deg, (tool.radius_m, 0.0, 0.0))
         if tool.radius_m <= 0.0 or min(tool.size_m) <= 0.0:
             raise BadInput("cell: tool.radius_m and tool.size_m must be positive")
-        names = [part.name for part in (*self.walls, *self.boxes)]
+        names = [*(wall.name for wall in self.walls), *(box.name for box in self.boxes)]
         if len(set(names)) < len(names):
             raise BadInput(f"cell: two walls or boxes share a name: {', '.join(names)}")
 
@@ -181,8 +181,8 @@ def _made(kind: type, table: Any, where: str, apart: tuple[str, ...], mistakes: 
         if known[key].type is Vector or known[key].type == "Vector":
             good = isinstance(value, list | tuple) and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value)
             values[key] = tuple(float(part) for part in value) if good else value
-        elif known[key].type in {bool, str}:
-            good = isinstance(value, known[key].type)
+        elif known[key].type is bool or known[key].type is str:
+            good = isinstance(value, bool if known[key].type is bool else str)
             values[key] = value
         else:
             good = number

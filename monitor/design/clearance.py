@@ -179,7 +179,7 @@ def surroundings(robot: Robot, mounting: Mounting, cell: Cell) -> Surroundings:
     for c, (i, reach) in enumerate(zip(link, capsules.reach_m, strict=True)):
         for j in range(i):
             lever[c, j] = np.sum(steps[j:i]) + reach
-    turned = [(box.name, np.array(box.centre_m), rotation(box.rpy_rad), 0.5 * np.array(box.size_m)) for box in cell.boxes]
+    turned = [(box.name, np.array(box.centre_m), rotation(box.rpy_deg), 0.5 * np.array(box.size_m)) for box in cell.boxes]
     return Surroundings(
         robot=robot, mounting=mounting, cell=cell, capsules=capsules, pairs=np.stack([first, second], axis=1),
         lever_m=lever, planes=cell.planes(mounting), boxes=tuple(turned),

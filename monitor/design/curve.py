@@ -1,7 +1,8 @@
 """Coefficients without constraints → an excitation at rest at both ends and within the limits of position, speed and acceleration.
 
 q̇(0) = Σ aₖ and q̈(0) = ω Σ k bₖ. The free coordinates u span the null spaces of both sums, so every u starts and ends at rest, to
-rounding. Each joint's curve is then scaled down, where it must be, to its own most binding limit on the sampled curve: no conservative sums.
+rounding. Each joint's curve is then scaled down, where it must be, to its own most binding limit on the sampled curve: no conservative
+sums.
 """
 
 import math
@@ -151,4 +152,5 @@ def _null_space(row: Array) -> Array:
     v = row / np.linalg.norm(row)
     v[0] += math.copysign(1.0, v[0])
     reflection = np.eye(len(row)) - 2.0 * np.outer(v, v) / (v @ v)
-    return reflection[:, 1:]
+    basis: Array = reflection[:, 1:]
+    return basis

@@ -49,7 +49,6 @@ class Search:
         self.asked_to_stop = False
         self.least_broken, self.least_broken_u = np.inf, self.best_u
 
-    @property
     def over(self) -> bool:
         """Spent or stopped."""
         return self.asked_to_stop or self.evaluations >= self.budget
@@ -89,7 +88,7 @@ def optimise(
     search = Search(problem, evaluations, on_progress)
     rng = np.random.default_rng(seed)
     if optimiser == "ga":
-        generations(search, search.problem.family.dimension, rng, lambda: search.over)
+        generations(search, search.problem.family.dimension, rng, search.over)
     else:
         _cma(search, rng)
     if not search.best < FORBIDDEN:
@@ -122,7 +121,7 @@ def _cma(search: Search, rng: np.random.Generator) -> None:
 
     dimension = search.problem.family.dimension
     population = 4 + int(3 * np.log(dimension))
-    while not search.over:
+    while not search.over():
         start = FIRST_STEP * rng.standard_normal(dimension)
         options = {
             "popsize": population,
@@ -135,11 +134,11 @@ def _cma(search: Search, rng: np.random.Generator) -> None:
             "tolfunhist": 1e-5,
         }
         strategy = cma.CMAEvolutionStrategy(start, FIRST_STEP, options)
-        while not search.over and not strategy.stop():
+        while not search.over() and not strategy.stop():
             asked = strategy.ask()
             costs = []
             for u in asked:
-                if search.over:
+                if search.over():
                     return
                 costs.append(search(np.asarray(u)))
             strategy.tell(asked, costs)

@@ -14,6 +14,7 @@ from monitor.recording import Array
 GRID = 100  # samples of a period that a cost looks at; ten of the fastest default harmonic
 RATE_HZ = 125.0  # of the look between samples that a new best must pass
 FORBIDDEN = 1e6  # above every allowed cost; the violation comes on top, so that a search finds its way back
+FARTHEST_START_RAD = 2.4  # from where the arm rests: a replay refuses to approach from farther than 2.5
 RESERVE_M = 0.003  # kept beyond the margins at the grid's samples: the path between them comes nearer
 
 
@@ -51,6 +52,8 @@ class Problem:
         gaps, cell = self.surroundings.gaps(state.q), self.surroundings.cell
         lacking = np.maximum(cell.self_margin_m + RESERVE_M - gaps.to_itself_m, 0.0).sum()
         lacking += np.maximum(cell.margin_m + RESERVE_M - gaps.to_cell_m, 0.0).sum()
+        for pose in self.approaches_rad:
+            lacking += np.maximum(np.abs(state.q[0] - pose) - FARTHEST_START_RAD, 0.0).sum()
         if lacking > 0.0:
             return FORBIDDEN * (2.0 + float(lacking))  # clearance first: it is quicker to ask than torque
         Y, torque = self.information.rows(*state)

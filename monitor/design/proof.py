@@ -20,7 +20,8 @@ from monitor.recording import Array
 
 FINEST_HZ = 500.0
 METHOD = (
-    "capsules per link, larger than the arm; sampled curve, and between samples the bound (c0 + c1 - travel)/2; straight approaches likewise"
+    "capsules per link, larger than the arm; the sampled curve, and between samples the bound (c0 + c1 - travel)/2; "
+    "straight approaches likewise"
 )
 
 
