@@ -37,6 +37,7 @@ def design(
     ] = None,
     speed_limit: Annotated[float | None, typer.Option(help="Of every joint [rad/s], where stricter than the robot's.")] = None,
     acceleration_limit: Annotated[float | None, typer.Option(help="Of every joint [rad/s²], where stricter than 5.5π.")] = None,
+    flange_speed_limit: Annotated[float | None, typer.Option(help="Of the flange [m/s]; else none.")] = None,
     torque_share: Annotated[float, typer.Option(help="Of the robot's torque limit that the model may ask for.")] = 0.9,
     noise: Annotated[str | None, typer.Option(help="Torque noise of each joint [N·m]; else a share of its limit.")] = None,
     optimiser: Annotated[str, typer.Option(help="cma, or ga: the paper's, population 300.")] = "cma",
@@ -75,6 +76,7 @@ def design(
         approaches_rad=tuple(pose for text in approach_from or [] if (pose := _pose(text, "--from", arm.joints)) is not None),
         speed_limit_rad_s=speed_limit,
         acceleration_limit_rad_s2=acceleration_limit,
+        flange_speed_limit_m_s=flange_speed_limit,
         torque_share=torque_share,
         noise_nm=_pose(noise, "--noise", arm.joints),
     )

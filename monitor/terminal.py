@@ -247,6 +247,7 @@ def print_design(file: str, document: dict[str, Any]) -> None:
         f"{_number(merits['scaled_condition_number'], '.0f')}; log det of the covariance: all "
         f"{_number(merits['log_det_covariance_all'], '.1f')}, friction {_number(merits['log_det_covariance_friction'], '.1f')}"
     )
+    console.print(f"flange at most {proof['flange_speed_m_s']:.2f} m/s")
     table = Table()
     titles = ("joint", "fc std [Nm]", "fv std [Nm·s/rad]", "speeds [rad/s]", "moving", "position", "speed", "acceleration", "torque")
     for title in titles:

@@ -30,6 +30,7 @@ class Limits:
     speed_rad_s: Array
     acceleration_rad_s2: Array
     torque_nm: Array
+    flange_speed_m_s: float  # one figure for the arm; inf: not limited
 
     @classmethod
     def of(
@@ -39,12 +40,19 @@ class Limits:
         speed_rad_s: float | None = None,
         acceleration_rad_s2: float | None = None,
         torque_share: float = 0.9,
+        flange_speed_m_s: float | None = None,
     ) -> "Limits":
         """The robot's own, and those asked for where they are stricter.
 
         Raises BadInput for a limit that is not positive or not finite.
         """
-        for name, value in (("speed limit", speed_rad_s), ("acceleration limit", acceleration_rad_s2), ("torque share", torque_share)):
+        asked = {
+            "speed limit": speed_rad_s,
+            "acceleration limit": acceleration_rad_s2,
+            "torque share": torque_share,
+            "flange speed limit": flange_speed_m_s,
+        }
+        for name, value in asked.items():
             if value is not None and not (value > 0.0 and math.isfinite(value)):
                 raise BadInput(f"{name} = {value!r}; expected a positive number")
         J = robot.joints
@@ -53,6 +61,7 @@ class Limits:
             speed_rad_s=np.minimum(robot.max_speed_rad_s, math.inf if speed_rad_s is None else speed_rad_s),
             acceleration_rad_s2=np.full(J, min(PAPER_ACCELERATION_RAD_S2, acceleration_rad_s2 or math.inf)),
             torque_nm=robot.max_torque_nm * min(torque_share, 1.0),
+            flange_speed_m_s=math.inf if flange_speed_m_s is None else flange_speed_m_s,
         )
 
 

@@ -150,6 +150,6 @@ def _why_none(search: Search) -> str:
     problem = search.problem
     excitation = problem.family.excitation(search.least_broken_u)
     state = excitation.at(np.linspace(0.0, excitation.period_s, 500))
-    broken = problem.broken(problem.surroundings, state.q, problem.information.rows(*state)[1])
+    broken = problem.broken(state)
     what = broken or "its path comes too near between the samples, or it does not excite every parameter"
     return f"no allowed curve in {search.evaluations} evaluations; of the one that breaks least, {what}"

@@ -1,14 +1,16 @@
 """One task of design: which curves, in which cell, judged by what. Its cost orders them for any optimiser."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from monitor.design.clearance import Surroundings
-from monitor.design.curve import Family
+from monitor.design.curve import USED, Family
 from monitor.design.objective import OBJECTIVES, Information
 from monitor.errors import BadInput
-from monitor.model.fourier import Excitation
+from monitor.model.energy import flange_speed
+from monitor.model.fourier import Excitation, State
 from monitor.recording import Array
 
 GRID = 100  # samples of a period that a cost looks at; ten of the fastest default harmonic
@@ -40,7 +42,7 @@ class Problem:
         object.__setattr__(self, "_times", np.arange(GRID) * (self.family.period_s / GRID))
         rest = self.family.offset_rad
         still = np.zeros((1, len(rest)))
-        broken = self.broken(self.surroundings, rest[None], self.information.rows(rest[None], still, still)[1])
+        broken = self.broken(State(rest[None], still, still))
         if broken is not None:
             where = "start" if self.family.starts_there else "offset"
             raise Infeasible(f"standing at the {where} {np.round(rest, 4).tolist()} rad already, {broken}; choose another --{where}")
@@ -60,6 +62,11 @@ class Problem:
         over = np.maximum(np.abs(torque) / self.family.limits.torque_nm - 1.0, 0.0).sum()
         if over > 0.0:
             return FORBIDDEN * (1.0 + float(over) / (1.0 + float(over)))
+        if math.isfinite(self.family.limits.flange_speed_m_s):
+            fastest = float(np.max(flange_speed(self.family.robot, state.q, state.qd)))
+            over = fastest / (USED * self.family.limits.flange_speed_m_s) - 1.0
+            if over > 0.0:
+                return FORBIDDEN * (1.0 + over / (1.0 + over))
         value = self.information.merit(self.objective, Y, state.qd, self.family.period_s)
         return value if np.isfinite(value) else FORBIDDEN
 
@@ -77,16 +84,33 @@ class Problem:
             return False
         return all(around.line(pose, state.q[0]).keeps(cell) for pose in self.approaches_rad)
 
-    def broken(self, surroundings: Surroundings, q: Array, torque: Array) -> str | None:
-        """The first limit that a path q (N, J) with these torques (N, J) breaks, in words; None if none."""
-        near = surroundings.along(q).short_of(surroundings.cell)
+    def broken(self, state: State) -> str | None:
+        """The first limit that a path through these samples breaks, in words; None if none."""
+        near = self.surroundings.along(state.q).short_of(self.surroundings.cell)
         if near is not None:
             return near
-        share = np.max(np.abs(torque), axis=0) / self.family.limits.torque_nm
+        limits = self.family.limits
+        torque = self.information.rows(*state)[1]
+        share = np.max(np.abs(torque), axis=0) / limits.torque_nm
         j = int(np.argmax(share))
         if share[j] > 1.0:
-            limit = self.family.limits.torque_nm[j]
+            limit = limits.torque_nm[j]
             return f"joint {j + 1} needs {share[j] * limit:.1f} N·m, {(share[j] - 1.0) * limit:.1f} N·m beyond its limit of {limit:.1f} N·m"
+        fastest = float(np.max(flange_speed(self.family.robot, state.q, state.qd)))
+        if fastest > limits.flange_speed_m_s:
+            beyond = fastest - limits.flange_speed_m_s
+            return f"the flange moves at {fastest:.2f} m/s, {beyond:.2f} m/s beyond its limit of {limits.flange_speed_m_s:.2f} m/s"
+        for pose in self.approaches_rad:
+            far = np.abs(state.q[0] - pose)
+            j = int(np.argmax(far))
+            if far[j] > FARTHEST_START_RAD:
+                beyond = far[j] - FARTHEST_START_RAD
+                return (
+                    f"joint {j + 1} starts {far[j]:.2f} rad from {pose[j]:.2f} rad, {beyond:.2f} rad farther than a replay would approach"
+                )
+            near = self.surroundings.line(pose, state.q[0]).short_of(self.surroundings.cell)
+            if near is not None:
+                return f"on the straight way from {np.round(pose, 3).tolist()} rad to the start, {near}"
         return None
 
 

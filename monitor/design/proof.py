@@ -14,6 +14,7 @@ from monitor.design.curve import Limits
 from monitor.design.objective import Information
 from monitor.design.problem import Infeasible, bow
 from monitor.errors import BadInput
+from monitor.model.energy import flange_speed
 from monitor.model.fourier import Excitation, State
 from monitor.model.robot import Robot
 from monitor.recording import Array
@@ -44,6 +45,9 @@ def prove(
         j = int(np.argmax(share))
         if not share[j] <= 1.0:
             raise Infeasible(f"joint {j + 1} needs {100 * share[j]:.1f} % of its limit of {name}")
+    fastest = float(np.max(flange_speed(around.robot, state.q, state.qd)))
+    if fastest > limits.flange_speed_m_s:
+        raise Infeasible(f"the flange moves at {fastest:.3f} m/s; at most {limits.flange_speed_m_s:g}")
     clearance = along(excitation, around)
     near = clearance.short_of(around.cell)
     if near is not None:
@@ -63,6 +67,7 @@ def prove(
         "approaches": [{"from_rad": pose.tolist(), **_told(line)} for pose, line in zip(approaches_rad, lines, strict=True)],
         "end_speed_rad_s": float(np.max(np.abs(ends.qd))),
         "end_acceleration_rad_s2": float(np.max(np.abs(ends.qdd))),
+        "flange_speed_m_s": _digits(fastest),
         **{f"{name}_share": [_digits(value) for value in share] for name, share in shares.items()},
         "software": software,
     }

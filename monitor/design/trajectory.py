@@ -37,6 +37,7 @@ class Task:
     approaches_rad: tuple[Array, ...] = ()  # (J,) poses from which the way to the start must be free
     speed_limit_rad_s: float | None = None  # stricter than the robot's own
     acceleration_limit_rad_s2: float | None = None
+    flange_speed_limit_m_s: float | None = None
     torque_share: float = 0.9  # of the robot's torque limit
     noise_nm: Array | None = None  # (J,) torque noise; None: a share of the torque limit
     parameters: Array | None = None  # (13·J,) of the current model; None: the manufacturer's masses and a nominal friction
@@ -80,7 +81,11 @@ def problem_of(task: Task) -> Problem:
     around = surroundings(robot, mounting, task.cell or plain_cell(mounting))
     middle = next(pose for pose in (task.start_rad, task.offset_rad, np.array(PAPER_OFFSET_RAD)) if pose is not None)
     limits = Limits.of(
-        robot, speed_rad_s=task.speed_limit_rad_s, acceleration_rad_s2=task.acceleration_limit_rad_s2, torque_share=task.torque_share
+        robot,
+        speed_rad_s=task.speed_limit_rad_s,
+        acceleration_rad_s2=task.acceleration_limit_rad_s2,
+        torque_share=task.torque_share,
+        flange_speed_m_s=task.flange_speed_limit_m_s,
     )
     family = Family(
         robot=robot,
