@@ -75,9 +75,12 @@ class Surroundings:
     def placed(self, q: Array) -> Array:
         """(N, C, 2, 3) ends of every capsule's axis in the cell's frame at q (N, J)."""
         R, p = frames(self.robot, self.mounting, q)  # (N, J+1, 3, 3), (N, J+1, 3)
-        link = self.capsules.link
-        ends: Array = np.einsum("ncij,cej->ncei", R[:, link], self.capsules.ends_m) + p[:, link, None]
-        return ends
+        link, local = self.capsules.link, self.capsules.ends_m
+        turn, origin = R.transpose(2, 3, 1, 0)[:, :, link], p.transpose(2, 1, 0)[:, link]  # (3, 3, C, N), (3, C, N)
+        ends = np.empty((3, 2, len(link), len(q)))
+        for e in range(2):
+            ends[:, e] = origin + sum(turn[:, k] * local[:, e, k, None] for k in range(3))
+        return ends.transpose(3, 2, 1, 0)
 
     def pair_gaps(self, ends: Array) -> Array:
         """(N, S) gap of every pair of capsules."""
@@ -189,21 +192,19 @@ def surroundings(robot: Robot, mounting: Mounting, cell: Cell) -> Surroundings:
 def frames(robot: Robot, mounting: Mounting, q: Array) -> tuple[Array, Array]:
     """Attitudes (N, J+1, 3, 3) and origins (N, J+1, 3) of the DH frames in the cell's frame, frame 0 first."""
     N, J = q.shape
-    R, p = np.empty((N, J + 1, 3, 3)), np.zeros((N, J + 1, 3))
-    R[:, 0] = mounting.rotation @ robot.base_rotation
-    turn = np.zeros((N, 3, 3))
-    step = np.empty((N, 3))
+    # memory runs along the samples: long rows are what numpy is quick at
+    R, p = np.empty((3, 3, J + 1, N)), np.zeros((3, J + 1, N))
+    R[:, :, 0] = (mounting.rotation @ robot.base_rotation)[:, :, None]
+    angle = q.T + robot.zero_rad[:, None]  # (J, N)
+    cos, sin = np.cos(angle), np.sin(angle)
     for i in range(J):
-        angle = q[:, i] + robot.zero_rad[i]
-        c, s = np.cos(angle), np.sin(angle)
+        x, y, z = R[:, 0, i], R[:, 1, i], R[:, 2, i]  # (3, N) each: the axes of frame i
         ca, sa = np.cos(robot.alpha_rad[i]), np.sin(robot.alpha_rad[i])
-        turn[:, 0, 0], turn[:, 0, 1], turn[:, 0, 2] = c, -s * ca, s * sa
-        turn[:, 1, 0], turn[:, 1, 1], turn[:, 1, 2] = s, c * ca, -c * sa
-        turn[:, 2, 1], turn[:, 2, 2] = sa, ca
-        step[:, 0], step[:, 1], step[:, 2] = robot.a_m[i] * c, robot.a_m[i] * s, robot.d_m[i]
-        R[:, i + 1] = R[:, i] @ turn
-        p[:, i + 1] = p[:, i] + np.einsum("nij,nj->ni", R[:, i], step)
-    return R, p
+        ahead = cos[i] * x + sin[i] * y
+        aside = cos[i] * y - sin[i] * x
+        R[:, 0, i + 1], R[:, 1, i + 1], R[:, 2, i + 1] = ahead, ca * aside + sa * z, ca * z - sa * aside
+        p[:, i + 1] = p[:, i] + robot.d_m[i] * z + robot.a_m[i] * ahead
+    return R.transpose(3, 2, 0, 1), p.transpose(2, 1, 0)
 
 
 def _least(gaps: Array, travel_m: Array) -> tuple[float, int, int]:

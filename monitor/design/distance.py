@@ -66,5 +66,5 @@ def _point_to_box(x: Array, half: Array) -> Array:
 
 
 def _dot(u: Array, v: Array) -> Array:
-    product: Array = np.einsum("...i,...i->...", u, v)
+    product: Array = u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1] + u[..., 2] * v[..., 2]
     return product

@@ -102,10 +102,11 @@ class Information:
         A = Y * weight[:, None, :]  # (J, B, N)
         keep = math.exp(-1.0 / (RATE_HZ * CORRELATION_S))
         meat, gram = np.zeros((B, B)), np.zeros((B, B))
-        lag = np.abs(np.subtract.outer(np.arange(N), np.arange(N)))
-        R = keep ** np.minimum(lag, N - lag)  # (N, N) the motion is periodic
+        lag = np.minimum(np.arange(N), N - np.arange(N))  # the motion is periodic, so R is circulant
+        spectrum = np.fft.rfft(keep**lag).real
         for j in range(J):
-            meat += A[j] @ R @ A[j].T
+            smeared = np.fft.irfft(np.fft.rfft(A[j]) * spectrum, n=N)  # R Y
+            meat += A[j] @ smeared.T
             gram += A[j] @ A[j].T
         scaled, norms = _scaled(gram)
         try:
