@@ -5,6 +5,7 @@ as c₀ and c₁ at two neighbouring samples is nowhere between them less than (
 move the two bodies against each other.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -123,27 +124,42 @@ class Surroundings:
 
         bow_rad : (J,) what a joint may travel beyond |Δq| between two samples, because the path between them is no straight line.
         """
-        N = len(q)
-        travel = np.zeros((N, self.robot.joints))  # to the next sample; after the last there is none
-        travel[:-1] = np.abs(np.diff(q, axis=0)) + (0.0 if bow_rad is None else bow_rad)
-        pair_lever = self._pair_lever()
         itself: Nearest | None = None
         around: Nearest | None = None
-        for first in range(0, N, CHUNK):
-            part = q[first : first + CHUNK + 1]  # one more: the interval that leads to the next chunk
-            step = travel[first : first + len(part)].copy()
-            step[-1] = 0.0
-            ends = self.placed(part)
-            found = _least(self.pair_gaps(ends), step @ pair_lever.T)
-            nearest = Nearest(found[0], self._pair_name(found[2]), first + found[1])
-            itself = nearest if itself is None or nearest.gap_m < itself.gap_m else itself
-            gaps, capsule, names = self.cell_gaps(ends)
+        for first, pairs, (cell, capsule, names) in self._bounds(q, bow_rad):
+            sample, column = np.unravel_index(np.argmin(pairs), pairs.shape)
+            if itself is None or pairs[sample, column] < itself.gap_m:
+                itself = Nearest(float(pairs[sample, column]), self._pair_name(int(column)), first + int(sample))
             if names:
-                found = _least(gaps, step @ self.lever_m[capsule].T)
-                nearest = Nearest(found[0], f"{self.capsules.names[capsule[found[2]]]} and {names[found[2]]}", first + found[1])
-                around = nearest if around is None or nearest.gap_m < around.gap_m else around
+                sample, column = np.unravel_index(np.argmin(cell), cell.shape)
+                if around is None or cell[sample, column] < around.gap_m:
+                    what = f"{self.capsules.names[capsule[column]]} and {names[int(column)]}"
+                    around = Nearest(float(cell[sample, column]), what, first + int(sample))
         assert itself is not None  # N ≥ 1
         return Clearance(itself, around)
+
+    def doubtful(self, q: Array, bow_rad: Array | None = None) -> npt.NDArray[np.bool_]:
+        """(N−1,) between which samples the bound alone does not promise the cell's margins."""
+        doubt = np.zeros(len(q), dtype=bool)
+        for first, pairs, (cell, _, names) in self._bounds(q, bow_rad):
+            near = pairs.min(axis=1) < self.cell.self_margin_m
+            if names:
+                near |= cell.min(axis=1) < self.cell.margin_m
+            doubt[first : first + len(near)] |= near
+        return doubt[:-1]
+
+    def _bounds(self, q: Array, bow_rad: Array | None) -> Iterator[tuple[int, Array, tuple[Array, Indices, list[str]]]]:
+        """By chunks: first sample, then what the gaps of pairs and of the cell cannot fall below until the next sample."""
+        travel = np.zeros(q.shape)  # to the next sample; after the last there is none
+        travel[:-1] = np.abs(np.diff(q, axis=0)) + (0.0 if bow_rad is None else bow_rad)
+        pair_lever = self._pair_lever()
+        for first in range(0, max(1, len(q) - 1), CHUNK):
+            part = q[first : first + CHUNK + 1]  # one more: the interval that leads to the next chunk
+            step = travel[first : first + len(part) - 1]
+            ends = self.placed(part)
+            cell, capsule, names = self.cell_gaps(ends)
+            bound = _lowest(cell, step @ self.lever_m[capsule].T)
+            yield first, _lowest(self.pair_gaps(ends), step @ pair_lever.T), (bound, capsule, names)
 
     def line(self, start: Array, end: Array) -> Clearance:
         """Along the straight line in joint space from start to end, both (J,): an approach, whatever its law of time."""
@@ -207,13 +223,10 @@ def frames(robot: Robot, mounting: Mounting, q: Array) -> tuple[Array, Array]:
     return R.transpose(3, 2, 0, 1), p.transpose(2, 1, 0)
 
 
-def _least(gaps: Array, travel_m: Array) -> tuple[float, int, int]:
-    """Least gap of all, between the samples too, its sample and its column; gaps and travel_m (to the next sample) are (N, K)."""
-    if len(gaps) > 1:
-        between = 0.5 * (gaps[:-1] + gaps[1:] - travel_m[:-1])
-        bound = np.minimum(between, np.minimum(gaps[:-1], gaps[1:]))
-    else:
-        bound = gaps
-    place = int(np.argmin(bound))
-    sample, column = divmod(place, bound.shape[1])
-    return float(bound.flat[place]), sample, column
+def _lowest(gaps: Array, travel_m: Array) -> Array:
+    """(N−1, K) what a gap cannot fall below between two samples; gaps are (N, K), travel_m (N−1, K). One sample: its own gaps."""
+    if len(gaps) == 1:
+        return gaps
+    between = 0.5 * (gaps[:-1] + gaps[1:] - travel_m)
+    lowest: Array = np.minimum(between, np.minimum(gaps[:-1], gaps[1:]))
+    return lowest

@@ -13,7 +13,10 @@ from monitor.model.energy import flange_speed
 from monitor.model.fourier import Excitation, State
 from monitor.recording import Array
 
-GRID = 100  # samples of a period that a cost looks at; ten of the fastest default harmonic
+GRID = 100  # samples of a period for what a motion tells; twenty of the fastest default harmonic
+CLEARANCE_GRID = 250  # for clearance: with 10 m/s² a gap falls by 2 mm between them, less than the reserve
+APPROACH = np.linspace(0.1, 1.0, 10)[:, None]  # shares of the straight ways to where the arm rests
+FINER = 8  # samples for one, in stretches where the bound leaves a doubt
 RATE_HZ = 125.0  # of the look between samples that a new best must pass
 FORBIDDEN = 1e6  # above every allowed cost; the violation comes on top, so that a search finds its way back
 FARTHEST_START_RAD = 2.4  # from where the arm rests: a replay refuses to approach from farther than 2.5
@@ -34,12 +37,14 @@ class Problem:
     objective: str
     rest_rad: tuple[Array, ...] = ()  # poses (J,) from which the straight way to the start must be free, besides the offset
     _times: Array = field(init=False)
+    _between: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Raises BadInput for an unknown objective, Infeasible where the arm at rest in the middle breaks a limit already."""
         if self.objective not in OBJECTIVES:
             raise BadInput(f"objective {self.objective!r} is not known; known are {', '.join(OBJECTIVES)}")
         object.__setattr__(self, "_times", np.arange(GRID) * (self.family.period_s / GRID))
+        object.__setattr__(self, "_between", np.arange(CLEARANCE_GRID) * (self.family.period_s / CLEARANCE_GRID))
         rest = self.family.offset_rad
         still = np.zeros((1, len(rest)))
         broken = self.broken(State(rest[None], still, still))
@@ -51,7 +56,8 @@ class Problem:
         """Objective of the curve of u, or FORBIDDEN and more by how far it breaks margins and torque limits at the grid's samples."""
         excitation = self.family.excitation(u)
         state = excitation.at(self._times)
-        gaps, cell = self.surroundings.gaps(state.q), self.surroundings.cell
+        ways = [start + APPROACH * (pose - start) for start in state.q[:1] for pose in self.approaches_rad]
+        gaps, cell = self.surroundings.gaps(np.vstack([excitation.at(self._between).q, *ways])), self.surroundings.cell
         lacking = np.maximum(cell.self_margin_m + RESERVE_M - gaps.to_itself_m, 0.0).sum()
         lacking += np.maximum(cell.margin_m + RESERVE_M - gaps.to_cell_m, 0.0).sum()
         for pose in self.approaches_rad:
@@ -76,12 +82,24 @@ class Problem:
         return (self.family.offset_rad, *self.rest_rad)
 
     def allowed(self, excitation: Excitation) -> bool:
-        """Do the whole path and the approaches keep their margins, between samples at 125 Hz too?"""
+        """Do the whole path and the approaches keep their margins, between samples too?
+
+        Where 125 Hz leaves a doubt, the doubtful stretches are sampled finer.
+        """
         t = np.arange(round(excitation.period_s * RATE_HZ) + 1) / RATE_HZ
         state = excitation.at(t)
         around, cell = self.surroundings, self.surroundings.cell
-        if not around.along(state.q, bow(state.qdd, 1.0 / RATE_HZ)).keeps(cell):
-            return False
+        stretches = np.flatnonzero(around.doubtful(state.q, bow(state.qdd, 1.0 / RATE_HZ)))
+        if len(stretches):
+            finer = np.linspace(0.0, 1.0 / RATE_HZ, FINER + 1)
+            step = bow(state.qdd, 1.0 / RATE_HZ / FINER)
+            # gaps at the samples first: most of what is not allowed ends here
+            near = around.gaps(state.q[stretches])
+            if np.min(near.to_itself_m) < cell.self_margin_m or np.min(near.to_cell_m) < cell.margin_m:
+                return False
+            for begin in t[stretches]:
+                if not around.along(excitation.at(begin + finer).q, step).keeps(cell):
+                    return False
         return all(around.line(pose, state.q[0]).keeps(cell) for pose in self.approaches_rad)
 
     def broken(self, state: State) -> str | None:

@@ -4,6 +4,7 @@ The arm is taken for a finer union of primitives: every cylinder of `monitor.des
 a box. Pairs that may meet are told by rule here, not taken from the code that is judged.
 """
 
+import itertools
 from typing import NamedTuple
 
 import coal
@@ -36,7 +37,7 @@ class Judge:
         for link, (p, q), radius in zip(capsules.link, capsules.ends_m, capsules.radius_m, strict=True):
             joint, to_link = self._parent(int(link), robot)
             ends = np.linspace(p, q, SLICES + 1)
-            for a, b in zip(ends[:-1], ends[1:], strict=True):
+            for a, b in itertools.pairwise(ends):
                 self._add(joint, to_link * _along(a, b), coal.Capsule(float(radius), float(np.linalg.norm(b - a))), int(link), tool=False)
         tool = cell.tool
         joint, to_link = self._parent(6, robot)
