@@ -82,6 +82,8 @@ def design(
     )
     began = time.monotonic()
     with _interrupts() as asked, search_progress(objective, evaluations) as show:
+        if random is None:
+            typer.echo(f"searching, {evaluations} evaluations; Ctrl-C keeps the best so far", err=True)
 
         def go_on(at: Any) -> bool:
             show(at.evaluations, at.best)
