@@ -13,7 +13,7 @@ from monitor.recording import Array
 POPULATION = 300
 ELITE = 0.05
 CROSSOVER = 0.8
-FIRST_SPREAD = 0.15  # as the first step of CMA-ES: both begin alike
+FIRST_SPREAD = 0.3  # as the first step of CMA-ES: both begin alike
 MUTATION = 0.5  # of the first spread, at first
 GENERATIONS = 100  # over which the mutation shrinks to nothing; more generations go on with a hundredth
 
