@@ -1,5 +1,6 @@
 """What is accepted hits nothing, says so truly, and comes out the same again. The soak marker repeats it on a thousand."""
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -56,7 +57,7 @@ def verify(robot, mounting, seeds):
     return nearest
 
 
-@pytest.mark.parametrize(("robot", "mounting", "count"), MANY, ids=lambda value: str(value))
+@pytest.mark.parametrize(("robot", "mounting", "count"), MANY, ids=str)
 def test_a_hundred_random_accepted_trajectories_collide_nowhere(robot, mounting, count):
     """By frames of pinocchio and distances of coal at ten times the controller's rate; approaches too."""
     assert verify(robot, mounting, range(count)) >= 0.01  # the smaller of the two margins
@@ -143,7 +144,7 @@ def test_a_search_gets_better_and_keeps_its_best_when_it_is_stopped(optimiser):
     best = [at.best for at in told]
     assert found.stopped
     assert found.evaluations == 320
-    assert all(later <= earlier for earlier, later in zip(best, best[1:], strict=False))
+    assert all(later <= earlier for earlier, later in itertools.pairwise(best))
     assert found.value == best[-1] < best[20]
     assert problem().allowed(problem().family.excitation(found.u))
 
