@@ -19,10 +19,12 @@ GENERATIONS = 100  # over which the mutation shrinks to nothing; more generation
 
 
 def generations(
-    cost: Callable[[Array], float], dimension: int, rng: np.random.Generator, over: Callable[[], bool], population: int = POPULATION
+    cost: Callable[[Array], float], first: Array, rng: np.random.Generator, over: Callable[[], bool], population: int = POPULATION
 ) -> None:
-    """Evaluate generation after generation until `over`; the caller keeps the best it sees."""
+    """Evaluate generation after generation until `over`; the caller keeps the best it sees. One of the first is given."""
+    dimension = len(first)
     people = FIRST_SPREAD * rng.standard_normal((population, dimension))
+    people[0] = first
     costs = _all(cost, people, over)
     elite, children = round(ELITE * population), round(CROSSOVER * (population - round(ELITE * population)))
     generation = 0

@@ -36,7 +36,7 @@ def accepted(robot, mounting, seed):
 
 
 def verify(robot, mounting, seeds):
-    """No collision at ten times the rate on the path or its approaches; no less room than the proof says between the finer shapes, at every hundredth pose."""
+    """No collision at ten times the rate on path and approaches; at each 100th pose, finer shapes have no less room than the proof says."""
     arm, mount, cell = load_robot(robot), Mounting.parse(mounting), problem(robot, mounting).surroundings.cell
     watch, finer = judge(arm, mount, cell), judge(arm, mount, cell, finer=True)
     generation = load_robot(robot).generation
