@@ -8,7 +8,7 @@ WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench soak clean
+.PHONY: help demo test lint bench soak excitations clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -36,6 +36,12 @@ lint: $(STAMP) ## style, types, and who may import whom
 
 bench: $(STAMP) ## how fast, side by side in one run
 	$(BIN)/python -m tests.bench
+
+MODELS ?= ur3 ur5 ur10 ur3e ur5e ur10e ur16e ur20 ur30
+excitations: $(STAMP) ## design config/excitation anew, each with its proof: the same files again, about eight minutes
+	for robot in $(MODELS); do for mounting in ground ceiling wall; do \
+		$(BIN)/joint-monitor design --robot $$robot --mounting $$mounting --seed 1 --evaluations 3000 --speed-limit 2.2 --flange-speed-limit 1.5 \
+			-o config/excitation/$$robot-$$mounting.json || exit; done; done
 
 clean: ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from monitor import __version__
+from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
 if TYPE_CHECKING:
@@ -474,6 +475,9 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
         _print_json(document)
     else:
         print_status(document)
+
+
+app.command(name="design")(design)
 
 
 @app.command()

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, 
 from monitor.acquire.guard import ReplaySettings
 from monitor.assess import AssessSettings
 from monitor.bounds import between
+from monitor.design.cell import Cell, cell_from_document, plain_cell
 from monitor.errors import BadConfiguration, BadInput
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, Robot, load_robot
@@ -132,11 +133,13 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
     names = [*rooms, "replay"]
     for unknown in [name for name in document if name not in names]:
         mistakes.append(f"[{unknown}]: unknown section{_nearest(unknown, names)}")
-    excitation_name, repetitions = "", None
+    excitation_name, repetitions, time_scale, cell_name = "", None, None, "plain"
     replay = document.get("replay", {})
     if isinstance(replay, dict):
         excitation_name = replay.pop("excitation", "")
         repetitions = replay.pop("repetitions", None)
+        time_scale = replay.pop("time_scale", None)
+        cell_name = replay.pop("cell", "plain")
         if not isinstance(excitation_name, str):
             mistakes.append(f"replay.excitation = {excitation_name!r}: expected the name of a shipped trajectory, or the path of a file")
             excitation_name = ""
@@ -157,6 +160,8 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
         _checked(mistakes, "robot", lambda: prefix(robot.site, robot.id))
         if robot.gains_nm_per_a and (len(robot.gains_nm_per_a) != 6 or min(robot.gains_nm_per_a) <= 0):
             mistakes.append("robot.gains_nm_per_a: expected one positive figure for each of 6 joints")
+    if sections["store"] and ("\0" in sections["store"].directory or not sections["store"].directory.strip()):
+        mistakes.append(f"store.directory = {sections['store'].directory!r}: expected the path of a folder")
     if sections["schedule"]:
         _checked(mistakes, "schedule.cron", lambda: _check_cron(sections["schedule"].cron))
     if repetitions is not None and excitation is not None:
@@ -164,6 +169,14 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
             excitation = dataclasses.replace(excitation, repetitions=repetitions)
         else:
             mistakes.append(f"replay.repetitions: {repetitions!r} is not a whole number of 1 or more")
+    if time_scale is not None and excitation is not None:
+        if isinstance(time_scale, int | float) and not isinstance(time_scale, bool) and 0 < time_scale <= 1:
+            excitation = dataclasses.replace(excitation, time_scale=float(time_scale))
+        else:
+            mistakes.append(f"replay.time_scale: {time_scale!r}; expected more than 0, at most 1")
+    if robot and sections["replay"] is not None:
+        cell = _checked(mistakes, "replay.cell", lambda: find_cell(cell_name, Mounting.parse(robot.mounting), path.parent))
+        sections["replay"] = dataclasses.replace(sections["replay"], cell=cell)
     if excitation is not None and robot and excitation.robot != robot.model:
         mistakes.append(f"replay.excitation: made for a {excitation.robot}, but robot.model is {robot.model}")
     if mistakes:
@@ -208,7 +221,38 @@ def find_excitation(name: str, beside: Path) -> Excitation:
             raise BadInput(f"{name!r} is no file beside the configuration and not shipped; shipped are {', '.join(shipped)}") from None
     try:
         return excitation_from_document(json.loads(path.read_text("utf-8")))
+    except RecursionError:
+        raise BadInput(f"{path}: is nested too deeply; expected an excitation's JSON object") from None
     except (OSError, ValueError) as error:
+        raise BadInput(f"{path}: {error}") from None
+
+
+def find_cell(name: Any, mounting: Mounting, beside: Path) -> Cell | None:
+    """A site's cell: `plain` is the table-top of the mounting, `unchecked` is None, anything else the path of a TOML file.
+
+    Raises BadInput where it is none of these, or naming every mistake in the file.
+    """
+    if name == "unchecked":
+        return None
+    if name == "plain":
+        return plain_cell(mounting)
+    if not isinstance(name, str) or not (beside / name).is_file():
+        raise BadInput(f"{name!r} is no file beside the configuration; expected plain, unchecked or the path of a cell's TOML file")
+    return load_cell(beside / name)
+
+
+def load_cell(path: Path) -> Cell:
+    """A cell from its TOML file.
+
+    Raises BadInput naming every mistake.
+    """
+    try:
+        return cell_from_document(tomllib.loads(path.read_text("utf-8")))
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: not TOML: {error}") from None
+    except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
 
 
@@ -257,6 +301,8 @@ def _schema(cls: type) -> type[BaseModel]:
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(cls):
         hint = hints[field.name]
+        if hint == Cell | None:  # named in the file, and read from another
+            continue
         if isinstance(hint, type) and dataclasses.is_dataclass(hint):
             nested = _schema(hint)
             fields[field.name] = (nested, nested())
@@ -268,6 +314,8 @@ def _schema(cls: type) -> type[BaseModel]:
 def _made(cls: type, checked: BaseModel) -> Any:
     values = {}
     for name, hint in get_type_hints(cls).items():
+        if name not in type(checked).model_fields:
+            continue
         value = getattr(checked, name)
         values[name] = _made(hint, value) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else value
     return cls(**values)

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 _STATE_STYLE = {
@@ -43,6 +43,21 @@ def status(text: str) -> Iterator[None]:
         return
     with console.status(text):
         yield
+
+
+@contextmanager
+def search_progress(title: str, budget: int) -> Iterator[Callable[[int, float], None]]:
+    """A bar over a budget of evaluations with the best value and the time left; nothing where standard error is no terminal."""
+    console = Console(stderr=True)
+    text = TextColumn("{task.description}  best {task.fields[best]}")
+    columns = (SpinnerColumn(), text, BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=budget, best="–")
+
+        def show(done: int, best: float) -> None:
+            bar.update(task, completed=done, best=f"{best:.4g}" if best < float("inf") else "none allowed yet")
+
+        yield show
 
 
 def told(key: str, document: dict[str, Any]) -> str:
@@ -266,3 +281,41 @@ def print_energy(document: dict[str, Any]) -> None:
     console.print(f"[bold]{document['statement']}[/]")
     for warning in document["warnings"]:
         console.print(f"[yellow]{warning['code']}[/]: {warning['text']}")
+
+
+def print_design(file: str, document: dict[str, Any]) -> None:
+    """The `design` command's tables."""
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    proof, merits = document["proof"], document["objectives"]
+    console.print(f"{file}: {document['robot']}, {document['repetitions']} × {document['period_s']:g} s; {document['source']}")
+    clearance = proof["clearance"]
+    console.print(f"clear of itself by {1000 * clearance['to_itself_m']:.0f} mm ({clearance['itself']})")
+    if "to_cell_m" in clearance:
+        cell = document["cell"]["cell"]
+        console.print(f"clear of the cell {cell['name']!r} by {1000 * clearance['to_cell_m']:.0f} mm ({clearance['cell']})")
+    for approach in proof["approaches"]:
+        gap = min(approach["to_itself_m"], approach.get("to_cell_m", float("inf")))
+        pose = ", ".join(f"{angle:.2f}" for angle in approach["from_rad"])
+        console.print(f"approach from [{pose}]: clear by {1000 * gap:.0f} mm", markup=False)
+    console.print(
+        f"condition number {_number(merits['condition_number'], '.0f')}, of scaled columns "
+        f"{_number(merits['scaled_condition_number'], '.0f')}; log det of the covariance: all "
+        f"{_number(merits['log_det_covariance_all'], '.1f')}, friction {_number(merits['log_det_covariance_friction'], '.1f')}"
+    )
+    console.print(f"flange at most {proof['flange_speed_m_s']:.2f} m/s")
+    table = Table()
+    titles = ("joint", "fc std [Nm]", "fv std [Nm·s/rad]", "speeds [rad/s]", "moving", "position", "speed", "acceleration", "torque")
+    for title in titles:
+        table.add_column(title, justify="right")
+    for j, (slow, fast) in enumerate(merits["speed_range_rad_s"]):
+        shares = (proof[f"{name}_share"][j] for name in ("position", "speed", "acceleration", "torque"))
+        table.add_row(
+            str(j + 1),
+            _number(merits["coulomb_std_nm"][j], ".3f"),
+            _number(merits["viscous_std_nm_s_per_rad"][j], ".3f"),
+            f"{_number(slow, '.2f')} – {_number(fast, '.2f')}",
+            f"{100 * merits['moving_share'][j]:.0f} %",
+            *(f"{100 * share:.0f} %" for share in shares),
+        )
+    console.print(table)
+    console.print("deviations to expect of one repetition, residuals correlated; shares are of the limits")

@@ -10,7 +10,7 @@ import pytest
 
 from monitor import config as configuration
 from monitor.config import from_document, load
-from monitor.errors import BadConfiguration
+from monitor.errors import BadConfiguration, BadInput
 
 ROOT = Path(__file__).parent.parent
 REFERENCE = ROOT / "config" / "monitor.toml"
@@ -152,3 +152,25 @@ def test_a_figure_beyond_its_bounds_is_refused_by_name(room, key):
         section = nested(key, value)
         said = refusal(**{room: {**LEAST.get(room, {}), **section}})
         assert f"{room}.{key} = {value!r}: input should be" in said
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['{"a": ' * 100_000, "nonsense", "[]", '{"kind": "joint-monitor.excitation.v1"}', None, None],
+    ids=["deep", "no-json", "list", "empty", "endless", "century"],
+)
+def test_what_is_no_excitation_is_refused_with_its_name(tmp_path, text, request):
+    """Deep, broken, empty, endless or a century long: a sentence, no traceback."""
+    if text is None:
+        document = configuration.find_excitation("ur5-ground", Path()).as_document()
+        document |= {"repetitions": float("inf")} if request.node.callspec.id == "endless" else {"period_s": 1e9}
+        text = json.dumps(document)
+    (tmp_path / "mine.json").write_text(text)
+    with pytest.raises(BadInput, match="excitation|mine"):
+        configuration.find_excitation("mine.json", tmp_path)
+
+
+def test_a_directory_that_no_folder_can_be_is_refused():
+    """NUL, or nothing at all."""
+    for directory in ("a\0b", "  "):
+        assert "store.directory" in refusal(store={"directory": directory})

@@ -59,6 +59,7 @@ class Cell:
             [replay]
             allow_motion = true
             excitation = "short.json"
+            cell = "unchecked"
             approach_speed_rad_s = 0.8
             [schedule]
             cron = "0 0 29 2 *"

@@ -1,8 +1,8 @@
 """May the arm move now? Permission, trajectory and present state, each refusal with its reason.
 
 Pure functions of what they are given: `replay` and the child process `stream` both ask them, so that neither needs
-to trust the other. Until path clearance and site limits are guarded too, only a simulated arm may move: any address
-that is not a loopback literal is refused.
+to trust the other. Where a cell is configured, the whole path is checked against it again, and so is the straight way from where the
+arm stands. Until site limits are guarded too, only a simulated arm may move: any address that is not a loopback literal is refused.
 """
 
 import ipaddress
@@ -11,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.design.cell import Cell
+from monitor.design.clearance import surroundings
+from monitor.design.proof import cell_of, recheck
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -77,6 +80,7 @@ class ReplaySettings:
     phase_grace_s: float = 4.0  # beyond a phase's own duration
     silence_timeout_s: float = 1.0  # the child tells something at least every 0.1 s while the arm moves
     finish_timeout_s: float = 6.0
+    cell: Cell | None = None  # what stands around the arm; None: nobody said, and no clearance is checked
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the setting, its value and what would be right."""
@@ -124,6 +128,48 @@ def permission(settings: ReplaySettings, excitation: Excitation, robot: Robot) -
     if excitation.robot != robot.name:
         raise MotionRefused(f"the excitation was designed for {excitation.robot!r}, the arm is {robot.name!r}")
     within_limits(excitation, max_position_rad=robot.max_position_rad, max_speed_rad_s=robot.max_speed_rad_s)
+    if settings.cell is not None:
+        clear_of(settings.cell, excitation, robot)
+
+
+def clear_of(cell: Cell, excitation: Excitation, robot: Robot) -> None:
+    """Raises MotionRefused unless the trajectory was proved against this very cell, and the proof holds when done again."""
+    try:
+        proved = cell_of(excitation)
+        if proved is None:
+            raise MotionRefused(
+                f"the excitation was never proved against a cell, and the arm stands in {cell.name!r}: design one for it, "
+                "or set replay.cell = 'unchecked' if nothing is within its reach"
+            )
+        if proved.digest != cell.digest:
+            raise MotionRefused(
+                f"the excitation was proved against the cell {proved.name!r} ({proved.digest}), the arm stands in {cell.name!r} "
+                f"({cell.digest}): {_difference(proved, cell)}; design one for this cell"
+            )
+        near = recheck(excitation, robot, cell)
+    except BadInput as error:
+        raise MotionRefused(f"the excitation's clearance cannot be checked: {error}") from None
+    if near is not None:
+        raise MotionRefused(f"the excitation does not keep clear in the cell {cell.name!r}, whatever its file says: {near}")
+
+
+def clear_approach(cell: Cell, excitation: Excitation, robot: Robot, q: Array) -> None:
+    """Raises MotionRefused unless the straight way in joint space from q (J,) to the start keeps the cell's margins."""
+    try:
+        line = surroundings(robot, excitation.mounting, cell).line(q, excitation.at(np.zeros(1)).q[0])
+    except BadInput as error:
+        raise MotionRefused(f"the approach cannot be checked: {error}") from None
+    near = line.short_of(cell)
+    if near is not None:
+        raise MotionRefused(f"on the straight way from where the arm stands to the start, {near}; drive it nearer to the start by hand")
+
+
+def _difference(one: Cell, other: Cell) -> str:
+    """Which tables of two cells differ."""
+    a, b = one.as_document(), other.as_document()
+    keys = [f"cell.{key}" for key in {*a["cell"], *b["cell"]} - {"name"} if a["cell"].get(key) != b["cell"].get(key)]
+    keys += [table for table in ("wall", "box", "tool") if a[table] != b[table]]
+    return f"they differ in {', '.join(sorted(keys))}"
 
 
 def permitted(settings: ReplaySettings) -> None:
@@ -140,7 +186,7 @@ def permitted(settings: ReplaySettings) -> None:
 
 def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_rad_s: Array) -> None:
     """Raises MotionRefused naming the joint, the value and the limit that the sampled curve breaks."""
-    fastest_hz = excitation.harmonics / excitation.period_s
+    fastest_hz = excitation.harmonics / excitation.pass_s
     if fastest_hz > MAX_HARMONIC_HZ:
         raise MotionRefused(f"the excitation's highest harmonic is {fastest_hz:.3g} Hz; expected at most {MAX_HARMONIC_HZ:g} Hz")
     if not excitation.duration_s <= MAX_DURATION_S:
@@ -149,7 +195,7 @@ def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_
     if len(excitation.offset_rad) != joints:
         raise MotionRefused(f"the excitation moves {len(excitation.offset_rad)} joints, the arm has {joints}")
     # one period tells all; between samples at 500 Hz a curve below 10 Hz exceeds its samples by less than 0.05 %
-    t_s = np.linspace(0.0, excitation.period_s, max(2, round(excitation.period_s * 500.0) + 1))  # (N,)
+    t_s = np.linspace(0.0, excitation.pass_s, max(2, round(excitation.pass_s * 500.0) + 1))  # (N,)
     curve = excitation.at(t_s)
     limits = (
         ("position", "rad", curve.q, max_position_rad),

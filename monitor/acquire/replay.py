@@ -54,7 +54,8 @@ def replay(
     permission(settings, excitation, robot)
     known = _recognised(settings.host, context or Context(), excitation, robot)
     job = {
-        "settings": dataclasses.asdict(settings),
+        "settings": dataclasses.asdict(dataclasses.replace(settings, cell=None)),
+        "cell": None if settings.cell is None else settings.cell.as_document(),
         "excitation": excitation.as_document(),
         "max_position_rad": robot.max_position_rad.tolist(),
         "max_speed_rad_s": robot.max_speed_rad_s.tolist(),

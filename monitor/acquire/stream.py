@@ -19,8 +19,10 @@ from monitor.acquire.child import Lifeline, Outbox, begin, leave
 from monitor.acquire.guard import ReplaySettings
 from monitor.acquire.path import joint_path
 from monitor.acquire.rows import PLACE
+from monitor.design.cell import cell_from_document
 from monitor.errors import MonitorError, MotionRefused, RobotUnreachable
 from monitor.model.fourier import Excitation, excitation_from_document
+from monitor.model.robot import load_robot
 from monitor.recording import Array
 
 STILL_S = 0.15  # at rest for so long before the next phase begins
@@ -33,8 +35,8 @@ class Stopped(Exception):
     """The parent asked, and the arm stands."""
 
 
-def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, start_q: Array) -> Arm:
-    """The arm, heard and found well, at rest and free for 0.1 s; start_q is (J,). Only receiving: nothing is sent yet.
+def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, excitation: Excitation) -> Arm:
+    """The arm, heard and found well, at rest and free for 0.1 s, its way to the start clear. Only receiving: nothing is sent yet.
 
     Raises RobotUnreachable or MotionRefused.
     """
@@ -46,11 +48,15 @@ def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, start_q: Ar
         raise RobotUnreachable(f"{host}: RTDE: {error}") from None
     if not arm.receive.isConnected():
         raise RobotUnreachable(f"{host}: RTDE answers but sends no data")
+    start_q = excitation.at(np.zeros(1)).q[0]  # (J,)
     try:
         for _ in range(13):
-            guard.ready(arm_state(arm.next_row()), arm.settings, start_q)
+            state = arm_state(arm.next_row())
+            guard.ready(state, arm.settings, start_q)
     except Failure as failure:
         raise RobotUnreachable(f"{host}: {failure}") from None
+    if job["cell"] is not None:
+        guard.clear_approach(cell_from_document(job["cell"]), excitation, load_robot(excitation.robot), state.target_q)
     return arm
 
 
@@ -168,7 +174,7 @@ def main() -> None:
         guard.within_limits(
             excitation, max_position_rad=np.array(job["max_position_rad"]), max_speed_rad_s=np.array(job["max_speed_rad_s"])
         )
-        arm = connect(job, outbox, lifeline, excitation.at(np.zeros(1)).q[0])
+        arm = connect(job, outbox, lifeline, excitation)
         play(arm, excitation, take_control(arm))
         outbox.message("done", missed_ticks=arm.missed, torn_reads=arm.torn, slipped_s=arm.slipped_s)
         leave(0)

@@ -6,6 +6,7 @@ qⱼ(t) = q0ⱼ + Σₖ aₖⱼ/(kω)·sin(kωt) − bₖⱼ/(kω)·cos(kωt), �
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,6 +15,9 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting
 from monitor.recording import Array
+
+LONGEST_S = 3600.0
+MOST_REPETITIONS = 1000
 
 
 class State(NamedTuple):
@@ -36,13 +40,19 @@ class Excitation:
     a_rad_s: Array  # (H, J)
     b_rad_s: Array  # (H, J)
     source: str = ""  # how it was found
+    time_scale: float = 1.0  # 0 … 1: the same way, so much slower; for a first pass with a hand on the stop
+    cell: Mapping[str, Any] | None = None  # what it was proved against, with its digest; `design.cell` reads it
+    proof: Mapping[str, Any] | None = None  # clearances and margins of limits, and how they were found
+    objectives: Mapping[str, Any] | None = None  # how informative it is
 
     def __post_init__(self) -> None:
         """Raises BadInput where a field is not finite, a shape does not fit, or a period or count is not positive."""
-        if not (self.period_s > 0 and math.isfinite(self.period_s)):
-            raise BadInput(f"excitation: period_s = {self.period_s!r}; expected a positive number of seconds")
-        if self.repetitions < 1:
-            raise BadInput(f"excitation: repetitions = {self.repetitions!r}; expected 1 or more")
+        if not 0.0 < self.period_s <= LONGEST_S:
+            raise BadInput(f"excitation: period_s = {self.period_s!r}; expected a positive number of seconds, at most {LONGEST_S:g}")
+        if not 1 <= self.repetitions <= MOST_REPETITIONS:
+            raise BadInput(f"excitation: repetitions = {self.repetitions!r}; expected 1 to {MOST_REPETITIONS}")
+        if not 0.0 < self.time_scale <= 1.0:
+            raise BadInput(f"excitation: time_scale = {self.time_scale!r}; expected more than 0, at most 1")
         joints = len(self.offset_rad)
         for name, value in (("offset_rad", self.offset_rad[None]), ("a_rad_s", self.a_rad_s), ("b_rad_s", self.b_rad_s)):
             if value.ndim != 2 or value.shape[1] != joints or not np.all(np.isfinite(value)):
@@ -56,27 +66,43 @@ class Excitation:
         return len(self.a_rad_s)
 
     @property
+    def pass_s(self) -> float:
+        """One repetition as it is played: the period over the time scale."""
+        return self.period_s / self.time_scale
+
+    @property
     def duration_s(self) -> float:
-        """All repetitions."""
-        return self.period_s * self.repetitions
+        """All repetitions as they are played."""
+        return self.pass_s * self.repetitions
 
     @property
     def digest(self) -> str:
-        """Identifies the curve: equal digests, equal motion. The number of repetitions does not enter."""
+        """Identifies the motion: equal digests, equal motion. Repetitions, cell, proof and figures of merit do not enter."""
+        return self._digest(slowed=True)
+
+    @property
+    def path_digest(self) -> str:
+        """Identifies the way through joint space, however slowly it is played; a proof of clearance belongs to it."""
+        return self._digest(slowed=False)
+
+    def _digest(self, *, slowed: bool) -> str:
         document = self.as_document()
         curve = {key: document[key] for key in ("robot", "mounting_deg", "period_s", "offset_rad", "a_rad_s", "b_rad_s")}
+        if slowed and self.time_scale != 1.0:  # at full speed the digest is what it was before there was a time scale
+            curve["time_scale"] = self.time_scale
         return hashlib.sha256(json.dumps(curve, sort_keys=True).encode()).hexdigest()[:16]
 
     def at(self, t_s: Array) -> State:
-        """The curve at times t (N,)."""
+        """The curve at times t (N,) of the clock: a time scale below 1 makes it slower, not another way."""
         k = np.arange(1, self.harmonics + 1)
         w = 2.0 * np.pi / self.period_s * k  # (H,)
-        phase = np.multiply.outer(t_s, w)  # (N, H)
+        pace = self.time_scale
+        phase = np.multiply.outer(t_s * pace, w)  # (N, H)
         sin, cos = np.sin(phase), np.cos(phase)
         q = self.offset_rad + sin @ (self.a_rad_s / w[:, None]) - cos @ (self.b_rad_s / w[:, None])
         qd = cos @ self.a_rad_s + sin @ self.b_rad_s
         qdd = cos @ (self.b_rad_s * w[:, None]) - sin @ (self.a_rad_s * w[:, None])
-        return State(q, qd, qdd)
+        return State(q, pace * qd, pace**2 * qdd)
 
     def sampled(self, rate_hz: float) -> tuple[Array, State]:
         """Times and states of the whole run at a rate, both ends included."""
@@ -85,17 +111,20 @@ class Excitation:
 
     def as_document(self) -> dict[str, Any]:
         """Plain JSON; `excitation_from_document` is its inverse."""
-        return {
+        document: dict[str, Any] = {
             "kind": "joint-monitor.excitation.v1",
             "robot": self.robot,
             "mounting_deg": [round(math.degrees(angle), 9) for angle in self.mounting.angles_rad],
             "period_s": self.period_s,
             "repetitions": self.repetitions,
+            "time_scale": self.time_scale,
             "offset_rad": self.offset_rad.tolist(),
             "a_rad_s": self.a_rad_s.tolist(),
             "b_rad_s": self.b_rad_s.tolist(),
             "source": self.source,
         }
+        told = {"cell": self.cell, "proof": self.proof, "objectives": self.objectives}
+        return document | {key: dict(value) for key, value in told.items() if value is not None}
 
 
 def excitation_from_document(document: Any) -> Excitation:
@@ -116,8 +145,17 @@ def excitation_from_document(document: Any) -> Excitation:
             a_rad_s=np.array(document["a_rad_s"], dtype=float),
             b_rad_s=np.array(document["b_rad_s"], dtype=float),
             source=str(document.get("source", "")),
+            time_scale=float(document.get("time_scale", 1.0)),
+            **{key: _table(document, key) for key in ("cell", "proof", "objectives")},
         )
     except KeyError as missing:
         raise BadInput(f"excitation: the key {missing} is missing") from None
-    except (TypeError, ValueError) as wrong:
+    except (TypeError, ValueError, OverflowError) as wrong:
         raise BadInput(f"excitation: {wrong}") from None
+
+
+def _table(document: dict[str, Any], key: str) -> dict[str, Any] | None:
+    value = document.get(key)
+    if value is not None and not isinstance(value, dict):
+        raise BadInput(f"excitation: {key} is {type(value).__name__}; expected an object")
+    return value

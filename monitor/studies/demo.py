@@ -270,7 +270,7 @@ def _ask_torque(client: Client, remote: Remote, configuration: Configuration) ->
     remote.advance(hours=0.6, ambient_c=20.0, duty=0.35)
     truth = remote.truth()
     temperature = list(truth["motor_temperature_c"])
-    t_s = np.linspace(0.0, configuration.excitation.period_s, 200, endpoint=False)
+    t_s = np.linspace(0.0, configuration.excitation.pass_s, 200, endpoint=False)
     q, qd, qdd = configuration.excitation.at(t_s)
     true = np.array(remote.torque(q.tolist(), qd.tolist(), qdd.tolist()))
     rows = {"q": q.tolist(), "qd": qd.tolist(), "qdd": qdd.tolist()}

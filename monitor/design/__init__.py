@@ -1,0 +1,1 @@
+"""Robot, mounting and cell → a trajectory that is safe, feasible and informative. Pure: the clock and Ctrl-C come in as functions."""

@@ -1,0 +1,56 @@
+"""The paper's optimiser, kept as a baseline: a genetic algorithm with a population of 300, Raviola et al. (2021), §2.3.
+
+The paper names population and tool only; the rest is that tool's default for continuous problems: fitness by rank, stochastic universal
+selection, 5 % elite, 80 % scattered crossover, Gaussian mutation that shrinks over the generations.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from monitor.recording import Array
+
+POPULATION = 300
+ELITE = 0.05
+CROSSOVER = 0.8
+FIRST_SPREAD = 0.3  # as the first step of CMA-ES: both begin alike
+MUTATION = 0.5  # of the first spread, at first
+GENERATIONS = 100  # over which the mutation shrinks to nothing; more generations go on with a hundredth
+
+
+def generations(
+    cost: Callable[[Array], float], first: Array, rng: np.random.Generator, over: Callable[[], bool], population: int = POPULATION
+) -> None:
+    """Evaluate generation after generation until `over`; the caller keeps the best it sees. One of the first is given."""
+    dimension = len(first)
+    people = FIRST_SPREAD * rng.standard_normal((population, dimension))
+    people[0] = first
+    costs = _all(cost, people, over)
+    elite, children = round(ELITE * population), round(CROSSOVER * (population - round(ELITE * population)))
+    generation = 0
+    while not over():
+        order = np.argsort(costs, kind="stable")
+        fitness = np.empty(population)
+        fitness[order] = 1.0 / np.sqrt(np.arange(1, population + 1))
+        mutants = population - elite - children
+        parents = _stochastic_universal(fitness, 2 * children + mutants, rng)
+        mothers, fathers = people[parents[:children]], people[parents[children : 2 * children]]
+        crossed = np.where(rng.random((children, dimension)) < 0.5, mothers, fathers)
+        spread = FIRST_SPREAD * MUTATION * max(0.01, 1.0 - generation / GENERATIONS)
+        mutated = people[parents[2 * children :]] + spread * rng.standard_normal((mutants, dimension))
+        new = np.vstack([crossed, mutated])
+        new_costs = _all(cost, new, over)
+        people, costs = np.vstack([people[order[:elite]], new]), np.concatenate([costs[order[:elite]], new_costs])
+        generation += 1
+
+
+def _all(cost: Callable[[Array], float], people: Array, over: Callable[[], bool]) -> Array:
+    return np.array([np.inf if over() else cost(u) for u in people])
+
+
+def _stochastic_universal(fitness: Array, count: int, rng: np.random.Generator) -> Array:
+    """(count,) indices drawn in proportion to fitness by equally spaced pointers, Baker (1987), in random order."""
+    wheel = np.cumsum(fitness) / np.sum(fitness)
+    pointers = (rng.random() + np.arange(count)) / count
+    chosen: Array = rng.permutation(np.minimum(np.searchsorted(wheel, pointers), len(fitness) - 1))
+    return chosen
