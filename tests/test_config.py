@@ -154,19 +154,20 @@ def test_a_figure_beyond_its_bounds_is_refused_by_name(room, key):
         assert f"{room}.{key} = {value!r}: input should be" in said
 
 
-@pytest.mark.parametrize(
-    "text",
-    ['{"a": ' * 100_000, "nonsense", "[]", '{"kind": "joint-monitor.excitation.v1"}', None, None],
-    ids=["deep", "no-json", "list", "empty", "endless", "century"],
-)
-def test_what_is_no_excitation_is_refused_with_its_name(tmp_path, text, request):
-    """Deep, broken, empty, endless or a century long: a sentence, no traceback."""
-    if text is None:
-        document = configuration.find_excitation("ur5-ground", Path()).as_document()
-        document |= {"repetitions": float("inf")} if request.node.callspec.id == "endless" else {"period_s": 1e9}
-        text = json.dumps(document)
+@pytest.mark.parametrize("text", ['{"a": ' * 100_000, "nonsense", "[]", '{"kind": "joint-monitor.excitation.v1"}'])
+def test_what_is_no_excitation_is_refused_with_its_name(tmp_path, text):
+    """Deep, broken, another thing, empty: a sentence, no traceback."""
     (tmp_path / "mine.json").write_text(text)
-    with pytest.raises(BadInput, match="excitation|mine"):
+    with pytest.raises(BadInput, match=r"excitation|mine\.json"):
+        configuration.find_excitation("mine.json", tmp_path)
+
+
+@pytest.mark.parametrize("change", [{"repetitions": float("inf")}, {"period_s": 1e9}, {"repetitions": 10**9}])
+def test_an_excitation_without_end_is_refused(tmp_path, change):
+    """Endless, a century long, a thousand million times."""
+    document = configuration.find_excitation("ur5-ground", Path()).as_document() | change
+    (tmp_path / "mine.json").write_text(json.dumps(document))
+    with pytest.raises(BadInput, match="excitation: "):
         configuration.find_excitation("mine.json", tmp_path)
 
 
