@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor import __version__
+from monitor import __version__, commands_bus
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
 if TYPE_CHECKING:
@@ -372,8 +372,8 @@ def predict(
 
 def _asked_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
     with _client(configuration) as client:
-        answer: dict[str, Any] = client.torque(**request)
-    return answer
+        answer: dict[str, Any] = client.torque(**request).model_dump(mode="json")
+        return answer
 
 
 def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
@@ -440,6 +440,10 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
         _print_json(document)
     else:
         print_status(document)
+
+
+for command in (commands_bus.alerts, commands_bus.ack, commands_bus.shelve, commands_bus.schema):
+    app.command()(command)
 
 
 @app.command()

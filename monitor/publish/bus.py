@@ -12,7 +12,7 @@ import re
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -22,11 +22,22 @@ log = logging.getLogger(__name__)
 
 ROOT = "joint-monitor/v1"
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
+LONGEST_PARAMETERS = 1000
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
 _ID = re.compile(r"[a-z0-9_-]+\Z")
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
-Answer = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+
+class Answer(NamedTuple):
+    """Who answers a key, and with what kind of document.
+
+    `about` gets the query's JSON object, or, where a key takes none, the selector's parameters; what it raises as BadInput becomes the
+    error reply.
+    """
+
+    kind: str
+    about: Callable[[Mapping[str, Any]], Mapping[str, Any]]
+    payload: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,8 +103,8 @@ class Bus:
     def __init__(self, settings: BusSettings, key_prefix: str, answers: Mapping[str, Answer] | None = None) -> None:
         """Open the session.
 
-        `answers` maps a key below the prefix to the function that answers queries with a payload there; what it raises
-        as BadInput becomes the error reply. Raises BusError where an endpoint cannot be opened.
+        `answers` maps a key below the prefix to who answers there; only a query for exactly that key is answered, so that a wildcard
+        makes nothing happen. Raises BusError where an endpoint cannot be opened.
         """
         self._settings = settings
         self._prefix = key_prefix
@@ -123,7 +134,9 @@ class Bus:
         self.close()
 
     def close(self) -> None:
-        """Send what is queued, then leave. A session left open would hang the interpreter at its exit."""
+        """Send what is queued, then leave; a second time is harmless. A session left open would hang the interpreter at its exit."""
+        if self._session.is_closed():
+            return
         try:
             self._outbox.put(None, timeout=5.0)
         except queue.Full:
@@ -212,8 +225,9 @@ class Bus:
         asked = str(query.key_expr)
         key = asked.removeprefix(f"{self._prefix}/")
         if key in self._answers:  # only the exact key: a wildcard must never make anything happen
-            kind = key.split("/")[0]
-            query.reply(asked, _encode(self._answers[key](_parameters(query, key))), encoding=encoding(kind))
+            answer = self._answers[key]
+            about = _payload(query, key) if answer.payload else _parameters(query, key)
+            query.reply(asked, _encode(answer.about(about)), encoding=encoding(answer.kind))
             return
         with self._lock:
             known = list(self._last.items())
@@ -231,16 +245,29 @@ def _refuse(query: zenoh.Query, why: str) -> None:
     query.reply_err(json.dumps({"error": why}).encode(), encoding=encoding("error"))
 
 
-def _parameters(query: zenoh.Query, key: str) -> Mapping[str, Any]:
+def _parameters(query: zenoh.Query, key: str) -> Mapping[str, str]:
+    text = str(query.parameters)
+    if len(text) > LONGEST_PARAMETERS:
+        raise BadInput(f"{key}: the selector's parameters have {len(text)} characters; at most {LONGEST_PARAMETERS} are read")
+    return dict(part.partition("=")[::2] for part in text.split(";") if part)
+
+
+def _payload(query: zenoh.Query, key: str) -> Mapping[str, Any]:
     payload = query.payload
     if payload is None:
         raise BadInput(f"{key}: the query carries no payload; expected a JSON object")
     if len(payload) > LARGEST_QUERY_BYTES:
         raise BadInput(f"{key}: the payload has {len(payload)} bytes; at most {LARGEST_QUERY_BYTES} are read")
     try:
-        document = json.loads(payload.to_bytes())
+        document = json.loads(payload.to_bytes(), parse_constant=_no_number)
+    except RecursionError:
+        raise BadInput(f"{key}: the payload is nested too deeply; expected a JSON object") from None
     except ValueError as error:
         raise BadInput(f"{key}: the payload is not JSON: {error}") from None
     if not isinstance(document, dict):
         raise BadInput(f"{key}: the payload is {type(document).__name__}; expected a JSON object")
     return document
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no JSON number")
