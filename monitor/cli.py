@@ -471,7 +471,7 @@ def _client(configuration: "Configuration") -> Any:
     from monitor.client import Client
 
     endpoint = (configuration.bus.connect or configuration.bus.listen)[0]
-    return Client(endpoint, configuration.robot.site, configuration.robot.id)
+    return Client(endpoint, configuration.robot.site, configuration.robot.id, zenoh_file=configuration.bus.client_zenoh)
 
 
 def _gains(text: str | None, arm: "Robot") -> "Array | None":

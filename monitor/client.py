@@ -42,20 +42,22 @@ class Message(NamedTuple):
 class Client:
     """A session that looks at one robot's monitor."""
 
-    def __init__(self, endpoint: str, site: str, robot: str, *, timeout_s: float = 5.0) -> None:
+    def __init__(self, endpoint: str, site: str, robot: str, *, timeout_s: float = 5.0, zenoh_file: str = "") -> None:
         """Connect.
 
-        Raises BusError where nobody listens at the endpoint.
+        zenoh_file : path of a Zenoh configuration (JSON5) with certificates or passwords, where the daemon or router asks for them.
+        Raises BusError where nobody listens at the endpoint or it does not let us in, BadInput where the file is none.
         """
         self._prefix = prefix(site, robot)
         self._timeout_s = timeout_s
-        config = session_config(mode="client", connect=(endpoint,))
+        config = session_config(mode="client", connect=(endpoint,), zenoh_file=zenoh_file)
         config.insert_json5("connect/timeout_ms", json.dumps(int(timeout_s * 1000)))
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError:
             raise BusError(
-                f"{endpoint}: nobody answers; is the daemon (joint-monitor run) or the router up, and is this its endpoint?"
+                f"{endpoint}: nobody answers, or not to us; is the daemon (joint-monitor run) or the router up, is this its endpoint, "
+                f"and does it ask for a certificate or a password?"
             ) from None
 
     def __enter__(self) -> "Client":

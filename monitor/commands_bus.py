@@ -89,7 +89,7 @@ def _client(config: Path) -> "Client":
 
     configuration = load(config)
     endpoint = (configuration.bus.connect or configuration.bus.listen)[0]
-    return Client(endpoint, configuration.robot.site, configuration.robot.id)
+    return Client(endpoint, configuration.robot.site, configuration.robot.id, zenoh_file=configuration.bus.client_zenoh)
 
 
 def _named(alert: str) -> tuple[int | None, str]:

@@ -166,6 +166,12 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
             mistakes.append(f"replay.repetitions: {repetitions!r} is not a whole number of 1 or more")
     if excitation is not None and robot and excitation.robot != robot.model:
         mistakes.append(f"replay.excitation: made for a {excitation.robot}, but robot.model is {robot.model}")
+    bus = sections["bus"]
+    for name in ("zenoh", "client_zenoh") if bus else ():
+        if value := getattr(bus, name):
+            if not (path.parent / value).is_file():
+                mistakes.append(f"bus.{name}: {path.parent / value} does not exist")
+            bus = dataclasses.replace(bus, **{name: str((path.parent / value).resolve())})
     if mistakes:
         raise BadConfiguration(f"{path}: " + "; ".join(mistakes))
     assess = AssessSettings(method=sections["assess"].method, **{name: sections[name] for name in _assess_sections()})
@@ -176,7 +182,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
         schedule=sections["schedule"],
         store=sections["store"],
         replay=sections["replay"],
-        bus=sections["bus"],
+        bus=bus,
         assess=assess,
         excitation=excitation,
     )

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
+import zenoh
 
 from monitor import __version__
 from monitor.assess import Assessment, Rejected, alert_document, assess
@@ -362,6 +363,8 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
         return replay(excitation, configuration.model, configuration.replay, context=context, should_stop=should_stop)
 
+    # whom Zenoh did not let in is told in the journal
+    zenoh.init_log_from_env_or("warn,zenoh::net::routing::interceptor=info")
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))

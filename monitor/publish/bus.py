@@ -7,6 +7,7 @@ a frozen router blocks that thread, never the caller.
 
 import json
 import logging
+import os
 import queue
 import re
 import threading
@@ -49,6 +50,8 @@ class BusSettings:
     live_rate_hz: float = 5.0  # of torque/live
     health_period_s: float = 60.0  # `health` is said again at least so often
     query_workers: int = 2  # threads that answer queries
+    zenoh: str = ""  # path of a Zenoh configuration (JSON5) for the daemon: TLS, authentication, access control; see deploy/zenoh/
+    client_zenoh: str = ""  # the same for the commands of this machine: watch, alerts, ack, predict, …
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the figure that is out of its range."""
@@ -74,9 +77,15 @@ def prefix(site: str, robot: str) -> str:
     return f"{ROOT}/{site}/{robot}"
 
 
-def session_config(*, mode: str, listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait_for_peer: bool = True) -> zenoh.Config:
-    """Zenoh's configuration without scouting: we speak only to the endpoints that we were told."""
-    config = zenoh.Config()
+def session_config(
+    *, mode: str, listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait_for_peer: bool = True, zenoh_file: str = ""
+) -> zenoh.Config:
+    """Zenoh's configuration without scouting: we speak only to the endpoints that we were told.
+
+    zenoh_file : path of a JSON5 configuration for all else (TLS, authentication, access control), or nothing; `${CREDENTIALS_DIRECTORY}`
+    in it is where the service manager put the secrets. Raises BadInput where it cannot be read or is no Zenoh configuration.
+    """
+    config = _from_file(zenoh_file) if zenoh_file else zenoh.Config()
     values: dict[str, Any] = {
         "mode": mode,
         "listen/endpoints": list(listen),
@@ -90,6 +99,23 @@ def session_config(*, mode: str, listen: tuple[str, ...] = (), connect: tuple[st
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _from_file(path: str) -> zenoh.Config:
+    try:
+        with open(path, encoding="utf-8") as file:
+            text = file.read()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: cannot be read: {error}") from None
+    if "${CREDENTIALS_DIRECTORY}" in text:
+        credentials = os.environ.get("CREDENTIALS_DIRECTORY")
+        if not credentials:
+            raise BadInput(f"{path}: asks for $CREDENTIALS_DIRECTORY, which the service manager sets (LoadCredential=); it is not set here")
+        text = text.replace("${CREDENTIALS_DIRECTORY}", credentials)
+    try:
+        return zenoh.Config.from_json5(text)
+    except zenoh.ZError as error:
+        raise BadInput(f"{path}: is no Zenoh configuration: {str(error).split(' at /')[0]}") from None
 
 
 def encoding(kind: str) -> zenoh.Encoding:
@@ -113,7 +139,9 @@ class Bus:
         self._lock = threading.Lock()
         self._outbox: queue.Queue[tuple[str, str, bytes, bool, Callable[[], None] | None] | None] = queue.Queue(QUEUE_LENGTH)
         self.dropped = 0
-        config = session_config(mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False)
+        config = session_config(
+            mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False, zenoh_file=settings.zenoh
+        )
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
