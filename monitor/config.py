@@ -19,6 +19,7 @@ from monitor.errors import BadConfiguration, BadInput
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.publish.bus import BusSettings, prefix
+from monitor.publish.metrics import MetricsSettings
 from monitor.recording import Context
 
 
@@ -69,6 +70,7 @@ class Configuration:
     store: StoreSettings
     replay: ReplaySettings
     bus: BusSettings
+    metrics: MetricsSettings
     assess: AssessSettings
     excitation: Excitation
 
@@ -128,6 +130,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
     mistakes: list[str] = []
     sections: dict[str, Any] = {}
     rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
+    rooms["metrics"] = MetricsSettings
     rooms |= _assess_sections() | {"assess": _FlowSettings}
     names = [*rooms, "replay"]
     for unknown in [name for name in document if name not in names]:
@@ -183,6 +186,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
         store=sections["store"],
         replay=sections["replay"],
         bus=bus,
+        metrics=sections["metrics"],
         assess=assess,
         excitation=excitation,
     )

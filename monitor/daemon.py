@@ -27,6 +27,7 @@ from monitor.model.fourier import Excitation
 from monitor.publish.answers import torque_answer
 from monitor.publish.bus import Answer, Bus
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
+from monitor.publish.metrics import MetricsServer
 from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
 from monitor.recording import Array, Context, Recording
 from monitor.store import Event, LedgerRow, Store
@@ -368,6 +369,8 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))
+        if configuration.metrics.listen:
+            stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
         for number in (signal.SIGTERM, signal.SIGINT):
             # from another thread: the main one may hold the event's own lock at the moment of the signal
             signal.signal(number, lambda *_: threading.Thread(target=daemon.stopping.set, daemon=True).start())

@@ -197,6 +197,12 @@ class Bus:
         """Say one transition on `event`."""
         self._enqueue(("event", "event", _encode(document), False, done))
 
+    def last_values(self) -> dict[str, Any]:
+        """What is answered to a plain `get`: documents by key below the prefix."""
+        with self._lock:
+            known = dict(self._last)
+        return {key: json.loads(payload) for key, (_, payload) in known.items()}
+
     def robot_alive(self, alive: bool) -> None:
         """Hold or drop the liveliness token of the link to the arm."""
         if alive and self._robot_alive is None:
