@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor import __version__
+from monitor import __version__, commands_bus
 from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
@@ -407,8 +407,8 @@ def predict(
 
 def _asked_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
     with _client(configuration) as client:
-        answer: dict[str, Any] = client.torque(**request)
-    return answer
+        answer: dict[str, Any] = client.torque(**request).model_dump(mode="json")
+        return answer
 
 
 def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
@@ -478,6 +478,8 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
 
 
 app.command(name="design")(design)
+for command in (commands_bus.alerts, commands_bus.ack, commands_bus.shelve, commands_bus.schema):
+    app.command()(command)
 
 
 @app.command()
@@ -505,7 +507,7 @@ def _client(configuration: "Configuration") -> Any:
     from monitor.client import Client
 
     endpoint = (configuration.bus.connect or configuration.bus.listen)[0]
-    return Client(endpoint, configuration.robot.site, configuration.robot.id)
+    return Client(endpoint, configuration.robot.site, configuration.robot.id, zenoh_file=configuration.bus.client_zenoh)
 
 
 def _gains(text: str | None, arm: "Robot") -> "Array | None":

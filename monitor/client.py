@@ -1,8 +1,10 @@
 """Client: the bus for other people's programs, and for our own commands.
 
 with Client("tcp/127.0.0.1:7447", "site", "cell-3") as client:
-    print(client.get("health"))
-    print(client.torque(q=[...], qd=[...], temperature_c=[...]))
+    print(client.health().state)
+    print(client.torque(q=[...], qd=[...], temperature_c=[...]).torque_nm)
+    for alert in client.alerts():
+        print(alert.text)
 """
 
 import json
@@ -14,6 +16,20 @@ import zenoh
 
 from monitor.errors import BadInput, BusError
 from monitor.publish.bus import prefix, session_config
+from monitor.publish.documents import (
+    AckRequest,
+    Alert,
+    Events,
+    Friction,
+    Health,
+    History,
+    HistoryRow,
+    Model,
+    ReplayRequest,
+    Request,
+    ShelveRequest,
+    Torque,
+)
 
 
 class Message(NamedTuple):
@@ -26,20 +42,22 @@ class Message(NamedTuple):
 class Client:
     """A session that looks at one robot's monitor."""
 
-    def __init__(self, endpoint: str, site: str, robot: str, *, timeout_s: float = 5.0) -> None:
+    def __init__(self, endpoint: str, site: str, robot: str, *, timeout_s: float = 5.0, zenoh_file: str = "") -> None:
         """Connect.
 
-        Raises BusError where nobody listens at the endpoint.
+        zenoh_file : path of a Zenoh configuration (JSON5) with certificates or passwords, where the daemon or router asks for them.
+        Raises BusError where nobody listens at the endpoint or it does not let us in, BadInput where the file is none.
         """
         self._prefix = prefix(site, robot)
         self._timeout_s = timeout_s
-        config = session_config(mode="client", connect=(endpoint,))
+        config = session_config(mode="client", connect=(endpoint,), zenoh_file=zenoh_file)
         config.insert_json5("connect/timeout_ms", json.dumps(int(timeout_s * 1000)))
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError:
             raise BusError(
-                f"{endpoint}: nobody answers; is the daemon (joint-monitor run) or the router up, and is this its endpoint?"
+                f"{endpoint}: nobody answers, or not to us; is the daemon (joint-monitor run) or the router up, is this its endpoint, "
+                f"and does it ask for a certificate or a password?"
             ) from None
 
     def __enter__(self) -> "Client":
@@ -67,40 +85,115 @@ class Client:
             answers.append(self._message(reply.ok))
         return answers
 
-    def torque(self, **arguments: Any) -> dict[str, Any]:
+    def health(self) -> Health:
+        """NE 107 states of arm and joints. Raises BusError where no daemon answers for this robot."""
+        return Health.model_validate(self._one("health").document)
+
+    def model(self) -> Model:
+        """The temperature-compensated model. Raises BusError where there is none yet."""
+        return Model.model_validate(self._one("model").document)
+
+    def alerts(self, *, cleared: bool = False) -> list[Alert]:
+        """Active alerts, the oldest first; with `cleared` also the last cleared one of each condition."""
+        alerts = [Alert.model_validate(message.document) for message in self.get("alert/*/*")]
+        return sorted((alert for alert in alerts if cleared or alert.active), key=lambda alert: alert.raised_at)
+
+    def friction(self) -> list[Friction]:
+        """Each joint after the last replay, in order."""
+        return sorted((Friction.model_validate(message.document) for message in self.get("joint/*/friction")), key=lambda row: row.joint)
+
+    def torque(self, **arguments: Any) -> Torque:
         """Temperature-corrected torque of one sample or of N: `q`, `qd`, `qdd` [rad, rad/s, rad/s²], `temperature_c`.
 
         Raises BadInput with the daemon's words where the arguments are wrong, BusError where nobody answers.
         """
-        answers = self.get("torque", {name: value for name, value in arguments.items() if value is not None})
-        if not answers:
-            raise BusError(f"{self._prefix}/torque: no answer; is a daemon running for this robot?")
-        return answers[0].document
+        asked = {name: value for name, value in arguments.items() if value is not None}
+        return Torque.model_validate(self._one("torque", asked).document)
+
+    def history(self, *, joint: int | None = None, since: str | None = None, until: str | None = None) -> Iterator[HistoryRow]:
+        """Past estimates, the oldest first, page by page; times as RFC 3339."""
+        after: int | None = 0
+        while after is not None:
+            parameters = {"joint": joint, "from": since, "to": until, "after": after}
+            text = ";".join(f"{name}={value}" for name, value in parameters.items() if value is not None)
+            page = History.model_validate(self._one(f"history?{text}").document)
+            yield from page.rows
+            after = page.next
+
+    def events(self, after: int = 0) -> Events:
+        """Transitions of alerts after a number: what a program missed while it was away."""
+        return Events.model_validate(self._one(f"event?after={after}").document)
+
+    def acknowledge(self, joint: int | None, condition: str, *, by: str, why: str = "") -> Alert:
+        """An alert has been seen. Raises BadInput where there is no such active alert."""
+        return self._command("cmd/ack", AckRequest(joint=joint, condition=condition, by=by, why=why))
+
+    def shelve(self, joint: int | None, condition: str, *, hours: float, by: str, why: str = "") -> Alert:
+        """An alert need not be shown for some hours. Raises BadInput where there is no such active alert."""
+        return self._command("cmd/shelve", ShelveRequest(joint=joint, condition=condition, hours=hours, by=by, why=why))
+
+    def request_replay(self, *, by: str, why: str = "") -> str:
+        """Ask for a replay now. Raises BadInput with the daemon's reason where it refuses."""
+        answer = self._one("cmd/replay", ReplayRequest(by=by, why=why).model_dump())
+        return str(answer.document["done"])
 
     def watch(self, selector: str = "**", *, with_last: bool = True, until: Callable[[], bool] = lambda: False) -> Iterator[Message]:
         """First the last values, then everything that is said, until `until()` or the end of the program.
 
-        Raises as `get`.
+        Where `event` is among what is watched, every transition is told once and in order: those that were missed while the link, a
+        router or the daemon was away are asked for as soon as the daemon is back, and last values are told anew. Raises as `get`.
         """
         key = self._key(selector)
-        # the callback only hands over: a slow one would block the whole link after 256 samples
-        arrived: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        # the callbacks only hand over: a slow one would block the whole link after 256 samples
+        arrived: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
 
         def hand_over(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:
                 arrived.put(self._message(sample))
 
+        def back(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                arrived.put(None)
+
+        log = _Transitions(self) if zenoh.KeyExpr(key).intersects(zenoh.KeyExpr(f"{self._prefix}/event")) else None
         subscriber = self._session.declare_subscriber(key, hand_over)
+        alive = self._session.liveliness().declare_subscriber(f"{self._prefix}/alive/monitor", back)
         try:
+            if log is not None:
+                log.begin(with_last=with_last)
             if with_last:
                 yield from self.get(selector)
             while not until():
                 try:
-                    yield arrived.get(timeout=0.2)  # in slices, so that Ctrl-C and `until` are heard
+                    message = arrived.get(timeout=0.2)  # in slices, so that Ctrl-C and `until` are heard
                 except queue.Empty:
                     continue
+                if message is None:
+                    if log is not None:
+                        yield from log.missed()
+                    yield from self._again(selector)
+                elif message.key == "event" and log is not None:
+                    yield from log.next(message)
+                else:
+                    yield message
         finally:
             subscriber.undeclare()
+            alive.undeclare()
+
+    def _again(self, selector: str) -> list[Message]:
+        try:
+            return self.get(selector)
+        except BusError:  # gone again: its return will be told as well
+            return []
+
+    def _one(self, selector: str, payload: Mapping[str, Any] | None = None) -> Message:
+        answers = self.get(selector, payload)
+        if not answers:
+            raise BusError(f"{self._prefix}/{selector}: no answer; is a daemon running for this robot, and has it assessed a replay?")
+        return answers[0]
+
+    def _command(self, key: str, request: Request) -> Alert:
+        return Alert.model_validate(self._one(key, request.model_dump()).document["alert"])
 
     def _key(self, selector: str) -> str:
         key = f"{self._prefix}/{selector}"
@@ -113,3 +206,42 @@ class Client:
 
     def _message(self, sample: zenoh.Sample) -> Message:
         return Message(str(sample.key_expr).removeprefix(f"{self._prefix}/"), json.loads(sample.payload.to_bytes()))
+
+
+class _Transitions:
+    """Hands on every numbered transition once and in order."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._last: int | None = None
+
+    def begin(self, *, with_last: bool) -> None:
+        """What came before is not told: it stands in the last values."""
+        try:
+            self._last = self._client.events().last or 0
+        except (BusError, BadInput):
+            self._last = None if with_last else 0  # nobody there yet: whatever comes first is the beginning
+
+    def next(self, message: Message) -> Iterator[Message]:
+        """One that arrived, and before it those that did not."""
+        number = int(message.document.get("seq", 0))
+        if self._last is None:
+            self._last = number - 1
+        if number > self._last + 1:
+            yield from self.missed(before=number)
+        if number > self._last:
+            self._last = number
+            yield message
+
+    def missed(self, before: int | None = None) -> Iterator[Message]:
+        """Those after the last one told, as far as the daemon still has them."""
+        if self._last is None:
+            return
+        try:
+            events = self._client.events(self._last).events
+        except (BusError, BadInput):
+            return
+        for event in events:
+            if event.seq > self._last and (before is None or event.seq < before):
+                self._last = event.seq
+                yield Message("event", event.model_dump(mode="json"))

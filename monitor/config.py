@@ -20,6 +20,7 @@ from monitor.errors import BadConfiguration, BadInput
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.publish.bus import BusSettings, prefix
+from monitor.publish.metrics import MetricsSettings
 from monitor.recording import Context
 
 
@@ -70,6 +71,7 @@ class Configuration:
     store: StoreSettings
     replay: ReplaySettings
     bus: BusSettings
+    metrics: MetricsSettings
     assess: AssessSettings
     excitation: Excitation
 
@@ -129,6 +131,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
     mistakes: list[str] = []
     sections: dict[str, Any] = {}
     rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
+    rooms["metrics"] = MetricsSettings
     rooms |= _assess_sections() | {"assess": _FlowSettings}
     names = [*rooms, "replay"]
     for unknown in [name for name in document if name not in names]:
@@ -179,6 +182,12 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
         sections["replay"] = dataclasses.replace(sections["replay"], cell=cell)
     if excitation is not None and robot and excitation.robot != robot.model:
         mistakes.append(f"replay.excitation: made for a {excitation.robot}, but robot.model is {robot.model}")
+    bus = sections["bus"]
+    for name in ("zenoh", "client_zenoh") if bus else ():
+        if value := getattr(bus, name):
+            if not (path.parent / value).is_file():
+                mistakes.append(f"bus.{name}: {path.parent / value} does not exist")
+            bus = dataclasses.replace(bus, **{name: str((path.parent / value).resolve())})
     if mistakes:
         raise BadConfiguration(f"{path}: " + "; ".join(mistakes))
     assess = AssessSettings(method=sections["assess"].method, **{name: sections[name] for name in _assess_sections()})
@@ -189,7 +198,8 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
         schedule=sections["schedule"],
         store=sections["store"],
         replay=sections["replay"],
-        bus=sections["bus"],
+        bus=bus,
+        metrics=sections["metrics"],
         assess=assess,
         excitation=excitation,
     )

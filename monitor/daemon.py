@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
+import zenoh
 
 from monitor import __version__
 from monitor.assess import Assessment, Rejected, alert_document, assess
@@ -21,13 +22,16 @@ from monitor.files import read_recording, write_recording
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.compensation import CompensatedModel, model_from_document
 from monitor.judge.document import plain
-from monitor.judge.health import Health, health_from_document
+from monitor.judge.health import Alert, Health, acknowledge, health_from_document, shelve
 from monitor.model.fourier import Excitation
 from monitor.publish.answers import torque_answer
-from monitor.publish.bus import Bus
+from monitor.publish.bus import Answer, Bus
+from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
+from monitor.publish.metrics import MetricsServer
+from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
 from monitor.recording import Array, Context, Recording
 from monitor.store import Event, LedgerRow, Store
-from monitor.timestamps import outside
+from monitor.timestamps import outside, rfc3339
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +59,17 @@ class Daemon:
         self._health: Health | None = None
         self._model: CompensatedModel | None = None
         self._next_due_unix_s: float | None = None
-        self.bus = Bus(configuration.bus, configuration.key_prefix, {"torque": self._answer_torque})
+        self._judging = threading.Lock()  # health changes by a replay's verdict and by people's words, and by one at a time
+        self.wanted: Callable[[], None] | None = None  # how a replay that somebody asks for is scheduled
+        answers = {
+            "torque": Answer("torque", self._answer_torque),
+            "history": Answer("history", self._answer_history, payload=False),
+            "event": Answer("events", self._answer_event, payload=False),
+            "cmd/ack": Answer("answer", self._answer_ack),
+            "cmd/shelve": Answer("answer", self._answer_shelve),
+            "cmd/replay": Answer("answer", self._answer_replay),
+        }
+        self.bus = Bus(configuration.bus, configuration.key_prefix, answers)
 
     def __enter__(self) -> "Daemon":
         """Take up what the last run left: nothing is replayed, what was recorded is assessed, what was decided is said."""
@@ -138,6 +152,10 @@ class Daemon:
         self._assess(row.id, recording)
 
     def _assess(self, ledger_id: int, recording: Recording) -> None:
+        with self._judging:
+            self._assess_alone(ledger_id, recording)
+
+    def _assess_alone(self, ledger_id: int, recording: Recording) -> None:
         configuration = self.configuration
         gains = configuration.robot.gains_nm_per_a
         try:
@@ -195,7 +213,7 @@ class Daemon:
 
     def say_live(self, document: dict[str, Any]) -> None:
         """One sample of predicted against measured torque."""
-        self.bus.stream("torque/live", "torque", document)
+        self.bus.stream("torque/live", "torque-live", document)
 
     def _say(self, key: str, kind: str, document: dict[str, Any], *, done: Callable[[], None] | None = None) -> None:
         told = outside(document)
@@ -207,13 +225,14 @@ class Daemon:
         if self._model is not None:
             self._say("model", "model", self._model.as_document())
         for alert in self._health.alerts if self._health else ():
-            place = "arm" if alert.joint is None else f"j{alert.joint}"
-            self._say(f"alert/{place}/{alert.condition}", "alert", alert_document(alert))
+            self._say_alert(alert)
+
+    def _say_alert(self, alert: Alert) -> None:
+        place = "arm" if alert.joint is None else f"j{alert.joint}"
+        self._say(f"alert/{place}/{alert.condition}", "alert", alert_document(alert))
 
     def _say_event(self, event: Event) -> None:
-        told = outside({"seq": event.seq, "at_unix_s": event.at_unix_s, **event.document})
-        assert isinstance(told, dict)
-        self.bus.event(told, done=lambda: self._store.published(event.seq))
+        self.bus.event(_event_document(event), done=lambda: self._store.published(event.seq))
 
     def _say_everything(self) -> None:
         configuration = self.configuration
@@ -237,6 +256,65 @@ class Daemon:
             raise BadInput("torque: there is no model yet; it comes with the first replay that is assessed")
         return torque_answer(self._model, self._robot, self.present_temperature_c, request)
 
+    def _answer_history(self, parameters: Any) -> dict[str, Any]:
+        asked = history_question(parameters, self._robot.joints)
+        rows, following = self._store.history(
+            joint=asked.joint, from_unix_s=asked.from_unix_s, to_unix_s=asked.to_unix_s, after=asked.after, limit=asked.limit
+        )
+        return {"rows": outside(rows), "next": following}
+
+    def _answer_event(self, parameters: Any) -> dict[str, Any]:
+        after = events_after(parameters)
+        kept = self._store.event_range()
+        events = [_event_document(event) for event in self._store.events(after=after, limit=MOST_EVENTS)]
+        return {"events": events, "first_kept": kept[0] if kept else None, "last": kept[1] if kept else None}
+
+    def _answer_ack(self, payload: Any) -> dict[str, Any]:
+        asked = request(AckRequest, "cmd/ack", payload)
+
+        def change(health: Health, at: float) -> Health:
+            return acknowledge(health, asked.joint, asked.condition, by=asked.by, why=asked.why, at_unix_s=at)
+
+        return self._revised("acknowledged", asked, change)
+
+    def _answer_shelve(self, payload: Any) -> dict[str, Any]:
+        asked = request(ShelveRequest, "cmd/shelve", payload)
+
+        def change(health: Health, at: float) -> Health:
+            until = at + 3600.0 * asked.hours
+            return shelve(health, asked.joint, asked.condition, by=asked.by, why=asked.why, until_unix_s=until, at_unix_s=at)
+
+        return self._revised("shelved", asked, change)
+
+    def _revised(self, kind: str, asked: AckRequest, change: Callable[[Health, float], Health]) -> dict[str, Any]:
+        """What a person did to an alert: durable first, then said. Raises BadInput where there is no such active alert."""
+        with self._judging:
+            at = self._now()
+            if self._health is None:
+                raise BadInput(f"cmd: no alert can be {kind}: no replay has been assessed yet")
+            health = change(self._health, at)
+            alert = next(alert for alert in health.alerts if alert.key == (asked.joint, asked.condition) and alert.active)
+            events = self._store.revise(health.as_document(), [{"kind": kind, **alert_document(alert)}], at)
+            self._health = health
+            self._say_alert(alert)
+            self.say_health()
+            for event in events:
+                self._say_event(event)
+        log.info("alert=%s/%s %s by=%r why=%r", asked.joint or "arm", asked.condition, kind, asked.by, asked.why)
+        return {"done": kind, "alert": outside(alert_document(alert))}
+
+    def _answer_replay(self, payload: Any) -> dict[str, Any]:
+        asked = request(ReplayRequest, "cmd/replay", payload)
+        if self.configuration.replay.allow_motion is not True:
+            raise BadInput("cmd/replay: refused: motion is not allowed here (allow_motion is false)")
+        if self.wanted is None:
+            raise BadInput("cmd/replay: refused: this monitor schedules no replays")
+        if self._one_at_a_time.locked():
+            raise BadInput("cmd/replay: refused: a replay is under way")
+        self.wanted()
+        log.info("replay wanted by=%r why=%r", asked.by, asked.why)
+        return {"done": "accepted"}
+
     def live(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> None:
         """Say predicted against measured torque of the arm's present motion; all (J,)."""
         self.present_temperature_c = temperature_c
@@ -248,7 +326,7 @@ class Daemon:
         known = bool(np.all(np.isfinite(measured)))
         self.say_live(
             {
-                "at": outside({"at_unix_s": self._now()}),
+                "at": rfc3339(self._now()),
                 "q_rad": q.tolist(),
                 "qd_rad_s": qd.tolist(),
                 "temperature_c": temperature_c.tolist(),
@@ -260,6 +338,12 @@ class Daemon:
                 "model_revision": self._model.revision,
             }
         )
+
+
+def _event_document(event: Event) -> dict[str, Any]:
+    told = outside({"seq": event.seq, "at_unix_s": event.at_unix_s, **event.document})
+    assert isinstance(told, dict)
+    return told
 
 
 def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
@@ -280,9 +364,13 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
         return replay(excitation, configuration.model, configuration.replay, context=context, should_stop=should_stop)
 
+    # whom Zenoh did not let in is told in the journal
+    zenoh.init_log_from_env_or("warn,zenoh::net::routing::interceptor=info")
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))
+        if configuration.metrics.listen:
+            stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
         for number in (signal.SIGTERM, signal.SIGINT):
             # from another thread: the main one may hold the event's own lock at the moment of the signal
             signal.signal(number, lambda *_: threading.Thread(target=daemon.stopping.set, daemon=True).start())
@@ -304,8 +392,13 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
             lambda event: daemon.skip(event.scheduled_run_time.timestamp(), "missed: the monitor or its host was not running"),
             EVENT_JOB_MISSED,
         )
+
+        def wanted() -> None:
+            scheduler.add_job(lambda: daemon.perform(time.time(), "requested"), id="wanted", misfire_grace_time=None, replace_existing=True)
+
+        daemon.wanted = wanted
         if replay_now:
-            scheduler.add_job(lambda: daemon.perform(time.time(), "requested"), id="now", misfire_grace_time=None)
+            wanted()
         scheduler.start()
         stack.callback(scheduler.shutdown, wait=True)
         daemon.next_due(job.next_run_time.timestamp())

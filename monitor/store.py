@@ -248,7 +248,6 @@ class Store:
 
         Returns the events with the sequence numbers that they were given.
         """
-        numbered = []
         with self._transaction() as db:
             changed = db.execute(
                 "UPDATE ledger SET state = 'assessed', ended_at_unix_s = ? WHERE id = ? AND state = 'recorded'",
@@ -264,12 +263,7 @@ class Store:
                 "SET revision = revision + 1, belief = excluded.belief, health = excluded.health, model = excluded.model",
                 (_text(belief), _text(health), _text(model)),
             )
-            for document in events:
-                cursor = db.execute(
-                    "INSERT INTO event (ledger_id, at_unix_s, document) VALUES (?, ?, ?)", (ledger_id, float(at_unix_s), _text(document))
-                )
-                numbered.append(Event(int(cursor.lastrowid or 0), float(at_unix_s), dict(document)))
-        return numbered
+            return _numbered(db, ledger_id, at_unix_s, events)
 
     def state(self) -> State | None:
         """What is held true now; None before the first assessment."""
@@ -287,20 +281,71 @@ class Store:
         )
         return [{"replay": replay, **json.loads(document), "joint": number} for replay, number, document in reversed(rows)]
 
+    def history(
+        self,
+        *,
+        joint: int | None = None,
+        from_unix_s: float | None = None,
+        to_unix_s: float | None = None,
+        after: int = 0,
+        limit: int = 1000,
+    ) -> tuple[list[dict[str, Any]], int | None]:
+        """Friction documents of recordings made in [from, to), oldest first, each with `replay`, `recorded_at_unix_s` and `joint`.
+
+        A page holds whole replays, those after the replay `after`, and at most about `limit` rows; with it comes the `after` of the next
+        page, None at the end.
+        """
+        rows = self._rows(
+            "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id > ?1 AND (?2 IS NULL OR joint = ?2) "
+            "AND (?3 IS NULL OR recorded_at_unix_s >= ?3) AND (?4 IS NULL OR recorded_at_unix_s < ?4) ORDER BY ledger_id, joint LIMIT ?5",
+            (after, joint, from_unix_s, to_unix_s, limit + 1),
+        )
+        more = len(rows) > limit
+        if more:
+            cut = rows[-1][0]  # this replay may go on beyond the limit
+            whole = [row for row in rows if row[0] != cut]
+            rows = whole or self._rows(
+                "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id = ?1 ORDER BY joint", (cut,)
+            )
+        told = [{**json.loads(text), "replay": replay, "recorded_at_unix_s": at, "joint": number} for replay, number, at, text in rows]
+        return told, (int(rows[-1][0]) if more else None)
+
     # --- events -----------------------------------------------------------------------------
 
-    def events(self, *, unpublished: bool = False, limit: int | None = None) -> list[Event]:
-        """Transitions in order; only those that were never published where asked."""
+    def revise(self, health: Mapping[str, Any], events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[Event]:
+        """What a person did to alerts, in one transaction: the health that follows, and the transitions with their numbers."""
+        with self._transaction() as db:
+            if db.execute("UPDATE state SET health = ?", (_text(health),)).rowcount != 1:
+                raise StoreError("no replay has been assessed yet")
+            return _numbered(db, None, at_unix_s, events)
+
+    def events(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> list[Event]:
+        """The newest `limit` transitions after number `after`, in order; only those that were never published where asked."""
         rows = self._rows(
-            "SELECT seq, at_unix_s, document FROM event WHERE published <= ? ORDER BY seq DESC LIMIT ?",
-            (0 if unpublished else 1, -1 if limit is None else limit),
+            "SELECT seq, at_unix_s, document FROM event WHERE published <= ? AND seq > ? ORDER BY seq DESC LIMIT ?",
+            (0 if unpublished else 1, after, -1 if limit is None else limit),
         )
         return [Event(seq, at, json.loads(document)) for seq, at, document in reversed(rows)]
+
+    def event_range(self) -> tuple[int, int] | None:
+        """Numbers of the oldest and of the newest transition kept; None where there is none."""
+        ((oldest, newest),) = self._rows("SELECT min(seq), max(seq) FROM event")
+        return None if oldest is None else (int(oldest), int(newest))
 
     def published(self, seq: int) -> None:
         """The event is on the bus."""
         with self._transaction() as db:
             db.execute("UPDATE event SET published = 1 WHERE seq = ?", (seq,))
+
+
+def _numbered(db: sqlite3.Connection, ledger_id: int | None, at_unix_s: float, events: Sequence[Mapping[str, Any]]) -> list[Event]:
+    numbered = []
+    for document in events:
+        cursor = db.execute(
+            "INSERT INTO event (ledger_id, at_unix_s, document) VALUES (?, ?, ?)", (ledger_id, float(at_unix_s), _text(document))
+        )
+        numbered.append(Event(int(cursor.lastrowid or 0), float(at_unix_s), dict(document)))
+    return numbered
 
 
 def _text(document: Mapping[str, Any]) -> str:

@@ -18,6 +18,7 @@ _STATE_STYLE = {
     "MAINTENANCE_REQUIRED": "bold magenta",
     "FAILURE": "bold red",
 }
+_TIER_STYLE = {"advisory": "yellow", "wear": "bold magenta", "limit": "bold red", "cleared": "green"}
 
 
 @contextmanager
@@ -92,6 +93,24 @@ def _pair(value: float | None, std: float | None) -> str:
 
 def _percent(fraction: float | None) -> str:
     return "–" if fraction is None else f"{100 * fraction:.1f} %"
+
+
+def print_alerts(alerts: list[dict[str, Any]]) -> None:
+    """The `alerts` command's list: what, how grave, since when, why, what to do, who has seen it."""
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    if not alerts:
+        console.print("no alerts")
+    for alert in alerts:
+        place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
+        state = alert["tier"] if alert["active"] else "cleared"
+        console.print(f"[bold]{place}/{alert['condition']}[/] [{_TIER_STYLE.get(state, 'white')}]{state}[/] since {alert['raised_at']}")
+        console.print(f"  {alert['text']}")
+        console.print(f"  do: {alert['action']}")
+        if alert["acknowledged_at"]:
+            why = f": {alert['acknowledged_why']}" if alert["acknowledged_why"] else ""
+            console.print(f"  acknowledged by {alert['acknowledged_by']} at {alert['acknowledged_at']}{why}", markup=False)
+        if alert["shelved_until"]:
+            console.print(f"  shelved by {alert['shelved_by']} until {alert['shelved_until']}", markup=False)
 
 
 def print_status(document: dict[str, Any]) -> None:

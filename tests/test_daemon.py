@@ -150,8 +150,8 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
         friction = client.get("joint/3/friction")[0].document
         assert friction["coulomb_nm"] > 0
         answer = client.torque(q=[0, -1.5, 0.5, 0, 0, 0], qd=[0.5] * 6, temperature_c=[25.0] * 6)
-        assert len(answer["torque_nm"]) == 6
-        assert answer["model_revision"] == 1
+        assert len(answer.torque_nm) == 6
+        assert answer.model_revision == 1
         assert eventually(lambda: len(client.get("torque/live")) == 1, 10.0)
         live = client.get("torque/live")[0].document
         assert len(live["residual_nm"]) == 6
@@ -163,14 +163,14 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
     assert [row["state"] for row in json.loads(told.stdout)["ledger"]] == ["assessed"]
     arguments = ["--q=0,-1.5,0.5,0,0,0", "--qd=0.5,0.5,0.5,0.5,0.5,0.5", "--temperature=25,25,25,25,25,25"]
     local = cell.command("predict", "--config", str(cell.config), *arguments, "--local", "--json")
-    assert json.loads(local.stdout)["torque_nm"] == pytest.approx(answer["torque_nm"])
+    assert json.loads(local.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
 
     daemon = cell.daemon()
     with cell.client() as client:
         assert eventually(lambda: len(client.get("joint/*/friction")) == 6, 10.0)
         assert client.get("joint/3/friction")[0].document == friction
         asked = cell.command("predict", "--config", str(cell.config), *arguments, "--json")
-        assert json.loads(asked.stdout)["torque_nm"] == pytest.approx(answer["torque_nm"])
+        assert json.loads(asked.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
     stop(daemon)
     assert [row.state for row in cell.ledger()] == ["assessed"]
 

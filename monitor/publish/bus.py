@@ -7,12 +7,13 @@ a frozen router blocks that thread, never the caller.
 
 import json
 import logging
+import os
 import queue
 import re
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -22,11 +23,22 @@ log = logging.getLogger(__name__)
 
 ROOT = "joint-monitor/v1"
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
+LONGEST_PARAMETERS = 1000
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
 _ID = re.compile(r"[a-z0-9_-]+\Z")
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
-Answer = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+
+class Answer(NamedTuple):
+    """Who answers a key, and with what kind of document.
+
+    `about` gets the query's JSON object, or, where a key takes none, the selector's parameters; what it raises as BadInput becomes the
+    error reply.
+    """
+
+    kind: str
+    about: Callable[[Mapping[str, Any]], Mapping[str, Any]]
+    payload: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +50,8 @@ class BusSettings:
     live_rate_hz: float = 5.0  # of torque/live
     health_period_s: float = 60.0  # `health` is said again at least so often
     query_workers: int = 2  # threads that answer queries
+    zenoh: str = ""  # path of a Zenoh configuration (JSON5) for the daemon: TLS, authentication, access control; see deploy/zenoh/
+    client_zenoh: str = ""  # the same for the commands of this machine: watch, alerts, ack, predict, …
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the figure that is out of its range."""
@@ -63,9 +77,15 @@ def prefix(site: str, robot: str) -> str:
     return f"{ROOT}/{site}/{robot}"
 
 
-def session_config(*, mode: str, listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait_for_peer: bool = True) -> zenoh.Config:
-    """Zenoh's configuration without scouting: we speak only to the endpoints that we were told."""
-    config = zenoh.Config()
+def session_config(
+    *, mode: str, listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait_for_peer: bool = True, zenoh_file: str = ""
+) -> zenoh.Config:
+    """Zenoh's configuration without scouting: we speak only to the endpoints that we were told.
+
+    zenoh_file : path of a JSON5 configuration for all else (TLS, authentication, access control), or nothing; `${CREDENTIALS_DIRECTORY}`
+    in it is where the service manager put the secrets. Raises BadInput where it cannot be read or is no Zenoh configuration.
+    """
+    config = _from_file(zenoh_file) if zenoh_file else zenoh.Config()
     values: dict[str, Any] = {
         "mode": mode,
         "listen/endpoints": list(listen),
@@ -81,6 +101,23 @@ def session_config(*, mode: str, listen: tuple[str, ...] = (), connect: tuple[st
     return config
 
 
+def _from_file(path: str) -> zenoh.Config:
+    try:
+        with open(path, encoding="utf-8") as file:
+            text = file.read()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: cannot be read: {error}") from None
+    if "${CREDENTIALS_DIRECTORY}" in text:
+        credentials = os.environ.get("CREDENTIALS_DIRECTORY")
+        if not credentials:
+            raise BadInput(f"{path}: asks for $CREDENTIALS_DIRECTORY, which the service manager sets (LoadCredential=); it is not set here")
+        text = text.replace("${CREDENTIALS_DIRECTORY}", credentials)
+    try:
+        return zenoh.Config.from_json5(text)
+    except zenoh.ZError as error:
+        raise BadInput(f"{path}: is no Zenoh configuration: {str(error).split(' at /')[0]}") from None
+
+
 def encoding(kind: str) -> zenoh.Encoding:
     """The encoding that names the kind of document, `application/json;joint-monitor.<kind>.v1`."""
     return zenoh.Encoding(f"application/json;joint-monitor.{kind}.v1")
@@ -92,8 +129,8 @@ class Bus:
     def __init__(self, settings: BusSettings, key_prefix: str, answers: Mapping[str, Answer] | None = None) -> None:
         """Open the session.
 
-        `answers` maps a key below the prefix to the function that answers queries with a payload there; what it raises
-        as BadInput becomes the error reply. Raises BusError where an endpoint cannot be opened.
+        `answers` maps a key below the prefix to who answers there; only a query for exactly that key is answered, so that a wildcard
+        makes nothing happen. Raises BusError where an endpoint cannot be opened.
         """
         self._settings = settings
         self._prefix = key_prefix
@@ -102,7 +139,9 @@ class Bus:
         self._lock = threading.Lock()
         self._outbox: queue.Queue[tuple[str, str, bytes, bool, Callable[[], None] | None] | None] = queue.Queue(QUEUE_LENGTH)
         self.dropped = 0
-        config = session_config(mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False)
+        config = session_config(
+            mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False, zenoh_file=settings.zenoh
+        )
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
@@ -123,7 +162,9 @@ class Bus:
         self.close()
 
     def close(self) -> None:
-        """Send what is queued, then leave. A session left open would hang the interpreter at its exit."""
+        """Send what is queued, then leave; a second time is harmless. A session left open would hang the interpreter at its exit."""
+        if self._session.is_closed():
+            return
         try:
             self._outbox.put(None, timeout=5.0)
         except queue.Full:
@@ -155,6 +196,12 @@ class Bus:
     def event(self, document: Mapping[str, Any], *, done: Callable[[], None] | None = None) -> None:
         """Say one transition on `event`."""
         self._enqueue(("event", "event", _encode(document), False, done))
+
+    def last_values(self) -> dict[str, Any]:
+        """What is answered to a plain `get`: documents by key below the prefix."""
+        with self._lock:
+            known = dict(self._last)
+        return {key: json.loads(payload) for key, (_, payload) in known.items()}
 
     def robot_alive(self, alive: bool) -> None:
         """Hold or drop the liveliness token of the link to the arm."""
@@ -212,8 +259,9 @@ class Bus:
         asked = str(query.key_expr)
         key = asked.removeprefix(f"{self._prefix}/")
         if key in self._answers:  # only the exact key: a wildcard must never make anything happen
-            kind = key.split("/")[0]
-            query.reply(asked, _encode(self._answers[key](_parameters(query, key))), encoding=encoding(kind))
+            answer = self._answers[key]
+            about = _payload(query, key) if answer.payload else _parameters(query, key)
+            query.reply(asked, _encode(answer.about(about)), encoding=encoding(answer.kind))
             return
         with self._lock:
             known = list(self._last.items())
@@ -231,16 +279,29 @@ def _refuse(query: zenoh.Query, why: str) -> None:
     query.reply_err(json.dumps({"error": why}).encode(), encoding=encoding("error"))
 
 
-def _parameters(query: zenoh.Query, key: str) -> Mapping[str, Any]:
+def _parameters(query: zenoh.Query, key: str) -> Mapping[str, str]:
+    text = str(query.parameters)
+    if len(text) > LONGEST_PARAMETERS:
+        raise BadInput(f"{key}: the selector's parameters have {len(text)} characters; at most {LONGEST_PARAMETERS} are read")
+    return dict(part.partition("=")[::2] for part in text.split(";") if part)
+
+
+def _payload(query: zenoh.Query, key: str) -> Mapping[str, Any]:
     payload = query.payload
     if payload is None:
         raise BadInput(f"{key}: the query carries no payload; expected a JSON object")
     if len(payload) > LARGEST_QUERY_BYTES:
         raise BadInput(f"{key}: the payload has {len(payload)} bytes; at most {LARGEST_QUERY_BYTES} are read")
     try:
-        document = json.loads(payload.to_bytes())
+        document = json.loads(payload.to_bytes(), parse_constant=_no_number)
+    except RecursionError:
+        raise BadInput(f"{key}: the payload is nested too deeply; expected a JSON object") from None
     except ValueError as error:
         raise BadInput(f"{key}: the payload is not JSON: {error}") from None
     if not isinstance(document, dict):
         raise BadInput(f"{key}: the payload is {type(document).__name__}; expected a JSON object")
     return document
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no JSON number")

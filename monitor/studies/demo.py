@@ -275,15 +275,15 @@ def _ask_torque(client: Client, remote: Remote, configuration: Configuration) ->
     true = np.array(remote.torque(q.tolist(), qd.tolist(), qdd.tolist()))
     rows = {"q": q.tolist(), "qd": qd.tolist(), "qdd": qdd.tolist()}
     answer = client.torque(**rows, temperature_c=[temperature])
-    error = np.array(answer["torque_nm"]) - true
+    error = np.array(answer.torque_nm) - true
     moment = int(np.argmax(np.min(np.abs(qd), axis=1)))  # every joint moves
     one = client.torque(q=q[moment].tolist(), qd=qd[moment].tolist(), qdd=qdd[moment].tolist(), temperature_c=temperature)
     return {
         "temperature_c": temperature,
-        "predicted_nm": one["torque_nm"],
-        "std_nm": one["std_nm"],
+        "predicted_nm": one.torque_nm,
+        "std_nm": one.std_nm,
         "true_nm": true[moment].tolist(),
-        "friction_nm": one["friction_nm"],
+        "friction_nm": one.friction_nm,
         "rms_error_nm": np.sqrt(np.mean(error**2, axis=0)).tolist(),
         "rms_torque_nm": np.sqrt(np.mean(true**2, axis=0)).tolist(),
     }

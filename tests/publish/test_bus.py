@@ -11,7 +11,7 @@ import zenoh
 
 from monitor.client import Client
 from monitor.errors import BadInput, BusError
-from monitor.publish.bus import Bus, BusSettings, prefix, session_config
+from monitor.publish.bus import Answer, Bus, BusSettings, prefix, session_config
 
 
 def double(request):
@@ -25,7 +25,11 @@ def double(request):
 @pytest.fixture
 def bus(free_port: int) -> Iterator[tuple[Bus, str]]:
     endpoint = f"tcp/127.0.0.1:{free_port}"
-    with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "cell-1"), {"torque": double}) as bus:
+    with Bus(
+        BusSettings(listen=(endpoint,)),
+        prefix("lab", "cell-1"),
+        {"torque": Answer("doubled", double), "history": Answer("told", dict, payload=False)},
+    ) as bus:
         yield bus, endpoint
 
 
@@ -60,7 +64,14 @@ def test_a_malformed_query_gets_an_error_that_says_what_is_wrong(bus):
     """No payload, no JSON, no object, a missing argument: each is named at once instead of a time-out."""
     _, endpoint = bus
     with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
-        for payload, says in ((None, "no payload"), (b"{", "not JSON"), (b"[1]", "expected a JSON object"), (b"{}", "x is missing")):
+        for payload, says in (
+            (None, "no payload"),
+            (b"{", "not JSON"),
+            (b"[1]", "expected a JSON object"),
+            (b"{}", "x is missing"),
+            (b"[" * 100_000, "nested too deeply"),
+            (b'{"x": NaN}', "NaN is no JSON number"),
+        ):
             began = time.monotonic()
             (reply,) = list(session.get("joint-monitor/v1/lab/cell-1/torque", payload=payload, timeout=5.0))
             assert says in json.loads(reply.err.payload.to_bytes())["error"]
@@ -72,8 +83,8 @@ def test_a_fault_of_ours_is_answered_too_and_the_next_query_works(bus):
     _, endpoint = bus
     with Client(endpoint, "lab", "cell-1") as client:
         with pytest.raises(BadInput, match="internal: RuntimeError"):
-            client.torque(x="boom")
-        assert client.torque(x=1) == {"doubled": 2}
+            client.get("torque", {"x": "boom"})
+        assert client.get("torque", {"x": 1})[0].document == {"doubled": 2}
 
 
 def test_a_wildcard_query_makes_nothing_happen(bus):
@@ -82,6 +93,15 @@ def test_a_wildcard_query_makes_nothing_happen(bus):
     bus.publish("health", "health", {"state": "NORMAL"})
     with Client(endpoint, "lab", "cell-1") as client:
         assert [message.key for message in client.get("**", {"x": 1})] == ["health"]
+
+
+def test_a_question_without_a_payload_carries_parameters(bus):
+    """`history?a=1;b=2` reaches the one who answers as an object of strings; too much of it is refused."""
+    _, endpoint = bus
+    with Client(endpoint, "lab", "cell-1") as client:
+        assert client.get("history?a=1;b=2")[0].document == {"a": "1", "b": "2"}
+        with pytest.raises(BadInput, match="at most 1000"):
+            client.get("history?a=" + "x" * 1000)
 
 
 def test_a_watcher_gets_last_values_first_and_then_what_is_said(bus):

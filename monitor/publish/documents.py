@@ -1,0 +1,266 @@
+"""Documents: what travels on the bus, as types. Their JSON Schemas are printed by `joint-monitor schema KIND`.
+
+Every kind is `joint-monitor.<kind>.v1`. Within v1 fields are only added: readers ignore what they do not know, and find what v1 had
+from the beginning. Times are UTC, RFC 3339; units stand in the names; null means unknown.
+"""
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Joint = Annotated[int, Field(ge=1, le=8, description="counted from the base, from 1")]
+Number = FiniteFloat
+Maybe = FiniteFloat | None
+Rows = list[Number] | list[list[Number]]
+State = Literal["NORMAL", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED", "FAILURE"]
+Who = Annotated[str, Field(min_length=1, max_length=200, pattern=r"\S", description="name of the person or program that acts")]
+Why = Annotated[str, Field(max_length=2000)]
+
+
+class Document(BaseModel):
+    """What is published: unknown fields come from a newer monitor, and are kept."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+
+class Request(BaseModel):
+    """What is asked: an unknown field is a mistake, and is named."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Info(Document):
+    """Who watches which arm, and since when."""
+
+    robot: dict[str, Any]
+    version: str
+    host: str
+    trajectory_digest: str
+    started_at: datetime
+    boot_id: str | None = None
+    configuration_digest: str | None = None
+    serial: str | None = None
+    mounting: str | None = None
+
+
+class JointState(Document):
+    """One joint at a glance."""
+
+    joint: Joint
+    state: State
+    why: str
+    since: datetime
+
+
+class Alert(Document):
+    """One condition of one joint or of the arm, through its life: raised, updated, cleared; acknowledged and shelved are orthogonal."""
+
+    joint: Joint | None
+    condition: str
+    tier: str
+    active: bool
+    raised_at: datetime
+    updated_at: datetime
+    cleared_at: datetime | None = None
+    change: Number = Field(description="fraction of friction torque")
+    probability: Number
+    text: str
+    action: str
+    acknowledged_at: datetime | None = None
+    acknowledged_by: str | None = None
+    acknowledged_why: str | None = None
+    shelved_until: datetime | None = None
+    shelved_by: str | None = None
+    shelved_why: str | None = None
+
+
+class Health(Document):
+    """NE 107 states of arm and joints; `state` is null until a replay has been assessed."""
+
+    state: State | None
+    why: str | None = None
+    since: datetime | None = None
+    joints: list[JointState]
+    alerts: list[Alert]
+    next_replay_due: datetime | None
+    said_at: datetime
+
+
+class RemainingLife(Document):
+    """Days until friction reaches the limit; null: no trend, or not within foresight."""
+
+    trend_probability: Fraction
+    p10_days: Maybe
+    p50_days: Maybe
+    p90_days: Maybe
+    verdict: str
+
+
+class Friction(Document):
+    """One joint after one replay."""
+
+    joint: Joint
+    coulomb_nm: Maybe
+    coulomb_std_nm: Maybe
+    viscous_nm_s_per_rad: Maybe
+    viscous_std_nm_s_per_rad: Maybe
+    temperature_c: Maybe
+    reference_speed_rad_s: Number
+    reference_temperature_c: Number
+    reference_torque_nm: Maybe
+    reference_torque_std_nm: Maybe
+    wear: Number = Field(description="fraction of friction torque since the beginning")
+    wear_std: Number
+    wear_rate_per_day: Number
+    wear_rate_std_per_day: Number
+    remaining_life: RemainingLife
+
+
+class Event(Alert):
+    """One transition of an alert, numbered without gaps."""
+
+    seq: Annotated[int, Field(ge=1)]
+    at: datetime
+    kind: str = Field(description="raised, updated, cleared, acknowledged or shelved")
+
+
+class Events(Document):
+    """Answer to a query on `event`: the transitions after `after`, oldest first, the newest 100 at most."""
+
+    events: list[Event]
+    first_kept: int | None = Field(description="the oldest transition in the history; null where there is none")
+    last: int | None = Field(description="the newest one")
+
+
+class Model(Document):
+    """The temperature-compensated model, complete: torque = Y·values + s(q̇)·fc(T) + q̇·fv(T)."""
+
+    robot: str
+    mounting: dict[str, Number]
+    revision: int
+    at: datetime
+    columns: list[int]
+    values: list[Number]
+    coulomb: dict[str, Any]
+    viscous: dict[str, Any]
+    friction_correlation: list[Number]
+    wear: list[Number]
+    wear_std: list[Number]
+    residual_rms_nm: list[Maybe]
+
+
+class TorqueRequest(Request):
+    """One sample or N; q̈ is 0 where not given, temperatures the present ones."""
+
+    q: Rows = Field(description="rad")
+    qd: Rows = Field(description="rad/s")
+    qdd: Rows | None = Field(default=None, description="rad/s²")
+    temperature_c: Rows | None = None
+
+
+class Torque(Document):
+    """Answer to `torque`: joint torque at temperature, its parts and its standard deviation, in the shape of the question."""
+
+    torque_nm: Rows
+    rigid_nm: Rows
+    friction_nm: Rows
+    std_nm: list[Maybe] | list[list[Maybe]]
+    extrapolated: list[bool] | list[list[bool]]
+    temperature_c: Rows
+    model_revision: int
+
+
+class TorqueLive(Document):
+    """One sample of the arm's present motion; may be dropped."""
+
+    at: datetime
+    q_rad: list[Number]
+    qd_rad_s: list[Number]
+    temperature_c: list[Maybe]
+    predicted_nm: list[Number]
+    std_nm: list[Maybe]
+    measured_nm: list[Number] | None
+    residual_nm: list[Number] | None
+    extrapolated: list[bool]
+    model_revision: int
+
+
+class HistoryRow(Friction):
+    """One joint after one past replay."""
+
+    replay: int
+    recorded_at: datetime
+
+
+class History(Document):
+    """Answer to `history`: rows, oldest first; `next` is the parameter `after` of the next page, null at the end."""
+
+    rows: list[HistoryRow]
+    next: int | None
+
+
+class AckRequest(Request):
+    """An alert has been seen, by whom and why it may wait."""
+
+    joint: Joint | None = Field(description="null is the arm")
+    condition: Annotated[str, Field(min_length=1, max_length=100)]
+    by: Who
+    why: Why = ""
+
+
+class ShelveRequest(AckRequest):
+    """An alert need not be shown for some time."""
+
+    hours: Annotated[float, Field(gt=0.0, le=24.0 * 90)]
+
+
+class ReplayRequest(Request):
+    """A replay is asked for."""
+
+    by: Who
+    why: Why = ""
+
+
+class Answer(Document):
+    """Answer to a command: done, and what it made of it; a refusal is an error reply."""
+
+    done: str
+    alert: Alert | None = None
+    replay: int | None = None
+
+
+class Error(Document):
+    """What an error reply says."""
+
+    error: str
+
+
+KINDS: dict[str, type[BaseModel]] = {
+    "info": Info,
+    "health": Health,
+    "friction": Friction,
+    "alert": Alert,
+    "event": Event,
+    "events": Events,
+    "model": Model,
+    "torque-request": TorqueRequest,
+    "torque": Torque,
+    "torque-live": TorqueLive,
+    "history": History,
+    "ack-request": AckRequest,
+    "shelve-request": ShelveRequest,
+    "replay-request": ReplayRequest,
+    "answer": Answer,
+    "error": Error,
+}
+
+
+def schema(kind: str) -> dict[str, Any]:
+    """The JSON Schema (2020-12) of a kind.
+
+    Raises KeyError for a kind that there is not.
+    """
+    body = KINDS[kind].model_json_schema(mode="validation")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"joint-monitor.{kind}.v1", **body}

@@ -1,0 +1,147 @@
+"""Metrics for Prometheus: the bus's last values as numbers, collected when somebody scrapes.
+
+Nothing is counted twice and nothing is kept: what the bus would answer now is what the scrape says.
+"""
+
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from prometheus_client import CollectorRegistry, start_http_server
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from monitor.errors import BadInput, BusError
+
+log = logging.getLogger(__name__)
+
+STATES = ("NORMAL", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED", "FAILURE")
+_FRICTION = (
+    ("coulomb_nm", "joint_monitor_coulomb_friction_newton_metres", "Coulomb friction of the last replay"),
+    ("coulomb_std_nm", "joint_monitor_coulomb_friction_std_newton_metres", "its standard deviation"),
+    ("viscous_nm_s_per_rad", "joint_monitor_viscous_friction_newton_metre_seconds_per_radian", "Viscous friction of the last replay"),
+    ("viscous_std_nm_s_per_rad", "joint_monitor_viscous_friction_std_newton_metre_seconds_per_radian", "its standard deviation"),
+    ("temperature_c", "joint_monitor_joint_temperature_celsius", "Joint temperature during the last replay"),
+    ("reference_torque_nm", "joint_monitor_reference_friction_newton_metres", "Friction at the reference speed and temperature"),
+    ("wear", "joint_monitor_wear_ratio", "Rise of friction since the beginning, temperature taken out"),
+    ("wear_std", "joint_monitor_wear_std_ratio", "its standard deviation"),
+    ("wear_rate_per_day", "joint_monitor_wear_rate_per_day_ratio", "Present pace of wear"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MetricsSettings:
+    """Where Prometheus may scrape."""
+
+    listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:9464"; empty: nowhere
+
+    def __post_init__(self) -> None:
+        """Raises BadInput where this is no address."""
+        if self.listen:
+            self.address()
+
+    def address(self) -> tuple[str, int]:
+        """Host and port. Raises BadInput."""
+        host, _, port = self.listen.rpartition(":")
+        if not host or not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
+            raise BadInput(f"metrics: listen = {self.listen!r}; expected HOST:PORT, e.g. 127.0.0.1:9464")
+        return host, int(port)
+
+
+class _LastValues(Collector):
+    def __init__(self, last: Callable[[], Mapping[str, Any]]) -> None:
+        self._last = last
+
+    def collect(self) -> Iterable[Metric]:
+        return families(self._last())
+
+
+class MetricsServer:
+    """A small HTTP server in a thread of its own. A context manager."""
+
+    def __init__(self, settings: MetricsSettings, last: Callable[[], Mapping[str, Any]]) -> None:
+        """Serve what `last` returns: documents by their key below the robot's prefix. Raises BusError where the port is taken."""
+        registry = CollectorRegistry()
+        registry.register(_LastValues(last))
+        host, port = settings.address()
+        try:
+            self._server, self._thread = start_http_server(port, addr=host, registry=registry)
+        except OSError as error:
+            raise BusError(f"metrics: cannot listen on {settings.listen}: {error.strerror}") from None
+        log.info("metrics on http://%s/metrics", settings.listen)
+
+    def __enter__(self) -> "MetricsServer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join(timeout=5.0)
+
+
+def families(last: Mapping[str, Any]) -> Iterator[Metric]:
+    """Documents by key (`health`, `joint/3/friction`, …, as published) → metric families with labels site, robot, joint."""
+    info = last.get("info", {}).get("robot", {})
+    who = [str(info.get("site", "")), str(info.get("id", ""))]
+
+    def family(name: str, text: str, *labels: str) -> GaugeMetricFamily:
+        return GaugeMetricFamily(name, text, labels=["site", "robot", *labels])
+
+    version = family("joint_monitor_info", "The monitor of this robot", "model", "version")
+    version.add_metric([*who, str(info.get("model", "")), str(last.get("info", {}).get("version", ""))], 1.0)
+    yield version
+    yield from _health(last.get("health", {}), who, family)
+    yield from _alerts({key: document for key, document in last.items() if key.startswith("alert/")}, who, family)
+    yield from _friction({key: document for key, document in last.items() if key.endswith("/friction")}, who, family)
+
+
+def _health(health: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
+    state = family("joint_monitor_health_state", "1 for the NE 107 state that joint or arm is in", "joint", "state")
+    rows = [("arm", health.get("state"))] + [(str(joint["joint"]), joint["state"]) for joint in health.get("joints", [])]
+    for joint, is_in in rows:
+        for name in STATES:
+            state.add_metric([*who, joint, name], float(name == is_in))
+    yield state
+    due = family("joint_monitor_next_replay_due_timestamp_seconds", "When the schedule will replay next")
+    if health.get("next_replay_due"):
+        due.add_metric(who, _unix_s(health["next_replay_due"]))
+    yield due
+    said = family("joint_monitor_said_timestamp_seconds", "When the monitor last said how the arm is")
+    if health.get("said_at"):
+        said.add_metric(who, _unix_s(health["said_at"]))
+    yield said
+
+
+def _alerts(alerts: Mapping[str, Mapping[str, Any]], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
+    active = family("joint_monitor_alert_active", "1 while an alert is active", "joint", "condition", "tier")
+    acknowledged = family("joint_monitor_alert_acknowledged", "1 once an active alert has been acknowledged", "joint", "condition")
+    change = family("joint_monitor_alert_change_ratio", "Change of friction that an active alert tells", "joint", "condition")
+    for alert in alerts.values():
+        place = [*who, "arm" if alert["joint"] is None else str(alert["joint"]), alert["condition"]]
+        active.add_metric([*place, alert["tier"]], float(alert["active"]))
+        if alert["active"]:
+            acknowledged.add_metric(place, float(alert["acknowledged_at"] is not None))
+            change.add_metric(place, alert["change"])
+    yield from (active, acknowledged, change)
+
+
+def _friction(rows: Mapping[str, Mapping[str, Any]], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
+    for key, name, text in _FRICTION:
+        gauge = family(name, text, "joint")
+        for row in rows.values():
+            if row.get(key) is not None:
+                gauge.add_metric([*who, str(row["joint"])], float(row[key]))
+        yield gauge
+    life = family("joint_monitor_remaining_life_days", "Days until friction reaches its limit, by quantile", "joint", "quantile")
+    for row in rows.values():
+        for quantile in ("p10", "p50", "p90"):
+            days = row["remaining_life"].get(f"{quantile}_days")
+            if days is not None:
+                life.add_metric([*who, str(row["joint"]), f"0.{quantile[1:]}"], float(days))
+    yield life
+
+
+def _unix_s(time: str) -> float:
+    return datetime.fromisoformat(time).timestamp()

@@ -1,0 +1,63 @@
+"""A daemon whose alerts never rest, for the tests of restarts: `python alerting_daemon.py DIRECTORY ENDPOINT STATE_JSON`.
+
+Ten times a second one transition: committed to the store, then said; whoever kills it in between loses nothing.
+"""
+
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+from monitor.assess import alert_document
+from monitor.config import from_document
+from monitor.daemon import Daemon
+from monitor.judge.health import Alert
+from monitor.simulate.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+from monitor.store import Store
+
+PERIOD_S = 0.1
+
+
+def play(excitation, context, should_stop):
+    recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(excitation, repetitions=1))
+    return replace(recording, context=replace(context, firmware=recording.context.firmware))
+
+
+def main() -> None:
+    directory, endpoint = Path(sys.argv[1]), sys.argv[2]
+    document = {
+        "robot": {"model": "ur5", "site": "lab", "id": "cell-1"},
+        "store": {"directory": str(directory)},
+        "bus": {"connect": [endpoint], "listen": []},
+    }
+    configuration = from_document(document, directory / "cell.toml")
+    stop = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.readline(), stop.set()), daemon=True).start()
+    with Store.open(directory) as store:
+        seen = store.event_range()
+        number = seen[1] if seen else 0
+        with Daemon(configuration, store, now=lambda: 1.0e9 + number, play=play) as daemon:
+            if store.state() is None:
+                daemon.perform(1.0e9)
+            print("up", flush=True)
+            while not stop.wait(PERIOD_S):
+                number += 1
+                joint = number % 6 + 1
+                alert = Alert(
+                    joint=joint, condition="wear_rising", tier="wear", raised_at_unix_s=1.0e9, updated_at_unix_s=1.0e9 + number,
+                    change=number / 1e6, probability=0.99, text=f"transition {number}", action="inspect",
+                )  # fmt: skip
+                others = tuple(other for other in daemon._health.alerts if other.joint != joint)
+                with daemon._judging:
+                    health = replace(daemon._health, alerts=(*others, alert))
+                    events = store.revise(health.as_document(), [{"kind": "updated", **alert_document(alert)}], 1.0e9 + number)
+                    daemon._health = health
+                    daemon._say_alert(alert)
+                    for event in events:
+                        daemon._say_event(event)
+    print(f"down {number}", flush=True)
+
+
+main()

@@ -1,0 +1,249 @@
+"""The daemon's side of the bus: real store, real Zenoh, replays stepped instead of played; what it says is what its schemas promise."""
+
+import json
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import pytest
+import zenoh
+
+from monitor.client import Client
+from monitor.config import find_excitation, from_document
+from monitor.daemon import Daemon
+from monitor.errors import BadInput
+from monitor.judge.health import Alert
+from monitor.publish.bus import session_config
+from monitor.publish.documents import KINDS, schema
+from monitor.simulate.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+from monitor.store import Store
+
+DAY_S = 86_400.0
+START_UNIX_S = 1_767_582_000.0
+PREFIX = "joint-monitor/v1/lab/cell-1"
+
+
+class Arm:
+    """An arm whose every replay is the same, one day after the other."""
+
+    def __init__(self, recording) -> None:
+        self.recording = recording
+        self.clock_unix_s = START_UNIX_S
+
+    def now(self) -> float:
+        return self.clock_unix_s
+
+    def play(self, excitation, context, should_stop):
+        return replace(self.recording, context=replace(context, firmware=self.recording.context.firmware))
+
+
+@pytest.fixture(scope="module")
+def recording():
+    """One replay of the simulated UR5."""
+    return stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(find_excitation("ur5-ground", Path()), repetitions=1))
+
+
+@pytest.fixture
+def cell(tmp_path: Path, free_port: int, recording):
+    """A daemon with three replays behind it, and where it is found."""
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    document = {
+        "robot": {"model": "ur5", "site": "lab", "id": "cell-1"},
+        "replay": {"allow_motion": True},
+        "store": {"directory": str(tmp_path / "history")},
+        "bus": {"listen": [endpoint]},
+    }
+    configuration, arm = from_document(document, tmp_path / "cell.toml"), Arm(recording)
+    with Store.open(tmp_path / "history") as store, Daemon(configuration, store, now=arm.now, play=arm.play) as daemon:
+        for _ in range(3):
+            daemon.perform(arm.clock_unix_s)
+            arm.clock_unix_s += DAY_S
+        yield daemon, store, arm, endpoint
+
+
+def raise_alert(daemon: Daemon, at_unix_s: float, joint: int | None = 3, condition: str = "wear_rising") -> None:
+    """As a verdict would: durable, held and said."""
+    alert = Alert(
+        joint=joint, condition=condition, tier="wear", raised_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s,
+        change=0.06, probability=0.99, text="Joint 3: friction rose", action="inspect",
+    )  # fmt: skip
+    with daemon._judging:
+        health = replace(daemon._health, alerts=(*daemon._health.alerts, alert))
+        from monitor.assess import alert_document
+
+        events = daemon._store.revise(health.as_document(), [{"kind": "raised", **alert_document(alert)}], at_unix_s)
+        daemon._health = health
+        daemon._say_alert(alert)
+        for event in events:
+            daemon._say_event(event)
+
+
+def test_everything_that_is_said_and_answered_is_what_its_schema_promises(cell):
+    """Every last value by the kind its encoding names, every answer, and every error: all valid against the printed JSON Schema."""
+    daemon, _, arm, endpoint = cell
+    raise_alert(daemon, arm.clock_unix_s)
+    import numpy as np
+
+    daemon.live(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
+    asked = {
+        "torque": {"q": [0.1] * 6, "qd": [0.5] * 6},
+        "cmd/ack": {"joint": 3, "condition": "wear_rising", "by": "ada"},
+        "cmd/shelve": {"joint": 3, "condition": "wear_rising", "by": "ada", "hours": 2.0},
+        "history?limit=2": None,
+        "event": None,
+        "cmd/replay": {"by": "ada"},  # nobody schedules here: an error
+        "torque?": {"q": 1},
+    }
+    seen = set()
+    with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
+        replies = list(session.get(f"{PREFIX}/**", timeout=5.0))
+        for key, payload in asked.items():
+            replies += session.get(f"{PREFIX}/{key}", payload=None if payload is None else json.dumps(payload), timeout=5.0)
+        for reply in replies:
+            answer = reply.ok or reply.err
+            kind = str(answer.encoding).removeprefix("application/json;joint-monitor.").removesuffix(".v1")
+            document = json.loads(answer.payload.to_bytes())
+            jsonschema.validate(document, schema(kind), format_checker=jsonschema.FormatChecker())
+            KINDS[kind].model_validate(document)
+            seen.add(kind)
+    assert seen == {"info", "health", "friction", "alert", "model", "torque", "torque-live", "answer", "history", "events", "error"}
+
+
+def test_an_alert_is_acknowledged_and_shelved_by_name_and_stays_so_through_a_restart(cell, tmp_path):
+    """Who, when and why are in the alert, in the log of transitions and in the history; a later daemon says the same."""
+    daemon, store, arm, endpoint = cell
+    raise_alert(daemon, arm.clock_unix_s)
+    with Client(endpoint, "lab", "cell-1") as client:
+        done = client.acknowledge(3, "wear_rising", by="Ada", why="grease is ordered")
+        assert (done.acknowledged_by, done.acknowledged_why) == ("Ada", "grease is ordered")
+        shelved = client.shelve(3, "wear_rising", hours=48.0, by="Ada")
+        assert (shelved.shelved_until - shelved.acknowledged_at).total_seconds() == 48 * 3600
+        (alert,) = client.alerts()
+        assert alert.acknowledged_by == "Ada"
+        assert [event.kind for event in client.events().events][-3:] == ["raised", "acknowledged", "shelved"]
+        with pytest.raises(BadInput, match="no active alert 4/wear_rising; active: 3/wear_rising"):
+            client.acknowledge(4, "wear_rising", by="Ada")
+    daemon.__exit__(None, None, None)
+    with Daemon(daemon.configuration, store, now=arm.now, play=arm.play), Client(endpoint, "lab", "cell-1") as client:
+        (alert,) = client.alerts()
+        assert (alert.acknowledged_by, alert.shelved_by) == ("Ada", "Ada")
+
+
+@pytest.mark.parametrize("selector", ["**", "cmd/*", "cmd/**", "*/ack", "cmd/a$*"])
+@pytest.mark.parametrize("payload", [None, {}, {"joint": 3, "condition": "wear_rising", "by": "a bus explorer"}])
+def test_a_wildcard_never_acknowledges_anything_nor_moves_an_arm(cell, selector, payload):
+    """Whatever it carries: no answer of a command, no change, no transition."""
+    daemon, store, arm, endpoint = cell
+    wanted = threading.Event()
+    daemon.wanted = wanted.set
+    raise_alert(daemon, arm.clock_unix_s)
+    before = store.event_range()
+    with Client(endpoint, "lab", "cell-1") as client:
+        assert not any(message.key.startswith("cmd") for message in client.get(selector, payload))
+        assert client.alerts()[0].acknowledged_at is None
+    assert store.event_range() == before
+    assert not wanted.is_set()
+
+
+@pytest.mark.parametrize(
+    ("key", "payload", "says"),
+    [
+        ("cmd/ack", {}, "joint: Field required; condition: Field required; by: Field required"),
+        ("cmd/ack", {"joint": 3, "condition": "wear_rising", "by": " "}, "by:"),
+        ("cmd/ack", {"joint": 0, "condition": "wear_rising", "by": "ada"}, "joint:"),
+        ("cmd/ack", {"joint": "3", "condition": "wear_rising", "by": "ada"}, "joint: Input should be a valid integer"),
+        ("cmd/ack", {"joint": 3, "condition": "wear_rising", "by": "ada", "whyy": ""}, "whyy: Extra inputs are not permitted"),
+        ("cmd/shelve", {"joint": 3, "condition": "wear_rising", "by": "ada", "hours": 0}, "hours: Input should be greater than 0"),
+        ("cmd/shelve", {"joint": 3, "condition": "wear_rising", "by": "ada", "hours": 1e6}, "hours:"),
+        ("cmd/replay", {"why": "now"}, "by: Field required"),
+    ],
+)
+def test_a_command_with_a_wrong_payload_does_nothing_and_names_every_mistake(cell, key, payload, says):
+    """The error reply names the field; alert and history stay."""
+    daemon, store, arm, endpoint = cell
+    raise_alert(daemon, arm.clock_unix_s)
+    before = store.event_range()
+    with Client(endpoint, "lab", "cell-1") as client:
+        with pytest.raises(BadInput) as refused:
+            client.get(key, payload)
+        assert says in str(refused.value)
+        assert client.alerts()[0].acknowledged_at is None
+    assert store.event_range() == before
+
+
+def test_history_comes_in_pages_of_whole_replays(cell):
+    """All rows once, in order, whatever the page; by joint and by time; nonsense is named."""
+    _, _, _, endpoint = cell
+    with Client(endpoint, "lab", "cell-1") as client:
+        everything = list(client.history())
+        assert [(row.replay, row.joint) for row in everything] == [(replay, joint) for replay in (1, 2, 3) for joint in range(1, 7)]
+        paged, after = [], 0
+        while after is not None:
+            page = client.get(f"history?limit=7;after={after}")[0].document
+            assert 6 <= len(page["rows"]) <= 7
+            paged += [(row["replay"], row["joint"]) for row in page["rows"]]
+            after = page["next"]
+        assert paged == [(row.replay, row.joint) for row in everything]
+        assert [row.replay for row in client.history(joint=3, since="2026-01-06T00:00:00Z")] == [2, 3]
+        for wrong, says in (("joint=9", "whole number from 1 to 6"), ("from=yesterday", "2026-01-31T03:00:00Z"), ("jiont=1", "known are")):
+            with pytest.raises(BadInput, match=says):
+                client.get(f"history?{wrong}")
+
+
+def test_a_replay_is_asked_for_by_name_and_refused_with_a_reason(cell):
+    """Accepted where somebody schedules, refused while one is under way and where motion is not allowed."""
+    daemon, _, _, endpoint = cell
+    wanted = threading.Event()
+    with Client(endpoint, "lab", "cell-1") as client:
+        with pytest.raises(BadInput, match="schedules no replays"):
+            client.request_replay(by="ada")
+        daemon.wanted = wanted.set
+        assert client.request_replay(by="ada", why="new tool") == "accepted"
+        assert wanted.is_set()
+        with daemon._one_at_a_time, pytest.raises(BadInput, match="a replay is under way"):
+            client.request_replay(by="ada")
+        daemon.configuration = replace(daemon.configuration, replay=replace(daemon.configuration.replay, allow_motion=False))
+        with pytest.raises(BadInput, match="allow_motion is false"):
+            client.request_replay(by="ada")
+
+
+def test_a_watcher_that_was_away_is_told_what_it_missed_once_and_in_order(cell, tmp_path):
+    """The daemon goes, transitions happen while nobody hears, it comes back: the watcher has every number once, without a gap."""
+    daemon, store, arm, endpoint = cell
+    raise_alert(daemon, arm.clock_unix_s)
+    first = store.event_range()[1]
+    seen: list[int] = []
+    begun, enough = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        with Client(endpoint, "lab", "cell-1") as client:
+            for message in client.watch("**", until=enough.is_set):
+                begun.set()
+                if message.key == "event":
+                    seen.append(message.document["seq"])
+                    if len(seen) == 4:
+                        enough.set()
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    assert begun.wait(10.0)
+    raise_alert(daemon, arm.clock_unix_s, joint=1)
+    daemon.__exit__(None, None, None)
+    for joint in (2, 4):  # a crash between commit and publication leaves transitions like these
+        store.revise(daemon._health.as_document(), [{"kind": "raised", **_document(daemon, joint)}], arm.clock_unix_s)
+    with Daemon(daemon.configuration, store, now=arm.now, play=arm.play) as later:
+        enough.wait(3.0)
+        raise_alert(later, arm.clock_unix_s, joint=5)
+        enough.wait(20.0)
+        enough.set()
+        watcher.join()
+    assert seen == [first + 1, first + 2, first + 3, first + 4]
+
+
+def _document(daemon: Daemon, joint: int) -> dict:
+    from monitor.assess import alert_document
+
+    return {**alert_document(daemon._health.alerts[0]), "joint": joint}

@@ -1,0 +1,167 @@
+"""The examples of deploy/zenoh as they stand, with certificates of the test's own: who looks, who acts, who gets nothing."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import trustme
+import zenoh
+
+from monitor.client import Client
+from monitor.errors import BadInput, BusError
+from monitor.publish.bus import Answer, Bus, BusSettings, prefix, session_config
+
+DEPLOY = Path(__file__).parents[2] / "deploy" / "zenoh"
+ETC = "/etc/joint-monitor"
+
+
+@pytest.fixture(scope="module")
+def etc(tmp_path_factory):
+    """A site's /etc/joint-monitor: the shipped examples, and certificates from an authority of its own, and one from another."""
+    folder = tmp_path_factory.mktemp("etc")
+    (folder / "tls").mkdir()
+    ours, theirs = trustme.CA(), trustme.CA()
+    ours.cert_pem.write_to_path(folder / "tls" / "ca.pem")
+    for name, authority in (
+        ("monitor", ours),
+        ("router", ours),
+        ("viewer", ours),
+        ("maintenance", ours),
+        ("guest", ours),
+        ("forger", theirs),
+    ):
+        issued = authority.issue_cert("127.0.0.1", common_name="maintenance" if name == "forger" else name)
+        issued.private_key_pem.write_to_path(folder / "tls" / f"{name}.key")
+        (folder / "tls" / f"{name}.pem").write_bytes(b"".join(blob.bytes() for blob in issued.cert_chain_pems))
+    for example in DEPLOY.glob("*.json5"):
+        (folder / example.name).write_text(example.read_text("utf-8").replace(ETC, str(folder)), "utf-8")
+    for name in ("guest", "forger"):
+        text = (folder / "viewer.json5").read_text("utf-8")
+        (folder / f"{name}.json5").write_text(text.replace("viewer.pem", f"{name}.pem").replace("viewer.key", f"{name}.key"), "utf-8")
+    return folder
+
+
+@pytest.fixture
+def bus(etc, free_port):
+    """A daemon's bus behind TLS, with one command that remembers who called."""
+    endpoint, called = f"tls/127.0.0.1:{free_port}", []
+    answers = {"cmd/ack": Answer("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
+    with Bus(BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5")), prefix("lab", "cell-1"), answers) as bus:
+        bus.publish("health", "health", {"state": "NORMAL"})
+        yield bus, endpoint, called
+
+
+def client(etc, endpoint, who):
+    return Client(endpoint, "lab", "cell-1", timeout_s=2.0, zenoh_file=str(etc / f"{who}.json5"))
+
+
+def test_maintenance_looks_and_acts(etc, bus):
+    """Its certificate is of our authority, and its name may."""
+    _, endpoint, called = bus
+    with client(etc, endpoint, "maintenance") as session:
+        assert session.get("health")[0].document == {"state": "NORMAL"}
+        assert session.get("cmd/ack", {"by": "ada"})[0].document == {"done": "acknowledged"}
+    assert called == [{"by": "ada"}]
+
+
+def test_a_viewer_looks_and_cannot_act(etc, bus):
+    """Last values come, also by wildcard; a command does not reach the daemon."""
+    _, endpoint, called = bus
+    with client(etc, endpoint, "viewer") as session:
+        assert session.get("health")[0].document == {"state": "NORMAL"}
+        assert session.get("**")[0].document == {"state": "NORMAL"}
+        assert session.get("cmd/ack", {"by": "eve"}) == []
+    assert called == []
+
+
+def test_a_viewer_cannot_speak_for_the_monitor(etc, bus):
+    """What a viewer publishes under the monitor's keys reaches nobody."""
+    _, endpoint, _ = bus
+    heard = []
+    with (
+        client(etc, endpoint, "maintenance") as listener,
+        zenoh.open(session_config(mode="client", connect=(endpoint,), zenoh_file=str(etc / "viewer.json5"))) as liar,
+    ):
+        listener._session.declare_subscriber("joint-monitor/v1/lab/cell-1/health", heard.append)
+        time.sleep(0.5)
+        liar.put("joint-monitor/v1/lab/cell-1/health", json.dumps({"state": "FAILURE"}))
+        time.sleep(0.5)
+        bus[0].publish("health", "health", {"state": "OFF_SPEC"})
+        deadline = time.monotonic() + 5.0
+        while not heard and time.monotonic() < deadline:
+            time.sleep(0.05)
+    assert [json.loads(sample.payload.to_bytes())["state"] for sample in heard] == ["OFF_SPEC"]
+
+
+@pytest.mark.parametrize("who", ["guest", "forger", "nobody"])
+def test_whoever_is_not_named_gets_nothing(etc, bus, who):
+    """A certificate with another name, one of another authority, none at all: no value, no action."""
+    _, endpoint, called = bus
+    if who == "guest":  # our authority vouches for him, nobody named him
+        with client(etc, endpoint, who) as session:
+            assert session.get("**") == []
+            assert session.get("cmd/ack", {"by": "eve"}) == []
+    else:
+        with pytest.raises(BusError, match="does it ask for a certificate"):
+            Client(endpoint, "lab", "cell-1", timeout_s=2.0) if who == "nobody" else client(etc, endpoint, who).get("**")
+    assert called == []
+
+
+def test_through_the_router_of_the_example(etc, free_port):
+    """A router process with the shipped configuration between monitor and clients: the same may look, act, or get nothing."""
+    endpoint = f"tls/127.0.0.1:{free_port}"
+    script = (
+        "import json, sys, time, zenoh\n"
+        "config = zenoh.Config.from_file(sys.argv[1])\n"
+        "config.insert_json5('listen/endpoints', json.dumps([sys.argv[2]]))\n"
+        "with zenoh.open(config):\n"
+        "    print('up', flush=True)\n"
+        "    time.sleep(120)\n"
+    )
+    router = subprocess.Popen([sys.executable, "-c", script, str(etc / "router.json5"), endpoint], stdout=subprocess.PIPE, text=True)
+    try:
+        assert router.stdout.readline() == "up\n"
+        answers = {"cmd/ack": Answer("answer", lambda request: {"done": "acknowledged"})}
+        settings = BusSettings(listen=(), connect=(endpoint,), zenoh=str(etc / "daemon.json5"))
+        with Bus(settings, prefix("lab", "cell-1"), answers) as bus:
+            bus.publish("health", "health", {"state": "NORMAL"})
+            with client(etc, endpoint, "maintenance") as session:
+                deadline = time.monotonic() + 10.0
+                while not session.get("health") and time.monotonic() < deadline:
+                    time.sleep(0.1)
+                assert session.get("health")[0].document == {"state": "NORMAL"}
+                assert session.get("cmd/ack", {"by": "ada"})[0].document == {"done": "acknowledged"}
+            with client(etc, endpoint, "viewer") as session:
+                assert session.get("health")[0].document == {"state": "NORMAL"}
+                assert session.get("cmd/ack", {"by": "eve"}) == []
+            with client(etc, endpoint, "guest") as session:
+                assert session.get("**") == []
+    finally:
+        router.kill()
+        router.wait()
+
+
+def test_credentials_come_from_the_service_manager(etc, tmp_path, free_port, monkeypatch):
+    """`${CREDENTIALS_DIRECTORY}` is replaced; unset, it is named."""
+    text = (etc / "daemon.json5").read_text("utf-8").replace(str(etc / "tls"), "${CREDENTIALS_DIRECTORY}")
+    (tmp_path / "daemon.json5").write_text(text, "utf-8")
+    settings = BusSettings(listen=(f"tls/127.0.0.1:{free_port}",), zenoh=str(tmp_path / "daemon.json5"))
+    monkeypatch.delenv("CREDENTIALS_DIRECTORY", raising=False)
+    with pytest.raises(BadInput, match="CREDENTIALS_DIRECTORY"):
+        Bus(settings, prefix("lab", "cell-1"))
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(etc / "tls"))
+    with Bus(settings, prefix("lab", "cell-1")), client(etc, settings.listen[0], "viewer") as session:
+        assert session.get("**") == []  # let in, and nothing has been said yet
+
+
+def test_what_is_no_zenoh_configuration_is_refused(tmp_path):
+    """By name of the file, with Zenoh's reason."""
+    for text, says in (("{", "is no Zenoh configuration"), ("{nonsense: 1}", "is no Zenoh configuration")):
+        (tmp_path / "z.json5").write_text(text)
+        with pytest.raises(BadInput, match=says):
+            session_config(mode="client", connect=("tcp/127.0.0.1:1",), zenoh_file=str(tmp_path / "z.json5"))
+    with pytest.raises(BadInput, match="cannot be read"):
+        session_config(mode="client", zenoh_file=str(tmp_path / "nowhere.json5"))
