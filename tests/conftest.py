@@ -15,6 +15,16 @@ settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy 
 settings.load_profile("ours")
 
 
+REAL_TIME = ("acquire/", "studies/test_demo.py", "test_daemon.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time."""
+    for item in items:
+        if item.path.relative_to(ROOT / "tests").as_posix().startswith(REAL_TIME):
+            item.add_marker(pytest.mark.xdist_group("real time"))
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of real recordings, which are not ours to ship."""

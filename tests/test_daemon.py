@@ -16,8 +16,6 @@ from monitor.errors import BusError
 from monitor.simulate.remote import Remote
 from monitor.store import Store
 
-pytestmark = pytest.mark.xdist_group("daemon")  # one after the other: two arms in real time are all that two cores carry
-
 FOURIER = {"a": [0.30, -0.20, 0.10, -0.25, 0.05], "b": [0.20, -0.10, 0.05, 0.10, -0.07]}  # Σa = 0, Σk·b = 0
 
 

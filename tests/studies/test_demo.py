@@ -6,8 +6,6 @@ import sys
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("daemon")
-
 
 @pytest.mark.timeout(300)
 def test_the_demo_finds_the_worn_joint_and_no_other():
