@@ -45,24 +45,22 @@ moved = c.moveJ(goal, 1.0, 1.5)
 at = r.getActualQ()
 watched = c.setWatchdog(5.0)
 start, begun = r.getTargetQ(), r.getTimestamp()
-worst = late = 0.0
+errors = []
 last = begun
 while last - begun < 3.0:
     deadline = time.monotonic() + 1.0
     while r.getTimestamp() == last and time.monotonic() < deadline:
         time.sleep(0.0003)
-    now = r.getTimestamp()
-    late += now - last > 0.012
-    last = now
+    last = now = r.getTimestamp()
     swing = 0.2 * (1 - math.cos(math.pi * (now - begun)))
     if now - begun > 0.1:
-        worst = max(worst, max(abs(a - s - swing) for a, s in zip(r.getActualQ(), start)))
+        errors.append(max(abs(a - s - swing) for a, s in zip(r.getActualQ(), start)))
     assert c.servoJ([s + swing for s in start], 0.0, 0.0, 0.008, 0.03, 500.0)
 stopped = c.servoStop(10.0)
 answers = dict(moved=moved, watched=watched, stopped=stopped, steady=c.isSteady(), payload=c.setPayload(1.0, [0, 0, 0.1]),
                within=c.isJointsWithinSafetyLimits([0.0] * 6), beyond=c.isJointsWithinSafetyLimits([0.0, 0, 4.0, 0, 0, 0]))
 c.stopScript()
-print(json.dumps(dict(goal=goal, at=at, worst=worst, late=late, runtime=r.getRuntimeState(), **answers)), flush=True)
+print(json.dumps(dict(goal=goal, at=at, errors=sorted(errors), runtime=r.getRuntimeState(), **answers)), flush=True)
 """
 
 STREAM_FOR_EVER = """
@@ -159,8 +157,11 @@ def test_control_moves_streams_and_answers(spawn, client, robot):
     assert told["within"]
     assert not told["beyond"]
     assert np.allclose(told["at"], told["goal"], atol=2e-3)
-    # 2 mrad of servo and filter, and a target that is one period late: 8 ms · 0.63 rad/s = 5 mrad, as for each tick that was slept through
-    assert told["worst"] < 8e-3 + 5e-3 * told["late"]
+    # 2 mrad of servo and filter, and a target that is one period late: 8 ms · 0.63 rad/s = 5 mrad; a tenth of the ticks may find client or
+    # controller asleep on a busy machine, for 60 ms at most
+    errors = told["errors"]
+    assert errors[int(0.9 * len(errors))] < 8e-3
+    assert errors[-1] < 8e-3 + 0.06 * 0.63
     assert told["runtime"] == 1
     with simulator.remote() as remote:
         truth = remote.truth()
