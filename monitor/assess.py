@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.solve import Caveat, Identification, IdentifySettings, identify
+from monitor.identify.caveats import Caveat
+from monitor.identify.identification import Identification, IdentifySettings
+from monitor.identify.solve import identify
 from monitor.judge.belief import WEAR, Belief
 from monitor.judge.compensation import CompensatedModel, compensated
 from monitor.judge.document import plain

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,8 +14,10 @@ from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from monitor.config import Configuration
-    from monitor.identify.solve import Identification
+    from monitor.identify.identification import Identification
     from monitor.model.robot import Robot
     from monitor.recording import Array, Recording
 
@@ -32,10 +35,17 @@ app = typer.Typer(
 ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object (watch: one a line) on standard output.")]
 NumbersHelp = "one figure a joint, comma-separated"
+RobotOption = Annotated[str | None, typer.Option(help="Model, e.g. ur5, or a .toml of an arm of yours.", show_default=False)]
+UrdfOption = Annotated[Path | None, typer.Option(help="Instead of a model: any serial arm of 1 to 8 turning joints.", show_default=False)]
+MountingOption = Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")]
+ColumnsOption = Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)]
+GainsOption = Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {NumbersHelp}.", show_default=False)]
 
 
 def main() -> None:
     """Entry point: a user's mistake becomes a sentence and an exit code, never a traceback."""
+    # before numpy is imported: threads for matrices of 60 columns only wait for each other, several times longer than one works
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         app()
     except MonitorError as error:
@@ -153,57 +163,88 @@ def replay(
 @app.command()
 def identify(
     files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings, fitted together.", show_default=False)],
-    robot: Annotated[str, typer.Option(help="Model, e.g. ur5.", show_default=False)],
-    mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
-    columns: Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)] = None,
-    gains: Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {NumbersHelp}.", show_default=False)] = None,
-    method: Annotated[str, typer.Option(help="ls (as the paper) or wls (standstill masked, rows weighted).")] = "wls",
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    mounting: MountingOption = "ground",
+    columns: ColumnsOption = None,
+    gains: GainsOption = None,
+    method: Annotated[
+        str, typer.Option(help="ls (as the paper), wls (standstill masked, rows weighted), robust, consistent (an arm that can exist).")
+    ] = "wls",
+    friction: Annotated[
+        str, typer.Option(help="paper (fc, fv), load, concave, stribeck, or auto: the simplest that predicts data left out as well.")
+    ] = "paper",
+    rigid_from: Annotated[
+        Path | None, typer.Option(help="An earlier identify --json: its rigid parameters are taken as known.", show_default=False)
+    ] = None,
+    payload_pair: Annotated[
+        Path | None, typer.Option(help="The same run with a known mass: joint gains are estimated from both.", show_default=False)
+    ] = None,
+    payload: Annotated[float | None, typer.Option(help="That mass [kg].", show_default=False)] = None,
+    payload_com: Annotated[
+        str | None, typer.Option(help="Its centre in the flange's frame [m]: X,Y,Z; else on the flange.", show_default=False)
+    ] = None,
+    payload_std: Annotated[float, typer.Option(help="Standard deviation of that mass [kg].")] = 0.0,
+    loaded: Annotated[
+        list[Path] | None, typer.Option(help="Run with a payload nobody has weighed: its ten parameters are estimated.", show_default=False)
+    ] = None,
     validate: Annotated[list[Path] | None, typer.Option(help="Held-out recording; may be given again.", show_default=False)] = None,
+    export: Annotated[
+        Path | None, typer.Option(help="Write the arm of --method consistent, as .urdf or .toml.", show_default=False)
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Residual against speed, load, position: a .png or .html of the held-out, else the fitted.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Recordings → base parameters, friction, fit; each with its uncertainty."""
-    import dataclasses
-
-    import numpy as np
-
-    from monitor.files import read_recording
-    from monitor.identify.document import document as told_of
-    from monitor.identify.solve import identify as identify_recordings
-    from monitor.identify.solve import validate as validate_recording
-    from monitor.model.robot import Mounting, load_robot
+    from monitor import offline
+    from monitor.model.robot import Mounting
     from monitor.terminal import print_identification
     from monitor.terminal import status as status_line
 
-    arm = load_robot(robot)
-    attitude = Mounting.parse(mounting)
+    arm = offline.arm(robot, urdf)
     if plot is not None:
         from monitor.plots import check_target
 
         check_target(plot)
-    joint_gains = None if gains is None else np.array(_numbers(gains, "--gains", arm.joints))
-    # a result names the files that the user named, whatever a recording says of where it came from
-    recordings, held_out = (
-        [dataclasses.replace(read_recording(path, columns), source=path.name) for path in paths] for paths in (files, validate or [])
+    if export is not None:
+        offline.check_export(export, method)
+    if (payload_pair is None) != (payload is None):
+        raise BadInput("--payload-pair FILE and --payload KILOGRAMS belong together; one of them is missing")
+    pair = None
+    if payload_pair is not None and payload is not None:
+        com = (0.0, 0.0, 0.0) if payload_com is None else tuple(_numbers(payload_com, "--payload-com", 3, "coordinates"))
+        pair = offline.PayloadPair(file=payload_pair, payload_kg=payload, com_m=com, std_kg=payload_std)
+    request = offline.Request(
+        files=files,
+        robot=arm,
+        mounting=Mounting.parse(mounting),
+        columns=columns,
+        gains=_gains(gains, arm),
+        pair=pair,
+        method=method,
+        friction=friction,
+        rigid_from=rigid_from,
+        held_out=validate or [],
+        loaded=loaded or [],
     )
-    with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):
-        found = identify_recordings(recordings, arm, attitude, method=method, gains=joint_gains)
-        validations = [validate_recording(found, recording, arm, gains=joint_gains) for recording in held_out]
+    with status_line(f"identifying {arm.name} from {', '.join(path.name for path in files)}"):
+        outcome = offline.identify_files(request)
     if plot is not None:
-        _plot_residuals(plot, found, arm, held_out or recordings, joint_gains)
-    document = told_of(found, validations)
+        _plot_residuals(plot, outcome.identification, arm, outcome.held_out or outcome.recordings, outcome.gains)
+    if export is not None:
+        offline.export(export, outcome.identification)
     if as_json:
-        _print_json(document)
+        _print_json(outcome.document)
     else:
-        print_identification(document)
+        print_identification(outcome.document)
 
 
-def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "list[Recording]", gains: "Array | None") -> None:
+def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: "Array | None") -> None:
     from monitor.identify.signals import motion
-    from monitor.identify.solve import predict_torque
     from monitor.identify.torque import joint_torque
+    from monitor.identify.validate import predict_torque
     from monitor.plots import Residuals, residual_plot
 
     shown = []
@@ -217,17 +258,19 @@ def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recording
 
 @app.command()
 def base(
-    robot: Annotated[str, typer.Option(help="Model, e.g. ur5.", show_default=False)],
-    mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    mounting: MountingOption = "ground",
     frames: Annotated[str, typer.Option(help="For what may be quoted: standard-dh (the paper's), modified-dh or joint.")] = "standard-dh",
     as_json: JsonOption = False,
 ) -> None:
     """What is identifiable: rank, base parameters, their symbolic combinations, and which parameters one may quote."""
+    from monitor import offline
     from monitor.model.quotable import base_document
-    from monitor.model.robot import Mounting, load_robot
+    from monitor.model.robot import Mounting
     from monitor.terminal import print_base
 
-    document = base_document(load_robot(robot), Mounting.parse(mounting), frames)
+    document = base_document(offline.arm(robot, urdf), Mounting.parse(mounting), frames)
     if as_json:
         _print_json(document)
     else:
@@ -237,13 +280,14 @@ def base(
 @app.command()
 def energy(
     files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings to identify the arm from.", show_default=False)],
-    robot: Annotated[str, typer.Option(help="Model, e.g. ur5.", show_default=False)],
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
     along: Annotated[
         str | None, typer.Option(help="Trajectory: an excitation (shipped name or .json) or a recording; else the first FILE.")
     ] = None,
-    mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
-    columns: Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)] = None,
-    gains: Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {NumbersHelp}.", show_default=False)] = None,
+    mounting: MountingOption = "ground",
+    columns: ColumnsOption = None,
+    gains: GainsOption = None,
     limit: Annotated[
         list[str] | None, typer.Option(help="REGION=JOULES[@KILOGRAMS of the region]; may be given again.", show_default=False)
     ] = None,
@@ -251,20 +295,19 @@ def energy(
     as_json: JsonOption = False,
 ) -> None:
     """Kinetic energy along a trajectory, with its uncertainty, beside limits. For a risk assessment: not a safety function."""
-    import numpy as np
-
+    from monitor import offline
     from monitor.files import read_recording
     from monitor.identify.signals import motion
     from monitor.identify.solve import identify as identify_recordings
     from monitor.model.energy import BodyRegion, energy_document, flange_speed, kinetic_energy
-    from monitor.model.robot import Mounting, load_robot
+    from monitor.model.robot import Mounting
     from monitor.terminal import print_energy
     from monitor.terminal import status as status_line
 
-    arm = load_robot(robot)
+    arm = offline.arm(robot, urdf)
     regions = [BodyRegion.parse(text) for text in limit or []]
-    joint_gains = None if gains is None else np.array(_numbers(gains, "--gains", arm.joints))
-    recordings = [read_recording(path, columns) for path in files]
+    joint_gains = _gains(gains, arm)
+    recordings = offline.named_recordings(files, columns)
     carried = recordings[0].context.payload_kg
     if along is None or Path(along).suffix in {".csv", ".parquet"}:
         path = recordings[0] if along is None else read_recording(Path(along), columns)
@@ -431,13 +474,19 @@ def _client(configuration: "Configuration") -> Any:
     return Client(endpoint, configuration.robot.site, configuration.robot.id)
 
 
-def _numbers(text: str, option: str, count: int) -> list[float]:
+def _gains(text: str | None, arm: "Robot") -> "Array | None":
+    import numpy as np
+
+    return None if text is None else np.array(_numbers(text, "--gains", arm.joints))
+
+
+def _numbers(text: str, option: str, count: int, what: str = "figures, one a joint") -> list[float]:
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         raise BadInput(f"{option} {text!r}: not numbers; expected {count} figures, comma-separated") from None
     if len(numbers) != count:
-        raise BadInput(f"{option}: {len(numbers)} figures; expected {count}, one a joint")
+        raise BadInput(f"{option}: {len(numbers)} given; expected {count} {what}")
     return numbers
 
 

@@ -51,11 +51,12 @@ class Client:
     def get(self, selector: str, payload: Mapping[str, Any] | None = None) -> list[Message]:
         """The last values that match a selector below the prefix, e.g. `health`, `joint/*/friction`, `**`.
 
-        Raises BusError where the daemon answers with an error or not in time.
+        Raises BadInput where the selector is none, BusError where the daemon answers with an error or not in time.
         """
         answers = []
+        key = self._key(selector)
         data = None if payload is None else json.dumps(payload).encode()
-        for reply in self._session.get(f"{self._prefix}/{selector}", payload=data, timeout=self._timeout_s):
+        for reply in self._session.get(key, payload=data, timeout=self._timeout_s):
             if reply.ok is None:
                 problem = reply.err.payload.to_bytes().decode(errors="replace") if reply.err else "no answer"
                 try:
@@ -77,7 +78,11 @@ class Client:
         return answers[0].document
 
     def watch(self, selector: str = "**", *, with_last: bool = True, until: Callable[[], bool] = lambda: False) -> Iterator[Message]:
-        """First the last values, then everything that is said, until `until()` or the end of the program."""
+        """First the last values, then everything that is said, until `until()` or the end of the program.
+
+        Raises as `get`.
+        """
+        key = self._key(selector)
         # the callback only hands over: a slow one would block the whole link after 256 samples
         arrived: queue.SimpleQueue[Message] = queue.SimpleQueue()
 
@@ -85,7 +90,7 @@ class Client:
             if sample.kind == zenoh.SampleKind.PUT:
                 arrived.put(self._message(sample))
 
-        subscriber = self._session.declare_subscriber(f"{self._prefix}/{selector}", hand_over)
+        subscriber = self._session.declare_subscriber(key, hand_over)
         try:
             if with_last:
                 yield from self.get(selector)
@@ -96,6 +101,15 @@ class Client:
                     continue
         finally:
             subscriber.undeclare()
+
+    def _key(self, selector: str) -> str:
+        key = f"{self._prefix}/{selector}"
+        try:
+            zenoh.Selector(key)
+        except zenoh.ZError as wrong:
+            why = str(wrong).split(" at ")[0].split(": ", 1)[-1]
+            raise BadInput(f"{selector!r} is no key expression ({why}); expected e.g. health, joint/*/friction or **") from None
+        return key
 
     def _message(self, sample: zenoh.Sample) -> Message:
         return Message(str(sample.key_expr).removeprefix(f"{self._prefix}/"), json.loads(sample.payload.to_bytes()))

@@ -8,12 +8,13 @@ import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, ValidationError, create_model
 
 from monitor.acquire.guard import ReplaySettings
 from monitor.assess import AssessSettings
+from monitor.bounds import between
 from monitor.design.cell import Cell, cell_from_document, plain_cell
 from monitor.errors import BadConfiguration, BadInput
 from monitor.model.fourier import Excitation, excitation_from_document
@@ -31,7 +32,7 @@ class RobotSettings:
     id: str  # the same; unique within the site
     host: str = "127.0.0.1"  # address of the controller
     mounting: str = "ground"  # ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees
-    payload_kg: float = 0.0  # as set in the controller
+    payload_kg: Annotated[float, between(0.0, 100.0)] = 0.0  # as set in the controller
     tool: str = "none"
     serial: str | None = None
     gains_nm_per_a: tuple[float, ...] = ()  # joint torque per ampere; empty: the published torque constants
@@ -42,7 +43,7 @@ class ScheduleSettings:
     """When to replay. Times are UTC."""
 
     cron: str = "0 3 * * *"  # minute hour day month weekday
-    grace_s: float = 600.0  # a window missed by more is skipped, and said so
+    grace_s: Annotated[float, between(1.0, 86400.0)] = 600.0  # a window missed by more is skipped, and said so
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,9 +283,17 @@ def _section(name: str, cls: type, value: Any, mistakes: list[str]) -> Any:
 _STRICT: dict[Any, Any] = {bool: StrictBool, int: StrictInt, float: StrictFloat}
 
 
+def _strict(hint: Any) -> Any:
+    """The type that pydantic checks, bounds kept."""
+    if get_origin(hint) is Annotated:
+        inner, *bounds = get_args(hint)
+        return Annotated[_STRICT.get(inner, inner), *bounds]
+    return _STRICT.get(hint, hint)
+
+
 def _schema(cls: type) -> type[BaseModel]:
     """What pydantic checks for a room's dataclass: the same fields, nothing more, no NaN."""
-    hints = get_type_hints(cls)
+    hints = get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(cls):
         hint = hints[field.name]
@@ -294,7 +303,7 @@ def _schema(cls: type) -> type[BaseModel]:
             nested = _schema(hint)
             fields[field.name] = (nested, nested())
         else:
-            fields[field.name] = (_STRICT.get(hint, hint), ... if field.default is dataclasses.MISSING else field.default)
+            fields[field.name] = (_strict(hint), ... if field.default is dataclasses.MISSING else field.default)
     return create_model(cls.__name__, __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **fields)
 
 

@@ -165,8 +165,44 @@ def print_identification(document: dict[str, Any]) -> None:
             )
         table.add_row(*cells)
     console.print(table)
+    _print_beyond(console, document)
     for warning in document["warnings"]:
         console.print(f"[yellow]{warning['code']}[/]: {warning['text']}", highlight=False)
+
+
+def _print_beyond(console: Console, document: dict[str, Any]) -> None:
+    """What an identification found besides, where it was asked: law, validation before and after, gains, arm, payload."""
+    law = document["friction"]["law"]
+    if law.get("values"):
+        for name in law["parameters"]:
+            pairs = zip(law["values"][name], law["std"][name], strict=True)
+            told = "  ".join(f"{_number(value, '.3f')} ± {_number(std, '.3f')}" for value, std in pairs)
+            console.print(f"friction law {law['name']}, {name}: {told}", highlight=False)
+    if law.get("held_out"):
+        errors = ", ".join(f"{name} {_number(error, '.3f')}" for name, error in law["held_out"].items())
+        console.print(f"chosen by the error on data left out, in units of the noise: {errors}", highlight=False)
+    for held in document["validation"]:
+        before, after = held["nominal_normalised_error_nm"], held["normalised_error_nm"]
+        console.print(f"{held['file']}: e_N before {before:.4f}, after {after:.4f} Nm ({held['samples']} samples)", highlight=False)
+    if "gains" in document:
+        gains = document["gains"]
+        pairs = zip(gains["values_nm_per_a"], gains["std_nm_per_a"], strict=True)
+        told = "  ".join("– " if value is None else f"{value:.2f} ± {std:.2f}" for value, std in pairs)
+        console.print(f"joint gains from the payload pair [Nm/A]: {told}", highlight=False)
+    if "physical" in document:
+        physical = document["physical"]
+        masses = "  ".join(f"{link['mass_kg']:.2f}" for link in physical["links"])
+        console.print(
+            f"physically consistent: masses {masses} kg; residual {100 * (physical['residual_ratio'] - 1):+.2f} % beside unconstrained",
+            highlight=False,
+        )
+    if "payload" in document:
+        payload = document["payload"]
+        centre = ", ".join(_number(value, ".3f") for value in payload["com_m"])
+        console.print(
+            f"payload: {payload['mass_kg']:.3f} ± {payload['mass_std_kg']:.3f} kg, centre ({centre}) m in the flange's frame",
+            highlight=False,
+        )
 
 
 def print_base(document: dict[str, Any]) -> None:

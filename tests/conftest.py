@@ -4,6 +4,8 @@ import os
 import socket
 from pathlib import Path
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: threads for matrices this small only wait for each other
+
 import pytest
 from hypothesis import settings
 

@@ -150,3 +150,137 @@ def test_a_joint_that_never_moves_is_drawn_too(tmp_path):
     moving[:, 0] = True
     residual_plot(tmp_path / "still.png", "still", [Residuals("one", x, x, x, x + 0.1, moving)])
     assert pixels(tmp_path / "still.png")[0] > 100
+
+
+# --- friction laws, methods, gains and arms of one's own ----------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    """The same arm without and with 3 kg at the flange, as files."""
+    from pathlib import Path
+
+    folder, excitation = tmp_path_factory.mktemp("pair"), replace(find_excitation("ur5-ground", Path()), repetitions=2)
+    paths = []
+    for name, payload_kg in (("empty", 0.0), ("loaded", 3.0)):
+        paths.append(folder / f"{name}.parquet")
+        write_recording(paths[-1], stepped_replay(Controller(SimulateSettings(robot="ur5", payload_kg=payload_kg)), excitation))
+    return paths
+
+
+def test_identify_chooses_a_law_and_says_by_what(replayed):
+    """The law's parameters by joint, the held-out error of every law there is, and fc, fv as the paper has them."""
+    friction = json.loads(ran("identify", replayed[0], "--robot", "ur5", "--friction", "auto", "--json"))["friction"]
+    law = friction["law"]
+    assert set(law["held_out"]) == {"paper", "load", "concave", "stribeck"}
+    assert law["held_out"][law["name"]] <= law["held_out"]["paper"]
+    if law["name"] != "paper":
+        assert set(law["values"]) == set(law["parameters"])
+    assert len(friction["coulomb_nm"]) == 6
+    assert "chosen by the error on data left out" in ran("identify", replayed[0], "--robot", "ur5", "--friction", "auto")
+
+
+def test_a_consistent_fit_is_exported_as_an_arm_that_pinocchio_loads(replayed, tmp_path):
+    """Its mass matrix is positive definite wherever it is tried; the TOML reads back as the same masses."""
+    import tomllib
+
+    for name in ("arm.urdf", "arm.toml"):
+        told = ran("identify", replayed[0], "--robot", "ur5", "--method", "consistent", "--export", tmp_path / name, "--json")
+    physical = json.loads(told)["physical"]
+    assert 1.0 <= physical["residual_ratio"] <= 1.02
+    assert min(physical["coulomb_nm"] + physical["viscous_nm_s_per_rad"] + physical["rotor_kg_m2"]) >= 0.0
+    model = pin.buildModelFromXML((tmp_path / "arm.urdf").read_text())
+    data, rng = model.createData(), np.random.default_rng(0)
+    for _ in range(100):
+        M = pin.crba(model, data, rng.uniform(-np.pi, np.pi, 6))
+        assert np.linalg.eigvalsh(np.triu(M) + np.triu(M, 1).T)[0] > 0.0
+    links = tomllib.loads((tmp_path / "arm.toml").read_text())["link"]
+    assert [link["mass_kg"] for link in links] == pytest.approx([link["mass_kg"] for link in physical["links"]])
+
+
+def test_an_exported_arm_is_an_arm_to_identify(replayed, tmp_path):
+    """`--urdf` instead of `--robot`: the same rank; a URDF has no torque constants, so the gains are given."""
+    ran("identify", replayed[0], "--robot", "ur5", "--method", "consistent", "--export", tmp_path / "arm.urdf")
+    assert json.loads(ran("base", "--urdf", tmp_path / "arm.urdf", "--json"))["count"] == 52
+    ran("identify", replayed[0], "--robot", "ur5", "--method", "consistent", "--export", tmp_path / "arm.toml")
+    assert json.loads(ran("base", "--robot", tmp_path / "arm.toml", "--json"))["count"] == 52
+    recording = replayed[0]
+    with pytest.raises(BadInput, match="give the joint gains"):
+        ran("identify", strange(recording, tmp_path), "--urdf", tmp_path / "arm.urdf")
+    gains = ",".join(str(gain) for gain in load_robot("ur5").drive_gain_nm_per_a)
+    by_name = json.loads(ran("identify", recording, "--robot", "ur5", "--json"))
+    by_urdf = json.loads(ran("identify", strange(recording, tmp_path), "--urdf", tmp_path / "arm.urdf", "--gains", gains, "--json"))
+    assert by_urdf["friction"]["coulomb_nm"] == pytest.approx(by_name["friction"]["coulomb_nm"], rel=1e-6)
+
+
+def strange(path, folder):
+    """The same recording as of an arm nobody has named."""
+    from monitor.files import read_recording
+
+    recording = read_recording(path)
+    write_recording(folder / "strange.parquet", replace(recording, context=replace(recording.context, robot=None)))
+    return folder / "strange.parquet"
+
+
+def test_a_payload_pair_tells_the_joint_gains(pair):
+    """Within 3 % of those the simulator has, on the joints that bear the payload, with their standard deviations."""
+    empty, loaded = pair
+    told = json.loads(
+        ran("identify", empty, "--robot", "ur5", "--payload-pair", loaded, "--payload", "3", "--payload-com", "0,0,0", "--json")
+    )
+    values, std = told["gains"]["values_nm_per_a"], told["gains"]["std_nm_per_a"]
+    truth = load_robot("ur5").drive_gain_nm_per_a
+    for j in (1, 2):  # shoulder and elbow lift it
+        assert values[j] == pytest.approx(truth[j], rel=0.03)
+        assert 0.0 < std[j] < 0.05 * values[j]
+    assert "joint gains from the payload pair" in ran("identify", empty, "--robot", "ur5", "--payload-pair", loaded, "--payload", "3")
+
+
+def test_an_unknown_payload_is_weighed(pair):
+    """3 kg within 5 %: arm and friction from the empty run, nothing but the payload from the loaded one."""
+    empty, loaded = pair
+    payload = json.loads(ran("identify", empty, "--robot", "ur5", "--friction", "load", "--loaded", loaded, "--json"))["payload"]
+    assert payload["mass_kg"] == pytest.approx(3.0, rel=0.05)
+
+
+def test_rigid_parameters_of_an_earlier_identification_stay(replayed, pair, tmp_path):
+    """To the last digit, while friction is found anew."""
+    earlier = tmp_path / "earlier.json"
+    earlier.write_text(ran("identify", replayed[0], "--robot", "ur5", "--json"), "utf-8")
+    told = json.loads(earlier.read_text("utf-8"))
+    frozen = json.loads(ran("identify", pair[0], "--robot", "ur5", "--rigid-from", earlier, "--json"))
+    names, before, after = told["base_parameters"]["names"], told["base_parameters"]["values"], frozen["base_parameters"]["values"]
+    rigid = [k for k, name in enumerate(names) if not name.startswith("f")]
+    assert [after[k] for k in rigid] == [before[k] for k in rigid]
+    assert frozen["friction"]["coulomb_nm"] != told["friction"]["coulomb_nm"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--robot", "ur5", "--urdf", "x.urdf"), "both of --robot and --urdf"),
+        ((), "neither of --robot and --urdf"),
+        (("--robot", "ur5", "--payload", "3"), "belong together"),
+        (("--robot", "ur5", "--method", "magic"), "method 'magic' is not known; known are ls, wls, robust, consistent"),
+        (("--robot", "ur5", "--friction", "dahl"), "known are paper, load, concave, stribeck"),
+        (("--robot", "ur5", "--export", "arm.urdf"), "expected --method consistent"),
+        (("--robot", "ur5", "--method", "consistent", "--export", "arm.step"), r"ends in \.urdf or \.toml"),
+        (("--robot", "ur5", "--rigid-from", "nowhere.json"), "cannot be read"),
+        (("--robot", "ur5", "--gains", "1e308,1,1,1,1,1"), "between 0.001 and 10000"),
+        (("--robot", "ur5", "--gains", "1e-300,1,1,1,1,1"), "between 0.001 and 10000"),
+        (("--robot", "ur5", "--gains", "1,2"), "2 given; expected 6 figures"),
+    ],
+)
+def test_what_identify_cannot_do_is_refused_in_a_sentence(replayed, arguments, sentence):
+    """What was wrong, and what would be right."""
+    with pytest.raises(BadInput, match=sentence):
+        ran("identify", replayed[0], *arguments)
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"robot": "ur5"}', "nonsense", "[" * 100_000, '{"robot": "ur3", "base_parameters": null}'])
+def test_what_is_no_earlier_identification_is_refused(replayed, tmp_path, text):
+    """Whatever stands in the file, the answer is a sentence."""
+    earlier = tmp_path / "earlier.json"
+    earlier.write_text(text, "utf-8")
+    with pytest.raises(BadInput, match="identify --json"):
+        ran("identify", replayed[0], "--robot", "ur5", "--rigid-from", earlier)

@@ -117,3 +117,38 @@ def test_every_shipped_excitation_starts_and_ends_at_rest_within_the_robots_limi
     excitation = excitation_from_document(json.loads(path.read_text("utf-8")))
     robot = load_robot(excitation.robot)
     within_limits(excitation, max_position_rad=robot.max_position_rad, max_speed_rad_s=robot.max_speed_rad_s)
+
+
+def bounded(cls: type, place: str = ""):
+    """(key, type, least, most) of every setting of a room that has bounds."""
+    from typing import get_args, get_origin
+
+    for name, hint in configuration.get_type_hints(cls, include_extras=True).items():
+        if dataclasses.is_dataclass(hint):
+            yield from bounded(hint, f"{place}{name}.")
+        elif get_origin(hint) is configuration.Annotated:
+            kind, interval = get_args(hint)
+            yield (
+                f"{place}{name}",
+                kind,
+                interval.ge if interval.gt is None else interval.gt,
+                interval.le if interval.lt is None else interval.lt,
+            )
+
+
+def nested(key: str, value: object) -> dict:
+    first, _, rest = key.partition(".")
+    return {first: nested(rest, value) if rest else value}
+
+
+ROOMS = {"robot": configuration.RobotSettings, "schedule": configuration.ScheduleSettings} | configuration._assess_sections()
+
+
+@pytest.mark.parametrize(("room", "key"), [(room, key) for room, cls in ROOMS.items() for key, *_ in bounded(cls)])
+def test_a_figure_beyond_its_bounds_is_refused_by_name(room, key):
+    """Below the least and above the most; the defaults lie within, or the reference would not load."""
+    _, kind, least, most = next(row for row in bounded(ROOMS[room]) if row[0] == key)
+    for value in (kind(least) - 1, kind(most) + 1):
+        section = nested(key, value)
+        said = refusal(**{room: {**LEAST.get(room, {}), **section}})
+        assert f"{room}.{key} = {value!r}: input should be" in said

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.identify.least_squares import Rows
 from monitor.identify.signals import Mask, Motion
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording
@@ -16,6 +17,8 @@ LOW_RATE_HZ = 50.0  # slower, reversals fall between samples
 SAMPLES_A_PARAMETER = 20
 TEMPERATURE_DRIFT_K = 1.0  # fv changes by about 2 % over it
 ILL_CONDITIONED = 1000.0  # an optimised excitation reaches 50–200: Raviola et al. (2021), table 3
+DISBELIEVED = 0.2  # weight of a sample five standard deviations off
+DISBELIEVED_SHARE = 0.01  # of the samples; a normal distribution has none
 
 
 class Caveat(NamedTuple):
@@ -31,6 +34,12 @@ def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[Caveat]:
     if motion.rejected_samples:
         why = ", ".join(f"{count} {reason}" for reason, count in motion.rejected_why.items())
         yield Caveat("rejected_rows", f"{name}: {motion.rejected_samples} of {motion.recorded_samples} rows were left out: {why}")
+    for repair in motion.repairs:
+        yield Caveat(repair.code, f"{name}: {repair.text}; put right")
+    if motion.repaired_samples:
+        yield Caveat(
+            "repaired_spikes", f"{name}: {motion.repaired_samples} readings of current or torque stood out alone and were repaired"
+        )
     if motion.current_is_target:
         yield Caveat(
             "current_is_target", f"{name}: the actual current equals the target's bit for bit: this is a simulator's, not an arm's"
@@ -56,6 +65,16 @@ def of_joints(robot: Robot, speeds: Array, moving: Mask) -> Iterator[Caveat]:
             yield Caveat("joint_hardly_moves", text)
         elif min(forward, 1.0 - forward) < ONE_WAY_SHARE:
             yield Caveat("one_direction", f"joint {j + 1} moves one way only: Coulomb friction cannot be told from weight")
+
+
+def of_trust(rows: Sequence[Rows]) -> Iterator[Caveat]:
+    """How much a robust fit did not believe."""
+    for j in range(rows[0].torque_nm.shape[1]):
+        trusts = [rec.trust[rec.used[:, j], j] for rec in rows if rec.trust is not None]
+        trust = np.concatenate([np.empty(0), *trusts])
+        share = float(np.mean(trust < DISBELIEVED)) if len(trust) else 0.0
+        if share > DISBELIEVED_SHARE:
+            yield Caveat("outliers", f"joint {j + 1}: {share:.1%} of the samples do not fit the rest and had next to no weight")
 
 
 def of_solution(

@@ -6,7 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from monitor.identify.solve import Identification, Validation
+from monitor.errors import BadInput
+from monitor.identify.consistent import Consistent
+from monitor.identify.gains import Gains
+from monitor.identify.identification import Identification
+from monitor.identify.payload import NAMES as PAYLOAD_NAMES
+from monitor.identify.payload import Payload
+from monitor.identify.validate import Validation
+from monitor.model.base import base_parameters
+from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
 
@@ -37,6 +45,7 @@ def document(identification: Identification, validations: Sequence[Validation] =
             "names": list(found.names),
             "values": _numbers(found.values),
             "std": _numbers(found.std),
+            **({} if found.paper_d is None else {"paper_d": _numbers(np.where(np.isnan(found.std), np.nan, found.paper_d))}),
         },
         "friction": {
             "coulomb_nm": _numbers(found.coulomb_nm),
@@ -46,6 +55,8 @@ def document(identification: Identification, validations: Sequence[Validation] =
             "covariance": _numbers(found.friction_cov[:, 0, 1]),
             "temperature_c": None if found.temperature_c is None else _numbers(found.temperature_c),
             "max_speed_rad_s": _numbers(found.max_speed_rad_s),
+            **_misfit(found),
+            "law": _law(found),
         },
         "fit": {
             "samples": found.samples,
@@ -64,11 +75,127 @@ def document(identification: Identification, validations: Sequence[Validation] =
                 "rms_all_nm": _numbers(validation.rms_all_nm),
                 "normalised_error_nm": _number(validation.normalised_error_nm),
                 "nominal_rms_nm": _numbers(validation.nominal_rms_nm),
+                "nominal_normalised_error_nm": _number(validation.nominal_normalised_error_nm),
             }
             for validation in validations
         ],
+        **({} if found.physical is None else {"physical": physical_document(found.physical)}),
         "warnings": [{"code": caveat.code, "text": caveat.text} for caveat in found.caveats],
     }
+
+
+def physical_document(physical: Consistent) -> dict[str, Any]:
+    """Standard parameters of an arm that can exist, about the centres of mass, in DH frames."""
+    arm = physical.robot
+    return {
+        "residual_ratio": _number(physical.residual_ratio),
+        "links": [
+            {"name": name, "mass_kg": _number(mass), "com_m": _numbers(com), "inertia_kg_m2": [_numbers(row) for row in inertia]}
+            for name, mass, com, inertia in zip(arm.link_names, arm.mass_kg, arm.com_m, arm.inertia_kg_m2, strict=True)
+        ],
+        "coulomb_nm": _numbers(physical.coulomb_nm),
+        "viscous_nm_s_per_rad": _numbers(physical.viscous_nm_s_per_rad),
+        "rotor_kg_m2": _numbers(physical.rotor_kg_m2),
+    }
+
+
+def _misfit(found: Identification) -> dict[str, Any]:
+    """What another motion would change beyond noise, because the law is not quite the arm's."""
+    if found.misfit_cov is None:
+        return {}
+    fc, fv = np.sqrt(found.misfit_cov[:, [0, 1], [0, 1]]).T
+    return {"coulomb_misfit_std_nm": _numbers(fc), "viscous_misfit_std_nm_s_per_rad": _numbers(fv)}
+
+
+def _law(found: Identification) -> dict[str, Any]:
+    """The friction law; of laws richer than the paper's, each parameter by joint."""
+    told: dict[str, Any] = {"name": found.law.name, "parameters": list(found.law.parameters)}
+    if found.friction:
+        fitted = found.friction
+        std = np.sqrt(np.diagonal(fitted.covariance, axis1=1, axis2=2))  # (J, K)
+        told |= {
+            "values": {name: _numbers(fitted.values[:, k]) for k, name in enumerate(fitted.law.parameters)},
+            "std": {name: _numbers(std[:, k]) for k, name in enumerate(fitted.law.parameters)},
+            "exponent": fitted.law.exponent,
+            "load_nm": _numbers(fitted.load_nm),
+        }
+    if found.held_out:
+        told["held_out"] = {name: _number(error) for name, error in found.held_out.items()}
+    return told
+
+
+def identification_from_document(told: Any, robot: Robot, mounting: Mounting, source: str) -> Identification:
+    """The parameters that `document` told, for `identify(rigid_from=…)`. Their correlations were not told: the covariance is diagonal.
+
+    Raises BadInput where it is no such document, or of another robot or kind of mounting.
+    """
+    base = base_parameters(robot, mounting)
+    try:
+        made_by, names = told["robot"], told["base_parameters"]["names"]
+        values, std = (_array(told["base_parameters"][key], base.count) for key in ("values", "std"))
+        friction = [_array(told["friction"][key], robot.joints) for key in ("coulomb_nm", "viscous_nm_s_per_rad", "max_speed_rad_s")]
+        condition, samples = told["base_parameters"]["condition_number"], int(told["fit"]["samples"])
+        method = str(told["method"])
+    except (KeyError, TypeError, ValueError) as wrong:
+        raise BadInput(
+            f"{source}: is no identification ({type(wrong).__name__}: {wrong}); expected what `identify --json` printed"
+        ) from None
+    if made_by != robot.name or tuple(names) != base.names:
+        raise BadInput(
+            f"{source}: holds {len(names)} base parameters of {made_by}; expected the {base.count} of {robot.name} on this kind of mounting"
+        )
+    if not np.all(np.isfinite(values)):
+        raise BadInput(f"{source}: {base.names[int(np.argmin(np.isfinite(values)))]} is not known; expected a number for every parameter")
+    unknown = np.full(robot.joints, np.nan)
+    return Identification(
+        robot=robot.name,
+        mounting=mounting,
+        method=method,
+        names=base.names,
+        combination=base.combination,
+        columns=base.columns,
+        values=values,
+        covariance=np.diag(std**2),
+        condition_number=math.inf if condition is None else float(condition),
+        coulomb_nm=friction[0],
+        viscous_nm_s_per_rad=friction[1],
+        friction_cov=np.full((robot.joints, 2, 2), np.nan),
+        temperature_c=None,
+        max_speed_rad_s=friction[2],
+        rms_nm=unknown,
+        relative_rms=unknown,
+        rms_all_nm=unknown,
+        normalised_error_nm=math.nan,
+        samples=samples,
+    )
+
+
+def gains_document(gains: Gains) -> dict[str, Any]:
+    """Joint gains from a payload pair; null where the pair says nothing."""
+    return {"values_nm_per_a": _numbers(gains.values), "std_nm_per_a": _numbers(gains.std), "rms_a": _numbers(gains.rms_a)}
+
+
+def payload_document(payload: Payload) -> dict[str, Any]:
+    """A payload at the flange, in the last DH frame."""
+    std = np.sqrt(np.diag(payload.covariance))
+    return {
+        "mass_kg": _number(payload.mass_kg),
+        "mass_std_kg": _number(payload.mass_std_kg),
+        "com_m": _numbers(payload.com_m),
+        "parameters": {name: _number(value) for name, value in zip(PAYLOAD_NAMES, payload.parameters, strict=True)},
+        "std": {name: _number(value) for name, value in zip(PAYLOAD_NAMES, std, strict=True)},
+        "rms_nm": _numbers(payload.rms_nm),
+        "relative_rms": _numbers(payload.relative_rms),
+        "samples": payload.samples,
+    }
+
+
+def _array(values: Any, count: int) -> Array:
+    """(count,) of numbers, null is NaN. Raises ValueError or TypeError for anything else."""
+    numbers: Array = np.array([math.nan if value is None else float(value) for value in values])
+    if len(numbers) != count:
+        raise ValueError(f"{len(numbers)} figures where {count} belong")
+    return numbers
 
 
 def _number(value: float) -> float | None:

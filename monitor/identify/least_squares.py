@@ -27,6 +27,12 @@ class Rows(NamedTuple):
     used: Mask  # (N, J)
     steps: Indices  # (N,) number of the step of 1/6 block each sample lies in, from 0
     segments: Indices  # (N,) number of the stretch without a hole
+    trust: Array | None = None  # (N, J) weight of each row's square, 0 … 1, from a robust fit; None: all alike
+
+    @property
+    def root_weight(self) -> Array:
+        """(N, J) what each row is multiplied by, before its joint's weight; 0 where it is not used."""
+        return np.where(self.used, 1.0 if self.trust is None else np.sqrt(self.trust), 0.0)
 
 
 class Factor(NamedTuple):
@@ -49,15 +55,38 @@ def factors(recordings: Sequence[Rows]) -> list[Factor]:
     """One factor a joint over all recordings."""
     result = []
     for j in range(recordings[0].Y.shape[1]):
-        rows = [np.column_stack([rec.Y[rec.used[:, j], j], rec.torque_nm[rec.used[:, j], j]]) for rec in recordings]
+        rows = []
+        for rec in recordings:
+            on = rec.used[:, j]
+            weight = 1.0 if rec.trust is None else np.sqrt(rec.trust[on, j, None])
+            rows.append(weight * np.column_stack([rec.Y[on, j], rec.torque_nm[on, j]]))
         stacked = np.concatenate(rows)  # (n, B + 1)
-        result.append(Factor(np.asarray(np.linalg.qr(stacked, mode="r")), len(stacked)))
+        result.append(Factor(triangle(stacked), len(stacked)))
     return result
 
 
-def solve(joints: Sequence[Factor], weights: Array, prior: Array) -> Solution:
-    """Least squares with each joint's rows times its weight (J,); what the data do not excite stays at the prior (B,)."""
+def merged(one: Sequence[Factor], other: Sequence[Factor]) -> list[Factor]:
+    """The factors of both sets of rows together: recordings may come one after the other, and none has to be kept."""
+    return [Factor(triangle(np.concatenate([a.R, b.R])), a.samples + b.samples) for a, b in zip(one, other, strict=True)]
+
+
+def triangle(A: Array) -> Array:
+    """R (r, B) with RᵀR = AᵀA, of A (n, B); r is the number of columns that are not all zero, or n if that is less."""
+    felt = np.flatnonzero(np.any(A != 0.0, axis=0))  # a joint feels only the links outward of it, and its own friction
+    part = np.linalg.qr(A[:, felt], mode="r")
+    R = np.zeros((len(part), A.shape[1]))
+    R[:, felt] = part
+    return R
+
+
+def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array | None = None) -> Solution:
+    """Least squares with each joint's rows times its weight (J,); what the data do not excite stays at the prior (B,).
+
+    penalty : (B,) or None, one over the standard deviation with which each parameter is expected at its prior; 0 for no opinion.
+    """
     stacked = np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])
+    if penalty is not None:
+        stacked = np.concatenate([stacked, np.column_stack([np.diag(penalty), penalty * prior])[penalty > 0.0]])
     A, b = stacked[:, :-1], stacked[:, -1]
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0.0, norms, 1.0)  # kg, kg·m and N·m made comparable
@@ -75,10 +104,15 @@ def residual_rms(joints: Sequence[Factor], values: Array) -> Array:
     return np.array([np.linalg.norm(factor.R @ x) / np.sqrt(max(factor.samples, 1)) for factor in joints])
 
 
-def condition_number(joints: Sequence[Factor]) -> float:
-    """cond(Ȳ_B) of the rows used, unweighted and in SI units, as the paper quotes it."""
-    s = np.linalg.svd(np.concatenate([factor.R[:, :-1] for factor in joints]), compute_uv=False)
+def condition_number(joints: Sequence[Factor], columns: Indices) -> float:
+    """cond(Ȳ_B) of these columns of the rows used, unweighted and in SI units, as the paper quotes it."""
+    s = np.linalg.svd(np.concatenate([factor.R[:, :-1][:, columns] for factor in joints]), compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > 0.0 else float("inf")
+
+
+def residuals_of(recordings: Sequence[Rows], values: Array) -> list[Array]:
+    """(N, J) of each recording: torque less what the parameters (B,) say [N·m]."""
+    return [rec.torque_nm - rec.Y @ values for rec in recordings]
 
 
 def jackknife_covariance(recordings: Sequence[Rows], weights: Array, solution: Solution) -> Array:
@@ -87,29 +121,35 @@ def jackknife_covariance(recordings: Sequence[Rows], weights: Array, solution: S
     Residuals are correlated over about half a second and across joints, so σ²(YᵀY)⁻¹ is 5–40 times too small. The estimate
     without block b differs from the full one by (G − G_b)⁻¹·g_b, without having to be computed anew; the sum of the squares of those
     differences is the delete-a-group jackknife (CR3 of Bell and McCaffrey (2002)), which keeps its coverage down to a dozen blocks.
-    It says how this recording's noise moves the parameters, not what changes from one replay to the next.
+    It says how what the model left of this recording moves the parameters, not what changes from one replay to the next.
     """
+    return jackknife_covariances(recordings, weights, solution, [residuals_of(recordings, solution.values)])[0]
+
+
+def jackknife_covariances(
+    recordings: Sequence[Rows], weights: Array, solution: Solution, residuals: Sequence[Sequence[Array]]
+) -> list[Array]:
+    """`jackknife_covariance` for each of several opinions of what the noise was: (N, J) of each recording [N·m]."""
     T = solution.directions  # (B, r)
     grams, scores, runs = [], [], []
     for number, rec in enumerate(recordings):
-        residual = rec.torque_nm - rec.Y @ solution.values  # (N, J)
-        scaled = rec.used * weights  # (N, J)
+        scaled = rec.root_weight * weights  # (N, J)
         A = rec.Y * scaled[:, :, None]  # (N, J, B)
-        e = residual * scaled
+        e = np.stack([opinion[number] * scaled for opinion in residuals], axis=-1)  # (N, J, S)
         starts = np.flatnonzero(np.diff(rec.steps, prepend=-1))
         for first, last in zip(starts, [*starts[1:], len(e)], strict=True):
             Z = A[first:last].reshape(-1, A.shape[2]) @ T  # (n·J, r)
             grams.append(Z.T @ Z)
-            scores.append(Z.T @ e[first:last].ravel())
+            scores.append(Z.T @ e[first:last].reshape(-1, len(residuals)))  # (r, S)
             runs.append((number, int(rec.segments[first])))
     windows = _windows(runs)
     within = windows[:, None] + np.arange(WINDOW_STEPS)  # (W, 6) steps of each block
-    G, g = np.sum(np.array(grams)[within], axis=1), np.sum(np.array(scores)[within], axis=1)  # (W, r, r), (W, r)
+    G, g = np.sum(np.array(grams)[within], axis=1), np.sum(np.array(scores)[within], axis=1)  # (W, r, r), (W, r, S)
     # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
-    moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g[:, :, None])[:, :, 0] @ T.T  # (W, B)
+    moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g)  # (W, r, S)
     blocks = len(runs) / WINDOW_STEPS
-    covariance: Array = moved.T @ moved * (blocks / len(windows) * (blocks - 1.0) / blocks)
-    return covariance
+    factor = blocks / len(windows) * (blocks - 1.0) / blocks
+    return [factor * (delta.T @ delta) for delta in (moved[:, :, k] @ T.T for k in range(len(residuals)))]
 
 
 def _windows(runs: Sequence[tuple[int, int]]) -> Indices:

@@ -10,10 +10,13 @@ through the inertia that comes with the weight.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from monitor.identify.caveats import Caveat
+from monitor.identify.least_squares import triangle
 from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, Indices, Mask, Motion
 from monitor.model.base import base_parameters
 from monitor.model.quotable import mounting_with_up
@@ -25,10 +28,11 @@ CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordin
 SURE_STD = 5.0  # and the configured direction must explain the data worse by so much
 ALIKE = 0.5  # cosine between the weights of the fit and the manufacturer's: a payload or a tool leaves it above 0.9
 CORRELATED_S = 0.5  # residuals are correlated so long: a sample is evidence only once in it
+FEW_SAMPLES = 400
 SAMPLES = 1500  # of all motions together; gravity is slow, and neighbours repeat each other
 ROUNDS = 30
 NAMED_DEG = 10.0  # nearer than this, a direction is called by its mounting's name
-RIDGE = 1e-8  # of the largest singular value: what the motion does not excite stays 0
+RIDGE = 1e-12  # of a column's square: what the motion does not excite stays near 0
 
 _ASKEW = Mounting(roll_rad=0.7, pitch_rad=0.4)  # all that any attitude can reveal; kept columns and combinations hold for all of them
 _AXES = np.vstack([np.eye(3), -np.eye(3)])  # (6, 3) where the search starts
@@ -57,7 +61,7 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
 
     torques : (N, J) [N·m] of each motion.
     """
-    if not motions:
+    if not motions or _agrees(motions, torques, robot, mounting):
         return None
     found = upward(motions, torques, robot, mounting)
     if not found.contradicts:
@@ -73,6 +77,17 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
         f"gravity in the data is {angle_deg:.0f} ± {max(std_deg, 0.1):.2g}° from where the mounting {_called(mounting)} puts it: "
         f"likely is {_likely(found.up)}{sign}; rotation about the vertical (yaw) never shows in torques",
     )
+
+
+def _agrees(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> bool:
+    """Whether a few hundred samples already put up where the mounting does, with weights like the manufacturer's: the usual case.
+
+    Then no direction elsewhere can be the arm's, and the search over the sphere is spared.
+    """
+    problem = _Problem(motions, torques, robot, samples=FEW_SAMPLES)
+    configured = -mounting.gravity_in_base / np.linalg.norm(mounting.gravity_in_base)
+    up = problem.descend(_nudged(configured))
+    return bool(math.degrees(math.acos(min(1.0, float(up @ configured)))) < 0.5 * CONTRADICTION_DEG and problem.agreement(up) > ALIKE)
 
 
 def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Upward:
@@ -111,16 +126,23 @@ def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mo
     )
 
 
+class _Solved(NamedTuple):
+    values: Array  # (B,)
+    residual: Array  # (r,)
+    A: Array  # (r, B) columns of unit length
+    solver: tuple[Array, bool]  # of AᵀA
+
+
 class _Problem:
     """Least squares with gravity free: cost(up), its Gauss–Newton step, and how sure it is."""
 
-    def __init__(self, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot) -> None:
+    def __init__(self, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, samples: int = SAMPLES) -> None:
         base = base_parameters(robot, _ASKEW)
         B = base.count
         kinds = np.array(base.columns) % PER_JOINT
         self.weighty = np.flatnonzero(kinds < 4)  # places of masses and first moments: gravity acts on nothing else
         self.nominal = base.combination @ robot.nominal_parameters()  # (B,)
-        step = max(1, sum(moved.samples for moved in motions) // SAMPLES)
+        step = max(1, sum(moved.samples for moved in motions) // samples)
         rows = [_rows(moved, torque, robot, base.columns, self.weighty, step) for moved, torque in zip(motions, torques, strict=True)]
         factors, evidence = [], 0.0
         self.size = 0.0
@@ -128,7 +150,7 @@ class _Problem:
             A = np.concatenate([one[used[:, j], j] for one, used in rows])  # (n, B + 3W + 1)
             if len(A) <= A.shape[1]:
                 continue  # hardly moves
-            R: Array = np.asarray(np.linalg.qr(A, mode="r"))
+            R = triangle(A)
             # with gravity wholly free no mounting is presumed: what remains is noise and friction that no law describes
             left = abs(R[-1, -1]) / math.sqrt(len(A))
             weight = 1.0 / max(left, 1e-9 * float(np.linalg.norm(R[:, -1])) / math.sqrt(len(A)) + 1e-12)
@@ -143,35 +165,35 @@ class _Problem:
         self.still, self.torque = C[:, :B], C[:, -1]
         self.pull = np.stack(np.split(C[:, B:-1], 3, axis=1))  # (3, r, W) what each weight does where up is x, y, z
 
-    def _solved(self, up: Array) -> tuple[Array, Array, Array]:
-        """Parameters (B,), residual (r,), and an orthonormal basis of what the parameters can explain (r, ·)."""
+    def _solved(self, up: Array) -> "_Solved":
+        """The parameters that fit best with this up. Normal equations: a search asks for hundreds of these, and digits for none."""
         A = self.still.copy()
         A[:, self.weighty] += np.tensordot(up, self.pull, axes=1)
         norms = np.linalg.norm(A, axis=0)
-        scale = np.where(norms > 0.0, norms, 1.0)
-        U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-        keep = s > RIDGE * max(float(s[0]), 1e-300)
-        reach = U[:, keep]
-        shares = reach.T @ self.torque
-        return Vt[keep].T @ (shares / s[keep]) / scale, self.torque - reach @ shares, reach
+        A /= np.where(norms > 0.0, norms, 1.0)
+        gram = A.T @ A  # (B, B) of unit diagonal
+        gram[np.diag_indices_from(gram)] += RIDGE
+        solver = cho_factor(gram, overwrite_a=True, check_finite=False)
+        scaled = cho_solve(solver, A.T @ self.torque, check_finite=False)
+        return _Solved(scaled / np.where(norms > 0.0, norms, 1.0), self.torque - A @ scaled, A, solver)
 
     def cost(self, up: Array) -> float:
-        residual = self._solved(up)[1]
+        residual = self._solved(up).residual
         return float(residual @ residual)
 
     def agreement(self, up: Array) -> float:
         """Cosine, −1 … 1, between the weights' torque in the fit and in the manufacturer's masses; 0 where those are not published."""
         pull = np.tensordot(up, self.pull, axes=1)  # (r, W)
-        fitted, nominal = pull @ self._solved(up)[0][self.weighty], pull @ self.nominal[self.weighty]
+        fitted, nominal = pull @ self._solved(up).values[self.weighty], pull @ self.nominal[self.weighty]
         cosine = float(fitted @ nominal) / max(float(np.linalg.norm(fitted) * np.linalg.norm(nominal)), 1e-300)
         return cosine if math.isfinite(cosine) else 0.0
 
     def _slopes(self, up: Array) -> tuple[Array, Array, Array]:
         """Residual (r,), its two derivatives across the sphere with the parameters following (r, 2), tangents (3, 2)."""
-        values, residual, reach = self._solved(up)
+        values, residual, A, solver = self._solved(up)
         tangents = np.linalg.svd(up[None])[2][1:].T  # (3, 2)
         moved = np.tensordot(tangents.T, self.pull @ values[self.weighty], axes=1).T  # (r, 2)
-        return residual, -(moved - reach @ (reach.T @ moved)), tangents
+        return residual, A @ cho_solve(solver, A.T @ moved, check_finite=False) - moved, tangents
 
     def descend(self, up: Array) -> Array:
         """The nearest minimum: Gauss–Newton with Kaufman's derivative, damped until the cost falls."""

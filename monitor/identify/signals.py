@@ -6,13 +6,17 @@ signals pass the same filter, forward and backward: a lag between current and sp
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter
 from scipy.signal import butter, sosfiltfilt
 
+from monitor.bounds import between
 from monitor.errors import Unidentifiable
+from monitor.identify.mend import Repair, mended
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Recording
 
@@ -26,6 +30,9 @@ MAX_ACCELERATION_RAD_S2 = 1000.0  # an emergency stop stays below 100
 MAX_CURRENT_A = 200.0  # an order above what the drives can carry
 MAX_TORQUE_NM = 5000.0  # an order above the largest joint's
 MAX_TEMPERATURE_C = 200.0
+SPIKE_WINDOW = 7  # samples: three spikes in a row are outvoted
+SPIKE_STD = 8.0  # ripple and noise of a real drive stay below 6
+SPIKE_FLOOR = 0.01  # of the largest reading: where there is no noise, a bend is no spike
 
 _LIMITS = {"q": MAX_POSITION_RAD, "qd": MAX_SPEED_RAD_S, "qdd": MAX_ACCELERATION_RAD_S2, "current": MAX_CURRENT_A, "torque": MAX_TORQUE_NM}
 
@@ -34,15 +41,18 @@ _LIMITS = {"q": MAX_POSITION_RAD, "qd": MAX_SPEED_RAD_S, "qdd": MAX_ACCELERATION
 class SignalSettings:
     """How a recording becomes a motion."""
 
-    cutoff_hz: float = 8.0  # above the excitation's harmonics, below the drives' ripple and the encoder's noise after d/dt
-    filter_order: int = 2  # once forward, once backward: 4 in effect
-    trim_s: float = 0.2  # at each end, where filtfilt guesses the signal's continuation
-    gap_s: float = 0.25  # a longer hole is not bridged: the motion within it is unknown
-    min_rate_hz: float = 10.0  # slower, q̈ from differences is fiction
-    min_duration_s: float = 5.0  # half a period of the paper's excitation
-    min_speed_rad_s: float = 0.05  # a joint that never gets faster does not move
-    min_moving_share: float = 0.5  # of the joints
-    max_rejected_share: float = 0.2  # more torn rows than that, and the rest is not to be trusted either
+    cutoff_hz: Annotated[float, between(0.5, 50.0)] = (
+        8.0  # above the excitation's harmonics, below the drives' ripple and the encoder's noise after d/dt
+    )
+    filter_order: Annotated[int, between(1, 6)] = 2  # once forward, once backward: 4 in effect
+    trim_s: Annotated[float, between(0.0, 5.0)] = 0.2  # at each end, where filtfilt guesses the signal's continuation
+    gap_s: Annotated[float, between(1e-6, 5.0)] = 0.25  # a longer hole is not bridged: the motion within it is unknown
+    min_rate_hz: Annotated[float, between(5.0, 500.0)] = 10.0  # slower, q̈ from differences is fiction
+    min_duration_s: Annotated[float, between(2.0, 600.0)] = 5.0  # half a period of the paper's excitation
+    min_speed_rad_s: Annotated[float, between(1e-6, 1.0)] = 0.05  # a joint that never gets faster does not move
+    min_moving_share: Annotated[float, between(0.0, 1.0)] = 0.5  # of the joints
+    despike: bool = False  # repair single readings of current and torque that stand out
+    max_rejected_share: Annotated[float, between(0.0, 0.9)] = 0.2  # more torn rows than that, and the rest is not to be trusted either
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,6 +73,9 @@ class Motion:
     recorded_samples: int  # before rejection, resampling and trimming
     rejected_why: Mapping[str, int]  # rows dropped, by reason
     current_is_target: bool  # bit for bit: no drive was there to be measured
+    low_pass: tuple[int, float] | None = None  # order and cutoff [Hz] of the filter the signals passed; None: none
+    repaired_samples: int = 0  # readings of current or torque that stood out alone and were replaced
+    repairs: tuple[Repair, ...] = ()  # what was put right in the recording as a whole
 
     @property
     def samples(self) -> int:
@@ -77,6 +90,14 @@ class Motion:
     def moving(self, threshold_rad_s: float = STANDSTILL_SPEED_RAD_S) -> Mask:
         """(N, J) of bool: where a joint is faster than the threshold."""
         return np.abs(self.qd) > threshold_rad_s
+
+    def rounded(self, x: Array) -> Array:
+        """X (N, …) through the filter that the torque passed, stretch by stretch: as round as the steps there."""
+        if self.low_pass is None:
+            return x
+        low_pass = _low_pass(self.rate_hz, *self.low_pass)
+        stretches = np.split(x, np.flatnonzero(np.diff(self.segments)) + 1)
+        return np.concatenate([low_pass(stretch) for stretch in stretches])
 
     @property
     def segments(self) -> Indices:
@@ -102,6 +123,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     name = recording.source or "recording"
     if recording.current is None and recording.torque is None:
         raise Unidentifiable(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint")
+    recording, repairs = mended(recording)
     keep, why = _sound_rows(recording)
     if len(keep) < 10:
         raise Unidentifiable(f"{name}: {len(keep)} of {recording.samples} rows are sound ({_told(why)}); expected a recording")
@@ -120,7 +142,9 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         raise Unidentifiable(f"{name}: {duration_s:.3g} s long; expected at least {settings.min_duration_s:g} s of motion")
 
     measured = {key: value[keep] for key in _LIMITS if (value := getattr(recording, key)) is not None}
-    low_pass = _low_pass(rate_hz, settings)
+    cutoff_hz = min(settings.cutoff_hz, 0.35 * rate_hz)  # at low rates the cutoff gives way
+    low_pass = _low_pass(rate_hz, settings.filter_order, cutoff_hz)
+    repaired = _despiked(measured) if settings.despike else 0
     parts = []
     short = 0
     for segment in _segments(t_s, max(settings.gap_s, 3.0 / rate_hz)):
@@ -153,6 +177,9 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         recorded_samples=recording.samples,
         rejected_why=why,
         current_is_target=_same(recording.current, recording.target_current),
+        low_pass=(settings.filter_order, cutoff_hz),
+        repaired_samples=repaired,
+        repairs=repairs,
     )
 
 
@@ -256,11 +283,29 @@ def _uniform(t_s: Array, signals: dict[str, Array], rate_hz: float) -> dict[str,
     return {"t_s": even_s, **{key: np.asarray(CubicSpline(t_s, value)(even_s)) for key, value in signals.items()}}
 
 
-def _low_pass(rate_hz: float, settings: SignalSettings) -> Callable[[Array], Array]:
-    """Zero-phase Butterworth; at low rates the cutoff gives way, never above 0.35 of the rate."""
-    cutoff_hz = min(settings.cutoff_hz, 0.35 * rate_hz)
-    sos = butter(settings.filter_order, cutoff_hz, fs=rate_hz, output="sos")
+def _low_pass(rate_hz: float, order: int, cutoff_hz: float) -> Callable[[Array], Array]:
+    """Zero-phase Butterworth."""
+    sos = butter(order, cutoff_hz, fs=rate_hz, output="sos")
     return lambda x: np.asarray(sosfiltfilt(sos, x, axis=0, padtype="odd", padlen=min(len(x) - 1, round(3 * rate_hz / cutoff_hz))))
+
+
+def _despiked(measured: dict[str, Array]) -> int:
+    """Replace, in place, readings of current and torque that stand out alone by the median of the seven around; returns how many.
+
+    The linear filter would smear each over its neighbours, where no weighting finds it any more. A step is not touched: a running
+    median follows it.
+    """
+    repaired = 0
+    for key in measured.keys() & {"current", "torque"}:
+        value = measured[key]
+        middle = median_filter(value, size=(SPIKE_WINDOW, 1), mode="nearest")  # (N, J)
+        off = np.abs(value - middle)
+        # (J,) by the upper tenth, not the median: on a steep stretch a reading is itself the median, and half of them are 0
+        spread = np.quantile(off, 0.9, axis=0) / 1.645
+        spikes = off > SPIKE_STD * np.maximum(spread, SPIKE_FLOOR * np.max(np.abs(middle), axis=0))
+        measured[key] = np.where(spikes, middle, value)
+        repaired += int(np.sum(spikes))
+    return repaired
 
 
 def _filtered(part: dict[str, Array], rate_hz: float, low_pass: Callable[[Array], Array], trim: int) -> dict[str, Array]:

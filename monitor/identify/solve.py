@@ -1,109 +1,30 @@
 """Identification: the parameters that explain a recording, and how sure we are of them."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify import caveats as told
 from monitor.identify.caveats import Caveat
-from monitor.identify.least_squares import WINDOW_STEPS, Rows, condition_number, factors, jackknife_covariance, residual_rms, solve
+from monitor.identify.consistent import Consistent, consistent
+from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, noise, robust_inflation
+from monitor.identify.identification import FrictionFit, Identification, IdentifySettings, Source
+from monitor.identify.least_squares import WINDOW_STEPS, condition_number, jackknife_covariances
 from monitor.identify.mounting import mounting_check
-from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, Mask, Motion, SignalSettings, motion
+from monitor.identify.projection import mapped, mean_load, positive, projection
+from monitor.identify.selection import AUTO, choose_law
+from monitor.identify.signals import Motion, motion
 from monitor.identify.torque import joint_torque
+from monitor.identify.validate import errors_of, refuse_other_arm
 from monitor.model.base import Base, base_parameters
+from monitor.model.friction import LAWS, friction_law
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Recording
 
-__all__ = [
-    "Caveat", "Identification", "IdentifySettings", "Source", "TorqueParts", "Validation",
-    "identify", "identify_motions", "predict_torque", "validate",
-]  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IdentifySettings:
-    """How a motion becomes parameters."""
-
-    signals: SignalSettings = field(default_factory=SignalSettings)
-    moving_rad_s: float = STANDSTILL_SPEED_RAD_S  # slower samples of a joint are not fitted by WLS, nor counted in the RMS
-    block_s: float = 0.8  # residuals stay correlated for 0.4–0.55 s: blocks must be longer, and still be many
-    reweightings: int = 3  # the scales of the joints settle to 1 % in two
-
-
-class Source(NamedTuple):
-    """What went into an identification from one recording."""
-
-    file: str
-    samples: int
-    rate_hz: float
-    duration_s: float
-    rejected_samples: int
-    rejected_why: Mapping[str, int]
-
-
-class TorqueParts(NamedTuple):
-    """Predicted joint torque and what it is made of, each (N, J) [N·m]; torque = rigid + friction."""
-
-    torque: Array
-    rigid: Array
-    friction: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Identification:
-    """What one recording, or several together, say about one arm."""
-
-    robot: str
-    mounting: Mounting
-    method: str  # "ls" | "wls"
-    names: tuple[str, ...]  # (B,) of the base parameters
-    combination: Array  # (B, P): base = combination · standard parameters
-    columns: tuple[int, ...]  # (B,) columns of the regressor that were kept
-    values: Array  # (B,)
-    covariance: Array  # (B, B) honest: accounts for correlated residuals; NaN for what the motion did not excite
-    condition_number: float
-    coulomb_nm: Array  # (J,) NaN where the motion did not excite it
-    viscous_nm_s_per_rad: Array  # (J,)
-    friction_cov: Array  # (J, 2, 2) of (fc, fv) of each joint
-    temperature_c: Array | None  # (J,) mean during the recording
-    max_speed_rad_s: Array  # (J,) fastest each joint moved
-    rms_nm: Array  # (J,) residual over moving samples
-    relative_rms: Array  # (J,) fraction of the torque's RMS over the same samples
-    rms_all_nm: Array  # (J,) over all samples
-    normalised_error_nm: float  # e_N = √(eᵀe)/N, Raviola et al. (2021)
-    samples: int
-    caveats: tuple[Caveat, ...] = ()
-    sources: tuple[Source, ...] = ()
-
-    @property
-    def std(self) -> Array:
-        """(B,) standard deviation of each base parameter; NaN where the motion did not excite it."""
-        deviation: Array = np.sqrt(np.diag(self.covariance))
-        return deviation
-
-    def friction_at(self, speed_rad_s: float) -> tuple[Array, Array]:
-        """Friction torque fc + fv·v at a positive speed, and its standard deviation, each (J,) [N·m]."""
-        x = np.array([1.0, speed_rad_s])
-        torque: Array = self.coulomb_nm + self.viscous_nm_s_per_rad * speed_rad_s
-        return torque, np.sqrt(np.einsum("i,jik,k->j", x, self.friction_cov, x))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Validation:
-    """How well an identification predicts a recording, each (J,) where not said otherwise."""
-
-    file: str
-    samples: int
-    rms_nm: Array  # over samples with |q̇ⱼ| > 0.02 rad/s, as are relative_rms, r2 and nominal_rms_nm
-    relative_rms: Array  # RMS(residual) / RMS(torque)
-    r2: Array  # 1 − residual variance / torque variance
-    rms_all_nm: Array  # over all samples
-    normalised_error_nm: float  # e_N over all joints and samples
-    nominal_rms_nm: Array  # of the manufacturer's masses and centres of mass alone
+METHODS = ("ls", "wls", "robust", "consistent")
 
 
 def identify(
@@ -112,18 +33,26 @@ def identify(
     mounting: Mounting,
     *,
     method: str = "wls",
+    friction: str = "paper",
     gains: Array | None = None,
+    rigid_from: Identification | None = None,
     settings: IdentifySettings | None = None,
 ) -> Identification:
     """The base parameters that explain the recordings together.
 
     `ls` is the paper's: all samples, all joints alike. `wls` scales each joint's rows by its residual and leaves out the samples where
-    that joint stands still. gains : (J,) [N·m/A] or None for the published torque constants. Raises Unidentifiable where a recording
-    holds too little motion, BadInput where it does not fit the robot.
+    that joint stands still. `robust` gives rows little weight that do not fit the rest, and repairs spikes before the filter smears them.
+    `consistent` is `wls` over arms that can exist; its covariance is that of `wls`, which the bounds can only narrow.
+    friction : `paper`, `load`, `concave`, `stribeck`, or `auto`: the simplest of them that predicts data left out as well as the best.
+    rigid_from : an earlier identification whose rigid parameters are taken as known; covariances are then under that condition.
+    gains : (J,) [N·m/A] or None for the published torque constants. Raises Unidentifiable where a recording holds too little motion,
+    BadInput where it does not fit the robot.
     """
     settings = settings or IdentifySettings()
     for recording in recordings:
-        _refuse_other_arm(recording, robot)
+        refuse_other_arm(recording, robot)
+    if method == "robust":
+        settings = replace(settings, signals=replace(settings.signals, despike=True))
     motions = [motion(recording, settings.signals) for recording in recordings]
     torques = [joint_torque(moved, robot, gains) for moved in motions]
     remarks = list(told.of_recordings(recordings))
@@ -132,7 +61,9 @@ def identify(
     contradiction = mounting_check(motions, torques, robot, mounting)
     if contradiction is not None:
         remarks.append(contradiction)
-    return identify_motions(motions, torques, robot, mounting, method=method, settings=settings, caveats=remarks)
+    return identify_motions(
+        motions, torques, robot, mounting, method=method, friction=friction, rigid_from=rigid_from, settings=settings, caveats=remarks
+    )
 
 
 def identify_motions(
@@ -142,39 +73,70 @@ def identify_motions(
     mounting: Mounting,
     *,
     method: str = "wls",
+    friction: str = "paper",
+    rigid_from: Identification | None = None,
     settings: IdentifySettings | None = None,
     caveats: Sequence[Caveat] = (),
 ) -> Identification:
     """`identify` from prepared signals on: torques are (N, J) [N·m] of each motion."""
     settings = settings or IdentifySettings()
-    if method not in {"ls", "wls"}:
-        raise BadInput(f"method {method!r} is not known; known are ls, wls")
+    if method not in METHODS:
+        raise BadInput(f"method {method!r} is not known; known are {', '.join(METHODS)}")
+    law = None if friction == AUTO else friction_law(friction)
     if not motions:
         raise BadInput("identify: no recording was given; expected one or more")
     base = base_parameters(robot, mounting)
-    recordings = [_rows(moved, torque, robot, mounting, base, method, settings) for moved, torque in zip(motions, torques, strict=True)]
     prior = base.combination @ robot.nominal_parameters()  # (B,) only where the motion says nothing
-    joints = factors(recordings)
-    size = np.array([np.linalg.norm(factor.R[:, -1]) / np.sqrt(max(factor.samples, 1)) for factor in joints])  # (J,) RMS of the torque
-    weights = np.ones(robot.joints)
-    solution = solve(joints, weights, prior)
-    if method == "wls":
-        for _ in range(settings.reweightings):
-            weights = 1.0 / np.maximum(residual_rms(joints, solution.values), 1e-9 * size + 1e-12)  # a perfect fit is no infinite weight
-            solution = solve(joints, weights, prior)
-    covariance = jackknife_covariance(recordings, weights, solution)
-    covariance[~solution.excited] = np.nan
-    covariance[:, ~solution.excited] = np.nan
+    if rigid_from is not None:
+        if rigid_from.robot != robot.name or rigid_from.columns != base.columns:
+            raise BadInput(
+                f"rigid_from: the parameters are of {rigid_from.robot} with {len(rigid_from.columns)} base parameters; "
+                f"expected those of {robot.name} on the same kind of mounting, with {base.count}"
+            )
+        if method == "consistent":
+            raise BadInput("method 'consistent' finds rigid parameters, and those of rigid_from are to stay; expected one or the other")
+        prior = rigid_from.values
+    equations = [_equations(moved, torque, robot, mounting, base, method, settings) for moved, torque in zip(motions, torques, strict=True)]
+    layout = layout_of(base.columns, robot.joints, frozen=rigid_from is not None)
+    held_out = None
+    if law is None:
+        law, held_out = choose_law(equations, layout, prior, "wls" if method == "consistent" else method)
+    found = fit(equations, law, layout, prior, method="wls" if method == "consistent" else method)
+    physical = None
+    if method == "consistent":
+        found, physical = _physical(found, base, robot)
+    covariance, with_misfit = _covariances(equations, found, layout, prior)
+    unknown = ~found.solution.excited
+    covariance[unknown], covariance[:, unknown] = np.nan, np.nan
 
-    friction = np.searchsorted(base.columns, np.stack(friction_columns(robot.joints), axis=1))  # (J, 2) places of fc, fv
-    coulomb, viscous = np.where(solution.excited[friction], solution.values[friction], np.nan).T  # (J,), (J,)
-    condition = condition_number(joints)
+    loads = [eq.load(found.solution.values[: base.count], layout) for eq in equations]
+    M, places = projection(equations, loads, found, layout), layout.of_law(law)  # (B, X): the paper's base parameters, (J, K)
+    values, base_covariance = M @ found.solution.values, mapped(M, covariance)
+    misfit = mapped(M, with_misfit) - mapped(M, np.nan_to_num(covariance))
+    if rigid_from is not None:
+        values[layout.rigid] = rigid_from.values[layout.rigid]
+        rigid = np.ix_(layout.rigid, layout.rigid)
+        base_covariance[rigid] = rigid_from.covariance[rigid]
+    known = np.all(found.solution.excited[places], axis=1)  # (J,)
+    pair = layout.friction[:, :, None], layout.friction[:, None, :]
+    coulomb, viscous = np.where(known[:, None], values[layout.friction], np.nan).T  # (J,), (J,)
+
+    condition = condition_number(found.joints, np.flatnonzero(~layout.rigid) if layout.frozen else np.arange(base.count))
     speeds, measured = np.concatenate([moved.qd for moved in motions]), np.concatenate(list(torques))
-    predicted = np.concatenate([rec.Y @ solution.values for rec in recordings])
+    predicted = measured - np.concatenate(found.residuals)
     moving = np.abs(speeds) > settings.moving_rad_s
-    fit = _errors(measured, predicted, moving)
-    remarks = [*caveats, *told.of_joints(robot, speeds, moving)]
-    remarks += told.of_solution(base.names, solution.excited, condition, len(measured), coulomb, viscous)
+    errors = errors_of(measured, predicted, moving)
+    remarks = [*caveats, *told.of_joints(robot, speeds, moving), *told.of_trust(found.rows)]
+    excited = found.solution.excited[: base.count] | (layout.rigid & layout.frozen)
+    remarks += told.of_solution(base.names, excited, condition, len(measured), coulomb, viscous)
+    richer = None
+    if law != LAWS["paper"]:
+        richer = FrictionFit(
+            law=law,
+            values=found.solution.values[places],
+            covariance=covariance[places[:, :, None], places[:, None, :]],
+            load_nm=mean_load(equations, loads),
+        )
     return Identification(
         robot=robot.name,
         mounting=mounting,
@@ -182,104 +144,44 @@ def identify_motions(
         names=base.names,
         combination=base.combination,
         columns=base.columns,
-        values=solution.values,
-        covariance=covariance,
+        values=values,
+        covariance=base_covariance,
         condition_number=condition,
         coulomb_nm=coulomb,
         viscous_nm_s_per_rad=viscous,
-        friction_cov=covariance[friction[:, :, None], friction[:, None, :]],
+        friction_cov=base_covariance[pair],
         temperature_c=_mean_temperature(motions),
         max_speed_rad_s=np.max(np.abs(speeds), axis=0),
-        rms_nm=fit.rms_nm,
-        relative_rms=fit.relative_rms,
-        rms_all_nm=fit.rms_all_nm,
-        normalised_error_nm=fit.normalised_error_nm,
+        rms_nm=errors.rms_nm,
+        relative_rms=errors.relative_rms,
+        rms_all_nm=errors.rms_all_nm,
+        normalised_error_nm=errors.normalised_error_nm,
         samples=len(measured),
         caveats=tuple(remarks),
         sources=tuple(
             Source(m.source, m.recorded_samples, m.rate_hz, m.duration_s, m.rejected_samples, dict(m.rejected_why)) for m in motions
         ),
+        friction=richer,
+        misfit_cov=np.where(known[:, None, None], [positive(part) for part in misfit[pair]], np.nan),
+        held_out=held_out,
+        paper_d=np.linalg.norm((M @ found.solution.directions), axis=1),
+        physical=physical,
     )
 
 
-def predict_torque(identification: Identification, robot: Robot, q: Array, qd: Array, qdd: Array) -> TorqueParts:
-    """Torque that the identified model expects at states q, q̇, q̈ (N, J) [rad, rad/s, rad/s²]."""
-    if robot.name != identification.robot:
-        raise BadInput(f"the parameters are of {identification.robot}, the robot is {robot.name}")
-    Y = regressor(robot, identification.mounting, q, qd, qdd)[:, :, list(identification.columns)]  # (N, J, B)
-    torque = Y @ identification.values
-    of_friction = np.isin(identification.columns, np.concatenate(friction_columns(robot.joints)))  # (B,)
-    friction = Y @ np.where(of_friction, identification.values, 0.0)
-    return TorqueParts(torque, torque - friction, friction)
+def _physical(found: Fit, base: Base, robot: Robot) -> tuple[Fit, Consistent]:
+    """The nearest arm that can exist, on the factors of the fit."""
+    extra = found.joints[0].R.shape[1] - 1 - base.count
+    combination = np.zeros((base.count + extra, base.combination.shape[1] + extra))
+    combination[: base.count, : base.combination.shape[1]] = base.combination
+    combination[base.count :, base.combination.shape[1] :] = np.eye(extra)
+    physical = consistent(found.joints, found.weights, combination, robot)
+    return replace(found, solution=replace(found.solution, values=physical.values)), physical
 
 
-def validate(
-    identification: Identification,
-    recording: Recording,
-    robot: Robot,
-    gains: Array | None = None,
-    settings: IdentifySettings | None = None,
-) -> Validation:
-    """The prediction beside a recording that was not fitted, and beside the manufacturer's parameters.
-
-    Torque and prediction both come from signals filtered as for the fit. Raises as `identify` does.
-    """
-    settings = settings or IdentifySettings()
-    _refuse_other_arm(recording, robot)
-    moved = motion(recording, settings.signals)
-    measured = joint_torque(moved, robot, gains)
-    predicted = predict_torque(identification, robot, moved.q, moved.qd, moved.qdd).torque
-    moving = moved.moving(settings.moving_rad_s)
-    found = _errors(measured, predicted, moving)
-    nominal = regressor(robot, identification.mounting, moved.q, moved.qd, moved.qdd) @ robot.nominal_parameters()
-    return Validation(
-        file=recording.source,
-        samples=moved.samples,
-        rms_nm=found.rms_nm,
-        relative_rms=found.relative_rms,
-        r2=found.r2,
-        rms_all_nm=found.rms_all_nm,
-        normalised_error_nm=found.normalised_error_nm,
-        nominal_rms_nm=_errors(measured, nominal, moving).rms_nm,
-    )
-
-
-def _refuse_other_arm(recording: Recording, robot: Robot) -> None:
-    """Raises BadInput where the recording itself says that another model made it."""
-    made_by = recording.context.robot
-    if made_by is not None and made_by != robot.name:
-        raise BadInput(f"{recording.source or 'recording'}: recorded on a {made_by}; the robot given is {robot.name}")
-
-
-class _Errors(NamedTuple):
-    rms_nm: Array
-    relative_rms: Array
-    r2: Array
-    rms_all_nm: Array
-    normalised_error_nm: float
-
-
-def _errors(measured: Array, predicted: Array, moving: Mask) -> _Errors:
-    """Figures of the residual; (J,) are NaN for a joint that never moves. measured, predicted : (N, J) [N·m]."""
-    residual = measured - predicted
-    count = np.where(moving.any(axis=0), moving.sum(axis=0), np.nan)  # (J,)
-
-    def mean(x: Array) -> Array:
-        average: Array = np.sum(np.where(moving, x, 0.0), axis=0) / count
-        return average
-
-    rms, size = np.sqrt(mean(residual**2)), np.sqrt(mean(measured**2))
-    variance = mean((measured - mean(measured)) ** 2)
-    return _Errors(
-        rms_nm=rms,
-        relative_rms=np.divide(rms, size, out=np.full_like(rms, np.nan), where=size > 0.0),
-        r2=1.0 - np.divide(rms**2, variance, out=np.full_like(rms, np.nan), where=variance > 0.0),
-        rms_all_nm=np.sqrt(np.mean(residual**2, axis=0)),
-        normalised_error_nm=float(np.linalg.norm(residual) / len(residual)),
-    )
-
-
-def _rows(moved: Motion, torque: Array, robot: Robot, mounting: Mounting, base: Base, method: str, settings: IdentifySettings) -> Rows:
+def _equations(
+    moved: Motion, torque: Array, robot: Robot, mounting: Mounting, base: Base, method: str, settings: IdentifySettings
+) -> Equations:
     """The equations of one motion.
 
     A step of Coulomb friction beside a filtered torque would make fc too small by several of its standard deviations, and fv too large:
@@ -289,8 +191,16 @@ def _rows(moved: Motion, torque: Array, robot: Robot, mounting: Mounting, base: 
     joints = np.arange(robot.joints)
     Y[:, joints, friction_columns(robot.joints)[0]] = moved.direction
     Y = Y[:, :, list(base.columns)]  # (N, J, B)
-    used = moved.moving(settings.moving_rad_s) if method == "wls" else np.ones(torque.shape, dtype=bool)
-    return Rows(Y, torque, used, moved.blocks(settings.block_s / WINDOW_STEPS), moved.segments)
+    used = np.ones(torque.shape, dtype=bool) if method == "ls" else moved.moving(settings.moving_rad_s)
+    return Equations(motion=moved, Y=Y, torque_nm=torque, used=used, steps=moved.blocks(settings.block_s / WINDOW_STEPS))
+
+
+def _covariances(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Array) -> tuple[Array, Array]:
+    """Covariance of the unknowns (X, X) by noise alone, and by noise and misfit together."""
+    opinions = [noise(equations, found, layout, prior), found.residuals]
+    alone, together = jackknife_covariances(found.rows, found.weights, found.solution, opinions)
+    inflation = robust_inflation(found) ** 2
+    return alone * inflation, together * inflation
 
 
 def _mean_temperature(motions: Sequence[Motion]) -> Array | None:

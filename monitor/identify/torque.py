@@ -7,6 +7,8 @@ from monitor.identify.signals import Motion
 from monitor.model.robot import Robot
 from monitor.recording import Array
 
+GAIN_NM_PER_A = (1e-3, 1e4)  # from a toy's servo to ten times the largest joint of any arm
+
 
 def joint_torque(motion: Motion, robot: Robot, gains: Array | None = None) -> Array:
     """Joint torque (N, J) [N·m]: measured torque where there is one, else current × gain.
@@ -17,8 +19,10 @@ def joint_torque(motion: Motion, robot: Robot, gains: Array | None = None) -> Ar
     name = motion.source or "recording"
     if motion.q.shape[1] != robot.joints:
         raise BadInput(f"{name}: has {motion.q.shape[1]} joints; {robot.name} has {robot.joints}")
-    if gains is not None and (gains.shape != (robot.joints,) or not np.all(np.isfinite(gains)) or np.any(gains <= 0.0)):
-        raise BadInput(f"--gains: {np.array2string(np.asarray(gains), separator=',')}; expected {robot.joints} positive numbers [N·m/A]")
+    if gains is not None and (gains.shape != (robot.joints,) or not np.all((gains >= GAIN_NM_PER_A[0]) & (gains <= GAIN_NM_PER_A[1]))):
+        least, most = GAIN_NM_PER_A
+        given = np.array2string(np.asarray(gains), separator=",")
+        raise BadInput(f"--gains: {given}; expected {robot.joints} numbers between {least:g} and {most:g} [N·m/A]")
     if motion.torque is not None and (gains is None or motion.current is None):
         return motion.torque
     if motion.current is None:  # signals.motion lets nothing else through

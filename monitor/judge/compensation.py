@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.solve import Identification
+from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief
 from monitor.judge.document import array, entry, plain
 from monitor.judge.temperature import Line, Valued, line_from_document

@@ -13,7 +13,8 @@ import numpy as np
 from filterpy.kalman import predict
 
 from monitor.errors import BadInput
-from monitor.identify.solve import Caveat, Identification
+from monitor.identify.caveats import Caveat
+from monitor.identify.identification import Identification
 from monitor.judge.belief import LEVEL, RATE, SLOPE, UNSEEN, WEAR, Belief, OpenedContext, comparable, differences
 from monitor.judge.evidence import DriftSettings, observe
 from monitor.judge.kalman import filtered, numbers, symmetric

@@ -1,12 +1,13 @@
 """What one replay says of every joint's friction, as the filter sees it, and the settings of filter and evidence."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from monitor.bounds import between
 from monitor.errors import BadConfiguration
-from monitor.identify.solve import Identification
+from monitor.identify.identification import Identification
 from monitor.recording import Array
 
 
@@ -14,25 +15,29 @@ from monitor.recording import Array
 class DriftSettings:
     """How friction is expected to move when nothing, or something, is wrong."""
 
-    reference_speed_rad_s: float = 0.4  # F here repeats to 1.3–2.3 % where fv alone scatters 4–10 %
-    between_std: float = 0.02  # fraction, replay to replay, until the history tells better
-    between_replays: float = 10.0  # how many replays that belief is worth
-    between_floor: float = 0.003  # no history makes us surer than this: temperatures come in 1/16 K and friction is no constant
-    memory_replays: float = 100.0  # the noise of long ago is forgotten
-    autocorrelation: float = 0.3  # of the noise of successive replays, at first; then learnt
-    autocorrelation_max: float = 0.7
-    rate_std_per_day: float = 3e-4  # a new arm's wear rate: 11 % a year is one σ
-    rate_walk_per_sqrt_day: float = 5e-5  # wear changes its pace within months
-    wear_walk_per_sqrt_day: float = 5e-4  # 1 % in a year by chance
-    gate_sigma: float = 4.0  # one replay further off than this is not learnt from …
-    gate_run: int = 3  # … so many in a row on one side are a step
-    cusum_slack: float = 0.5  # [σ] a shift of twice this is found quickest
-    cusum_limit: float = 6.0  # [σ] by chance about once a robot-year; it only loosens the filter, it raises nothing
-    jump_days: float = 30.0  # what looks like a jump may be a new pace of wear: as much in so many days
-    resolution: float = 0.25  # a replay whose own std is a larger fraction of F says nothing of that joint
-    settle_replays: int = 20  # T0 is the mean temperature of the first so many replays
-    unknown_temperature_c: float = 25.0  # stands in where nothing measured it …
-    unknown_temperature_std_k: float = 6.0  # … with this doubt
+    reference_speed_rad_s: Annotated[float, between(0.05, 3.0)] = 0.4  # F here repeats to 1.3–2.3 % where fv alone scatters 4–10 %
+    between_std: Annotated[float, between(1e-6, 0.5)] = 0.02  # fraction, replay to replay, until the history tells better
+    between_replays: Annotated[float, between(1e-6, 1e4)] = 10.0  # how many replays that belief is worth
+    between_floor: Annotated[float, between(1e-6, 0.1)] = (
+        0.003  # no history makes us surer than this: temperatures come in 1/16 K and friction is no constant
+    )
+    memory_replays: Annotated[float, between(2.0, 1e5)] = 100.0  # the noise of long ago is forgotten
+    autocorrelation: Annotated[float, between(0.0, 0.95)] = 0.3  # of the noise of successive replays, at first; then learnt
+    autocorrelation_max: Annotated[float, between(0.0, 0.95)] = 0.7
+    rate_std_per_day: Annotated[float, between(1e-6, 0.1)] = 3e-4  # a new arm's wear rate: 11 % a year is one σ
+    rate_walk_per_sqrt_day: Annotated[float, between(0.0, 0.01)] = 5e-5  # wear changes its pace within months
+    wear_walk_per_sqrt_day: Annotated[float, between(0.0, 0.01)] = 5e-4  # 1 % in a year by chance
+    gate_sigma: Annotated[float, between(2.0, 20.0)] = 4.0  # one replay further off than this is not learnt from …
+    gate_run: Annotated[int, between(2, 20)] = 3  # … so many in a row on one side are a step
+    cusum_slack: Annotated[float, between(1e-6, 5.0)] = 0.5  # [σ] a shift of twice this is found quickest
+    cusum_limit: Annotated[float, between(1e-6, 100.0)] = (
+        6.0  # [σ] by chance about once a robot-year; it only loosens the filter, it raises nothing
+    )
+    jump_days: Annotated[float, between(1e-6, 3650.0)] = 30.0  # what looks like a jump may be a new pace of wear: as much in so many days
+    resolution: Annotated[float, between(1e-6, 1.0)] = 0.25  # a replay whose own std is a larger fraction of F says nothing of that joint
+    settle_replays: Annotated[int, between(0, 1000)] = 20  # T0 is the mean temperature of the first so many replays
+    unknown_temperature_c: Annotated[float, between(-20.0, 80.0)] = 25.0  # stands in where nothing measured it …
+    unknown_temperature_std_k: Annotated[float, between(1e-6, 50.0)] = 6.0  # … with this doubt
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration naming the figure that is out of its range."""

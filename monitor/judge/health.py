@@ -5,10 +5,11 @@ gone; acknowledged and shelved are orthogonal to active (ISA-18.2). `verdict.py`
 """
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from monitor.bounds import between, inside
 from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.document import entry, plain
 from monitor.recording import Array
@@ -39,19 +40,21 @@ ACTIONS = {
 class HealthSettings:
     """When to speak. Rises are fractions of the friction torque at the beginning."""
 
-    advisory_rise: float = 0.01
-    wear_rise: float = 0.05
-    limit_rise: float = 0.30
-    advisory_sure: float = 0.99  # P(wear > rise); stricter where acting is cheap to doubt
-    wear_sure: float = 0.95
-    limit_sure: float = 0.95
-    min_replays: int = 3
-    min_days: int = 2
-    clear_fraction: float = 0.6  # of a tier's rise: lower than the raising level, so that an alert does not flap
-    update_step: float = 0.02  # an active alert is told again when its change has moved by so much
-    common_share: float = 2.0 / 3.0  # of the joints rising together …
-    common_sure: float = 0.9  # … each with this probability, are no wear
-    learning_replays: int = 10  # until then a new temperature is learning, not OFF_SPEC
+    advisory_rise: Annotated[float, between(1e-6, 10.0)] = 0.01
+    wear_rise: Annotated[float, between(1e-6, 10.0)] = 0.05
+    limit_rise: Annotated[float, between(1e-6, 10.0)] = 0.30
+    advisory_sure: Annotated[float, inside(0.5, 1.0)] = 0.99  # P(wear > rise); stricter where acting is cheap to doubt
+    wear_sure: Annotated[float, inside(0.5, 1.0)] = 0.95
+    limit_sure: Annotated[float, inside(0.5, 1.0)] = 0.95
+    min_replays: Annotated[int, between(1, 100)] = 3
+    min_days: Annotated[int, between(1, 100)] = 2
+    clear_fraction: Annotated[float, inside(0.0, 1.0)] = (
+        0.6  # of a tier's rise: lower than the raising level, so that an alert does not flap
+    )
+    update_step: Annotated[float, between(1e-6, 1.0)] = 0.02  # an active alert is told again when its change has moved by so much
+    common_share: Annotated[float, between(1e-6, 1.0)] = 2.0 / 3.0  # of the joints rising together …
+    common_sure: Annotated[float, inside(0.5, 1.0)] = 0.9  # … each with this probability, are no wear
+    learning_replays: Annotated[int, between(0, 1000)] = 10  # until then a new temperature is learning, not OFF_SPEC
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration naming the figure that is out of order."""

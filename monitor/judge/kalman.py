@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from filterpy.kalman import update
 
-from monitor.identify.solve import Caveat
+from monitor.identify.caveats import Caveat
 from monitor.judge.belief import ORDINARY, OUTLIER, RATE, SETTLING, SLOPE, STEP, UNSEEN, WEAR, Belief
 from monitor.judge.evidence import DriftSettings, Observation
 from monitor.recording import Array

@@ -6,11 +6,12 @@ a fixed lattice, so the answer is the same every time. It says when a friction t
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
+from monitor.bounds import between, inside
 from monitor.errors import BadConfiguration
 from monitor.recording import Array
 
@@ -27,8 +28,8 @@ WEAR_NODES = ndtri((np.arange(NODES) * (math.sqrt(5.0) - 1.0) / 2.0 + 0.5) % 1.0
 class PrognosisSettings:
     """Which limit, and when a trend is one."""
 
-    limit_rise: float = 0.30  # friction above its beginning, fraction
-    trend_sure: float = 0.95  # below this P(rate > 0), no date is given
+    limit_rise: Annotated[float, between(1e-6, 10.0)] = 0.30  # friction above its beginning, fraction
+    trend_sure: Annotated[float, inside(0.5, 1.0)] = 0.95  # below this P(rate > 0), no date is given
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration for a limit that is not a rise, or a probability that is none."""

@@ -6,10 +6,11 @@ that one replay already gives a usable law with an honest doubt.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from monitor.bounds import between
 from monitor.errors import BadConfiguration
 from monitor.judge.document import array, plain
 from monitor.recording import Array
@@ -21,12 +22,16 @@ SUMS = 6  # n, Σt, Σt², Σy, Σty, Σy²
 class TemperatureSettings:
     """What is believed of temperature before the first replay, and how far a law may be stretched."""
 
-    viscous_fall_per_k: float = 0.015  # UR3 and UR5: 0.8–2.2 %/K between 22 and 40 °C, Raviola et al. (2021), table 4
-    viscous_fall_std_per_k: float = 0.007  # so that the published range is ± 1 σ
-    coulomb_fall_std_per_k: float = 0.003  # the paper sees none; a straight line through a concave law leaves some
-    scatter: float = 0.05  # fraction; one trajectory's fc and fv scatter by 4–10 % from replay to replay
-    scatter_replays: float = 5.0  # how many replays that belief is worth
-    margin_k: float = 3.0  # beyond the coldest and warmest replay a line is still trusted this far
+    viscous_fall_per_k: Annotated[float, between(0.0, 0.1)] = (
+        0.015  # UR3 and UR5: 0.8–2.2 %/K between 22 and 40 °C, Raviola et al. (2021), table 4
+    )
+    viscous_fall_std_per_k: Annotated[float, between(1e-6, 0.1)] = 0.007  # so that the published range is ± 1 σ
+    coulomb_fall_std_per_k: Annotated[float, between(1e-6, 0.1)] = (
+        0.003  # the paper sees none; a straight line through a concave law leaves some
+    )
+    scatter: Annotated[float, between(1e-6, 1.0)] = 0.05  # fraction; one trajectory's fc and fv scatter by 4–10 % from replay to replay
+    scatter_replays: Annotated[float, between(1e-6, 1e4)] = 5.0  # how many replays that belief is worth
+    margin_k: Annotated[float, between(0.0, 50.0)] = 3.0  # beyond the coldest and warmest replay a line is still trusted this far
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration where a figure that must be positive is not."""

@@ -5,7 +5,7 @@ not about the centre of mass), all in standard DH frame i; then fc, fv (friction
 Joint j feels only the links from j outward: Y is upper block-triangular, and only that half is computed.
 """
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -15,26 +15,9 @@ from monitor.model.friction import LAWS
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
 from monitor.recording import Array
 
+ROUNDING = 1e-15  # of a sine: α = π/2 has a cosine of 6e-17
 COULOMB, VISCOUS, ROTOR = INERTIAL, INERTIAL + 1, INERTIAL + 2  # columns within a joint's block
 _KINDS = ("m{0}", "m{0}x{0}", "m{0}y{0}", "m{0}z{0}", "J{0}xx", "J{0}xy", "J{0}xz", "J{0}yy", "J{0}yz", "J{0}zz", "fc{0}", "fv{0}", "Im{0}")
-
-
-class _Vector(NamedTuple):
-    """A 3-vector for every sample, by component: long contiguous rows are what numpy is quick at."""
-
-    x: Array
-    y: Array
-    z: Array
-
-    def cross(self, other: "_Vector") -> "_Vector":
-        return _Vector(self.y * other.z - self.z * other.y, self.z * other.x - self.x * other.z, self.x * other.y - self.y * other.x)
-
-    def dot(self, other: "_Vector") -> Array:
-        product: Array = self.x * other.x + self.y * other.y + self.z * other.z
-        return product
-
-    def plus(self, other: "_Vector") -> "_Vector":
-        return _Vector(self.x + other.x, self.y + other.y, self.z + other.z)
 
 
 def parameter_names(joints: int) -> tuple[str, ...]:
@@ -62,59 +45,115 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
     angle = q.T + robot.zero_rad[:, None]  # (J, N)
     cos, sin = np.cos(angle), np.sin(angle)  # (J, N)
     speed, acceleration = np.ascontiguousarray(qd.T), np.ascontiguousarray(qdd.T)  # (J, N)
-    still = np.zeros(N)
 
     # Newton–Euler outward. The base accelerates upward: gravity then needs no term of its own.
-    w, dw = _Vector(still, still, still), _Vector(still, still, still)
-    a = _Vector(*(still - component for component in robot.gravity(mounting)))
-    # axes of joints 1…i and their moment arms (axis × vector from the axis to the origin), in the present frame
-    axis = _Vector(np.empty((0, N)), np.empty((0, N)), np.empty((0, N)))  # (i, N) each
-    arm = axis
+    link = np.zeros((3, 3, N))  # (xyz, [ω, ω̇, a], N) in the present frame
+    link[:, 2] = -robot.gravity(mounting)[:, None]
+    # axes of joints 1…J and their moment arms (axis × vector from the axis to the origin), in the present frame
+    screw = np.zeros((3, 2, J, N))  # (xyz, [axis, arm], J, N)
+    scratch = np.empty((6, J, N))
     for i in range(J):
-        v = speed[i]
-        dw = _Vector(dw.x + w.y * v, dw.y - w.x * v, dw.z + acceleration[i])  # ω̇ + z q̈ + ω × z q̇
-        w = _Vector(w.x, w.y, w.z + v)
-        axis = _Vector(*(np.vstack([part, np.full((1, N), own)]) for part, own in zip(axis, (0.0, 0.0, 1.0), strict=True)))
-        arm = _Vector(*(np.vstack([part, np.zeros((1, N))]) for part in arm))
+        v, w, dw, a = speed[i], link[:, 0], link[:, 1], link[:, 2]
+        dw[0] += w[1] * v
+        dw[1] -= w[0] * v
+        dw[2] += acceleration[i]  # ω̇ + z q̈ + ω × z q̇
+        w[2] += v
+        screw[2, 0, i] = 1.0
 
-        c, s = cos[i], sin[i]
-        ca, sa = np.cos(robot.alpha_rad[i]), np.sin(robot.alpha_rad[i])
-        w, dw, a, axis, arm = (_into_next(vector, c, s, float(ca), float(sa)) for vector in (w, dw, a, axis, arm))
+        ca, sa = (0.0 if abs(x) < ROUNDING else x for x in (math.cos(robot.alpha_rad[i]), math.sin(robot.alpha_rad[i])))
+        seen = screw[:, :, : i + 1]  # (3, 2, i + 1, N)
+        for vectors in (link, seen):
+            _into_next(vectors, cos[i], sin[i], ca, sa)
         y, d = robot.y_m[i], robot.d_m[i]
-        to_here = _Vector(robot.a_m[i], ca * y + sa * d, ca * d - sa * y)  # origin i−1 → i, fixed in frame i
-        a = a.plus(dw.cross(to_here)).plus(w.cross(w.cross(to_here)))
-        arm = arm.plus(axis.cross(to_here))
+        to_here = np.array([robot.a_m[i], ca * y + sa * d, ca * d - sa * y])  # origin i−1 → i, fixed in frame i
+        turning = _turning(w, dw)  # (3, 3, N)
+        for k, length in enumerate(to_here):
+            if length != 0.0:
+                a += turning[:, k] * length
+                _add_cross(seen[:, 1], seen[:, 0], k, length)
 
-        _link_block(Y[: i + 1, PER_JOINT * i : PER_JOINT * i + INERTIAL], axis, arm, w, dw, a)
+        block = Y[: i + 1, PER_JOINT * i : PER_JOINT * i + INERTIAL]  # (i + 1, 10, N)
+        _link_block(block, seen[:, 0], seen[:, 1], w, dw, a, turning, scratch[:, : i + 1])
         Y[i, PER_JOINT * i + ROTOR] = acceleration[i]
-    friction = LAWS["paper"].columns(qd, None)  # (N, J, 2)
-    for i in range(J):
-        Y[i, PER_JOINT * i + COULOMB : PER_JOINT * i + ROTOR] = friction[:, i].T
+        Y[i, PER_JOINT * i + COULOMB : PER_JOINT * i + ROTOR] = LAWS["paper"].columns(speed[i]).T
     return Y.transpose(2, 0, 1)  # (N, J, P)
 
 
-def _into_next(v: _Vector, c: Array, s: Array, ca: float, sa: float) -> _Vector:
-    """Components in frame i of a vector given in frame i−1: (Rot(z, q)·Rot(x, α))ᵀ v."""
-    y = c * v.y - s * v.x
-    return _Vector(c * v.x + s * v.y, ca * y + sa * v.z, ca * v.z - sa * y)
+def _into_next(v: Array, c: Array, s: Array, ca: float, sa: float) -> None:
+    """Vectors (3, …, N) given in frame i−1 → their components in frame i, in place: (Rot(z, q)·Rot(x, α))ᵀ v."""
+    x, y, z = v
+    across = c * y
+    across -= s * x
+    x *= c
+    y *= s
+    x += y
+    if ca == 0.0:  # axes at right angles, as most are
+        np.multiply(z, sa, out=y)
+        np.multiply(across, -sa, out=z)
+    elif sa == 0.0:
+        np.multiply(across, ca, out=y)
+        z *= ca
+    else:
+        np.multiply(across, ca, out=y)
+        y += sa * z
+        z *= ca
+        across *= sa
+        z -= across
 
 
-def _link_block(block: Array, axis: _Vector, arm: _Vector, w: _Vector, dw: _Vector, a: _Vector) -> None:
+def _turning(w: Array, dw: Array) -> Array:
+    """(3, 3, N) S(ω̇) + S(ω)²: what a point of the link gains in acceleration per metre from the origin. ω, ω̇ : (3, N)."""
+    turning = w[:, None] * w[None]  # ωωᵀ
+    squares = [turning[k, k].copy() for k in range(3)]
+    for k in range(3):
+        row, column = (k + 1) % 3, (k + 2) % 3
+        turning[k, k] = -(squares[row] + squares[column])
+        turning[row, column] -= dw[k]
+        turning[column, row] += dw[k]
+    return turning
+
+
+def _add_cross(total: Array, v: Array, k: int, length: float) -> None:
+    """Add v × (length along axis k) to the total, both (3, …, N)."""
+    row, column = (k + 1) % 3, (k + 2) % 3
+    total[row] += v[column] * length  # e.g. v × x = (0, v_z, −v_y)
+    total[column] -= v[row] * length
+
+
+def _link_block(block: Array, axis: Array, arm: Array, w: Array, dw: Array, a: Array, turning: Array, scratch: Array) -> None:
     """Fill (i, 10, N): what one link's ten inertial parameters do on each axis inward of it.
 
     The link pushes with f = m·a + (S(ω̇) + S(ω)²)·mc and n = mc × a + Jω̇ + ω × Jω at its DH origin; an axis feels z·n + (z × r)·f.
+    axis, arm : (3, i, N); ω, ω̇, a : (3, N); turning : (3, 3, N); scratch : (6, i, N).
     """
-    block[:, 0] = arm.dot(a)
-    # (S(ω̇) + S(ω)²)ᵀ·arm = arm × ω̇ + ω (ω·arm) − arm ω², and z·(mc × a) = mc·(a × z)
-    turn, lean, along = arm.cross(dw), a.cross(axis), w.dot(arm)
-    w2 = w.dot(w)
-    for k in range(3):
-        block[:, 1 + k] = turn[k] + lean[k] + w[k] * along - arm[k] * w2
-    # z·Jω̇ + z·(ω × Jω) = z·Jω̇ + (z × ω)·Jω, with J symmetric
-    b = axis.cross(w)
-    block[:, 4] = axis.x * dw.x + b.x * w.x
-    block[:, 5] = axis.x * dw.y + axis.y * dw.x + b.x * w.y + b.y * w.x
-    block[:, 6] = axis.x * dw.z + axis.z * dw.x + b.x * w.z + b.z * w.x
-    block[:, 7] = axis.y * dw.y + b.y * w.y
-    block[:, 8] = axis.y * dw.z + axis.z * dw.y + b.y * w.z + b.z * w.y
-    block[:, 9] = axis.z * dw.z + b.z * w.z
+    force = np.concatenate([a[:, None], turning], axis=1)  # (3, 4, N) by m, mx, my, mz
+    _combined(arm, force, block[:, :4], scratch)
+    for k in range(3):  # z·(mc × a) = mc·(a × z)
+        row, column = (k + 1) % 3, (k + 2) % 3
+        block[:, 1 + k] += np.multiply(a[row], axis[column], out=scratch[0])
+        block[:, 1 + k] -= np.multiply(a[column], axis[row], out=scratch[0])
+    _combined(axis, _moment(w, dw), block[:, 4:], scratch)
+
+
+def _combined(v: Array, matrix: Array, out: Array, scratch: Array) -> None:
+    """Fill out (i, K, N) with vᵀ·matrix, of v (3, i, N) and matrix (3, K, N)."""
+    K = matrix.shape[1]
+    for k in range(K):
+        into = out[:, k]
+        np.multiply(v[0], matrix[0, k], out=into)
+        into += np.multiply(v[1], matrix[1, k], out=scratch[0])
+        into += np.multiply(v[2], matrix[2, k], out=scratch[0])
+
+
+def _moment(w: Array, dw: Array) -> Array:
+    """(3, 6, N): Jω̇ + ω × Jω by Jxx, Jxy, Jxz, Jyy, Jyz, Jzz. ω, ω̇ : (3, N)."""
+    x, y, z = w
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    dx, dy, dz = dw
+    return np.array(
+        [
+            [dx, dy - xz, dz + xy, -yz, yy - zz, yz],
+            [xz, dx + yz, zz - xx, dy, dz - xy, -xz],
+            [-xy, xx - yy, dx - yz, xy, dy + xz, dz],
+        ]
+    )

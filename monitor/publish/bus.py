@@ -24,6 +24,7 @@ ROOT = "joint-monitor/v1"
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
 _ID = re.compile(r"[a-z0-9_-]+\Z")
+_ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
 Answer = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 
@@ -43,6 +44,12 @@ class BusSettings:
         for name, low, high in (("live_rate_hz", 0.1, 125.0), ("health_period_s", 1.0, 3600.0), ("query_workers", 1, 32)):
             if not low <= getattr(self, name) <= high:
                 raise BadInput(f"bus: {name} = {getattr(self, name)!r}; expected {low:g} to {high:g}")
+        for name in ("listen", "connect"):
+            for endpoint in getattr(self, name):
+                if not _ENDPOINT.match(endpoint):
+                    raise BadInput(f"bus: {name}: {endpoint!r} is no endpoint; expected PROTOCOL/ADDRESS, e.g. tcp/127.0.0.1:7447")
+        if not (self.listen or self.connect):
+            raise BadInput("bus: listen and connect are both empty: nobody could hear; expected an endpoint in one of them")
 
 
 def prefix(site: str, robot: str) -> str:

@@ -6,6 +6,8 @@ import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +21,12 @@ def cases() -> dict[str, Callable[[], object]]:
     """What is timed, by name; a name after `vs` is what its ratio is quoted against."""
     import pinocchio as pin
 
-    from monitor.identify.solve import identify
+    from monitor.identify.consistent import consistent
+    from monitor.identify.least_squares import WINDOW_STEPS, Rows, factors
+    from monitor.identify.signals import motion
+    from monitor.identify.solve import identify, identify_motions
+    from monitor.identify.torque import joint_torque
+    from monitor.model.base import base_parameters
     from monitor.model.regressor import regressor
     from monitor.simulate.controller import Controller
     from monitor.simulate.settings import SimulateSettings
@@ -27,8 +34,8 @@ def cases() -> dict[str, Callable[[], object]]:
 
     robot, mounting = load_robot("ur5"), Mounting()
     excitation = find_excitation("ur5-ground", Path())
-    _, motion = excitation.sampled(125.0)
-    q, qd, qdd = (signal[:3750] for signal in motion)
+    _, path = excitation.sampled(125.0)
+    q, qd, qdd = (signal[:3750] for signal in path)
     model = robot.pinocchio_model(mounting)
     data = model.createData()
 
@@ -40,13 +47,52 @@ def cases() -> dict[str, Callable[[], object]]:
 
     recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), excitation)
     memory = np.empty((3750, 6, 78))
-    return {
+    moved = motion(recording)
+    torque = joint_torque(moved, robot)
+    fitted = identify_motions([moved], [torque], robot, mounting)
+    base = base_parameters(robot, mounting)
+    Y = regressor(robot, mounting, moved.q, moved.qd, moved.qdd)[:, :, list(base.columns)]
+    rows = Rows(Y, torque, moved.moving(), moved.blocks(0.8 / WINDOW_STEPS), moved.segments)
+    factored = factors([rows])
+    weights = 1.0 / fitted.rms_nm
+    everything = {
         "regressor, 3750 samples": lambda: regressor(robot, mounting, q, qd, qdd),
         "the same by a loop over pinocchio.computeJointTorqueRegressor": pinocchio_loop,
         "touching the memory of 3750 × 6 × 78": lambda: memory.fill(0.0),
-        "identify wls, 30 s at 125 Hz": lambda: identify([recording], robot, mounting, method="wls"),
         "identify ls, 30 s at 125 Hz": lambda: identify([recording], robot, mounting, method="ls"),
+        "identify wls": lambda: identify([recording], robot, mounting, method="wls"),
+        "identify robust": lambda: identify([recording], robot, mounting, method="robust"),
+        "identify wls, friction auto": lambda: identify([recording], robot, mounting, friction="auto"),
+        "physically consistent fit, from factors": lambda: consistent(factored, weights, base.combination, robot),
     }
+    other = figaroh_case(model, moved, torque)
+    return everything if other is None else {**everything, "ls and standard deviations by figaroh, filtered signals to parameters": other}
+
+
+def figaroh_case(model: Any, moved: Any, torque: Any) -> Callable[[], object] | None:
+    """The same motion through figaroh as its examples do: regressor, elimination, two QR, standard deviations. None where it is absent.
+
+    It gets the signals already filtered; `identify` filters them itself, checks the mounting and resamples its residuals.
+    """
+    try:
+        from figaroh.identification.identification_tools import relative_stdev
+        from figaroh.tools.qrdecomposition import QRDecomposer
+        from figaroh.tools.regressor import build_regressor_basic, eliminate_non_dynaffect
+    except ImportError:
+        print("figaroh is not installed: its case is left out (pip install figaroh)")
+        return None
+    robot = SimpleNamespace(model=model, data=model.createData())
+    settings = {"has_friction": True, "has_actuator_inertia": True, "is_joint_torques": True, "act_idxv": list(range(6))}
+    names = {f"p{k}": 0.0 for k in range(78)}
+    stacked = torque.T.ravel()
+
+    def run_figaroh() -> object:
+        W = build_regressor_basic(robot, moved.q, moved.qd, moved.qdd, settings)
+        reduced, kept = eliminate_non_dynaffect(W, names)
+        base, _, _, values, *_ = QRDecomposer().double_decomposition(stacked, reduced, kept)
+        return values, relative_stdev(base, values, stacked)
+
+    return run_figaroh
 
 
 def run() -> dict[str, list[float]]:

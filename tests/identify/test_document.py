@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 from oracle_arm import GROUND, recording, truth
 
-from monitor.identify.document import document
-from monitor.identify.solve import identify, validate
+from monitor.identify.document import document, payload_document
+from monitor.identify.payload import identify_payload
+from monitor.identify.solve import identify
+from monitor.identify.validate import validate
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")
@@ -41,9 +43,33 @@ def test_unknown_is_null_and_never_nan():
     printed = document(found, [validate(found, replace(sound, q=q, qd=qd), UR5)])
     json.dumps(printed, allow_nan=False)
     assert printed["friction"]["coulomb_nm"][5] is None
+    assert printed["friction"]["coulomb_misfit_std_nm"][5] is None
     assert printed["friction"]["viscous_std_nm_s_per_rad"][5] is None
     assert printed["friction"]["temperature_c"] is None
     assert printed["fit"]["relative_rms"][5] is None
     assert printed["base_parameters"]["std"][-1] is None
     assert np.isfinite(printed["friction"]["coulomb_nm"][4])
     assert "not_excited" in {warning["code"] for warning in printed["warnings"]}
+
+
+def test_a_richer_law_is_told_whole():
+    """Name, every parameter by joint with its std, and the error of the laws it was chosen from; a joint at rest has nulls."""
+    found = identify([recording(truth(UR5))], UR5, GROUND, friction="concave")
+    found = replace(found, held_out={"paper": 1.0, "load": 0.9, "concave": 0.8})
+    law = json.loads(json.dumps(document(found), allow_nan=False))["friction"]["law"]
+    assert law["name"] == "concave"
+    assert set(law["values"]) == set(law["std"]) == {"fc", "fv", "fl", "fp"}
+    assert law["values"]["fl"] == found.friction.values[:, 2].tolist()
+    assert law["exponent"] == 0.5
+    assert len(law["load_nm"]) == 6
+    assert law["held_out"] == {"paper": 1.0, "load": 0.9, "concave": 0.8}
+    assert document(identify([recording(truth(UR5))], UR5, GROUND))["friction"]["law"] == {"name": "paper", "parameters": ["fc", "fv"]}
+
+
+def test_a_payload_is_told_with_its_doubt():
+    """Mass, centre, all ten parameters; no centre where nothing hangs."""
+    first, second = recording(truth(UR5)), recording(truth(UR5, seed=2), seed=2)
+    told = payload_document(identify_payload([second], identify([first], UR5, GROUND), UR5))
+    json.dumps(told, allow_nan=False)
+    assert set(told["parameters"]) == set(told["std"]) == {"m", "mx", "my", "mz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz"}
+    assert abs(told["mass_kg"]) < 5.0 * told["mass_std_kg"] + 0.02  # 0.02 kg for what the first run did not know of the arm

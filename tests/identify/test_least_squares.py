@@ -5,7 +5,7 @@ import pytest
 from oracle_arm import GROUND, truth
 from scipy.signal import lfilter
 
-from monitor.identify.least_squares import Rows, factors, jackknife_covariance, residual_rms, solve
+from monitor.identify.least_squares import Rows, factors, jackknife_covariance, merged, residual_rms, solve
 from monitor.model.base import base_parameters
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import load_robot
@@ -55,6 +55,24 @@ def test_factors_say_all_that_the_rows_say():
     np.testing.assert_allclose(found, np.linalg.lstsq(A, (torque * weights)[used], rcond=None)[0], rtol=1e-9)
     rms = [np.sqrt(np.mean((torque[:, j] - Y[:, j] @ found)[used[:, j]] ** 2)) for j in range(3)]
     np.testing.assert_allclose(residual_rms(joints, found), rms, rtol=1e-9)
+
+
+def test_factors_merge_as_recordings_come():
+    """One recording after the other, none kept: the same solution as of all rows at once, to 1e-9."""
+    rng = np.random.default_rng(1)
+    parts = []
+    for samples in (30, 200, 4, 100):  # fewer rows than columns too
+        Y = rng.normal(size=(samples, 3, 7))
+        torque = Y @ np.arange(7.0) + rng.normal(size=(samples, 3))
+        parts.append(Rows(Y, torque, rng.random((samples, 3)) < 0.8, np.arange(samples), np.zeros(samples, dtype=int)))
+    running = factors(parts[:1])
+    for part in parts[1:]:
+        running = merged(running, factors([part]))
+        assert max(len(factor.R) for factor in running) <= 8
+    together = factors(parts)
+    weights = np.array([1.0, 5.0, 0.2])
+    np.testing.assert_allclose(solve(running, weights, np.zeros(7)).values, solve(together, weights, np.zeros(7)).values, rtol=1e-9)
+    assert [factor.samples for factor in running] == [factor.samples for factor in together]
 
 
 def test_what_is_not_excited_stays_at_the_prior():

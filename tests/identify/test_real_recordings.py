@@ -5,7 +5,10 @@ import pytest
 
 from monitor.errors import BadInput, Unidentifiable
 from monitor.files import read_recording
-from monitor.identify.solve import identify, validate
+from monitor.identify.payload import identify_payload
+from monitor.identify.signals import motion
+from monitor.identify.solve import identify
+from monitor.identify.validate import validate
 from monitor.model.robot import Mounting, load_robot
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
@@ -39,14 +42,19 @@ def test_ur10e_torque_is_predicted_to_9_5_6_8_8_7_percent(ur10e, name):
 
 
 def test_ur10e_friction_repeats_across_trajectories_within_its_doubt(ur10e):
-    """F(0.4 rad/s) from three different runs, days apart, agrees within 5 % and within 4 std of the difference.
+    """F(0.4 rad/s) from three different runs, days apart, agrees within 5 % and within 4 std of the difference, misfit included.
 
     Trajectories that differ scatter more than replays of one do: 5 % is the reference's figure for fv, with F(v*) expected below.
     """
+
+    def at_0_4(found):
+        x = np.array([1.0, 0.4])
+        return found.coulomb_nm + 0.4 * found.viscous_nm_s_per_rad, np.sqrt((found.friction_cov + found.misfit_cov) @ x @ x)
+
     robot, first, read = ur10e
-    force, std = first.friction_at(0.4)
+    force, std = at_0_4(first)
     for name in ("ur-20_02_10-30sec_12harm.csv", "ur-20_02_19_14harm50sec.csv"):
-        other, other_std = identify([read(name)], robot, GROUND, gains=GAINS).friction_at(0.4)
+        other, other_std = at_0_4(identify([read(name)], robot, GROUND, gains=GAINS))
         assert np.all(np.abs(other / force - 1.0) < 0.05)
         assert np.all(np.abs(other - force) < 4.0 * np.hypot(std, other_std))
 
@@ -58,6 +66,74 @@ def test_masking_standstill_is_what_the_wrists_gain_from(ur10e):
     held_out = read("ur-20_02_10-30sec_12harm.csv")
     ls, wls = validate(plain, held_out, robot, GAINS), validate(found, held_out, robot, GAINS)
     assert np.all(wls.relative_rms[3:5] < 0.5 * ls.relative_rms[3:5])
+
+
+HELD_OUT = ("ur-20_02_10-30sec_12harm.csv", "ur-20_02_19_14harm50sec.csv")
+
+
+def pooled(rms_nm, recording):
+    """RMS over all joints and moving samples from the joints' own."""
+    moving = np.sum(motion(recording).moving(), axis=0)
+    return float(np.sqrt(np.sum(moving * rms_nm**2) / np.sum(moving)))
+
+
+@pytest.fixture(scope="module")
+def ur10e_auto(ur10e):
+    """The law that the training data choose for themselves, and the paper's plain LS beside it."""
+    robot, _, read = ur10e
+    training = [read("ur-20_02_12-50sec_12harm.csv")]
+    return (
+        identify(training, robot, GROUND, gains=GAINS, friction="auto"),
+        identify(training, robot, GROUND, gains=GAINS, method="ls"),
+    )
+
+
+@pytest.mark.parametrize("name", HELD_OUT)
+def test_ur10e_richer_friction_takes_a_third_off_the_papers_error(ur10e, ur10e_auto, name):
+    """Pooled RMS at most 0.68 of plain LS in the same run, at least 93 % below the manufacturer's; wrists at most 7.5 %.
+
+    Targets of the project; reached are 0.56 and 0.51, 94.6 and 94.7 %, and 6.8 %.
+    """
+    robot, _, read = ur10e
+    found, plain = ur10e_auto
+    recording = read(name)
+    rich, ls = validate(found, recording, robot, GAINS), validate(plain, recording, robot, GAINS)
+    ratio = pooled(rich.rms_nm, recording) / pooled(ls.rms_nm, recording)
+    below = 1.0 - pooled(rich.rms_nm, recording) / pooled(rich.nominal_rms_nm, recording)
+    print(name, f"of plain LS {ratio:.3f}, below nominal {below:.2%}, relative %", np.round(100 * rich.relative_rms, 1))
+    assert ratio <= 0.68
+    assert below >= 0.93
+    assert np.all(rich.relative_rms[3:] <= 0.075)
+
+
+def test_ur10e_chooses_load_and_concave_friction(ur10e, ur10e_auto):
+    """Held-out error within the training run falls with each richer law, and its fc, fv stay within 5 % of the paper's at 0.4 rad/s."""
+    _, paper, _ = ur10e
+    found, _ = ur10e_auto
+    assert found.law.name == "concave"
+    assert found.held_out["concave"] < found.held_out["load"] < found.held_out["paper"]
+    force = paper.coulomb_nm + 0.4 * paper.viscous_nm_s_per_rad
+    np.testing.assert_allclose(found.coulomb_nm + 0.4 * found.viscous_nm_s_per_rad, force, rtol=0.05)
+    assert np.all(found.friction.values[1:3, 2] > 0.03)  # J2 and J3 carry the arm: their gears feel it
+
+
+def test_ur10e_payload_is_found_with_the_arm_and_its_friction_frozen(ur10e, ur10e_auto):
+    """RMS at most 1.3 of the unloaded held-out RMS; without the load term it would not be. No payload is found where there is none.
+
+    The mass with these gains is 3.07 kg, from joint 2 alone 3.01, joint 3 alone 3.16, the wrists alone 3.02; the recording's authors
+    say about 2.6: gains that are 5 % high would explain a third of that, so the limits are wide.
+    """
+    robot, paper, read = ur10e
+    found, _ = ur10e_auto
+    loaded, other = read("ur-20_02_19_14harm50secLoad.csv"), read(HELD_OUT[1])
+    payload = identify_payload([loaded], found, robot, gains=GAINS)
+    unloaded = pooled(validate(found, other, robot, GAINS).rms_nm, other)
+    print(f"payload {payload.mass_kg:.3f} ± {payload.mass_std_kg:.3f} kg, rms {pooled(payload.rms_nm, loaded) / unloaded:.3f} of unloaded")
+    assert pooled(payload.rms_nm, loaded) <= 1.3 * unloaded
+    blind = identify_payload([loaded], paper, robot, gains=GAINS)
+    assert pooled(blind.rms_nm, loaded) > 1.3 * pooled(validate(paper, other, robot, GAINS).rms_nm, other)
+    assert 2.3 < payload.mass_kg < 3.4
+    assert abs(identify_payload([other], found, robot, gains=GAINS).mass_kg) < 0.05  # 0.7 % of what the arm itself can carry
 
 
 def test_ur3e_is_read_by_its_column_names(real_data):

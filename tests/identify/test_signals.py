@@ -160,3 +160,30 @@ def test_temperature_follows_the_motions_clock():
     found = motion(replace(base, temperature_c=warm))
     np.testing.assert_allclose(found.temperature_c[:, 0], 30.0 + 0.1 * found.t_s, atol=1e-9)
     assert np.all(np.isnan(found.temperature_c[:, 1]))
+
+
+def test_despiking_repairs_what_stands_out_alone_and_leaves_the_rest():
+    """Twenty spikes of 30 A are counted and gone (3 % of the amplitude); a step of friction and noise pass untouched, bit for bit."""
+    rng = np.random.default_rng(1)
+    clean = swing()
+    noisy = clean.current + 0.05 * rng.normal(size=clean.current.shape) + 2.0 * np.sign(clean.qd)
+    sound = replace(clean, current=noisy)
+    spiky = noisy.copy()
+    spiky[50::120, 0] += 30.0
+    despike = SignalSettings(despike=True)
+    untouched, repaired = motion(sound, despike), motion(replace(sound, current=spiky), despike)
+    assert untouched.repaired_samples == 0
+    np.testing.assert_array_equal(untouched.current, motion(sound).current)
+    assert repaired.repaired_samples == len(spiky[50::120])
+    assert np.max(np.abs(repaired.current - untouched.current)) < 0.15
+
+
+def test_a_column_made_later_is_as_round_as_a_signal_recorded():
+    """`rounded` of sgn(q̇) is the motion's own `direction`, away from the ends by a filter's length to 1e-3, over a hole too."""
+    t_s = np.delete(np.arange(2500) / 125.0, np.arange(1000, 1060))
+    found = motion(swing(t_s=t_s))
+    again = found.rounded(np.tanh(found.qd / 0.001))
+    assert len(np.unique(found.segments)) == 2
+    for number in (0, 1):
+        stretch = np.flatnonzero(found.segments == number)[30:-30]
+        np.testing.assert_allclose(again[stretch], found.direction[stretch], atol=1e-3)

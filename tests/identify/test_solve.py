@@ -7,7 +7,8 @@ import pytest
 from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, Truth, exact_motion, excitation, recording, rigid_torque, truth
 
 from monitor.errors import BadInput
-from monitor.identify.solve import identify, identify_motions, predict_torque, validate
+from monitor.identify.solve import identify, identify_motions
+from monitor.identify.validate import predict_torque, validate
 from monitor.model.robot import PER_JOINT, Mounting, load_robot
 
 UR5 = load_robot("ur5")
@@ -194,7 +195,7 @@ def test_what_does_not_fit_is_refused():
     sound = recording(truth(UR5))
     with pytest.raises(BadInput, match=r"torque constants of this model are not published.*--gains with 6 numbers"):
         identify([sound], load_robot("ur10e"), GROUND)
-    with pytest.raises(BadInput, match=r"expected 6 positive numbers"):
+    with pytest.raises(BadInput, match=r"expected 6 numbers between"):
         identify([sound], UR5, GROUND, gains=np.array([1.0, 2.0]))
     with pytest.raises(BadInput, match=r"method 'magic' is not known; known are ls, wls"):
         identify([sound], UR5, GROUND, method="magic")

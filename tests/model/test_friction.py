@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.errors import BadInput
-from monitor.model.friction import friction_law, friction_torque, smooth_sign
+from monitor.model.friction import LAWS, friction_law, friction_torque, smooth_sign
 
 
 @given(v=st.floats(-10, 10))
@@ -26,5 +26,25 @@ def test_sign_is_whole_above_the_standstill_threshold():
 def test_an_unknown_law_is_refused_with_the_known_ones():
     """The message lists what may be chosen."""
     assert friction_law("paper").parameters == ("fc", "fv")
-    with pytest.raises(BadInput, match="'stribeck' is not known; known are paper"):
-        friction_law("stribeck")
+    with pytest.raises(BadInput, match="'dahl' is not known; known are paper, load, concave, stribeck"):
+        friction_law("dahl")
+
+
+@pytest.mark.parametrize("name", LAWS)
+@given(v=st.floats(0.001, 10), load=st.floats(-200, 200))
+def test_every_law_opposes_motion_and_begins_with_fc_and_fv(name, v, load):
+    """Each column is odd in speed, does not care for the load's sign, and has the sign of the speed."""
+    law, loads = LAWS[name], np.array([load, load])
+    columns = law.columns(np.array([v, -v]), loads)
+    assert columns.shape == (2, len(law.parameters))
+    np.testing.assert_array_equal(columns[0], -columns[1])
+    np.testing.assert_array_equal(columns, law.columns(np.array([v, -v]), -loads))
+    assert np.all(columns[0] >= 0.0)
+    assert law.parameters[:2] == ("fc", "fv")
+    np.testing.assert_array_equal(columns[:, :2], LAWS["paper"].columns(np.array([v, -v])))
+
+
+def test_a_law_that_knows_load_will_not_guess_it():
+    """Without the torque through the gear it refuses."""
+    with pytest.raises(BadInput, match="'load' needs the torque"):
+        friction_law("load").columns(np.ones((3, 6)))

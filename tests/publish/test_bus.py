@@ -1,6 +1,7 @@
 """Real Zenoh sessions on loopback: what one side says, the other side gets."""
 
 import json
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -129,3 +130,30 @@ def test_an_id_that_would_break_a_key_is_refused(site: str):
     """Only a–z, 0–9, _ and - may become part of a key."""
     with pytest.raises(BadInput, match="expected only"):
         prefix(site, "cell-1")
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"listen": ("a",)}, "listen: 'a' is no endpoint; expected PROTOCOL/ADDRESS"),
+        ({"connect": ("127.0.0.1:7447",)}, "connect: '127.0.0.1:7447' is no endpoint"),
+        ({"listen": ("tcp/",)}, "is no endpoint"),
+        ({"listen": (), "connect": ()}, "nobody could hear"),
+        ({"live_rate_hz": 0.0}, "live_rate_hz = 0.0; expected 0.1 to 125"),
+        ({"health_period_s": 1e9}, "health_period_s = 1000000000.0; expected 1 to 3600"),
+        ({"query_workers": 0}, "query_workers = 0; expected 1 to 32"),
+    ],
+)
+def test_settings_that_no_session_could_have_are_refused(changes: dict, says: str):
+    """By name, before a session is opened."""
+    with pytest.raises(BadInput, match=re.escape(says)):
+        BusSettings(**changes)
+
+
+@pytest.mark.parametrize("selector", ["t*", "", "joint//friction", "health/", "#"])
+def test_what_is_no_key_expression_is_refused_by_the_client(bus, selector):
+    """With Zenoh's reason and an example, for a get and for a watcher."""
+    with Client(bus[1], "lab", "cell-1") as client:
+        for ask in (client.get, lambda selector: next(client.watch(selector))):
+            with pytest.raises(BadInput, match="is no key expression"):
+                ask(selector)

@@ -1,0 +1,112 @@
+"""Identification: what recordings say about one arm, and how sure we are of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import numpy as np
+
+from monitor.bounds import between
+from monitor.identify.caveats import Caveat
+from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, SignalSettings
+from monitor.model.friction import LAWS, FrictionLaw
+from monitor.model.robot import Mounting
+from monitor.recording import Array
+
+if TYPE_CHECKING:
+    from monitor.identify.consistent import Consistent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifySettings:
+    """How a motion becomes parameters."""
+
+    signals: SignalSettings = field(default_factory=SignalSettings)
+    moving_rad_s: Annotated[float, between(1e-6, 0.5)] = (
+        STANDSTILL_SPEED_RAD_S  # slower samples of a joint are not fitted by WLS, nor counted in the RMS
+    )
+    block_s: Annotated[float, between(0.1, 10.0)] = (
+        0.8  # residuals stay correlated for 0.4–0.55 s: blocks must be longer, and still be many
+    )
+
+
+class Source(NamedTuple):
+    """What went into an identification from one recording."""
+
+    file: str
+    samples: int
+    rate_hz: float
+    duration_s: float
+    rejected_samples: int
+    rejected_why: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionFit:
+    """Friction by a law richer than the paper's."""
+
+    law: FrictionLaw
+    values: Array  # (J, K) in the order of `law.parameters`
+    covariance: Array  # (J, K, K); NaN where the motion did not excite it
+    load_nm: Array  # (J,) mean torque through the gear while the joint moved
+
+    def at(self, speed_rad_s: float) -> tuple[Array, Array]:
+        """Friction torque at a positive speed under the recording's mean load, and its standard deviation, each (J,) [N·m]."""
+        x = self.law.columns(np.full(len(self.load_nm), speed_rad_s), self.load_nm)  # (J, K)
+        return np.einsum("jk,jk->j", x, self.values), np.sqrt(np.einsum("ji,jik,jk->j", x, self.covariance, x))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Identification:
+    """What one recording, or several together, say about one arm.
+
+    Whatever the friction law, fc and fv are those of the paper: the line fc·s(q̇) + fv·q̇ nearest to the law over the speeds and loads of
+    the recording, so that they may be compared with any other. `values` contains them too. Covariances are of noise: how far another
+    recording of the same motion would come out. What another motion would change because the law is not quite the arm's is `misfit_cov`.
+    """
+
+    robot: str
+    mounting: Mounting
+    method: str  # "ls" | "wls" | "robust" | "consistent"
+    names: tuple[str, ...]  # (B,) of the base parameters
+    combination: Array  # (B, P): base = combination · standard parameters
+    columns: tuple[int, ...]  # (B,) columns of the regressor that were kept
+    values: Array  # (B,)
+    covariance: Array  # (B, B) honest: accounts for correlated residuals; NaN for what the motion did not excite
+    condition_number: float
+    coulomb_nm: Array  # (J,) NaN where the motion did not excite it
+    viscous_nm_s_per_rad: Array  # (J,)
+    friction_cov: Array  # (J, 2, 2) of (fc, fv) of each joint
+    temperature_c: Array | None  # (J,) mean during the recording
+    max_speed_rad_s: Array  # (J,) fastest each joint moved
+    rms_nm: Array  # (J,) residual over moving samples
+    relative_rms: Array  # (J,) fraction of the torque's RMS over the same samples
+    rms_all_nm: Array  # (J,) over all samples
+    normalised_error_nm: float  # e_N = √(eᵀe)/N, Raviola et al. (2021)
+    samples: int
+    caveats: tuple[Caveat, ...] = ()
+    sources: tuple[Source, ...] = ()
+    friction: FrictionFit | None = None  # None: the paper's law, fc and fv say all
+    misfit_cov: Array | None = None  # (J, 2, 2) of (fc, fv), to be added to `friction_cov` to compare different motions
+    held_out: Mapping[str, float] | None = None  # law → RMS over the noise of data left out, where the law was chosen by it
+    paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): neither the noise's scale nor its correlation is in it
+    physical: "Consistent | None" = None  # the standard parameters of an arm that can exist, where they were asked for
+
+    @property
+    def law(self) -> FrictionLaw:
+        """The friction law."""
+        return self.friction.law if self.friction else LAWS["paper"]
+
+    @property
+    def std(self) -> Array:
+        """(B,) standard deviation of each base parameter; NaN where the motion did not excite it."""
+        deviation: Array = np.sqrt(np.diag(self.covariance))
+        return deviation
+
+    def friction_at(self, speed_rad_s: float) -> tuple[Array, Array]:
+        """Friction torque by the law at a positive speed (and mean load), and its standard deviation, each (J,) [N·m]."""
+        if self.friction:
+            return self.friction.at(speed_rad_s)
+        x = np.array([1.0, speed_rad_s])
+        torque: Array = self.coulomb_nm + self.viscous_nm_s_per_rad * speed_rad_s
+        return torque, np.sqrt(np.einsum("i,jik,k->j", x, self.friction_cov, x))

@@ -1,0 +1,148 @@
+"""What is wrong with a whole recording and can be put right: its units, and a clock that was set.
+
+Rows that are torn are dropped elsewhere; here nothing is dropped. A unit is changed only where the recording itself says which it is:
+positions and speeds must be each other's derivative, and no arm turns a hundred radians a second.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.errors import Unidentifiable
+from monitor.recording import Array, Recording
+
+DEGREES = 180.0 / math.pi
+ALIKE = 0.15  # relative: a ratio this near to a unit's is that unit; noise and differences move it by a few per cent
+CONTRADICTION = 2.0  # a ratio farther than this from 1, and from every unit: not the derivative of those positions
+BEYOND_RAD = 2.1 * math.pi  # no joint of an arm with cables turns farther; one that turns without end may
+BEYOND_RAD_S = 7.0  # the fastest joint of any UR turns at 2π
+WELL_SAMPLED_HZ = 10.0  # slower, differences say nothing
+MOVING_RAD_S = 0.02
+WINDOW_S = 0.13  # a difference over so long: short beside the motion, long beside ripple
+WINDOW_ROWS = 17
+FEWEST_WINDOWS = 20
+RETURN_ROWS = 20  # a clock that is still behind after so many rows was set; one torn time comes back in the next
+FAR_S = 60.0  # a leap ahead by more is no hole in a recording of a replay
+HOLE_S = 1.0  # what an unknown time between two rows counts as: longer than any gap that is bridged
+
+
+class Repair(NamedTuple):
+    """What was changed; `code` is for programs, `text` for people."""
+
+    code: str
+    text: str
+
+
+def mended(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
+    """The recording in seconds, radians and with a clock that runs on, and what had to be done for it.
+
+    Raises Unidentifiable where speeds are not what the positions change by.
+    """
+    repairs = []
+    t_s, jumps = _running_on(recording.t_s)
+    if jumps:
+        recording = replace(recording, t_s=t_s)
+        repairs.append(Repair("clock_jump", f"the clock was set {jumps} time{'s' if jumps > 1 else ''}; the time in between is unknown"))
+    for field, factor, text in _units(recording):
+        recording = replace(recording, **{field: getattr(recording, field) * factor})
+        repairs.append(Repair("unit_repaired", text))
+    return recording, tuple(repairs)
+
+
+def _running_on(t_s: Array) -> tuple[Array, int]:
+    """The clock with every lasting leap, back or far ahead, replaced by a hole; and how many there were."""
+    finite = np.flatnonzero(np.isfinite(t_s))
+    if len(finite) < 2 * RETURN_ROWS:
+        return t_s, 0
+    t = t_s[finite]
+    step = np.diff(t)
+    tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 0.0
+    offset, jumps = np.zeros(len(t)), 0
+    limit = max(FAR_S, 100.0 * tick)
+    for i in np.flatnonzero((step < 0.0) | (step > limit)):
+        before, after = t[max(0, i + 1 - RETURN_ROWS) : i + 1], t[i + 1 : i + 1 + RETURN_ROWS]
+        if len(after) < RETURN_ROWS or len(before) < RETURN_ROWS:
+            continue
+        # a torn time is alone on its side; where the clock was set, all rows before and all after stand apart
+        back = np.median(after) < np.min(before[-3:]) and np.max(after) < t[i] + limit and np.min(after) > t[i + 1] - limit
+        ahead = np.min(after) > np.max(before) + limit
+        if (step[i] < 0.0 and back and np.max(after) < np.max(before)) or (step[i] > limit and ahead):
+            offset[i + 1 :] += t[i] + HOLE_S - t[i + 1]
+            jumps += 1
+    mended = t_s.copy()
+    mended[finite] = t + offset
+    return (mended, jumps) if jumps else (t_s, 0)
+
+
+def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
+    """(field, factor, what to say) of every unit that is not the SI's."""
+    name = recording.source or "recording"
+    t_s, q, qd, qdd = recording.t_s, recording.q, recording.qd, recording.qdd
+    step = np.diff(t_s[np.isfinite(t_s)])
+    tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else math.nan
+    speed_ratio = _ratio(t_s, q, qd)
+    if speed_ratio is not None:
+        for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6)):
+            if _near(speed_ratio * per_second, 1.0) and tick * WELL_SAMPLED_HZ > 1.0:
+                yield "t_s", 1.0 / per_second, f"time is in {unit}"
+                tick, speed_ratio = tick / per_second, speed_ratio * per_second
+    if not tick * WELL_SAMPLED_HZ <= 1.0:
+        return
+    if speed_ratio is None:
+        if _in_degrees(q, BEYOND_RAD):
+            speed = np.gradient(q, axis=0) / tick
+            if qd is None and _in_degrees(speed, BEYOND_RAD_S):
+                yield "q", 1.0 / DEGREES, "positions are in degrees"
+        return
+    degrees_alone = _near(speed_ratio, DEGREES), _near(speed_ratio, 1.0 / DEGREES)
+    both = _near(speed_ratio, 1.0) and _in_degrees(q, BEYOND_RAD) and _in_degrees(qd, BEYOND_RAD_S)
+    if degrees_alone[0] or both:
+        yield "q", 1.0 / DEGREES, "positions are in degrees"
+    if degrees_alone[1] or both:
+        yield "qd", 1.0 / DEGREES, "speeds are in degrees a second"
+    if not (any(degrees_alone) or 1.0 / CONTRADICTION < speed_ratio < CONTRADICTION):
+        raise Unidentifiable(
+            f"{name}: positions change {speed_ratio:.3g} times as fast as the speeds say; expected 1 (or 57.3 for degrees): "
+            f"check the columns and the clock"
+        )
+    if qdd is not None and qd is not None:
+        scaled = qd / DEGREES if degrees_alone[1] or both else qd
+        acceleration_ratio = _ratio(t_s if tick < 1.0 else t_s * 1e-3, scaled, qdd)
+        if acceleration_ratio is not None and _near(acceleration_ratio, 1.0 / DEGREES):
+            yield "qdd", 1.0 / DEGREES, "accelerations are in degrees a second squared"
+
+
+def _near(ratio: float, unit: float) -> bool:
+    return abs(ratio / unit - 1.0) < ALIKE
+
+
+def _in_degrees(values: Array | None, beyond: float) -> bool:
+    """Whether two joints or more (one joint may turn without end), for a good part of the time, are where radians do not go."""
+    if values is None:
+        return False
+    with np.errstate(invalid="ignore"):
+        share = np.mean((np.abs(values) > beyond) & (np.abs(values) < 1e4), axis=0)  # (J,)
+    return bool(np.sum(share > 0.1) >= min(2, values.shape[1]))
+
+
+def _ratio(t_s: Array, x: Array, rate: Array | None) -> float | None:
+    """By what the change of x per time exceeds the rate that was recorded: the median over windows that move; None if too few do."""
+    if rate is None or len(t_s) < 10:
+        return None
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        step = np.diff(t_s)
+        tick = np.median(step[step > 0.0]) if np.any(step > 0.0) else math.inf
+        length = int(np.clip(WINDOW_S / tick, 2, WINDOW_ROWS - 1))  # ripple and noise average out
+        first = np.arange(0, len(t_s) - length, max(1, length // 2))
+        dt = t_s[first + length] - t_s[first]
+        slope = (x[first + length] - x[first]) / dt[:, None]  # (W, J)
+        middle = np.median(rate[first[:, None] + np.arange(length + 1)], axis=1)  # (W, J) a torn row has no say
+        sound = ((dt > 0.0) & (dt < 1.5 * length * tick))[:, None] & np.isfinite(slope) & np.isfinite(middle) & (np.abs(middle) < 1e4)
+        fast = np.array([np.quantile(np.abs(m[ok]), 0.9) if np.any(ok) else 0.0 for m, ok in zip(middle.T, sound.T, strict=True)])
+        # where a joint turns round, the difference and the speed are both about zero
+        telling = sound & (np.abs(middle) > np.maximum(0.3 * fast, MOVING_RAD_S))
+        ratios = slope[telling] / middle[telling]
+    return float(np.median(ratios)) if len(ratios) >= FEWEST_WINDOWS else None

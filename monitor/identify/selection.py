@@ -1,0 +1,68 @@
+"""Which friction law: the simplest that predicts data left out as well as the best."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.identify.fit import Equations, Layout, fit
+from monitor.identify.least_squares import Factor, Rows, factors, residual_rms, solve
+from monitor.model.friction import EVERY_TERM, LAWS, FrictionLaw
+from monitor.recording import Array
+
+AUTO = "auto"
+FOLDS = 10  # stretches of time, each far longer than residuals stay correlated (0.5 s)
+
+
+class Choice(NamedTuple):
+    """A law, and the RMS of what every law leaves of data it was not fitted to, in units of the paper's residual."""
+
+    law: FrictionLaw
+    held_out: Mapping[str, float]
+
+
+def choose_law(equations: Sequence[Equations], layout: Layout, prior: Array, method: str) -> Choice:
+    """Cross-validation over stretches of time within the recordings.
+
+    Every law is fitted to the other stretches and judged on this one. A richer law is taken only where it is better than the simpler
+    one by more than the standard error of the difference over the stretches.
+    """
+    richest = EVERY_TERM
+    rows = fit(equations, richest, layout, prior, method=method).rows
+    # one scale for all laws, or each would be its own judge
+    weights = fit(equations, LAWS["paper"], layout, prior, method=method).weights  # (J,)
+    folds = [factors([_stretch(rec, k) for rec in rows]) for k in range(FOLDS)]
+    extra = layout.of_law(richest)[:, 2:]  # (J, 3) places of fl, fp, fs
+    errors = {}
+    for name, law in LAWS.items():
+        own = extra[:, [richest.parameters.index(parameter) - 2 for parameter in law.parameters[2:]]].ravel()
+        columns = np.concatenate([np.arange(len(prior)), own, [-1]]).astype(np.intp)
+        expected = np.append(prior, np.zeros(len(own)))
+        errors[name] = _left_out([[Factor(f.R[:, columns], f.samples) for f in fold] for fold in folds], weights, expected)
+    best = LAWS["paper"]
+    for law in list(LAWS.values())[1:]:
+        gain = errors[best.name] - errors[law.name]  # (F,) mean squares
+        if np.mean(gain) > np.std(gain, ddof=1) / np.sqrt(FOLDS):
+            best = law
+    return Choice(best, {name: float(np.sqrt(np.mean(error))) for name, error in errors.items()})
+
+
+def _stretch(rec: Rows, k: int) -> Rows:
+    """The k-th of FOLDS parts of a recording."""
+    on = np.arange(len(rec.steps)) * FOLDS // len(rec.steps) == k
+    trust = None if rec.trust is None else rec.trust[on]
+    return Rows(rec.Y[on], rec.torque_nm[on], rec.used[on], rec.steps[on], rec.segments[on], trust)
+
+
+def _left_out(folds: Sequence[Sequence[Factor]], weights: Array, expected: Array) -> Array:
+    """(F,) mean square of what the fit to all other stretches leaves of each, in units of the weights."""
+    errors = []
+    for k, fold in enumerate(folds):
+        others = [other for i, other in enumerate(folds) if i != k]
+        joints = [
+            Factor(np.concatenate([other[j].R for other in others]), sum(other[j].samples for other in others)) for j in range(len(weights))
+        ]
+        left = residual_rms(fold, solve(joints, weights, expected).values)  # (J,)
+        samples = np.array([factor.samples for factor in fold])
+        errors.append(float(np.sum(samples * (weights * left) ** 2) / max(np.sum(samples), 1)))
+    return np.array(errors)

@@ -1,0 +1,123 @@
+"""Validation: what an identification predicts beside what was measured."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.errors import BadInput
+from monitor.identify.fit import layout_of
+from monitor.identify.identification import Identification, IdentifySettings
+from monitor.identify.signals import Mask, motion
+from monitor.identify.torque import joint_torque
+from monitor.model.regressor import regressor
+from monitor.model.robot import Robot
+from monitor.recording import Array, Recording
+
+
+class TorqueParts(NamedTuple):
+    """Predicted joint torque and what it is made of, each (N, J) [N·m]; torque = rigid + friction."""
+
+    torque: Array
+    rigid: Array
+    friction: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Validation:
+    """How well an identification predicts a recording, each (J,) where not said otherwise."""
+
+    file: str
+    samples: int
+    rms_nm: Array  # over samples with |q̇ⱼ| > 0.02 rad/s, as are relative_rms, r2 and nominal_rms_nm
+    relative_rms: Array  # RMS(residual) / RMS(torque)
+    r2: Array  # 1 − residual variance / torque variance
+    rms_all_nm: Array  # over all samples
+    normalised_error_nm: float  # e_N over all joints and samples
+    nominal_rms_nm: Array  # of the manufacturer's masses and centres of mass alone
+    nominal_normalised_error_nm: float  # their e_N: the paper's "before" beside "after"
+
+
+def predict_torque(identification: Identification, robot: Robot, q: Array, qd: Array, qdd: Array) -> TorqueParts:
+    """Torque that the identified model expects at states q, q̇, q̈ (N, J) [rad, rad/s, rad/s²]."""
+    if robot.name != identification.robot:
+        raise BadInput(f"the parameters are of {identification.robot}, the robot is {robot.name}")
+    Y = regressor(robot, identification.mounting, q, qd, qdd)[:, :, list(identification.columns)]  # (N, J, B)
+    layout = layout_of(identification.columns, robot.joints)
+    rigid = Y @ np.where(layout.rigid, identification.values, 0.0)
+    if identification.friction:
+        columns = identification.law.columns(qd, Y @ np.where(layout.load, identification.values, 0.0))  # (N, J, K)
+        friction: Array = np.einsum("njk,jk->nj", columns, identification.friction.values)
+    else:
+        friction = Y @ np.where(layout.rigid, 0.0, identification.values)
+    return TorqueParts(rigid + friction, rigid, friction)
+
+
+def validate(
+    identification: Identification,
+    recording: Recording,
+    robot: Robot,
+    gains: Array | None = None,
+    settings: IdentifySettings | None = None,
+) -> Validation:
+    """The prediction beside a recording that was not fitted, and beside the manufacturer's parameters.
+
+    Torque and prediction both come from signals filtered as for the fit. Raises as `identify` does.
+    """
+    settings = settings or IdentifySettings()
+    refuse_other_arm(recording, robot)
+    moved = motion(recording, settings.signals)
+    measured = joint_torque(moved, robot, gains)
+    predicted = predict_torque(identification, robot, moved.q, moved.qd, moved.qdd).torque
+    moving = moved.moving(settings.moving_rad_s)
+    found = errors_of(measured, predicted, moving)
+    nominal_torque = regressor(robot, identification.mounting, moved.q, moved.qd, moved.qdd) @ robot.nominal_parameters()
+    nominal = errors_of(measured, nominal_torque, moving)
+    return Validation(
+        file=recording.source,
+        samples=moved.samples,
+        rms_nm=found.rms_nm,
+        relative_rms=found.relative_rms,
+        r2=found.r2,
+        rms_all_nm=found.rms_all_nm,
+        normalised_error_nm=found.normalised_error_nm,
+        nominal_rms_nm=nominal.rms_nm,
+        nominal_normalised_error_nm=nominal.normalised_error_nm,
+    )
+
+
+def refuse_other_arm(recording: Recording, robot: Robot) -> None:
+    """Raises BadInput where the recording itself says that another model made it."""
+    made_by = recording.context.robot
+    if made_by is not None and made_by != robot.name:
+        raise BadInput(f"{recording.source or 'recording'}: recorded on a {made_by}; the robot given is {robot.name}")
+
+
+class Errors(NamedTuple):
+    """Figures of a residual, as in `Validation`."""
+
+    rms_nm: Array
+    relative_rms: Array
+    r2: Array
+    rms_all_nm: Array
+    normalised_error_nm: float
+
+
+def errors_of(measured: Array, predicted: Array, moving: Mask) -> Errors:
+    """Figures of the residual; (J,) are NaN for a joint that never moves. measured, predicted : (N, J) [N·m]."""
+    residual = measured - predicted
+    count = np.where(moving.any(axis=0), moving.sum(axis=0), np.nan)  # (J,)
+
+    def mean(x: Array) -> Array:
+        average: Array = np.sum(np.where(moving, x, 0.0), axis=0) / count
+        return average
+
+    rms, size = np.sqrt(mean(residual**2)), np.sqrt(mean(measured**2))
+    variance = mean((measured - mean(measured)) ** 2)
+    return Errors(
+        rms_nm=rms,
+        relative_rms=np.divide(rms, size, out=np.full_like(rms, np.nan), where=size > 0.0),
+        r2=1.0 - np.divide(rms**2, variance, out=np.full_like(rms, np.nan), where=variance > 0.0),
+        rms_all_nm=np.sqrt(np.mean(residual**2, axis=0)),
+        normalised_error_nm=float(np.linalg.norm(residual) / len(residual)),
+    )
