@@ -89,29 +89,52 @@ def run(
 
 @app.command()
 def simulate(
-    robot: Annotated[str, typer.Option(help="Model, e.g. ur5 or ur3.")] = "ur5",
-    bind: Annotated[str, typer.Option(help="Loopback address; RTDE, dashboard and script ports are fixed.")] = "127.0.0.1",
+    robot: Annotated[str | None, typer.Option(help="Model, e.g. ur5 (the default) or ur3e.", show_default=False)] = None,
+    bind: Annotated[str, typer.Option(help="Loopback address; one robot an address, its ports are fixed.")] = "127.0.0.1",
+    scenario: Annotated[str | None, typer.Option(metavar="NAME|FILE", help="What happens in its life.", show_default=False)] = None,
     seed: Annotated[int, typer.Option(help="Of noise; the same seed, the same arm.")] = 0,
-    ambient: Annotated[float, typer.Option(help="Room temperature [°C].")] = 22.0,
-    payload: Annotated[float, typer.Option(help="Mass at the flange [kg].")] = 0.0,
-    mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
-    command_port: Annotated[int, typer.Option(help="JSON lines: truth, wear, heat, faults.")] = 30020,
+    ambient: Annotated[float | None, typer.Option(help="Room temperature [°C]; default 22 or the scenario's.", show_default=False)] = None,
+    payload: Annotated[float | None, typer.Option(help="Mass at the flange [kg].", show_default=False)] = None,
+    mounting: Annotated[str | None, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.", show_default=False)] = None,
+    command_port: Annotated[int, typer.Option(help="JSON lines: truth, time, wear, faults.")] = 30020,
+    view: Annotated[bool, typer.Option("--view", help="Show the arm's state live in the terminal.")] = False,
+    fault: Annotated[
+        str | None,
+        typer.Option(metavar="'NAME key=value …'", help="Make a fault in the simulator that runs at --bind.", show_default=False),
+    ] = None,
 ) -> None:
     """Be a UR controller made of software, for the unmodified ur-rtde, until Ctrl-C."""
-    from monitor.model.robot import Mounting
-    from monitor.simulate.server import serve
-    from monitor.simulate.settings import SimulateSettings
+    from monitor.simulate.launch import announcement, settings_from
+    from monitor.simulate.scenario import load_scenario
 
-    settings = SimulateSettings(
+    if fault is not None:
+        from monitor.simulate.faults import parse
+        from monitor.simulate.remote import Remote
+
+        name, arguments = parse(fault)
+        with Remote(bind, command_port) as remote:
+            typer.echo(remote.fault(name, **arguments))
+        return
+    settings = settings_from(
+        None if scenario is None else load_scenario(scenario),
         robot=robot,
         bind=bind,
         seed=seed,
         ambient_c=ambient,
         payload_kg=payload,
-        mounting=Mounting.parse(mounting),
+        mounting=mounting,
         command_port=command_port,
     )
-    serve(settings, lambda: typer.echo(f"simulated {robot} listening on {bind} (RTDE 30004, dashboard 29999, commands {command_port})"))
+    if view:
+        from monitor.simulate.view import simulate_and_watch
+
+        options = {"--robot": robot, "--scenario": scenario, "--ambient": ambient, "--payload": payload, "--mounting": mounting}
+        given = [f"{option}={value}" for option, value in options.items() if value is not None]
+        simulate_and_watch([f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", *given], bind, command_port)
+        return
+    from monitor.simulate.server import serve
+
+    serve(settings, lambda: typer.echo(announcement(settings)))
 
 
 @app.command()

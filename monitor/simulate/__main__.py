@@ -5,7 +5,9 @@ import logging
 import sys
 
 from monitor.errors import BadInput, MonitorError
-from monitor.model.robot import Mounting, robot_names
+from monitor.model.robot import robot_names
+from monitor.simulate.launch import settings_from
+from monitor.simulate.scenario import load_scenario
 from monitor.simulate.settings import SimulateSettings
 
 
@@ -20,12 +22,13 @@ def main(arguments: list[str] | None = None) -> int:
     """Parse, listen, serve; 2 where the arguments or the ports are wrong."""
     defaults = SimulateSettings()
     parser = argparse.ArgumentParser(prog="python -m monitor.simulate", description=__doc__)
-    parser.add_argument("--robot", default=defaults.robot, help=f"one of {', '.join(robot_names())}")
+    parser.add_argument("--robot", help=f"one of {', '.join(robot_names())}")
     parser.add_argument("--bind", default=defaults.bind, help="loopback address; one robot an address")
     parser.add_argument("--seed", type=int, default=defaults.seed, help="of the measurement noise")
-    parser.add_argument("--ambient", type=float, default=defaults.ambient_c, metavar="C", help="room temperature [°C]")
-    parser.add_argument("--mounting", default="ground", help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees")
-    parser.add_argument("--payload", type=float, default=defaults.payload_kg, metavar="KG")
+    parser.add_argument("--scenario", metavar="NAME|FILE", help="what happens in this arm's life; a shipped one or one's own TOML")
+    parser.add_argument("--ambient", type=float, metavar="C", help="room temperature [°C]")
+    parser.add_argument("--mounting", help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees")
+    parser.add_argument("--payload", type=float, metavar="KG")
     parser.add_argument("--command-port", type=int, default=defaults.command_port)
     parser.add_argument("--polyscope", default=None, metavar="VERSION", help="version to report, e.g. 5.11.0")
     parser.add_argument("--protective-runtime", default=defaults.protective_runtime, choices=["paused", "stopped", "playing"])
@@ -35,12 +38,13 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO if given.verbose else logging.WARNING, format="%(name)s %(message)s", stream=sys.stderr)
     try:
-        settings = SimulateSettings(
+        settings = settings_from(
+            None if given.scenario is None else load_scenario(given.scenario),
             robot=given.robot,
             bind=given.bind,
             seed=given.seed,
             ambient_c=given.ambient,
-            mounting=Mounting.parse(given.mounting),
+            mounting=given.mounting,
             payload_kg=given.payload,
             command_port=given.command_port,
             version=given.polyscope,

@@ -33,8 +33,8 @@ WEAR_MAX = 100.0
 class Commands:
     """Answers requests about one robot."""
 
-    def __init__(self, controller: Controller, ports: Ports, shut_down: Callable[[], None]) -> None:
-        self._controller, self._ports, self._shut_down = controller, ports, shut_down
+    def __init__(self, ports: Ports, place: Callable[[], faults.Place], shut_down: Callable[[], None]) -> None:
+        self._ports, self._place, self._shut_down = ports, place, shut_down
         self.ticks: dict[str, Any] = {}  # the server's figures of its timer
         self.stepping = False
         self._actions: dict[str, Callable[[dict[str, Any]], Awaitable[Any]]] = {
@@ -47,6 +47,10 @@ class Commands:
             "fault": self._fault,
             "shutdown": self._shutdown,
         }
+
+    @property
+    def _controller(self) -> Controller:
+        return self._ports.controller
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """One connection, until it ends."""
@@ -75,12 +79,13 @@ class Commands:
 
     async def _advance(self, request: dict[str, Any]) -> dict[str, Any]:
         hours = _number(request, "hours", 0.0, HOURS_MAX)
-        duty = _number(request, "duty", 0.0, 1.0, default=0.0)
-        ambient_c = _number(request, "ambient_c", -20.0, 60.0, default=self._controller.arm.ambient_c)
+        scenario = self._controller.settings.scenario
+        duty = None if scenario and request.get("duty") is None else _number(request, "duty", 0.0, 1.0, default=0.0)
+        ambient_c = None if request.get("ambient_c") is None else _number(request, "ambient_c", -20.0, 60.0)
         why = self._controller.live(hours, ambient_c, duty)
         if why:
             raise BadInput(f"advance: {why}")
-        return {"clock_s": self._controller.clock_s}
+        return {"clock_s": self._controller.clock_s, "lived_days": self._controller.life.lived_s / 86_400.0}
 
     async def _wear(self, request: dict[str, Any]) -> dict[str, Any]:
         wear, joints = self._controller.arm.wear, self._controller.robot.joints
@@ -132,9 +137,8 @@ class Commands:
         return torque
 
     async def _fault(self, request: dict[str, Any]) -> str:
-        seconds = None if request.get("seconds") is None else _number(request, "seconds", 0.0, faults.STALL_MAX_S)
-        now_s = asyncio.get_running_loop().time()
-        return faults.inject(str(request.get("name")), seconds, self._controller, self._ports, now_s)
+        given = {key: value for key, value in request.items() if key not in {"do", "name"}}
+        return faults.inject(str(request.get("name")), given, self._place())
 
     async def _shutdown(self, _: dict[str, Any]) -> str:
         asyncio.get_running_loop().call_later(0.05, self._shut_down)  # after the reply

@@ -6,7 +6,7 @@
 import logging
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
@@ -14,11 +14,16 @@ from typing import Any
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate.inputs import REGISTERS, Inputs, Recipe
-from monitor.simulate.physics import Arm
-from monitor.simulate.program import ControlProgram, MotionProgram, SteppedProgram
+from monitor.simulate import motions, primary
+from monitor.simulate.faults import Place
+from monitor.simulate.inputs import REGISTERS, Inputs, Outputs, Recipe
+from monitor.simulate.kinematics import Kinematics, se3
+from monitor.simulate.life import Life
+from monitor.simulate.physics import Arm, Target, arm_model
+from monitor.simulate.program import ControlProgram, SteppedProgram, StepsProgram
 from monitor.simulate.reference import Reference
-from monitor.simulate.scripts import ControlScript, Immediate, MoveJ, Refused, StopJ, parse
+from monitor.simulate.scenario import Scenario
+from monitor.simulate.scripts import ControlScript, Immediate, Move, Refused, Steps, StopMotion, parse
 from monitor.simulate.sensors import Sensors
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.thermal import Temperatures
@@ -35,6 +40,11 @@ SATURATED_MAX_S = 0.1  # drives at their limit for so long: something blocks the
 STANDING_RAD_S = 0.01  # slower is the servo's settling, by microradians
 LIMIT_MARGIN_RAD = 1e-6
 LOG_LENGTH = 200
+LIFE_S = 1.0  # how often the room and the scenario's events are looked at
+LEAP_S = 600.0  # at once, when life is made to pass; the room hardly changes meanwhile
+PROGRAM_NAME = "rtde_control"
+HISTORY_TICKS = 1024  # measured positions kept for get_actual_joint_positions_history
+STOP_MAX_RAD_S2 = 40.0  # of a stopl with the tool near an axis
 
 
 class RobotMode(IntEnum):
@@ -75,10 +85,12 @@ class Stop:
 class Controller:
     """One simulated controller with its arm."""
 
-    def __init__(self, settings: SimulateSettings) -> None:
+    def __init__(self, settings: SimulateSettings, *, before: "Controller | None" = None) -> None:
+        """`before`: the controller that was killed; its arm, with heat, wear and all, and its life go on."""
         robot = settings.arm
         self.settings, self.robot, self.tick_s = settings, robot, settings.tick_s
         self._substeps = max(1, round(self.tick_s / SUBSTEP_S))
+        self._limit = robot.max_position_rad + LIMIT_MARGIN_RAD
         self.arm = Arm(
             robot,
             q=np.array(settings.home_rad),
@@ -91,17 +103,29 @@ class Controller:
         if settings.initial_temperature_c is not None:
             start = np.array(settings.initial_temperature_c)
             self.arm.set_temperatures(Temperatures(start, start.copy()))
-        self.moments = Moments(self.arm.model)
+        if before is not None:
+            self.arm = before.arm
+            self.arm.brake()
+        self.kinematics = Kinematics(robot)
+        self.waypoint: Array | None = None  # pose that the last move goes to
+        self.history: deque[Array] = deque([self.arm.q], maxlen=HISTORY_TICKS)
         self.reference = Reference(robot, self.arm.q, self.tick_s)
         self.sensors = Sensors(robot, settings.seed, self.tick_s)
+        self.sensors.louder(settings.current_noise)
         self.measured = self.sensors.read(self.arm)
         self.inputs = Inputs()
         self.output_ints, self.output_doubles = [0] * REGISTERS, [0.0] * REGISTERS
         self.declared_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)
+        self.declared_gravity: Array = settings.mounting.gravity_in_base
+        self.moments = Moments(self.arm.believed)
+        self._servo_goal: Array | None = None
+        self._servo_goal_at_s = 0.0
+        self._offset: Array = np.zeros(robot.joints)  # where the encoders' zeros have gone
+        self._shifted = False
         self.ticks = 0
         self._leapt_s = 0.0  # by `live`
         self.robot_mode, self.safety_mode, self.runtime = RobotMode.RUNNING, SafetyMode.NORMAL, Runtime.STOPPED
-        self.program: ControlProgram | MotionProgram | None = None
+        self.program: ControlProgram | StepsProgram | SteppedProgram | None = None
         self._watched: str | None = None
         self._watchdog_s, self._fed_at_s = math.inf, 0.0
         self.stops: deque[Stop] = deque(maxlen=LOG_LENGTH)
@@ -111,6 +135,26 @@ class Controller:
         self._protected_at_s = -math.inf
         self._saturated_s = 0.0
         self._standing: list[Stop] = []  # stops whose standstill is still to come
+        self.life = Life(settings.scenario or Scenario())
+        self._life_every = max(1, round(LIFE_S / self.tick_s))
+        self._life_began_s = 0.0
+        self.place: Callable[[], Place] | None = None  # where a scenario's faults happen, once there is a wire
+        self.joint_serials = [f"{settings.serial}-{i + 1}" for i in range(robot.joints)]
+        self.messages: deque[bytes] = deque(maxlen=LOG_LENGTH)  # for the primary port
+        self.reported_version, self.remote_control = settings.polyscope, settings.remote_control
+        self.missing: set[str] = set()  # outputs that it has forgotten, on command
+        self.outputs = Outputs()
+        if before is not None:
+            self.life, self._life_began_s, self.joint_serials = before.life, before.life.lived_s, before.joint_serials
+            self.sensors.faults.offset_rad = before.sensors.faults.offset_rad
+            self._offset = before._offset
+            self.reference.reset(self.arm.q + self._offset)
+            self.robot_mode = RobotMode.POWER_OFF
+            self.declare()
+        else:
+            self.life.pass_to(0.0, self)
+            if settings.scenario is not None and settings.scenario.room is not None:
+                self.arm.set_temperatures(self.arm.thermal.idle(self.arm.ambient_c))
         self.variables: dict[str, Variable] = output_variables(self)
 
     @property
@@ -122,33 +166,39 @@ class Controller:
     def step(self) -> None:
         """Advance by one control period."""
         self.ticks += 1
+        if self.ticks % self._life_every == 0:
+            self.life.pass_to(self._life_began_s + self.clock_s, self)
         if self._watched is not None and self.clock_s - self._fed_at_s > self._watchdog_s:
             self.watchdog_trips += 1
             self.stop_program(f"{self._watched} was not received for {self._watchdog_s:.3g} s", kind="watchdog")
         if self.program is not None and self.runtime == Runtime.PLAYING and not self.program.step():
             self.stop_program("the program ended", kind="program_end")
         arm = self.arm
-        if self.robot_mode == RobotMode.RUNNING:
+        reference = self.reference
+        held = self.robot_mode != RobotMode.RUNNING  # by the brakes, or by friction
+        held = held or (reference.at_rest and arm.stand(self.tick_s, self._seen(reference.step(self.tick_s))))
+        if not held:
             h = self.tick_s / self._substeps
             for _ in range(self._substeps):
-                arm.step(h, self.reference.step(h))
+                arm.step(h, self._seen(reference.step(h)))
         arm.settle(self.tick_s)
         self.measured = self.sensors.read(arm)
+        self.history.append(self.measured.q)
         self._supervise()
 
     def _supervise(self) -> None:
         arm = self.arm
         if self.robot_mode == RobotMode.RUNNING and self.safety_mode == SafetyMode.NORMAL:
-            deviation = np.abs(self.reference.q - arm.q)
-            saturated = bool(np.any(np.abs(arm.torque_nm) >= self.robot.max_torque_nm))
-            self._saturated_s = self._saturated_s + self.tick_s if saturated else 0.0
+            deviation = np.abs(self.reference.q - (arm.q + self._offset))
+            self._saturated_s = self._saturated_s + self.tick_s if (np.abs(arm.torque_nm) >= self.robot.max_torque_nm).any() else 0.0
             if deviation.max() > DEVIATION_MAX_RAD:
                 joint = int(np.argmax(deviation)) + 1
                 self.protective_stop(f"joint {joint} is {deviation.max():.3f} rad from where it should be")
             elif self._saturated_s > SATURATED_MAX_S:
-                self.protective_stop("a drive is at its torque limit")
-            elif self.outside_limits(arm.q):
-                self.protective_stop(self.outside_limits(arm.q))
+                joint = int(np.argmax(np.abs(arm.torque_nm) / self.robot.max_torque_nm)) + 1
+                self.protective_stop(f"the drive of joint {joint} is at its torque limit")
+            elif (np.abs(arm.q + self._offset) > self._limit).any():
+                self.protective_stop(self.outside_limits(arm.q + self._offset))
         if self._standing and self.reference.at_rest and not np.any(np.abs(arm.qd) > STANDING_RAD_S):
             for stop in self._standing:
                 stop.stood_at_s = self.clock_s
@@ -160,6 +210,10 @@ class Controller:
     def write_inputs(self, written: Recipe, values: Sequence[float]) -> None:
         """A packet of inputs has arrived."""
         self.inputs.write(written, values)
+        if self.inputs.changed:
+            self.inputs.changed = False
+            self.outputs.take(self.inputs.others)
+            self.reference.pace = self.speed_fraction
         if self._watched in written.names:
             self._fed_at_s = self.clock_s
         if self.program is not None and self.program.command_register in written.names:
@@ -175,8 +229,6 @@ class Controller:
                 self.stop_program(f"script: {script.line}")
             return
         why = script.reason if isinstance(script, Refused) else self._not_ready()
-        if isinstance(script, MoveJ) and not why:
-            why = self.unreachable(np.array(script.q_rad), script.speed, script.acceleration)
         if why:
             log.warning("script refused: %s", why)
             self.refused_scripts.append(why)
@@ -186,19 +238,92 @@ class Controller:
         match script:
             case ControlScript():
                 self.program = ControlProgram(script, self)
-            case MoveJ():
-                self.program = MotionProgram(self)
-                self.reference.move(np.array(script.q_rad), script.speed, script.acceleration)
-            case StopJ():
-                self.program = MotionProgram(self)
-                self.reference.stop(script.deceleration)
+            case Steps():
+                self.program = StepsProgram(script, self)
         self.runtime = Runtime.PLAYING
+        self.messages.append(primary.key(self, "PROGRAM_XXX_STARTED", PROGRAM_NAME))
+
+    # --- motions ------------------------------------------------------------------------------------------------
+    def start_move(self, move: Move) -> str:
+        """Movej or movel; says why it cannot be made, or nothing."""
+        target = np.array(move.target)
+        if target.shape != self.arm.q.shape or not np.isfinite(target).all():
+            return f"the target is not {self.robot.joints} finite numbers"
+        if not (0.0 < move.speed < math.inf and 0.0 < move.acceleration < math.inf):
+            return f"speed {move.speed:g} and acceleration {move.acceleration:g} must be positive"
+        q = self.inverse(target) if move.pose else target
+        if q is None:
+            return f"no joint positions for the tool at {target.round(4).tolist()}"
+        why = self.outside_limits(q)
+        if why:
+            return why
+        goal = se3(target) if move.pose else self.kinematics.at(target)
+        if not move.straight:
+            self.reference.move(q, move.speed, move.acceleration)
+        elif self.reference.qd.any():  # a line begins at rest
+
+            def then() -> None:
+                wrong = self._line(goal, move)
+                if wrong:
+                    self.stop_program(f"runtime exception: movel: {wrong}")
+
+            self.reference.stop(PROGRAM_STOP_RAD_S2, then)
+        else:
+            why = self._line(goal, move)
+        self.waypoint = self.kinematics.pose(q)
+        return why
+
+    def _line(self, goal: Any, move: Move) -> str:
+        why = motions.line(self.reference, self.kinematics, goal, move.speed, move.acceleration, self.robot.max_speed_rad_s)
+        if why:
+            self.reference.hold()
+        return why
+
+    def start_stop(self, stop: StopMotion) -> None:
+        """stopj, or stopl: the joints decelerate together, so that the tool does it with this many m/s²."""
+        deceleration = stop.deceleration
+        fastest = float(np.max(np.abs(self.reference.qd)))
+        if stop.straight and fastest > 0.0:
+            tool = float(np.linalg.norm(self.kinematics.speed(self.reference.q, self.reference.qd)[:3]))
+            deceleration = min(deceleration * fastest / max(tool, 1e-3), STOP_MAX_RAD_S2)
+        self.reference.stop(deceleration)
+
+    def sudden(self, target: Array) -> str:
+        """Whether a servoj target lies further from the last than the arm could have gone since; says which joint, or nothing."""
+        fresh = self.reference.mode == "servo" and self._servo_goal is not None
+        before = self._servo_goal if fresh and self._servo_goal is not None else self.reference.q
+        since_s = self.clock_s - self._servo_goal_at_s if fresh else self.tick_s
+        self._servo_goal, self._servo_goal_at_s = target, self.clock_s
+        jump = np.abs(target - before)
+        allowed = DEVIATION_MAX_RAD + self.robot.max_speed_rad_s * since_s
+        if (jump <= allowed).all():
+            return ""
+        joint = int(np.argmax(jump - allowed))
+        return f"sudden change of the target of joint {joint + 1} by {jump[joint]:.3f} rad within {1000 * since_s:.0f} ms"
+
+    def inverse(self, pose: Array, near: Array | None = None) -> Array | None:
+        """(J,) joint positions for the tool at a pose (6,), or None."""
+        return self.kinematics.inverse(se3(pose), self.reference.q if near is None else near)
+
+    def declare(self, *, payload: tuple[float, ...] | None = None, gravity: Array | None = None) -> None:
+        """What a program tells the controller of payload and mounting: it reckons with that, whatever the arm really carries."""
+        self.declared_payload = payload or self.declared_payload
+        self.declared_gravity = self.declared_gravity if gravity is None else gravity
+        arm = self.arm
+        same_payload = self.declared_payload == (arm.payload_kg, *arm.payload_com_m)
+        if same_payload and np.array_equal(self.declared_gravity, arm.model.gravity.linear):
+            model = arm.model
+        else:
+            model = arm_model(self.robot, arm.mounting, self.declared_payload[0], self.declared_payload[1:])
+            model.gravity.linear = self.declared_gravity
+        arm.believe(model)
+        self.moments = Moments(model)
 
     def begin_stepped(self) -> str:
         """Take the arm for a stepped replay; says why not, or nothing."""
         why = self._not_ready() or ("a program is running" if self.program is not None else "")
         if not why:
-            self.program, self.runtime = SteppedProgram(self), Runtime.PLAYING
+            self.program, self.runtime = SteppedProgram(), Runtime.PLAYING
         return why
 
     def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
@@ -206,6 +331,8 @@ class Controller:
         if self.program is None:
             return False
         self._note(kind, reason)
+        raised = reason.startswith("runtime exception")
+        self.messages.append(primary.exception(self, reason) if raised else primary.key(self, "PROGRAM_XXX_STOPPED", PROGRAM_NAME))
         self.program, self.runtime = None, Runtime.STOPPED
         self._watched, self._watchdog_s = None, math.inf
         if self.reference.mode != "stop":
@@ -243,29 +370,23 @@ class Controller:
 
     def outside_limits(self, q: Array) -> str:
         """Which joint is beyond its range, or nothing."""
-        beyond = np.abs(q) > self.robot.max_position_rad + LIMIT_MARGIN_RAD
+        beyond = np.abs(q) > self._limit
         joint = int(np.argmax(beyond))
         return f"joint {joint + 1} at {q[joint]:.3f} rad is beyond ±{self.robot.max_position_rad[joint]:.3f}" if beyond.any() else ""
 
-    def unreachable(self, q: Array, speed: float, acceleration: float) -> str:
-        """Why a joint move cannot be made, or nothing."""
-        if q.shape != self.arm.q.shape or not np.isfinite(q).all():
-            return f"the target is not {self.robot.joints} finite numbers"
-        if not (0.0 < speed < math.inf and 0.0 < acceleration < math.inf):
-            return f"speed {speed:g} and acceleration {acceleration:g} must be positive"
-        return self.outside_limits(q)
-
     # --- safety -------------------------------------------------------------------------------------------------
-    def protective_stop(self, reason: str) -> None:
-        """Halt the arm; the program pauses, stops or plays on, as the settings say."""
+    def protective_stop(self, reason: str, *, runtime: str | None = None) -> None:
+        """Halt the arm; the program pauses, stops or plays on, as `runtime` says or else the settings."""
         if self.safety_mode != SafetyMode.NORMAL:
             return
         self.safety_mode, self._protected_at_s = SafetyMode.PROTECTIVE_STOP, self.clock_s
         self._note("protective_stop", reason)
+        self.messages.extend((primary.safety(self), primary.error(self, reason)))
         if self.program is not None:
-            if self.settings.protective_runtime == "stopped":
+            variant = runtime or self.settings.protective_runtime
+            if variant == "stopped":
                 self.stop_program(reason, kind="protective_stop")
-            elif self.settings.protective_runtime == "paused":
+            elif variant == "paused":
                 self.runtime = Runtime.PAUSED
         self.reference.stop(PROTECTIVE_STOP_RAD_S2)
 
@@ -274,7 +395,7 @@ class Controller:
         if self.safety_mode != SafetyMode.PROTECTIVE_STOP or self.clock_s - self._protected_at_s < UNLOCK_AFTER_S:
             return False
         self.safety_mode, self._saturated_s = SafetyMode.NORMAL, 0.0
-        self.reference.reset(self.arm.q)
+        self.reference.reset(self.arm.q + self._offset)
         return True
 
     def emergency_stop(self) -> None:
@@ -284,6 +405,7 @@ class Controller:
         self.stop_program("emergency stop", kind="emergency_stop")
         self._note("emergency_stop", "the button was pressed")
         self.safety_mode = SafetyMode.ROBOT_EMERGENCY_STOP
+        self.messages.append(primary.safety(self))
         self.reference.stop(PROTECTIVE_STOP_RAD_S2)
 
     def release_emergency_stop(self) -> None:
@@ -302,7 +424,7 @@ class Controller:
         elif mode == RobotMode.RUNNING:
             if self.robot_mode == RobotMode.POWER_OFF:
                 return False
-            self.reference.reset(self.arm.q)
+            self.reference.reset(self.arm.q + self._offset)
             self.robot_mode = RobotMode.RUNNING
         elif self.robot_mode == RobotMode.POWER_OFF:
             self.robot_mode = RobotMode.IDLE
@@ -310,7 +432,7 @@ class Controller:
 
     def _power_off(self) -> None:
         self.arm.brake()
-        self.reference.reset(self.arm.q)
+        self.reference.reset(self.arm.q + self._offset)
         self.robot_mode = RobotMode.POWER_OFF
 
     def _note(self, kind: str, reason: str) -> None:
@@ -320,14 +442,40 @@ class Controller:
         self._standing = [*self._standing[-8:], stop]
 
     # --- scenario -----------------------------------------------------------------------------------------------
-    def live(self, hours: float, ambient_c: float, duty: float) -> str:
-        """Let hours of the arm's life pass at once; says why not, or nothing."""
+    def live(self, hours: float, ambient_c: float | None = None, duty: float | None = None) -> str:
+        """Let hours of the arm's life pass at once; says why not, or nothing. What is not given is the scenario's."""
         if self.program is not None:
             return "a program is running"
-        self.arm.live(hours, ambient_c, duty)
-        self._leapt_s += 3600.0 * hours
+        left_s = 3600.0 * hours
+        while left_s > 1e-6:
+            now_s = self._life_began_s + self.clock_s
+            self.life.pass_to(now_s, self, ambient_c=ambient_c)
+            slice_s = min(LEAP_S, left_s, max(self.life.next_event_s - now_s, 1e-3))
+            share = self.life.duty(now_s) if duty is None else duty
+            self.arm.live(slice_s / 3600.0, self.arm.ambient_c, share)
+            self._leapt_s += slice_s
+            left_s -= slice_s
+        self.life.pass_to(self._life_began_s + self.clock_s, self, ambient_c=ambient_c)
         self.measured = self.sensors.read(self.arm)
         return ""
+
+    def shift_encoders(self, offset_rad: Array) -> None:
+        """From now on the encoders show (J,) more than they did; the arm stays where it is, the controller thinks it elsewhere."""
+        self._offset = self._offset + offset_rad
+        self._shifted = bool(self._offset.any())
+        self.sensors.faults.offset_rad = self._offset if self._shifted else None
+        self.reference.put(self.reference.q + offset_rad, self.reference.qd, self.reference.qdd)
+
+    def _seen(self, target: Target) -> Target:
+        """Where the servo really drives to: what the encoders make of the reference."""
+        return target._replace(q=target.q - self._offset) if self._shifted else target
+
+    @property
+    def speed_fraction(self) -> float:
+        """What the speed slider is set to."""
+        others = self.inputs.others
+        fraction = others.get("speed_slider_fraction", 1.0) if others.get("speed_slider_mask") else 1.0
+        return min(max(float(fraction), 0.0), 1.0) if isinstance(fraction, (int, float)) and math.isfinite(fraction) else 1.0
 
     def truth(self) -> dict[str, Any]:
         """What tests compare with: nothing of it is on the robot's own wire."""
@@ -341,6 +489,12 @@ class Controller:
             "motor_temperature_c": arm.temperatures.motor_c.tolist(),
             "grease_temperature_c": arm.temperatures.grease_c.tolist(),
             "ambient_c": arm.ambient_c,
+            "lived_days": self.life.lived_s / 86_400.0,
+            "scenario": self.life.scenario.name,
+            "happened": self.life.happened[-50:],
+            "joint_serials": self.joint_serials,
+            "mounting_rad": list(arm.mounting.angles_rad),
+            "declared_payload_kg": self.declared_payload[0],
             "wear_coulomb": arm.wear.coulomb.tolist(),
             "wear_viscous": arm.wear.viscous.tolist(),
             "wear_per_revolution": arm.wear.per_revolution.tolist(),

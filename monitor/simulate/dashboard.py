@@ -11,7 +11,6 @@ if TYPE_CHECKING:
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX_BYTES = 4096
 PROGRAM = "rtde_control.urp"  # programs that come over a script port have no file; the dashboard needs a name
-DATES = {3: "Mar 10 2022", 5: "Mar 10 2021"}
 
 
 def reply(controller: "Controller", line: str) -> str:
@@ -21,14 +20,13 @@ def reply(controller: "Controller", line: str) -> str:
     settings = controller.settings
     match word:
         case "polyscopeversion":
-            version = settings.polyscope
-            return f"URSoftware {'.'.join(map(str, version))} ({DATES[version.major]})"
+            return f"URSoftware {'.'.join(map(str, controller.reported_version))} ({settings.build_date})"
         case "get serial number":
             return settings.serial
         case "get robot model":
             return settings.robot.removesuffix("e").upper()
         case "is in remote control":
-            return "true" if settings.remote_control else "false"
+            return "true" if controller.remote_control else "false"
         case "robotmode":
             return f"Robotmode: {controller.robot_mode.name}"
         case "safetymode":

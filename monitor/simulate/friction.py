@@ -1,9 +1,11 @@
 """The simulated joint's friction: a law of the simulator's own, unknown to whatever identifies it.
 
-τ_f = w_c·[Fc(T) + c·|τ_link|]·sign(q̇) + w_v·e^(−k(T−25))·[Fv·(|q̇|)^p + fl·|q̇|]·sign(q̇)
+τ_f = w_c·[Fc(T) + c·|τ_link|]·(1 + σ·e^(−(q̇/v_s)²))·sign(q̇) + w_v·e^(−k(T−25))·[Fv·(|q̇|)^p + fl·|q̇|]·sign(q̇)
 
-T is the temperature of the grease. The shape follows the factory sweeps of a UR5e (concave, p ≈ 0.52–0.63 there) and the
-load term seen on a UR10e; the magnitudes follow those sweeps scaled by each joint's maximum torque.
+T is the temperature of the grease. The bracket with σ is Stribeck's: a joint at rest holds (1 + σ) times what it drags when it
+slides faster than v_s, so a joint that is pulled slowly through something soft sticks and slips. The shape follows the factory
+sweeps of a UR5e (concave, p ≈ 0.52–0.63 there) and the load term seen on a UR10e; the magnitudes follow those
+sweeps scaled by each joint's maximum torque.
 """
 
 from dataclasses import dataclass
@@ -15,6 +17,7 @@ from monitor.recording import Array
 
 REFERENCE_C = 25.0
 SMOOTH_SPEED_RAD_S = 0.01  # below it the concave part turns linear, or its slope at rest would be infinite
+STRIBECK_RAD_S = 0.008  # v_s: boundary lubrication is over well below the speeds of any job
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,11 +31,17 @@ class FrictionLaw:
     linear_nm_s_per_rad: Array  # fl
     viscous_per_k: Array  # k
     coulomb_per_k: Array  # nearly nothing
+    stiction: Array  # σ, what standing adds to dry friction, as a share
 
     def dry(self, load_nm: Array, grease_c: Array, wear: Array) -> Array:
-        """Sliding resistance, and the largest that stiction gives, ≥ 0. All (…, J)."""
+        """Sliding resistance well above the Stribeck speed, ≥ 0. All (…, J)."""
         warm = 1.0 - self.coulomb_per_k * (grease_c - REFERENCE_C)
         result: Array = wear * (self.coulomb_nm * warm + self.load_factor * np.abs(load_nm))
+        return result
+
+    def grip(self, qd: Array) -> Array:
+        """Stribeck's factor on dry friction: 1 + σ at rest, 1 in motion. All (…, J)."""
+        result: Array = 1.0 + self.stiction * np.exp(-((qd / STRIBECK_RAD_S) ** 2))
         return result
 
     def viscous_coefficient(self, qd: Array, grease_c: Array, wear: Array) -> Array:
@@ -45,7 +54,7 @@ class FrictionLaw:
     def torque(self, qd: Array, load_nm: Array, grease_c: Array, wear_coulomb: Array, wear_viscous: Array) -> Array:
         """Friction torque at a speed, with the sign of the speed; 0 at rest. All (…, J) [N·m]."""
         viscous = self.viscous_coefficient(qd, grease_c, wear_viscous) * qd
-        result: Array = np.sign(qd) * self.dry(load_nm, grease_c, wear_coulomb) + viscous
+        result: Array = np.sign(qd) * self.grip(qd) * self.dry(load_nm, grease_c, wear_coulomb) + viscous
         return result
 
 
@@ -60,6 +69,7 @@ def default_law(robot: Robot) -> FrictionLaw:
         linear_nm_s_per_rad=0.026 * size * _pattern(robot.joints, [1.00, 0.94, 1.08, 0.90, 1.05, 1.12]),
         viscous_per_k=_pattern(robot.joints, [0.012, 0.016, 0.014, 0.019, 0.018, 0.015]),
         coulomb_per_k=np.full(robot.joints, 0.0008),
+        stiction=_pattern(robot.joints, [0.10, 0.13, 0.11, 0.12, 0.09, 0.12]),
     )
 
 

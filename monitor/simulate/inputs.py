@@ -1,7 +1,7 @@
 """Input variables of the RTDE interface: values that last, and one owner a variable."""
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 REGISTERS = 48
@@ -62,6 +62,7 @@ class Inputs:
         self.doubles = [0.0] * REGISTERS
         self.others: dict[str, float | tuple[float, ...]] = {}
         self._owner: dict[str, int] = {}
+        self.changed = False  # something that is no register has been written
 
     def claim(self, names: Sequence[str], owner: int) -> list[str]:
         """Types of the names as the reply to I: `NOT_FOUND`, or `IN_USE` where another connection owns one; then nothing is taken."""
@@ -77,6 +78,11 @@ class Inputs:
             self._owner.update(dict.fromkeys(names, owner))
         return types
 
+    def seize(self, names: Iterable[str], owner: int) -> None:
+        """Take what is free, for somebody who is not there."""
+        for name in names:
+            self._owner.setdefault(name, owner)
+
     def release(self, owner: int) -> None:
         """The owner's connection ended."""
         self._owner = {name: who for name, who in self._owner.items() if who != owner}
@@ -90,5 +96,31 @@ class Inputs:
             elif name.startswith("input_int_register_"):
                 self.ints[int(name[19:])] = int(values[at])
             else:
+                self.changed = True
                 self.others[name] = values[at] if width == 1 else tuple(values[at : at + width])
             at += width
+
+
+class Outputs:
+    """Digital and analogue outputs as clients set them through the inputs: a mask says which, a value to what."""
+
+    GROUPS = (("standard_digital_output", 0, 8), ("configurable_digital_output", 8, 8), ("tool_digital_output", 16, 2))
+
+    def __init__(self) -> None:
+        self.digital = 0  # bits 0–7 standard, 8–15 configurable, 16–17 tool
+        self.analog = [0.0, 0.0]  # V or A, as `standard_analog_output_type` says
+
+    def take(self, written: Mapping[str, float | tuple[float, ...]]) -> None:
+        """What was written last."""
+        for name, at, count in self.GROUPS:
+            mask, value = written.get(f"{name}_mask", 0), written.get(name, 0)
+            bits = (int(mask) & ((1 << count) - 1)) << at  # type: ignore[arg-type]
+            self.digital = (self.digital & ~bits) | ((int(value) << at) & bits)  # type: ignore[arg-type]
+        mask, kind = written.get("standard_analog_output_mask", 0), written.get("standard_analog_output_type", 0)
+        for i in (0, 1):
+            if int(mask) >> i & 1:  # type: ignore[arg-type]
+                share = written.get(f"standard_analog_output_{i}", 0.0)
+                full = 10.0 if int(kind) >> i & 1 else 0.02  # type: ignore[arg-type]
+                lowest = 0.0 if int(kind) >> i & 1 else 0.004  # type: ignore[arg-type]
+                if isinstance(share, (int, float)) and 0.0 <= share <= 1.0:
+                    self.analog[i] = lowest + share * (full - lowest)

@@ -7,7 +7,7 @@ joint that is held stands still: no creep, no chatter.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,23 +16,19 @@ from scipy.linalg.lapack import dposv
 
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
-from monitor.simulate.friction import REFERENCE_C, SMOOTH_SPEED_RAD_S, FrictionLaw, default_law
+from monitor.simulate.friction import REFERENCE_C, SMOOTH_SPEED_RAD_S, STRIBECK_RAD_S, FrictionLaw, default_law
 from monitor.simulate.thermal import Temperatures, ThermalModel, default_thermal
+from monitor.simulate.wear import PRODUCTION_LOAD, PRODUCTION_MOVING, PRODUCTION_SPEED_RAD_S, Wear
 
 SETTLE_S = 0.05  # heat and wear are slow
 SERVO_RAD_S = 100.0  # bandwidth of the joint servo: friction of 10 N·m bends a base joint by under a milliradian
 SERVO_INTEGRAL_PER_S = 25.0  # takes the rest of the error away, and ends the creep after a stop, in a tenth of a second
 SERVO_INTEGRAL_MAX_RAD_S2 = 40.0  # as much as friction can ask for
+SERVO_INTEGRAL_MAX_RAD_S = SERVO_INTEGRAL_MAX_RAD_S2 / (SERVO_RAD_S**2 * SERVO_INTEGRAL_PER_S)  # the same, as the integral of the error
 ROTOR_KG_M2_PER_NM = 0.0075  # rotor inertia at the joint per maximum torque: 1.1 kg·m² on a size 3 joint
-RATED_LOAD = 0.25  # share of the maximum torque at which wear per revolution is quoted
-HEALTHY_WEAR_PER_REVOLUTION = 2e-8  # 1 % in half a million revolutions, some months of hard work
-VISCOUS_SHARE_OF_WEAR = 0.5  # metal and seals wear more than oil does
 # Kt·G of arms whose torque constants are not published: the simulator's own choice, by joint size (12 … 330 N·m);
 # sizes 1 and 3 follow the factory calibration of a UR5e (0.080 and 0.1005 N·m/A at the motor)
 ASSUMED_GAIN = ([12.0, 28.0, 56.0, 150.0, 330.0], [4.6, 8.1, 10.5, 10.2, 13.5])
-PRODUCTION_LOAD = 0.12  # share of the maximum torque, typical of a job without much payload
-PRODUCTION_SPEED_RAD_S = 0.7  # of every joint while a typical job moves
-PRODUCTION_MOVING = 0.6  # share of a duty hour in which one joint moves
 
 
 class Target(NamedTuple):
@@ -41,33 +37,6 @@ class Target(NamedTuple):
     q: Array
     qd: Array
     qdd: Array
-
-
-@dataclass(slots=True, eq=False)
-class Wear:
-    """Multipliers of dry and viscous friction and what made them, each (J,)."""
-
-    coulomb: Array
-    viscous: Array
-    per_revolution: Array
-    revolutions: Array
-    rated_revolutions: Array  # weighted by load
-
-    def use(self, revolutions: Array, load: Array) -> None:
-        """Turn by (J,) revolutions under a (J,) load, as a share of the maximum torque."""
-        rated = revolutions * load / RATED_LOAD
-        self.revolutions += revolutions
-        self.rated_revolutions += rated
-        self.coulomb += self.per_revolution * rated
-        self.viscous += VISCOUS_SHARE_OF_WEAR * self.per_revolution * rated
-
-
-class Sums:
-    """What `settle` gathers until it is worth turning into heat and wear."""
-
-    def __init__(self, joints: int) -> None:
-        self.elapsed_s = 0.0
-        self.friction_j, self.copper_j, self.travel_rad, self.load_travel = np.zeros((4, joints))
 
 
 class Arm:
@@ -81,24 +50,18 @@ class Arm:
         ambient_c: float = 22.0,
         mounting: Mounting | None = None,
         payload_kg: float = 0.0,
-        payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.05),
+        payload_com_m: tuple[float, ...] = (0.0, 0.0, 0.05),
         law: FrictionLaw | None = None,
         thermal: ThermalModel | None = None,
         wear_per_revolution: Array | None = None,
     ) -> None:
         J = robot.joints
-        self.robot, self.ambient_c, self.payload_kg = robot, ambient_c, payload_kg
+        self.robot, self.ambient_c = robot, ambient_c
         self.law = law or default_law(robot)
         self.thermal = thermal or default_thermal(robot)
         self.gain_nm_per_a = drive_gain(robot)
         self.rotor_kg_m2 = ROTOR_KG_M2_PER_NM * robot.max_torque_nm
-        self.model = robot.pinocchio_model(mounting)
-        self.flange = self.model.getFrameId(f"dh_{J}")
-        if payload_kg > 0.0:
-            at_flange = self.model.frames[self.flange].placement
-            self.model.appendBodyToJoint(J, pin.Inertia(payload_kg, np.array(payload_com_m), np.zeros((3, 3))), at_flange)
-        self.model.armature = self.rotor_kg_m2.copy()
-        self._data = self.model.createData()
+        self._copper = self.thermal.winding_ohm / self.gain_nm_per_a**2  # W per (N·m)²
 
         self.q, self.qd = q.astype(float), np.zeros(J)
         self.qdd = np.zeros(J)
@@ -106,27 +69,84 @@ class Arm:
         self.torque_before_nm = np.zeros(J)
         self.friction_nm = np.zeros(J)
         self.temperatures: Temperatures = self.thermal.idle(ambient_c)
-        per_revolution = np.full(J, HEALTHY_WEAR_PER_REVOLUTION) if wear_per_revolution is None else wear_per_revolution
-        self.wear = Wear(np.ones(J), np.ones(J), per_revolution.astype(float), np.zeros(J), np.zeros(J))
+        self.wear = Wear.fresh(J, wear_per_revolution)
         self.load_nm = np.zeros(J)  # through the gears, link side
-        self._sums = Sums(J)
+        self._elapsed_s = 0.0
+        self._now, self._sums = np.zeros((2, 4, J))  # friction work, torque², travel, load·travel: rates, and what they add up to
         self._integral = np.zeros(J)
         self._slide = np.zeros(J)  # −1, 0, 1: how each joint slid in the last step
+        self.mounting, self.payload_kg, self.payload_com_m = mounting or Mounting(), payload_kg, tuple(payload_com_m)
+        self.carry()
+        self.torque_nm = pin.nonLinearEffects(self.model, self._data, self.q, self.qd).copy()  # the servo has been holding it
+        self.torque_before_nm = self.torque_nm
         self._grip()
+
+    def carry(
+        self,
+        mounting: Mounting | None = None,
+        payload_kg: float | None = None,
+        payload_com_m: tuple[float, ...] | None = None,
+        *,
+        told: bool = True,
+    ) -> None:
+        """Hang the arm otherwise, or give it another payload; untold, the servo goes on reckoning with what it was told last."""
+        self.mounting = mounting or self.mounting
+        self.payload_kg = self.payload_kg if payload_kg is None else payload_kg
+        self.payload_com_m = payload_com_m or self.payload_com_m
+        self.model = arm_model(self.robot, self.mounting, self.payload_kg, self.payload_com_m)
+        self.flange = self.model.getFrameId(f"dh_{self.robot.joints}")
+        self._data: pin.Data = self.model.createData()
+        self._rest_of: Array | None = None  # the q at which the arm stands and M and n are known
+        if told:
+            self.believe(self.model)
+        else:
+            self._believed_differs = True
+
+    def believe(self, model: "pin.Model") -> None:
+        """What the controller reckons with from now on: its feed-forward follows it, the body does not."""
+        self.believed, self._believed_data = model, model.createData()
+        self._believed_differs = model is not self.model
 
     # --- motion ---------------------------------------------------------------------------------------------------
     def step(self, h: float, target: Target) -> None:
-        """One servo period: computed torque on the true rigid body, PID for what it does not know, which is friction."""
+        """One servo period: computed torque on the body as believed, PID for what it does not know, which is friction."""
         M, n, q_m, v_m = self._middle(h)
-        error = target.q - q_m
-        integral = np.minimum(np.maximum(self._integral + h * error, -self._integral_max), self._integral_max)
-        wanted = SERVO_RAD_S**2 * (error + SERVO_INTEGRAL_PER_S * integral) + 2.0 * SERVO_RAD_S * (target.qd - v_m) + target.qdd
-        limit = self.robot.max_torque_nm
-        asked = M @ wanted + n
-        given = np.minimum(np.maximum(asked, -limit), limit)
-        if (given == asked).all():  # at the limit an integral would only wind up
+        given, integral = self._servo(h, target, M, n, q_m, v_m)
+        if integral is not None:
             self._integral = integral
         self._integrate(h, given, M, n, q_m)
+
+    def stand(self, h: float, target: Target) -> bool:
+        """A step of any length of an arm that friction holds, exact because nothing moves; False, and no step, if it would move."""
+        if self._slide.any() or self.qd.any():
+            return False
+        q = self.q
+        if self._rest_of is not q:
+            self._rest_M, self._rest_n, _, _ = self._middle(0.0)
+            self._rest_of = q
+        n = self._rest_n
+        given, integral = self._servo(h, target, self._rest_M, n, q, self.qd)
+        held = given - n
+        if (np.abs(held) > (1.0 + self.law.stiction) * (self._grip_nm + self._grip_load * np.abs(n))).any():
+            return False
+        if integral is not None:
+            self._integral = integral
+        self.load_nm, self.friction_nm, self.qdd = n, held, self.qd
+        self.torque_before_nm, self.torque_nm = self.torque_nm, given
+        return True
+
+    def _servo(self, h: float, target: Target, M: Array, n: Array, q_m: Array, v_m: Array) -> tuple[Array, Array | None]:
+        error = target.q - q_m
+        integral = np.minimum(np.maximum(self._integral + h * error, -SERVO_INTEGRAL_MAX_RAD_S), SERVO_INTEGRAL_MAX_RAD_S)
+        wanted = SERVO_RAD_S**2 * (error + SERVO_INTEGRAL_PER_S * integral) + (2.0 * SERVO_RAD_S) * (target.qd - v_m) + target.qdd
+        if self._believed_differs:
+            M = pin.crba(self.believed, self._believed_data, q_m)
+            n = pin.nonLinearEffects(self.believed, self._believed_data, q_m, v_m)
+        limit = self.robot.max_torque_nm
+        asked = M @ wanted + n
+        if (np.abs(asked) > limit).any():
+            return np.minimum(np.maximum(asked, -limit), limit), None  # at the limit an integral would only wind up
+        return asked, integral
 
     def push(self, h: float, torque_nm: Array) -> None:
         """One step under given drive torques (J,), the servo out of the loop."""
@@ -150,19 +170,17 @@ class Arm:
         return M, n.copy(), q_m, v_m
 
     def _integrate(self, h: float, torque: Array, M: Array, n: Array, q_m: Array) -> None:
-        v = self.qd
-        qdd = self.qdd
-        load = self.load_nm = M @ qdd - self.rotor_kg_m2 * qdd + n  # q̈ of the step before
-        D = self._grip_nm + self._grip_load * np.abs(load)
-        half = (
-            (0.5 * h) * self._thin * (self.law.concave_nm * (v * v + SMOOTH_SPEED_RAD_S**2) ** self._power + self.law.linear_nm_s_per_rad)
-        )
+        v, law = self.qd, self.law
+        load = self.load_nm = self.torque_nm - self.friction_nm - self.rotor_kg_m2 * self.qdd  # of the step before
+        speed2 = v * v
+        D = (1.0 + law.stiction * np.exp(speed2 * (-1.0 / STRIBECK_RAD_S**2))) * (self._grip_nm + self._grip_load * np.abs(load))
+        half = (0.5 * h) * self._thin * (law.concave_nm * (speed2 + SMOOTH_SPEED_RAD_S**2) ** self._power + law.linear_nm_s_per_rad)
         A = M.copy(order="F")
         A.flat[:: len(v) + 1] += half
-        b = M @ v - half * v + h * (torque - n)
-        after = self._slide_or_stick(A, b, h * D)
+        free = torque - n
+        after = self._slide_or_stick(A, M @ v - half * v + h * free, h * D)
         self.qdd = (after - v) / h
-        self.friction_nm = torque - n - M @ self.qdd
+        self.friction_nm = free - M @ self.qdd
         self.q, self.qd = q_m + (0.5 * h) * after, after
         self.torque_before_nm, self.torque_nm = self.torque_nm, torque
 
@@ -199,27 +217,46 @@ class Arm:
         self._grip_load = self.wear.coulomb * self.law.load_factor
         self._thin = self.wear.viscous * np.exp(-self.law.viscous_per_k * (self.temperatures.grease_c - REFERENCE_C))
         self._power = 0.5 * (self.law.exponent - 1.0)
-        self._integral_max = np.full_like(self.qd, SERVO_INTEGRAL_MAX_RAD_S2 / (SERVO_RAD_S**2 * SERVO_INTEGRAL_PER_S))
 
     # --- heat and wear ------------------------------------------------------------------------------------------
     def settle(self, dt_s: float) -> None:
         """Account for the last dt; every SETTLE_S turn losses into heat and travel into wear."""
-        sums = self._sums
-        current = self.torque_nm / self.gain_nm_per_a
-        speed = np.abs(self.qd)
-        sums.elapsed_s += dt_s
-        sums.friction_j += dt_s * self.friction_nm * self.qd
-        sums.copper_j += dt_s * self.thermal.winding_ohm * current * current
-        sums.travel_rad += dt_s * speed
-        sums.load_travel += dt_s * speed * np.abs(self.load_nm)
-        if sums.elapsed_s < SETTLE_S:
+        now, qd = self._now, self.qd
+        self._elapsed_s += dt_s
+        np.multiply(self.friction_nm, qd, out=now[0])
+        np.multiply(self.torque_nm, self.torque_nm, out=now[1])
+        np.abs(qd, out=now[2])
+        np.multiply(now[2], np.abs(self.load_nm), out=now[3])
+        self._sums += dt_s * now
+        elapsed = self._elapsed_s
+        if elapsed < SETTLE_S - 1e-9:
             return
-        motor_w = self.thermal.idle_w + sums.copper_j / sums.elapsed_s
-        grease_w = np.maximum(sums.friction_j, 0.0) / sums.elapsed_s
-        self.temperatures = self.thermal.step(self.temperatures, motor_w, grease_w, self.ambient_c, sums.elapsed_s)
-        travel = np.maximum(sums.travel_rad, 1e-12)
-        self.wear.use(travel / math.tau, sums.load_travel / travel / self.robot.max_torque_nm)
-        self._sums = Sums(self.robot.joints)
+        friction_j, torque2_s, travel_rad, load_travel = self._sums
+        motor_w = self.thermal.idle_w + self._copper * torque2_s / elapsed
+        grease_w = np.maximum(friction_j, 0.0) / elapsed
+        self.temperatures = self.thermal.step(self.temperatures, motor_w, grease_w, self.ambient_c, elapsed)
+        travel = np.maximum(travel_rad, 1e-12)
+        self.wear.use(travel / math.tau, load_travel / travel / self.robot.max_torque_nm)
+        self._sums[:] = 0.0
+        self._elapsed_s = 0.0
+        self._grip()
+
+    def regrease(self, joint: int, recovery: float) -> None:
+        """New grease in one joint (0 … J−1): this share of its wear goes."""
+        self.wear.regrease(joint, recovery)
+        self._grip()
+
+    def replace_joint(self, joint: int, friction_factor: float) -> None:
+        """Another joint in its place: unworn, its friction this many times the old one's when new; as warm as the room."""
+        scale = np.ones(self.robot.joints)
+        scale[joint] = friction_factor
+        law = self.law
+        self.law = replace(
+            law, coulomb_nm=scale * law.coulomb_nm, concave_nm=scale * law.concave_nm, linear_nm_s_per_rad=scale * law.linear_nm_s_per_rad
+        )
+        self.wear.renew(joint)
+        for node in self.temperatures:
+            node[joint] = self.ambient_c
         self._grip()
 
     def set_temperatures(self, temperatures: Temperatures) -> None:
@@ -260,6 +297,11 @@ class Arm:
         result: Array = 1.5 * self.torque_nm - 0.5 * self.torque_before_nm
         return result
 
+    def gravity_nm(self) -> Array:
+        """(J,) what holds the arm up where it is."""
+        result: Array = pin.computeGeneralizedGravity(self.model, self.model.createData(), self.q)
+        return result
+
     def rigid_torque(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Without friction: at the drives (rotors included) and at the links, for states (N, J)."""
         data = self.model.createData()
@@ -277,6 +319,16 @@ class Arm:
         data = self.model.createData()
         M = pin.crba(self.model, data, self.q)
         return float(0.5 * self.qd @ M @ self.qd + pin.computePotentialEnergy(self.model, data, self.q))
+
+
+def arm_model(robot: Robot, mounting: Mounting, payload_kg: float, payload_com_m: tuple[float, ...]) -> "pin.Model":
+    """The rigid body with its rotors, and a point mass in the flange's frame."""
+    model = robot.pinocchio_model(mounting)
+    if payload_kg > 0.0:
+        at_flange = model.frames[model.getFrameId(f"dh_{robot.joints}")].placement
+        model.appendBodyToJoint(robot.joints, pin.Inertia(payload_kg, np.array(payload_com_m), np.zeros((3, 3))), at_flange)
+    model.armature = ROTOR_KG_M2_PER_NM * robot.max_torque_nm
+    return model
 
 
 def drive_gain(robot: Robot) -> Array:

@@ -1,23 +1,31 @@
-"""The robot's own ports as asyncio protocols: RTDE, dashboard, scripts. Every buffer is bounded."""
+"""The robot's own ports as asyncio protocols: RTDE, dashboard, state and scripts. Every buffer is bounded."""
 
 import asyncio
 import logging
 import socket
 import struct
+from collections import deque
 from typing import TYPE_CHECKING
 
-from monitor.simulate import dashboard
-from monitor.simulate.rtde import ProtocolError, RtdeSession
+import numpy as np
+
+from monitor.simulate import dashboard, primary, realtime
+from monitor.simulate.faults import SERVICES, WireFaults
+from monitor.simulate.rtde import ProtocolError, RtdeSession, text_message
 from monitor.simulate.scripts import Framer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from monitor.simulate.controller import Controller
 
 log = logging.getLogger(__name__)
 
 BACKLOG_MAX_BYTES = 256 * 1024  # unread by the client: newer packets are skipped, as documented for the real controller
 DEAF_AFTER_S = 10.0  # and a client that reads nothing for so long is dropped
-CONNECTIONS_MAX = 64  # per port
+CONNECTIONS_MAX = 64  # per service
+SEND_BUFFER_BYTES = 64 * 1024  # of the kernel on the state ports: a client that never reads must not collect history
+LATE_MAX = 64  # packets held back at most
 
 
 class Ports:
@@ -25,9 +33,11 @@ class Ports:
 
     def __init__(self, controller: "Controller") -> None:
         self.controller = controller
-        self.rtde: set[RtdePort] = set()
-        self.others: set[asyncio.Transport] = set()
-        self.muted_until_s = 0.0  # loop time: no RTDE data packets before
+        self.open: dict[str, set[Port]] = {service: set() for service in SERVICES}
+        self.faults = WireFaults()
+        self._dice = np.random.default_rng(controller.settings.seed)
+        self._held_until_s = 0.0
+        self._state_every = max(1, round(primary.PERIOD_S / controller.tick_s))
         self._numbers = 0
 
     def number(self) -> int:
@@ -37,112 +47,173 @@ class Ports:
 
     def publish(self, now_s: float) -> None:
         """Send what is due in this tick to everyone who reads."""
-        if now_s < self.muted_until_s:
-            return
-        tick = self.controller.ticks
-        for port in list(self.rtde):
-            port.publish(tick, now_s)
+        controller, opened = self.controller, self.open
+        tick = controller.ticks
+        if opened["rtde"]:
+            self._publish_rtde(tick, now_s)
+        if opened["realtime"]:
+            _to_all(opened["realtime"], lambda: realtime.packet(controller))
+        messages, controller.messages = controller.messages, deque(maxlen=controller.messages.maxlen)
+        for message in messages if opened["primary"] else ():
+            _to_all(opened["primary"], lambda message=message: message)  # type: ignore[misc]
+        if tick % self._state_every == 0 and (opened["primary"] or opened["secondary"]):
+            state = primary.state(controller)
+            _to_all(opened["primary"] | opened["secondary"], lambda: state)
 
-    def drop_rtde(self, *, reset: bool) -> int:
-        """Close the RTDE connections, with FIN or RST; how many there were."""
-        dropped = list(self.rtde)
+    def _publish_rtde(self, tick: int, now_s: float) -> None:
+        faults = self.faults
+        if now_s < faults.muted_until_s or (faults.skip_share and self._dice.random() < faults.skip_share):
+            return
+        if faults.late_share and now_s >= self._held_until_s and self._dice.random() < faults.late_share:
+            self._held_until_s = now_s + faults.late_s
+        hold = now_s < self._held_until_s
+        for port in list(self.open["rtde"]):
+            if isinstance(port, RtdePort):
+                port.publish(tick, now_s, hold=hold)
+
+    def drop(self, service: str, *, reset: bool) -> int:
+        """Close the connections of one service or of `all`, with FIN or RST; how many there were."""
+        dropped = [port for name, ports in self.open.items() if service in (name, "all") for port in ports]
         for port in dropped:
             port.drop(reset=reset)
         return len(dropped)
 
 
-class RtdePort(asyncio.Protocol):
-    """One RTDE connection."""
+class Port(asyncio.Protocol):
+    """One connection to one service."""
 
-    def __init__(self, ports: Ports) -> None:
-        self._ports = ports
-        self._session = RtdeSession(ports.controller, ports.number())
-        self._transport: asyncio.Transport | None = None
-        self._deaf_since_s: float | None = None
-        self.skipped = 0
+    service = ""
+
+    def __init__(self, ports: Ports, service: str | None = None) -> None:
+        self.ports = ports
+        self.service = service or self.service
+        self.transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Accept, unless there are too many."""
         assert isinstance(transport, asyncio.Transport)
-        if len(self._ports.rtde) >= CONNECTIONS_MAX:
+        mine = self.ports.open[self.service]
+        if len(mine) >= CONNECTIONS_MAX:
             transport.abort()
             return
-        _no_delay(transport)
-        self._transport = transport
-        self._ports.rtde.add(self)
+        wire = transport.get_extra_info("socket")
+        wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.transport = transport
+        mine.add(self)
+        self.accepted(transport)
+
+    def accepted(self, transport: asyncio.Transport) -> None:
+        """The connection is there."""
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+        """Forget it; RST is as normal an end as FIN."""
+        self.ports.open[self.service].discard(self)
+
+    def drop(self, *, reset: bool) -> None:
+        """Close from this side."""
+        if self.transport is None:
+            return
+        if reset:
+            wire = self.transport.get_extra_info("socket")
+            wire.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            self.transport.abort()
+        else:
+            self.transport.close()
+
+    @property
+    def writable(self) -> "asyncio.Transport | None":
+        """The transport, if it is still open."""
+        return None if self.transport is None or self.transport.is_closing() else self.transport
+
+
+class RtdePort(Port):
+    """One RTDE connection."""
+
+    service = "rtde"
+
+    def __init__(self, ports: Ports) -> None:
+        super().__init__(ports)
+        self._session = RtdeSession(ports.controller, ports.number())
+        self._deaf_since_s: float | None = None
+        self._held: deque[bytes] = deque(maxlen=LATE_MAX)
+        self.skipped = 0
+
+    def accepted(self, transport: asyncio.Transport) -> None:
+        """Nothing is said first, unless a fault wants it."""
+        if self.ports.faults.text_at_connect:
+            transport.write(text_message("Safety setup has not been confirmed yet", "SafetySetup", 2))
 
     def data_received(self, data: bytes) -> None:
         """Requests and inputs."""
-        if self._transport is None or self._transport.is_closing():
+        transport = self.writable
+        if transport is None:
             return
-        _acknowledge(self._transport)
+        # acknowledge at once: ur-rtde's small writes wait for it (its TCP_NODELAY is lost), and would come in bunches; not lasting
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        if self.ports.faults.mute:
+            return
         try:
             replies = self._session.feed(data)
         except ProtocolError as wrong:
             log.warning("rtde connection closed: %s", wrong)
-            self._transport.abort()
+            transport.abort()
             return
         if replies:
-            self._transport.write(replies)
-            if self._transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
-                self._transport.abort()  # asks and never reads
+            transport.write(replies)
+            if transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
+                transport.abort()  # asks and never reads
 
-    def publish(self, tick: int, now_s: float) -> None:
+    def publish(self, tick: int, now_s: float, *, hold: bool) -> None:
         """The data packet of this tick, or none while the client does not read."""
-        if self._transport is None or self._transport.is_closing():
+        transport = self.writable
+        if transport is None:
             return
-        if self._transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
+        if transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
             self.skipped += 1
             self._deaf_since_s = self._deaf_since_s or now_s
             if now_s - self._deaf_since_s > DEAF_AFTER_S:
                 log.warning("rtde connection closed: it has not read for %g s", DEAF_AFTER_S)
-                self._transport.abort()
+                transport.abort()
             return
         self._deaf_since_s = None
         packet = self._session.output(tick)
-        if packet is not None:
-            self._transport.write(packet)
-
-    def drop(self, *, reset: bool) -> None:
-        """Close from this side."""
-        if self._transport is None:
+        if hold and packet is not None:
+            self._held.append(packet)
             return
-        if reset:
-            wire = self._transport.get_extra_info("socket")
-            wire.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            self._transport.abort()
-        else:
-            self._transport.close()
+        if self._held and not hold:
+            packet = b"".join(self._held) + (packet or b"")
+            self._held.clear()
+        if packet is not None:
+            transport.write(packet)
 
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        """Inputs become free; RST is as normal an end as FIN."""
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Inputs become free."""
         self._session.close()
-        self._ports.rtde.discard(self)
+        super().connection_lost(exc)
 
 
-class DashboardPort(asyncio.Protocol):
+class DashboardPort(Port):
     """One dashboard connection."""
 
-    def __init__(self, ports: Ports) -> None:
-        self._ports = ports
-        self._buffer = b""
-        self._transport: asyncio.Transport | None = None
+    service = "dashboard"
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+    def __init__(self, ports: Ports) -> None:
+        super().__init__(ports)
+        self._buffer = b""
+
+    def accepted(self, transport: asyncio.Transport) -> None:
         """Greet."""
-        self._transport = _accept(self._ports, transport)
-        if self._transport is not None:
-            self._transport.write(dashboard.GREETING.encode() + b"\n")
+        transport.write(dashboard.GREETING.encode() + b"\n")
 
     def data_received(self, data: bytes) -> None:
         """One reply a line."""
-        transport = self._transport
-        if transport is None or transport.is_closing():
+        transport = self.writable
+        if transport is None or self.ports.faults.mute:
             return
         self._buffer += data
         *lines, self._buffer = self._buffer.split(b"\n")
         for line in lines:
-            answer = dashboard.reply(self._ports.controller, line[: dashboard.LINE_MAX_BYTES].decode("utf-8", "replace"))
+            answer = dashboard.reply(self.ports.controller, line[: dashboard.LINE_MAX_BYTES].decode("utf-8", "replace"))
             transport.write(answer.encode() + b"\n")
             if answer == "Disconnected":
                 transport.close()
@@ -150,53 +221,50 @@ class DashboardPort(asyncio.Protocol):
         if len(self._buffer) > dashboard.LINE_MAX_BYTES or transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
             transport.abort()
 
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        """Forget it."""
-        if self._transport is not None:
-            self._ports.others.discard(self._transport)
 
+class StatePort(Port):
+    """One connection to 30001, 30002 or 30003: state goes out and is never queued, scripts may come in."""
 
-class ScriptPort(asyncio.Protocol):
-    """One connection that may write scripts; nothing is streamed to it, ur-rtde never reads there."""
-
-    def __init__(self, ports: Ports) -> None:
-        self._ports = ports
+    def __init__(self, ports: Ports, service: str) -> None:
+        super().__init__(ports, service)
         self._framer = Framer()
-        self._transport: asyncio.Transport | None = None
+        self.skipped = 0
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Accept, unless there are too many."""
-        self._transport = _accept(self._ports, transport)
+    def accepted(self, transport: asyncio.Transport) -> None:
+        """The version first, except on the real-time port."""
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        if self.service != "realtime":
+            transport.write(primary.version(self.ports.controller))
+
+    def send(self, packet: bytes) -> None:
+        """One packet, or nothing while an earlier one has not left."""
+        transport = self.writable
+        if transport is None:
+            return
+        if transport.get_write_buffer_size():
+            self.skipped += 1
+        else:
+            transport.write(packet)
+
+    @property
+    def ready(self) -> bool:
+        """Whether a packet would leave now."""
+        transport = self.writable
+        return transport is not None and not transport.get_write_buffer_size()
 
     def data_received(self, data: bytes) -> None:
         """Run what is complete."""
         for text in self._framer.feed(data):
-            self._ports.controller.run_script(text)
-
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        """Forget it: the program goes on."""
-        if self._transport is not None:
-            self._ports.others.discard(self._transport)
+            self.ports.controller.run_script(text)
 
 
-def _accept(ports: Ports, transport: asyncio.BaseTransport) -> asyncio.Transport | None:
-    assert isinstance(transport, asyncio.Transport)
-    if len(ports.others) >= CONNECTIONS_MAX:
-        transport.abort()
-        return None
-    _no_delay(transport)
-    ports.others.add(transport)
-    return transport
-
-
-def _acknowledge(transport: asyncio.Transport) -> None:
-    """At once: ur-rtde's small writes wait for it (its TCP_NODELAY is lost), and would come in bunches. Not lasting: ask each time."""
-    wire = transport.get_extra_info("socket")
-    if wire is not None:
-        wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
-
-
-def _no_delay(transport: asyncio.Transport) -> None:
-    wire = transport.get_extra_info("socket")
-    if wire is not None:
-        wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+def _to_all(ports: set[Port], packet: "Callable[[], bytes]") -> None:
+    """Built only where somebody reads: ur-rtde's control client never does."""
+    made: bytes | None = None
+    for port in list(ports):
+        if isinstance(port, StatePort):
+            if not port.ready:
+                port.skipped += 1
+                continue
+            made = packet() if made is None else made
+            port.send(made)

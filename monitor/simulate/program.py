@@ -1,16 +1,20 @@
 """The register machine of ur-rtde's control script: one pass a tick, commands in, acknowledgements out.
 
-Command register I0; OI0 = 1 ready, 2 done; OI1 a result; OI2 the word of asynchronous motions.
+Command register I0; OI0 = 1 ready, 2 done; OI1 a result; OI2 the word of asynchronous motions; OD0… vectors. A command whose
+arguments the real controller would answer with a runtime exception ends the program, as there.
 """
 
 import logging
 import math
+from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate.scripts import ControlScript
+from monitor.simulate import motions, queries
+from monitor.simulate.scripts import ControlScript, Move, Progress, Step, Steps, StopMotion, Wait, Write
 
 if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
@@ -18,9 +22,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 READY, DONE = 1, 2
-SERVO_J, SPEED_J, END = 11, 9, 255
+SERVO_J, SERVO_L, SPEED_J, SPEED_L, END = 11, 24, 9, 10, 255
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
-STEADY_RAD_S = 0.01
 LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # servoj's documented ranges
 
 
@@ -31,11 +34,13 @@ class ControlProgram:
         self._int, self._double = script.int_offset, script.double_offset
         self._controller = controller
         self._executing = False
-        self._blocked = False  # a blocking motion keeps the loop busy
-        self._asynchronous = False
+        self._busy: Callable[[], bool] | None = None  # a blocking motion keeps the loop busy
+        self._asynchronous: Callable[[], bool] | None = None
+        self._path = script.path
         self._writes = self._operation = 0
         self._last_refused = 0
         self._packets: list[Array] = []
+        self._speed_l: Callable[[Array, float], None] | None = None
         self._progress(-1)
         self._set(0, READY)
 
@@ -48,12 +53,16 @@ class ControlProgram:
     def _input(self, index: int) -> int:
         return self._controller.inputs.ints[self._int + index]
 
-    def _vector(self, index: int = 0, length: int = 6) -> list[float]:
+    def vector(self, index: int = 0, length: int = 6) -> list[float]:
+        """Input doubles from `index` on."""
         at = self._double + index
         return self._controller.inputs.doubles[at : at + length]
 
     def _set(self, index: int, value: int) -> None:
         self._controller.output_ints[self._int + index] = value
+
+    def _answer(self, values: Array) -> None:
+        self._controller.output_doubles[self._double : self._double + len(values)] = [float(value) for value in values]
 
     def _progress(self, value: int) -> None:
         """OI2: bits 0–14 progress, 15 running, 16–22 count of writes, 24–30 number of the operation; −1 means finished."""
@@ -67,20 +76,21 @@ class ControlProgram:
     def received(self) -> None:
         """A packet with the command register has come: every servoj target counts, not only the last of a tick."""
         if self._input(0) == SERVO_J and len(self._packets) < 16:
-            self._packets.append(np.array(self._vector()))
+            self._packets.append(np.array(self.vector()))
 
     def step(self) -> bool:
         """One pass of the loop. False when the script has ended."""
         packets, self._packets = self._packets, []
-        reference = self._controller.reference
-        if self._blocked:
-            if not reference.at_rest:
+        if self._busy is not None:
+            if not self._busy():
                 return True
-            self._blocked = False
+            self._busy = None
             self._set(0, DONE)
-        if self._asynchronous and reference.at_rest:
-            self._asynchronous = False
+        if self._asynchronous is not None and self._asynchronous():
+            self._asynchronous = None
             self._progress(-1)
+        if self._controller.program is not self:  # a path has met something impossible
+            return True
         command = self._input(0)
         if command == END:
             return False
@@ -93,80 +103,121 @@ class ControlProgram:
         elif not self._executing:
             self._executing = True
             self._once(command)
-            if not self._blocked and self._controller.program is self:  # a refused move has ended the program: never done
+            if self._busy is None and self._controller.program is self:  # a runtime exception ends the program: never done
                 self._set(0, DONE)
         return True
 
+    def _raise(self, why: str) -> None:
+        self._controller.stop_program(f"runtime exception: {why}")
+
+    # --- commands -----------------------------------------------------------------------------------------------
     def _realtime(self, command: int, packets: list[Array]) -> None:
-        if not self._controller.may_move:  # a protective stop in which the program plays on: the arm stands
+        controller, reference = self._controller, self._controller.reference
+        if command in queries.REALTIME:
+            queries.REALTIME[command](self)
+        elif not controller.may_move:  # a protective stop in which the program plays on: the arm stands
             return
-        if command == SERVO_J:
-            time_s, lookahead_s, gain = self._vector(8, 3)
-            targets = packets or ([np.array(self._vector())] if self._controller.reference.mode != "servo" else [])
-            if all(np.isfinite(target).all() for target in targets) and all(map(math.isfinite, (time_s, lookahead_s, gain))):
-                self._controller.reference.follow(
-                    targets, time_s, min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1])
-                )
+        elif command in (SERVO_J, SERVO_L):
+            time_s, lookahead_s, gain = self.vector(8, 3)
+            targets = packets or ([np.array(self.vector())] if reference.mode != "servo" or command == SERVO_L else [])
+            if not all(np.isfinite(target).all() for target in targets) or not all(map(math.isfinite, (time_s, lookahead_s, gain))):
+                controller.protective_stop("servoj with a target that is not a number")
+                return
+            if command == SERVO_L:
+                found = controller.inverse(targets[-1])
+                if found is None:
+                    controller.protective_stop("servol: no joint positions for the target")
+                    return
+                targets = [found]
+            why = controller.sudden(targets[-1]) if targets else ""
+            if why:
+                controller.protective_stop(f"servoj: {why}")
+                return
+            reference.follow(targets, time_s, min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1]))
+        elif command in (SPEED_J, SPEED_L):
+            wanted, acceleration = np.array(self.vector()), self.vector(6, 1)[0]
+            if not (np.isfinite(wanted).all() and math.isfinite(acceleration)):
+                controller.protective_stop("speedj with a target that is not a number")
+            elif command == SPEED_J:
+                reference.speed(wanted, acceleration)
             else:
-                self._controller.protective_stop("servoj with a target that is not a number")
-        elif command == SPEED_J:
-            qd, acceleration = np.array(self._vector()), self._vector(6, 1)[0]
-            if np.isfinite(qd).all() and math.isfinite(acceleration):
-                self._controller.reference.speed(qd, acceleration)
-            else:
-                self._controller.protective_stop("speedj with a target that is not a number")
-        elif command == 26:  # getStepTime
-            self._controller.output_doubles[self._double] = self._controller.tick_s
+                if reference.mode != "speedl" or self._speed_l is None:
+                    self._speed_l = motions.tool_speed(controller.kinematics, reference, controller.robot.max_speed_rad_s)
+                self._speed_l(wanted, acceleration)
         elif command != self._last_refused:
             self._refuse(command)
         self._last_refused = command
 
     def _once(self, command: int) -> None:
         controller, reference = self._controller, self._controller.reference
-        first = self._vector(0, 1)[0]
+        first = self.vector(0, 1)[0]
         match command:
-            case 1:  # moveJ
-                speed, acceleration = self._vector(6, 2)
-                why = controller.unreachable(np.array(self._vector()), speed, acceleration)
+            case 1 | 2 | 3 | 4:  # moveJ, moveJ_IK, moveL, moveL_FK
+                speed, acceleration = self.vector(6, 2)
+                move = Move(
+                    tuple(self.vector()), pose=command in (2, 3), straight=command in (3, 4), speed=speed, acceleration=acceleration
+                )
+                why = controller.start_move(move)
                 if why:
-                    controller.stop_program(f"moveJ: {why}")
-                    return
-                reference.move(np.array(self._vector()), speed, acceleration)
-                self._motion(asynchronous=self._input(1) == 1)
+                    self._raise(f"{'moveL' if move.straight else 'moveJ'}: {why}")
+                else:
+                    self._motion(lambda: reference.at_rest, asynchronous=self._input(1) == 1)
             case 15 | 16:  # speedStop, servoStop; stopl of the latter is a joint deceleration here
-                reference.stop(first if math.isfinite(first) else 10.0)
-                self._motion(asynchronous=False)
-            case 34:  # stopJ
-                reference.stop(first if math.isfinite(first) else 2.0)
-                self._motion(asynchronous=self._input(1) == 1)
-            case 17:  # setPayload
-                mass, *com = self._vector(0, 4)
-                accepted = math.isfinite(mass) and 0.0 <= mass <= 2.0 * controller.settings.arm.payload_max_kg
-                if accepted:
-                    controller.declared_payload = (mass, *com)
-                self._set(1, int(accepted))
+                straight = command == 15 and reference.mode == "speedl"
+                controller.start_stop(StopMotion(first if math.isfinite(first) else 10.0, straight))
+                self._motion(lambda: reference.at_rest, asynchronous=False)
+            case 33 | 34:  # stopL, stopJ
+                controller.start_stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
+                self._motion(lambda: reference.at_rest, asynchronous=self._input(1) == 1)
+            case 45:  # movePath
+                playing = Player(self._path, controller, self._progress)
+                self._motion(playing.over, asynchronous=self._input(1) == 1)
+            case 8:  # zeroFtSensor: nothing touches the arm, its sensor shows zero already
+                pass
             case 31:
                 controller.protective_stop("asked for by the program")
             case 35:  # setWatchdog
-                accepted = math.isfinite(first) and first > 0.0
-                if accepted:
+                if math.isfinite(first) and first > 0.0:
                     controller.arm_watchdog(self.command_register, first)
-                self._set(1, int(accepted))
-            case 37:  # isJointsWithinSafetyLimits
-                self._set(1, int(not controller.outside_limits(np.array(self._vector()))))
-            case 47:  # isSteady
-                self._set(1, int(reference.at_rest and bool(np.all(np.abs(controller.measured.qd) < STEADY_RAD_S))))
+                else:
+                    self._raise(f"rtde_set_watchdog: {first:g} Hz; expected more than 0")
+            case _ if command in queries.ONCE:
+                try:
+                    result = queries.ONCE[command](self)
+                except queries.Impossible as wrong:
+                    self._raise(str(wrong))
+                else:
+                    self._tell(result)
             case _:
                 self._refuse(command)
 
-    def _motion(self, *, asynchronous: bool) -> None:
-        if self._asynchronous:
+    def _tell(self, result: "queries.Result") -> None:
+        if isinstance(result, bool | int):
+            self._set(1, int(result))
+        elif result is not None:
+            self._answer(result)
+
+    @property
+    def controller(self) -> "Controller":
+        """Whose program it is."""
+        return self._controller
+
+    def whole(self, index: int) -> int:
+        """An input integer."""
+        return self._input(index)
+
+    def answer(self, result: "queries.Result") -> None:
+        """Into the output registers."""
+        self._tell(result)
+
+    def _motion(self, over: Callable[[], bool], *, asynchronous: bool) -> None:
+        if self._asynchronous is not None:
             self._progress(-1)
-        self._asynchronous = asynchronous
+        self._asynchronous = over if asynchronous else None
         if asynchronous:
             self._progress(0)
         else:
-            self._blocked = not self._controller.reference.at_rest
+            self._busy = None if over() else over
 
     def _refuse(self, command: int) -> None:
         """Visibly: told in the log and in the truth, done with result 0."""
@@ -175,24 +226,63 @@ class ControlProgram:
         self._set(1, 0)
 
 
-class MotionProgram:
-    """A script that is one motion: ends when the arm rests."""
+class Player:
+    """Plays a list of steps, each to its end: moves come to rest at every waypoint, blend radii are not modelled."""
+
+    def __init__(self, steps: tuple[Step, ...], controller: "Controller", on_progress: Callable[[int], None] = lambda _: None) -> None:
+        self._left, self._controller, self._on_progress = deque(steps), controller, on_progress
+        self._until_s = -math.inf
+
+    def over(self) -> bool:
+        """Go on as far as possible; True when nothing is left."""
+        controller = self._controller
+        while controller.reference.at_rest and controller.clock_s >= self._until_s:
+            if not self._left:
+                return True
+            match self._left.popleft():
+                case Move() as move:
+                    why = controller.start_move(move)
+                    if why:
+                        self._left.clear()
+                        controller.stop_program(f"runtime exception: {why}")
+                        return False
+                case StopMotion() as stop:
+                    controller.start_stop(stop)
+                case Write(register, value, whole):
+                    if whole:
+                        controller.output_ints[register] = int(value)
+                    else:
+                        controller.output_doubles[register] = value
+                case Progress(value):
+                    self._on_progress(value)
+                case Wait(seconds):
+                    self._until_s = controller.clock_s + seconds
+        return False
+
+
+class StepsProgram:
+    """A script that is a list of steps: ends after the last."""
 
     command_register = ""
 
-    def __init__(self, controller: "Controller") -> None:
-        self._controller = controller
+    def __init__(self, script: Steps, controller: "Controller") -> None:
+        self._player = Player(script.steps, controller)
 
     def received(self) -> None:
         """Listens to nothing."""
 
     def step(self) -> bool:
-        """False when the motion is over."""
-        return not self._controller.reference.at_rest
+        """False when nothing is left to do."""
+        return not self._player.over()
 
 
-class SteppedProgram(MotionProgram):
+class SteppedProgram:
     """Stands for the player of `stepped.py`, which moves the reference itself, so that nobody else starts a program."""
+
+    command_register = ""
+
+    def received(self) -> None:
+        """Listens to nothing."""
 
     def step(self) -> bool:
         """Runs until it is stopped."""

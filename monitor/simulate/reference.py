@@ -37,6 +37,7 @@ class Reference:
         self._waiting: list[Array] = []  # servoj targets not yet taken
         self._then: Callable[[], None] | None = None
         self.mode = "hold"
+        self.pace = 1.0  # of the speed slider: moves go so much slower; servoj, speedj and stops do not
 
     @property
     def at_rest(self) -> bool:
@@ -54,7 +55,7 @@ class Reference:
     def reset(self, q: Array) -> None:
         """Stand at q: after brakes or power-on."""
         self.q = q.copy()
-        self._hold()
+        self.hold()
 
     # --- modes --------------------------------------------------------------------------------------------------
     def stop(self, deceleration_rad_s2: float, then: Callable[[], None] | None = None) -> None:
@@ -64,14 +65,14 @@ class Reference:
         def advance(h: float) -> None:
             fastest = float(np.max(np.abs(self.qd)))
             keep = 1.0 - deceleration * h / fastest if fastest > deceleration * h else 0.0
-            self._to(self.qd * keep, h)
+            self.glide(self.qd * keep, h)
             if keep == 0.0:
-                self._hold()
+                self.hold()
                 if self._then is not None:
                     go_on, self._then = self._then, None
                     go_on()
 
-        self._begin("stop", advance)
+        self.begin("stop", advance)
         self._then = then
         if not self.qd.any():
             advance(1e-9)
@@ -84,7 +85,7 @@ class Reference:
         start, way = self.q.copy(), q_end - self.q
         length = float(np.max(np.abs(way)))
         if length < 1e-9:
-            self._hold()
+            self.hold()
             return
         v, a = speed_rad_s / length, acceleration_rad_s2 / length  # of the path parameter s ∈ [0, 1]
         v = min(v, float(np.min(self._max_speed / np.maximum(np.abs(way), 1e-12))), math.sqrt(a))
@@ -93,7 +94,8 @@ class Reference:
 
         def advance(h: float) -> None:
             nonlocal t
-            t = min(t + h, total_s)
+            pace = self.pace
+            t = min(t + pace * h, total_s)
             rest = total_s - t
             if t < ramp_s:
                 s, sd, sdd = 0.5 * a * t * t, a * t, a
@@ -101,11 +103,11 @@ class Reference:
                 s, sd, sdd = 1.0 - 0.5 * a * rest * rest, a * rest, -a
             else:
                 s, sd, sdd = v * (t - 0.5 * ramp_s), v, 0.0
-            self.q, self.qd, self.qdd = start + s * way, sd * way, sdd * way
+            self.q, self.qd, self.qdd = start + s * way, (pace * sd) * way, (pace * pace * sdd) * way
             if rest <= 0.0:
-                self._hold()
+                self.hold()
 
-        self._begin("move", advance)
+        self.begin("move", advance)
 
     def speed(self, qd: Array, acceleration_rad_s2: float) -> None:
         """speedj: towards this speed until told otherwise."""
@@ -115,9 +117,9 @@ class Reference:
         def advance(h: float) -> None:
             change = goal - self.qd
             largest = float(np.max(np.abs(change)))
-            self._to(goal if largest <= acceleration * h else self.qd + change * (acceleration * h / largest), h)
+            self.glide(goal if largest <= acceleration * h else self.qd + change * (acceleration * h / largest), h)
 
-        self._begin("speed", advance)
+        self.begin("speed", advance)
 
     def follow(self, targets: list[Array], time_s: float, lookahead_s: float, gain: float) -> None:
         """servoj: the targets that arrived in this tick, oldest first, possibly none.
@@ -129,7 +131,7 @@ class Reference:
             self._goal, self._between_qd, self._goal_qdd = self.q.copy(), self.qd.copy(), np.zeros_like(self.q)
             self._goal_qd, self._age_s, self._first, self._waiting = self.qd.copy(), math.inf, True, []
             self._heard_s, self._heard = SPACING_PRIOR * period, SPACING_PRIOR
-            self._begin("servo", self._servo)
+            self.begin("servo", self._servo)
         self._carry_s = period * (1.0 + STREAM_GAP_PERIODS)
         self._rate = 2.0 / lookahead_s * math.sqrt(gain / 500.0)
         self._waiting = [*self._waiting, *targets][-STREAM_BURST:]
@@ -177,7 +179,7 @@ class Reference:
 
     def _servo(self, h: float) -> None:
         if self._first:
-            self._to(self.qd * 0.5, h)  # no target has come yet
+            self.glide(self.qd * 0.5, h)  # no target has come yet
             return
         self._age_s += h
         age = min(self._age_s, self._carry_s)
@@ -190,16 +192,23 @@ class Reference:
             pull = BACK_RAD_S**2 * (self._goal + away * (goal - self._goal) - self.q) - 2.0 * BACK_RAD_S * self.qd
         qdd = np.minimum(np.maximum(pull, -SERVO_MAX_RAD_S2), SERVO_MAX_RAD_S2)
         qd = self.qd + h * qdd
-        self._to(np.minimum(np.maximum(qd, -self._max_speed), self._max_speed), h)
+        self.glide(np.minimum(np.maximum(qd, -self._max_speed), self._max_speed), h)
 
-    def _to(self, qd: Array, h: float) -> None:
+    def put(self, q: Array, qd: Array, qdd: Array) -> None:
+        """Where a motion says that it is now, each (J,)."""
+        self.q, self.qd, self.qdd = q, qd, qdd
+
+    def glide(self, qd: Array, h: float) -> None:
+        """Go on for h, the speed changing evenly to q̇ (J,)."""
         self.q = self.q + (0.5 * h) * (self.qd + qd)
         self.qdd = (qd - self.qd) / h
         self.qd = qd
 
-    def _begin(self, mode: str, advance: Callable[[float], None]) -> None:
+    def begin(self, mode: str, advance: Callable[[float], None]) -> None:
+        """Another motion: `advance(h)` is called every h until `hold`."""
         self.mode, self._advance, self._then = mode, advance, None
 
-    def _hold(self) -> None:
+    def hold(self) -> None:
+        """Stand here."""
         self.mode, self._advance = "hold", None
         self.qd, self.qdd = np.zeros_like(self.q), np.zeros_like(self.q)

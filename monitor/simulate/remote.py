@@ -65,8 +65,11 @@ class Remote:
         result: dict[str, Any] = self.ask("truth")
         return result
 
-    def advance(self, hours: float, ambient_c: float | None = None, duty: float = 0.0) -> float:
-        """Let hours pass, `duty` (0 … 1) of them a typical job, in a room at `ambient_c`; the controller's clock afterwards [s]."""
+    def advance(self, hours: float, ambient_c: float | None = None, duty: float | None = None) -> float:
+        """Let hours pass, `duty` (0 … 1) of them a typical job, in a room at `ambient_c`; the controller's clock afterwards [s].
+
+        What is not given is as the scenario has it; without a scenario no work, and the room as it was.
+        """
         return float(self.ask("advance", hours=hours, ambient_c=ambient_c, duty=duty)["clock_s"])
 
     def wear(
@@ -103,9 +106,9 @@ class Remote:
     def _states(self, do: str, **arrays: Any) -> Any:
         return self.ask(do, **{name: None if value is None else np.asarray(value, dtype=float).tolist() for name, value in arrays.items()})
 
-    def fault(self, name: str, *, seconds: float | None = None) -> str:
-        """Make one happen: stall (seconds), close, reset, program_stop, protective_stop, emergency_stop, emergency_release."""
-        return str(self.ask("fault", name=name, seconds=seconds))
+    def fault(self, name: str, **arguments: Any) -> str:
+        """Make one of `faults.FAULTS` happen, e.g. `fault("stall", seconds=2)`; what was done."""
+        return str(self.ask("fault", name=name, **arguments))
 
     def protective_stop(self) -> None:
         """As if the arm had hit something."""

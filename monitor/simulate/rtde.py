@@ -74,7 +74,7 @@ class RtdeSession:
                 accepted = len(payload) == 2 and payload == b"\x00\x02"
                 return _packet(kind, bytes([accepted]))
             case 118:  # v
-                return _packet(kind, struct.pack(">4I", *self._controller.settings.polyscope))
+                return _packet(kind, struct.pack(">4I", *self._controller.reported_version))
             case 79:  # O
                 return _packet(kind, self._set_output(payload))
             case 73:  # I
@@ -98,7 +98,8 @@ class RtdeSession:
             raise ProtocolError("output recipe without a frequency")
         (frequency_hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        variables = self._controller.variables
+        missing = self._controller.missing
+        variables = {name: variable for name, variable in self._controller.variables.items() if name not in missing}
         types = [variables[name].kind if name in variables else "NOT_FOUND" for name in names]
         known = bool(names) and "NOT_FOUND" not in types
         self._output = recipe(names, {name: variables[name].kind for name in names}) if known else None
@@ -126,6 +127,12 @@ class RtdeSession:
             self._controller.odd_inputs += 1  # the client checks no lengths: a short vector shifts the rest
             values = values[: written.layout.size].ljust(written.layout.size, b"\x00")
         self._controller.write_inputs(written, written.layout.unpack(values))
+
+
+def text_message(text: str, source: str, level: int) -> bytes:
+    """M as the controller sends it; level 0 exception, 1 error, 2 warning, 3 info."""
+    message, name = text.encode()[:255], source.encode()[:255]
+    return _packet(77, bytes([len(message)]) + message + bytes([len(name)]) + name + bytes([level]))
 
 
 def _packet(kind: int, payload: bytes) -> bytes:

@@ -1,40 +1,82 @@
 """URScript as it arrives on a port: framing, and the little of the language that this controller understands.
 
 It is no interpreter: it recognises ur-rtde's control script and runs the register machine that the script describes
-(`program.py`); besides, single `movej`, `stopj` and the immediate commands. Everything else is refused by name.
+(`program.py`), with the path of moves that ur-rtde injects into it; programs that are a plain list of moves, waits and register
+writes; single moves and the immediate commands. Everything else is refused by name.
 """
 
 import ast
 import math
 import re
 from dataclasses import dataclass
+from typing import Any
 
 SCRIPT_MAX_BYTES = 1 << 20
-_CALL = re.compile(r"^(movej|stopj)\s*\((.*)\)$")
+STEPS_MAX = 10_000
+_CALL = re.compile(r"^(\w+)\s*\((.*)\)$")
+_POSE = re.compile(r"\bp(?=\[)")
+PATH_MARK = "# inject move path\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One move: joints [rad, rad/s, rad/s²], or tool in a line [m, m/s, m/s²]; the target is joint angles or a pose."""
+
+    target: tuple[float, ...]
+    pose: bool
+    straight: bool
+    speed: float
+    acceleration: float
+
+
+@dataclass(frozen=True, slots=True)
+class StopMotion:
+    """stopj [rad/s²] or stopl [m/s²]."""
+
+    deceleration: float
+    straight: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """write_output_integer_register or write_output_float_register."""
+
+    register: int
+    value: float
+    whole: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """signal_async_progress of ur-rtde's paths."""
+
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """sleep."""
+
+    seconds: float
+
+
+Step = Move | StopMotion | Write | Progress | Wait
 
 
 @dataclass(frozen=True, slots=True)
 class ControlScript:
-    """ur-rtde's script; registers start at these offsets (0 or 24)."""
+    """ur-rtde's script; registers start at these offsets (0 or 24); the path that was injected into it."""
 
     int_offset: int = 0
     double_offset: int = 0
+    path: tuple[Step, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class MoveJ:
-    """One joint move [rad, rad/s, rad/s²]."""
+class Steps:
+    """A program that is a list of steps: a custom script of ur-rtde, or a single line."""
 
-    q_rad: tuple[float, ...]
-    speed: float = 1.05  # URScript's defaults
-    acceleration: float = 1.4
-
-
-@dataclass(frozen=True, slots=True)
-class StopJ:
-    """Joint deceleration [rad/s²]."""
-
-    deceleration: float = 2.0
+    steps: tuple[Step, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +93,7 @@ class Refused:
     reason: str
 
 
-Script = ControlScript | MoveJ | StopJ | Immediate | Refused
+Script = ControlScript | Steps | Immediate | Refused
 
 
 class Framer:
@@ -83,22 +125,33 @@ class Framer:
                     complete.append(line.strip())
         if self._size + len(self._buffer) > SCRIPT_MAX_BYTES:  # an unending script is dropped, not kept
             self._buffer, self._lines, self._size = b"", [], 0
-            complete.append(f"# more than {SCRIPT_MAX_BYTES} bytes without an end")
+            complete.append(f"more than {SCRIPT_MAX_BYTES} bytes without an end")
         return complete
+
+
+class _Unknown(Exception):
+    """A line that is not understood."""
 
 
 def parse(text: str) -> Script:
     """What a complete script asks for."""
-    if text.startswith(("def rtde_control()", "def rtde_control ")) and "NODE_CONTROL_LOOP_BEGINS" in text:
-        return _control_script(text)
-    if text.startswith(("def ", "sec ")):
-        return Refused(
-            f"the program {text.splitlines()[0][4:].rstrip(':')} is not ur-rtde's control script, and others are not interpreted"
-        )
-    if text in {"stop program", "halt", "set unlock protective stop"}:
-        return Immediate(text)
-    call = _CALL.match(text)
-    return _single(call[1], call[2]) if call else Refused(f"the line {text[:80]!r} is not interpreted")
+    try:
+        if text.startswith(("def rtde_control()", "def rtde_control ")) and "NODE_CONTROL_LOOP_BEGINS" in text:
+            return _control_script(text)
+        if text.startswith(("def ", "sec ")):
+            name, *body = text.splitlines()
+            try:
+                return Steps(_steps(body[:-1]))
+            except _Unknown as wrong:
+                return Refused(
+                    f"the program {name[4:].rstrip(':')[:80]} is not ur-rtde's control script, and of others only lists of moves: {wrong}"
+                )
+        if text in {"stop program", "halt", "set unlock protective stop"}:
+            return Immediate(text)
+        steps = _steps([text])
+        return Steps(steps) if steps else Refused(f"the line {text[:80]!r} does nothing")
+    except _Unknown as wrong:
+        return Refused(str(wrong))
 
 
 def _control_script(text: str) -> Script:
@@ -108,29 +161,77 @@ def _control_script(text: str) -> Script:
         offsets[kind] = int(found[1]) if found else 0
     if not set(offsets.values()) <= {0, 24}:
         return Refused(f"register offsets {offsets}; expected 0 or 24")
-    _, marker, after = text.partition("# inject move path\n")
-    if marker and after.lstrip().split("\n", 1)[0].strip() != "end":
-        return Refused("paths (a list of moves in the control script) are not interpreted")
-    return ControlScript(int_offset=offsets["int"], double_offset=offsets["float"])
+    _, marker, after = text.partition(PATH_MARK)
+    path = re.split(r"^\s*end\s*$", after, maxsplit=1, flags=re.MULTILINE)[0] if marker else ""
+    return ControlScript(int_offset=offsets["int"], double_offset=offsets["float"], path=_steps(path.splitlines()))
 
 
-def _single(name: str, arguments: str) -> Script:
+def _steps(lines: list[str]) -> tuple[Step, ...]:
+    steps = []
+    for raw in lines:
+        line = raw.strip()
+        if not line or line.startswith("#"):
+            continue
+        call = _CALL.match(line)
+        if call is None:
+            raise _Unknown(f"the line {line[:80]!r} is not interpreted")
+        step = _step(call[1], call[2])
+        if step is not None:
+            steps.append(step)
+        if len(steps) > STEPS_MAX:
+            raise _Unknown(f"more than {STEPS_MAX} steps")
+    return tuple(steps)
+
+
+def _step(name: str, arguments: str) -> Step | None:
+    """One call; None for those that do nothing here. Raises _Unknown."""
+    if name in {"textmsg", "sync"}:
+        return None
+    pose = _POSE.match(arguments.strip()) is not None
     try:
-        call = ast.parse(f"f({arguments})", mode="eval").body
-        assert isinstance(call, ast.Call)
-        args = [ast.literal_eval(argument) for argument in call.args]
-        named = {keyword.arg: float(ast.literal_eval(keyword.value)) for keyword in call.keywords}
-        if name == "stopj":
-            return StopJ(deceleration=float(args[0] if args else named.get("a", 2.0)))
-        q = tuple(float(value) for value in args[0])
-        acceleration, speed = ([*args[1:3], None, None])[:2]
-        move = MoveJ(
-            q_rad=q,
-            acceleration=float(named.get("a", 1.4) if acceleration is None else acceleration),
-            speed=float(named.get("v", 1.05) if speed is None else speed),
-        )
-    except (SyntaxError, ValueError, TypeError, IndexError, AssertionError, RecursionError, MemoryError):
-        return Refused(f"the arguments of {name}({arguments[:80]}) are not interpreted")
-    if not all(math.isfinite(value) for value in (*q, move.speed, move.acceleration)) or min(move.speed, move.acceleration) <= 0.0:
-        return Refused(f"{name}({arguments[:80]}): expected finite positions and positive speed and acceleration")
-    return move
+        args, named = _arguments(_POSE.sub("", arguments))
+        match name:
+            case "movej" | "movel":
+                target = tuple(float(value) for value in args[0])
+                straight = name == "movel"
+                given = (*args[1:3], None, None)
+                acceleration = named.get("a", given[0] if given[0] is not None else 1.2 if straight else 1.4)  # URScript's defaults
+                speed = named.get("v", given[1] if given[1] is not None else 0.25 if straight else 1.05)
+                step: Step = Move(target, pose, straight, float(speed), float(acceleration))
+                figures = [*target, float(speed), float(acceleration)]
+                if len(target) != 6 or min(figures[6:]) <= 0.0:
+                    raise _Unknown(f"{name}({arguments[:80]}): expected 6 finite figures and positive speed and acceleration")
+            case "stopj" | "stopl":
+                figures = [float(args[0] if args else named.get("a", 2.0))]
+                step = StopMotion(figures[0], name == "stopl")
+            case "write_output_integer_register" | "write_output_float_register":
+                register, figures = int(args[0]), [float(args[1])]
+                step = Write(register, figures[0], "integer" in name)
+                if not 0 <= register < 48:
+                    raise _Unknown(f"{name}: register {register}; expected 0 … 47")
+            case "signal_async_progress":
+                step, figures = Progress(int(args[0])), []
+            case "sleep":
+                figures = [float(args[0])]
+                step = Wait(figures[0])
+            case _:
+                raise _Unknown(f"the line {name}({arguments[:80]}) is not interpreted")
+    except (SyntaxError, ValueError, TypeError, IndexError, KeyError, OverflowError, RecursionError, MemoryError):
+        raise _Unknown(f"the arguments of {name}({arguments[:80]}) are not interpreted") from None
+    if not all(math.isfinite(figure) for figure in figures):
+        raise _Unknown(f"{name}({arguments[:80]}): expected finite figures")
+    return step
+
+
+def _arguments(text: str) -> tuple[list[Any], dict[str, float]]:
+    """Positional and named arguments; a sum of whole numbers is a number."""
+    call = ast.parse(f"f({text})", mode="eval").body
+    if not isinstance(call, ast.Call):
+        raise ValueError(text)
+
+    def value(node: ast.expr) -> Any:
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+            return ast.literal_eval(node.left) + ast.literal_eval(node.right)
+        return ast.literal_eval(node)
+
+    return [value(node) for node in call.args], {str(keyword.arg): float(ast.literal_eval(keyword.value)) for keyword in call.keywords}

@@ -6,13 +6,16 @@ is mostly torque ripple of the gear. Encoder at standstill: 13–21 µrad. q̇ i
 of 1/16 K.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from monitor.model.robot import Robot
 from monitor.recording import Array
-from monitor.simulate.physics import Arm
+
+if TYPE_CHECKING:
+    from monitor.simulate.physics import Arm
 
 STILL_CURRENT_A = ([12.0, 28.0, 56.0, 150.0, 330.0], [0.009, 0.011, 0.018, 0.030, 0.060])  # by the joint's maximum torque [N·m]
 RIPPLE_PER_RAD_S = 2.0  # current noise grows by this share per rad/s, up to RIPPLE_MAX
@@ -27,7 +30,10 @@ SPEED_STEP_RAD_S = 1e-6
 STANDSTILL_RAD_S = 1e-4
 TEMPERATURE_NOISE_K = 0.02
 TEMPERATURE_STEP_K = 1.0 / 16.0
+STEP = np.array([[POSITION_STEP_RAD], [SPEED_STEP_RAD_S], [CURRENT_STEP_A], [TEMPERATURE_STEP_K]])
+PER_STEP = 1.0 / STEP
 BLOCK = 256  # ticks of noise drawn at once
+GLITCH_EVERY = 32  # ticks between the wrong temperatures of a glitching sensor
 
 
 class Measured(NamedTuple):
@@ -39,6 +45,17 @@ class Measured(NamedTuple):
     temperature_c: Array
 
 
+@dataclass(slots=True, eq=False)
+class SensorFaults:
+    """What is wrong with the sensors, on command; nothing of it at the start."""
+
+    frozen_c: Array | None = None  # temperatures as they were when they froze
+    glitch_c: dict[int, float] = field(default_factory=dict)  # joint (0 … J−1) → what its sensor says now and then
+    stuck_a: dict[int, float] = field(default_factory=dict)  # joint → the current that its sensor goes on telling
+    noisy: float = 1.0  # factor on the noise of all currents
+    offset_rad: Array | None = None  # encoder minus truth
+
+
 class Sensors:
     """Reads an arm; deterministic from the seed."""
 
@@ -48,25 +65,59 @@ class Sensors:
         self._still_a = np.interp(robot.max_torque_nm, *STILL_CURRENT_A)
         self._keep = SLOW_KEEP ** (tick_s / 0.008)
         self._slow = np.zeros(robot.joints)
-        self._block = np.empty((0, 5, robot.joints))
+        self._block = np.empty((0, 4, robot.joints))
         self._next = 0
+        self.faults = SensorFaults()
 
-    def read(self, arm: Arm) -> Measured:
+    def read(self, arm: "Arm") -> Measured:
         """One measurement of the present state."""
         if self._next >= len(self._block):
-            self._block, self._next = self._dice.standard_normal((BLOCK, 5, self._joints)), 0
-        white, push, on_q, on_qd, on_temperature = self._block[self._next]
+            self._draw()
+        noise = self._block[self._next]
         self._next += 1
-        keep = self._keep
-        self._slow = keep * self._slow + (1.0 - keep * keep) ** 0.5 * push
-        ripple = 1.0 + np.minimum(RIPPLE_PER_RAD_S * np.abs(arm.qd), RIPPLE_MAX)
-        noise = self._still_a * ripple * ((1.0 - SLOW_SHARE) ** 0.5 * white + SLOW_SHARE**0.5 * self._slow)
-        current = arm.measured_torque_nm() / arm.gain_nm_per_a + noise
-        moving = np.abs(arm.qd) > STANDSTILL_RAD_S
-        return Measured(
-            q=np.rint((arm.q + POSITION_NOISE_RAD * on_q) / POSITION_STEP_RAD) * POSITION_STEP_RAD,
-            qd=np.where(moving, np.rint((arm.qd + SPEED_NOISE_RAD_S * on_qd) / SPEED_STEP_RAD_S) * SPEED_STEP_RAD_S, 0.0),
-            current=np.rint(current / CURRENT_STEP_A) * CURRENT_STEP_A,
-            temperature_c=np.rint((arm.temperatures.motor_c + TEMPERATURE_NOISE_K * on_temperature) / TEMPERATURE_STEP_K)
-            * TEMPERATURE_STEP_K,
-        )
+        speed = np.abs(arm.qd)
+        seen = np.empty_like(noise)
+        seen[0], seen[1], seen[2], seen[3] = arm.q, arm.qd, arm.measured_torque_nm() / arm.gain_nm_per_a, arm.temperatures.motor_c
+        noise[2] *= 1.0 + np.minimum(RIPPLE_PER_RAD_S * speed, RIPPLE_MAX)
+        seen += noise
+        seen *= PER_STEP
+        np.rint(seen, out=seen)
+        seen *= STEP
+        seen[1] *= speed > STANDSTILL_RAD_S
+        measured = Measured(*seen)
+        return self._wrong(measured)
+
+    def _draw(self) -> None:
+        """The next block of noise, (BLOCK, 4, J): on position, speed, current, temperature, in their units."""
+        white, push, on_q, on_qd, on_temperature = self._dice.standard_normal((BLOCK, 5, self._joints)).transpose(1, 0, 2)
+        keep, slow = self._keep, np.empty_like(push)
+        for i in range(BLOCK):
+            self._slow = slow[i] = keep * self._slow + (1.0 - keep * keep) ** 0.5 * push[i]
+        on_current = self.faults.noisy * self._still_a * ((1.0 - SLOW_SHARE) ** 0.5 * white + SLOW_SHARE**0.5 * slow)
+        noise = (POSITION_NOISE_RAD * on_q, SPEED_NOISE_RAD_S * on_qd, on_current, TEMPERATURE_NOISE_K * on_temperature)
+        self._block, self._next = np.stack(noise, axis=1), 0
+
+    def louder(self, factor: float) -> None:
+        """Currents with this many times the usual noise, from now on."""
+        self._block = self._block.copy()
+        self._block[self._next :, 2] *= factor / self.faults.noisy
+        self.faults.noisy = factor
+
+    def _wrong(self, right: Measured) -> Measured:
+        """What sensors with faults tell instead."""
+        faults = self.faults
+        if faults.offset_rad is not None:
+            right = right._replace(q=right.q + faults.offset_rad)
+        if faults.frozen_c is not None:
+            right = right._replace(temperature_c=faults.frozen_c)
+        if faults.glitch_c and self._next % GLITCH_EVERY == 0:
+            told = right.temperature_c.copy()
+            for joint, value in faults.glitch_c.items():
+                told[joint] = value
+            right = right._replace(temperature_c=told)
+        if faults.stuck_a:
+            current = right.current.copy()
+            for joint, value in faults.stuck_a.items():
+                current[joint] = value
+            right = right._replace(current=current)
+        return right

@@ -7,18 +7,22 @@ import logging
 import os
 import signal
 import socket
+import time
 from collections.abc import Callable
+from functools import partial
 
 from monitor.errors import BadInput
 from monitor.simulate.commands import LINE_MAX_BYTES, Commands
-from monitor.simulate.controller import Controller
-from monitor.simulate.ports import DashboardPort, Ports, RtdePort, ScriptPort
+from monitor.simulate.controller import Controller, RobotMode
+from monitor.simulate.faults import SERVICES, Place
+from monitor.simulate.ports import DashboardPort, Port, Ports, RtdePort, StatePort
 from monitor.simulate.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORTS, SimulateSettings
 from monitor.simulate.timer import expirations, periodic_timer
 
 log = logging.getLogger(__name__)
 
 CATCH_UP_S = 0.02  # of missed ticks are made good at once; the rest is time that never was
+SERVICE_PORTS = dict(zip(SERVICES, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS), strict=True))
 
 
 def serve(settings: SimulateSettings, on_ready: Callable[[], None] | None = None) -> None:
@@ -40,13 +44,9 @@ def bound(settings: SimulateSettings) -> dict[int, socket.socket]:
     Raises BadInput naming the port and what stands in the way.
     """
     sockets: dict[int, socket.socket] = {}
-    for port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS, settings.command_port):
-        listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        sockets[port] = listening
+    for port in (*SERVICE_PORTS.values(), settings.command_port):
         try:
-            listening.bind((settings.bind, port))
-            listening.listen(64)  # here, not later: two processes may both bind, only one can listen
+            sockets[port] = _listening(settings.bind, port)
         except OSError as wrong:
             for other in sockets.values():
                 other.close()
@@ -56,22 +56,132 @@ def bound(settings: SimulateSettings) -> dict[int, socket.socket]:
     return sockets
 
 
+def _listening(address: str, port: int) -> socket.socket:
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((address, port))
+        listening.listen(64)  # here, not later: two processes may both bind, only one can listen
+    except OSError:
+        listening.close()
+        raise
+    return listening
+
+
+class Listeners:
+    """Who accepts connections to the robot's services; any of them may go away and come back."""
+
+    def __init__(self, settings: SimulateSettings, ports: Ports, sockets: dict[int, socket.socket]) -> None:
+        self._settings, self._ports = settings, ports
+        self._sockets = {service: sockets[port] for service, port in SERVICE_PORTS.items()}
+        self._servers: dict[str, asyncio.Server] = {}
+        self._timers: list[asyncio.TimerHandle] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.down = False  # the controller is dead: no tick, no answer
+        self.powered = False  # after a restart
+        self.changed: Callable[[Controller], None] = lambda _: None
+
+    async def start(self) -> None:
+        """Accept on every service."""
+        for service in SERVICE_PORTS:
+            await self._open(service)
+
+    async def _open(self, service: str) -> None:
+        if service in self._servers:
+            return
+        wire = self._sockets.get(service)
+        if wire is None or wire.fileno() < 0:
+            try:
+                wire = _listening(self._settings.bind, SERVICE_PORTS[service])
+            except OSError as wrong:  # somebody else took it meanwhile
+                log.warning("%s cannot listen again: %s", service, wrong)
+                return
+        made: Callable[[], Port]
+        if service == "rtde":
+            made = partial(RtdePort, self._ports)
+        elif service == "dashboard":
+            made = partial(DashboardPort, self._ports)
+        else:
+            made = partial(StatePort, self._ports, service)
+        self._sockets[service] = wire
+        self._servers[service] = await asyncio.get_running_loop().create_server(made, sock=wire)
+
+    def close(self) -> None:
+        """Accept no more; what waits for its time is forgotten."""
+        for timer in self._timers:
+            timer.cancel()
+        self._timers.clear()
+        for service in list(self._servers):
+            self._shut(service)
+
+    def _shut(self, service: str) -> None:
+        server = self._servers.pop(service, None)
+        if server is not None:
+            server.close()
+            self._sockets[service].close()
+
+    def away(self, service: str, seconds: float) -> None:
+        """Nobody listens for a service, or for `all`; 0 s: until `back`."""
+        for name in SERVICE_PORTS:
+            if service in (name, "all"):
+                self._shut(name)
+        if seconds > 0.0:
+            self._later(seconds, self.back)
+
+    def back(self) -> None:
+        """Listen again, unless the controller is dead."""
+        if self.down:
+            return
+        for service in SERVICE_PORTS:
+            task = asyncio.get_running_loop().create_task(self._open(service))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    def restart(self, seconds: float) -> None:
+        """Kill the controller: everything is reset at once; a new one with the same arm answers after so long."""
+        self.down = True
+        self._ports.drop("all", reset=True)
+        self.away("all", 0.0)
+        self._later(seconds, self._reborn)
+
+    def _reborn(self) -> None:
+        before = self._ports.controller
+        controller = Controller(self._settings, before=before)
+        controller.place = before.place
+        if self.powered:
+            controller.power(RobotMode.IDLE)
+            controller.power(RobotMode.RUNNING)
+        self._ports.controller = controller
+        self.changed(controller)
+        self.down = False
+        self.back()
+
+    def freeze(self, seconds: float) -> None:
+        """The whole process stands still, as if it had been stopped by a signal: after the answer to whoever asked for it."""
+        self._later(0.02, lambda: time.sleep(seconds))
+
+    def _later(self, seconds: float, act: Callable[[], None]) -> None:
+        self._timers = [timer for timer in self._timers if timer.when() > asyncio.get_running_loop().time()]
+        self._timers.append(asyncio.get_running_loop().call_later(seconds, act))
+
+
 async def _run(settings: SimulateSettings, sockets: dict[int, socket.socket], on_ready: Callable[[], None] | None) -> None:
     loop = asyncio.get_running_loop()
     end = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, end.set)
-    controller = Controller(settings)
-    ports = Ports(controller)
-    commands = Commands(controller, ports, end.set)
-    servers = [
-        await loop.create_server(lambda: RtdePort(ports), sock=sockets[RTDE_PORT]),
-        await loop.create_server(lambda: DashboardPort(ports), sock=sockets[DASHBOARD_PORT]),
-        *[await loop.create_server(lambda: ScriptPort(ports), sock=sockets[port]) for port in SCRIPT_PORTS],
-        await asyncio.start_server(commands.serve, sock=sockets[settings.command_port], limit=LINE_MAX_BYTES),
-    ]
-    clock = _Clock(controller, ports, commands)
-    timer = periodic_timer(controller.tick_s)
+    ports = Ports(Controller(settings))
+    listeners = Listeners(settings, ports, sockets)
+
+    def place() -> Place:
+        return Place(controller=ports.controller, ports=ports, listeners=listeners, now_s=loop.time())
+
+    ports.controller.place = place
+    commands = Commands(ports, place, end.set)
+    await listeners.start()
+    asking = await asyncio.start_server(commands.serve, sock=sockets[settings.command_port], limit=LINE_MAX_BYTES)
+    clock = _Clock(ports, commands, listeners)
+    timer = periodic_timer(ports.controller.tick_s)
     loop.add_reader(timer, clock.tick, timer)
     gc.collect()
     gc.freeze()  # what exists now lives as long as the process: collections stay short
@@ -82,26 +192,27 @@ async def _run(settings: SimulateSettings, sockets: dict[int, socket.socket], on
     finally:
         loop.remove_reader(timer)
         os.close(timer)
-        for server in servers:
-            server.close()
-        ports.drop_rtde(reset=False)
-        for transport in list(ports.others):
-            transport.close()
+        asking.close()
+        listeners.close()
+        ports.drop("all", reset=False)
 
 
 class _Clock:
     """Turns the timer's expirations into ticks."""
 
-    def __init__(self, controller: Controller, ports: Ports, commands: Commands) -> None:
-        self._controller, self._ports, self._commands = controller, ports, commands
-        self._catch_up = max(1, round(CATCH_UP_S / controller.tick_s))
+    def __init__(self, ports: Ports, commands: Commands, listeners: Listeners) -> None:
+        self._ports, self._commands, self._listeners = ports, commands, listeners
+        tick_s = ports.controller.tick_s
+        self._catch_up = max(1, round(CATCH_UP_S / tick_s))
         self._figures = commands.ticks
-        self._figures.update(tick_s=controller.tick_s, run=0, late=0, dropped=0)
+        self._figures.update(tick_s=tick_s, run=0, late=0, dropped=0)
 
     def tick(self, timer: int) -> None:
         """Make good what is due; while a stepped replay owns the clock only tell what is."""
         due = expirations(timer)
         now_s = asyncio.get_running_loop().time()
+        if self._listeners.down:
+            return
         if self._commands.stepping:
             self._ports.publish(now_s)
             return
@@ -110,5 +221,5 @@ class _Clock:
         self._figures["late"] += due > 1
         self._figures["dropped"] += due - run
         for _ in range(run):
-            self._controller.step()
+            self._ports.controller.step()
             self._ports.publish(now_s)

@@ -4,15 +4,22 @@ import ipaddress
 import math
 import re
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, Robot, load_robot
 
+if TYPE_CHECKING:
+    from monitor.simulate.scenario import Scenario
+
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # fixed in ur-rtde
 DEFAULT_COMMAND_PORT = 30020
 # the newest of each generation that ur-rtde 1.6.5 handles with the small control recipe
+BUILD_DATE = {3: "Mar 10 2022", 5: "Mar 10 2021"}
 DEFAULT_VERSION = {"cb3": "3.15.8.106339", "e-series": "5.11.0.108249"}
+
+
+PAYLOAD_COM_MAX_M = 2.0
 
 
 class Version(NamedTuple):
@@ -42,6 +49,8 @@ class SimulateSettings:
     initial_temperature_c: tuple[float, ...] | None = None  # per joint; None: idle equilibrium in `ambient_c`
     wear_per_revolution: tuple[float, ...] | None = None  # per joint, added to the wear factor at rated load; None: that of a healthy arm
     remote_control: bool = True  # dashboard's answer to `is in remote control`
+    current_noise: float = 1.0  # times what the recorded arms show
+    scenario: "Scenario | None" = None  # what happens in this arm's life
     protective_runtime: str = "paused"  # runtime_state in a protective stop; a real controller's is not documented
 
     def __post_init__(self) -> None:
@@ -51,7 +60,8 @@ class SimulateSettings:
         for name, values in (("home_rad", self.home_rad), ("initial_temperature_c", self.initial_temperature_c)):
             if values is not None and (len(values) != robot.joints or not all(math.isfinite(v) for v in values)):
                 raise BadInput(f"simulate: {name} = {values!r}; expected {robot.joints} finite numbers")
-        if self.wear_per_revolution is not None and (len(self.wear_per_revolution) != robot.joints or min(self.wear_per_revolution) < 0.0):
+        rates = self.wear_per_revolution
+        if rates is not None and (len(rates) != robot.joints or not all(0.0 <= rate < math.inf for rate in rates)):
             raise BadInput(f"simulate: wear_per_revolution = {self.wear_per_revolution!r}; expected {robot.joints} numbers, none negative")
         if not 0.0 <= self.payload_kg <= 2.0 * robot.payload_max_kg:
             raise BadInput(f"simulate: payload_kg = {self.payload_kg:g}; expected 0 … {robot.payload_max_kg:g} for a {self.robot}")
@@ -61,6 +71,16 @@ class SimulateSettings:
             raise BadInput(f"simulate: protective_runtime = {self.protective_runtime!r}; expected paused, stopped or playing")
         if not 0 < self.command_port < 65536:
             raise BadInput(f"simulate: command_port = {self.command_port}; expected 1 … 65535")
+        if self.command_port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):
+            raise BadInput(f"simulate: command_port = {self.command_port} is one of the robot's own ports; expected another, e.g. 30020")
+        if self.seed < 0:
+            raise BadInput(f"simulate: seed = {self.seed}; expected 0 or more")
+        if len(self.payload_com_m) != 3 or not all(abs(metres) <= PAYLOAD_COM_MAX_M for metres in self.payload_com_m):
+            raise BadInput(
+                f"simulate: payload_com_m = {self.payload_com_m!r}; expected x, y, z within ±{PAYLOAD_COM_MAX_M:g} m of the flange"
+            )
+        if not 0.0 <= self.current_noise <= 100.0:
+            raise BadInput(f"simulate: current_noise = {self.current_noise:g}; expected 0 … 100 times the recorded arms'")
         if not self.serial.isdigit():
             raise BadInput(f"simulate: serial = {self.serial!r}; expected digits only, ur-rtde refuses others")
         _ = self.polyscope
@@ -74,6 +94,11 @@ class SimulateSettings:
     def tick_s(self) -> float:
         """Control period: 8 ms on CB3, 2 ms on e-Series."""
         return 1.0 / self.arm.rate_hz
+
+    @property
+    def build_date(self) -> str:
+        """When the software was built."""
+        return BUILD_DATE[self.polyscope.major]
 
     @property
     def polyscope(self) -> Version:

@@ -4,6 +4,7 @@ C_m·Ṫ_m = P_m − G_mg·(T_m − T_g) − G_ma·(T_m − T_a),  C_g·Ṫ_g = 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ class Temperatures(NamedTuple):
     grease_c: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)  # no slots: the modes are worked out once
 class ThermalModel:
     """Capacities and conductances, each (J,)."""
 
@@ -53,16 +54,22 @@ class ThermalModel:
         """Exact step under constant powers, however long: decay of the two modes towards the steady state."""
         steady_motor = ambient_c + (motor_w + grease_w) / self.motor_room_w_per_k
         steady = np.stack([steady_motor, steady_motor + grease_w / self.motor_grease_w_per_k], axis=1)  # (J, 2)
-        A = np.empty((len(steady), 2, 2))
+        rate, modes, inverse = self._modes
+        away = np.stack([state.motor_c, state.grease_c], axis=1) - steady
+        share = (inverse @ away[..., None])[..., 0] * np.exp(rate * dt_s)
+        now = steady + (modes @ share[..., None])[..., 0]
+        return Temperatures(now[:, 0], now[:, 1])
+
+    @cached_property
+    def _modes(self) -> tuple[Array, Array, Array]:
+        """Rates (J, 2) [1/s], modes and their inverse (J, 2, 2)."""
+        A = np.empty((len(self.motor_j_per_k), 2, 2))
         A[:, 0, 0] = -(self.motor_grease_w_per_k + self.motor_room_w_per_k) / self.motor_j_per_k
         A[:, 0, 1] = self.motor_grease_w_per_k / self.motor_j_per_k
         A[:, 1, 0] = self.motor_grease_w_per_k / self.grease_j_per_k
         A[:, 1, 1] = -self.motor_grease_w_per_k / self.grease_j_per_k
         rate, modes = np.linalg.eig(A)  # real and negative: A is similar to a symmetric negative definite matrix
-        away = np.stack([state.motor_c, state.grease_c], axis=1) - steady
-        share = np.linalg.solve(modes, away[..., None])[..., 0] * np.exp(rate.real * dt_s)
-        now = steady + np.einsum("jik,jk->ji", modes.real, share.real)
-        return Temperatures(now[:, 0], now[:, 1])
+        return rate.real, modes.real, np.linalg.inv(modes.real)
 
 
 def default_thermal(robot: Robot) -> ThermalModel:

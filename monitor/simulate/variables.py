@@ -19,6 +19,28 @@ POWER_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1  # robot_status_bits
 NORMAL, PROTECTIVE, ROBOT_EMERGENCY, EMERGENCY, STOPPED = 1 << 0, 1 << 2, 1 << 6, 1 << 7, 1 << 10  # safety_status_bits
 
 
+NOT_MODELLED = {  # published outputs that are constantly zero here
+    "output_bit_registers0_to_31": "UINT32",
+    "output_bit_registers32_to_63": "UINT32",
+    "analog_io_types": "UINT32",
+    "io_current": "DOUBLE",
+    "euromap67_input_bits": "UINT32",
+    "euromap67_output_bits": "UINT32",
+    "euromap67_24V_voltage": "DOUBLE",
+    "euromap67_24V_current": "DOUBLE",
+    "tool_mode": "UINT32",
+    "tool_output_mode": "UINT8",
+    "tool_digital_output0_mode": "UINT8",
+    "tool_digital_output1_mode": "UINT8",
+    "tool_analog_input_types": "UINT32",
+    "tool_analog_input0": "DOUBLE",
+    "tool_analog_input1": "DOUBLE",
+    "tool_output_voltage": "INT32",
+    "tool_output_current": "DOUBLE",
+    "script_control_line": "UINT32",
+}
+
+
 class Variable(NamedTuple):
     """RTDE's type name and a reader of the present value, always a sequence."""
 
@@ -63,7 +85,7 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "actual_TCP_force": none6,
         "ft_raw_wrench": none6,
         "payload_inertia": none6,
-        "joint_mode": Variable("VECTOR6INT32", lambda: [JOINT_RUNNING if c.robot_mode > 3 else JOINT_POWER_OFF] * 6),
+        "joint_mode": Variable("VECTOR6INT32", lambda: [joint_mode(c)] * 6),
         "robot_mode": Variable("INT32", lambda: (int(c.robot_mode),)),
         "safety_mode": Variable("INT32", lambda: (int(c.safety_mode),)),
         "safety_status": Variable("INT32", lambda: (int(c.safety_mode),)),
@@ -71,8 +93,8 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "robot_status_bits": Variable("UINT32", lambda: (robot_status_bits(c),)),
         "safety_status_bits": Variable("UINT32", lambda: (safety_status_bits(c),)),
         "actual_execution_time": Variable("DOUBLE", constant(1e3 * c.tick_s / 4)),
-        "speed_scaling": Variable("DOUBLE", constant(1.0)),
-        "target_speed_fraction": Variable("DOUBLE", lambda: (_speed_fraction(c),)),
+        "speed_scaling": Variable("DOUBLE", lambda: (c.speed_fraction,)),
+        "target_speed_fraction": Variable("DOUBLE", lambda: (c.speed_fraction,)),
         "actual_momentum": zero,
         "tcp_force_scalar": zero,
         "joint_position_deviation_ratio": zero,
@@ -80,15 +102,26 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "tool_temperature": Variable("DOUBLE", lambda: (c.arm.ambient_c,)),
         "actual_main_voltage": Variable("DOUBLE", constant(SUPPLY_V)),
         "actual_robot_voltage": Variable("DOUBLE", constant(SUPPLY_V)),
-        "actual_robot_current": Variable("DOUBLE", lambda: (_supply_current(c),)),
+        "actual_robot_current": Variable("DOUBLE", lambda: (supply_current(c),)),
         "actual_tool_accelerometer": Variable("VECTOR3D", constant(0.0, 0.0, 0.0)),
         "payload": Variable("DOUBLE", lambda: c.declared_payload[:1]),
         "payload_cog": Variable("VECTOR3D", lambda: c.declared_payload[1:]),
         "actual_digital_input_bits": Variable("UINT64", constant(0)),
-        "actual_digital_output_bits": Variable("UINT64", constant(0)),
-        **{f"standard_analog_{way}{i}": zero for way in ("input", "output") for i in (0, 1)},
-        "output_bit_registers0_to_31": Variable("UINT32", constant(0)),
-        "output_bit_registers32_to_63": Variable("UINT32", constant(0)),
+        "actual_digital_output_bits": Variable("UINT64", lambda: (c.outputs.digital,)),
+        **{f"standard_analog_input{i}": zero for i in (0, 1)},
+        "standard_analog_output0": Variable("DOUBLE", lambda: (c.outputs.analog[0],)),
+        "standard_analog_output1": Variable("DOUBLE", lambda: (c.outputs.analog[1],)),
+        "elbow_position": Variable("VECTOR3D", lambda: c.kinematics.elbow(c.measured.q).tolist()),
+        "elbow_velocity": Variable("VECTOR3D", lambda: c.kinematics.elbow_speed(c.measured.q, c.measured.qd).tolist()),
+        "actual_current_window": Variable("VECTOR6D", (0.1 * c.robot.max_torque_nm / gain).tolist),
+        **{name: Variable(kind, constant(*[0] * (1 if kind != "VECTOR6D" else 6))) for name, kind in NOT_MODELLED.items()},
+        **{f"output_bit_register_{i}": Variable("BOOL", constant(False)) for i in range(128)},
+        **{f"input_bit_register_{i}": Variable("BOOL", constant(False)) for i in range(64)},
+        **{
+            name: Variable(kind, lambda name=name: (c.inputs.others.get(name, 0),))  # type: ignore[misc,arg-type]
+            for name, kind in INPUT_TYPES.items()
+            if name.startswith("input_bit")
+        },
     }
     for i in range(REGISTERS):
         table[f"output_int_register_{i}"] = Variable("INT32", lambda i=i: (c.output_ints[i],))  # type: ignore[misc]
@@ -123,10 +156,10 @@ class Moments:
 
 
 class _Poses:
-    """Pose (m, rotation vector) and speed of the flange in the base's frame, per tick."""
+    """Pose (m, rotation vector) and speed of the tool in the base's frame, once a tick."""
 
     def __init__(self, c: "Controller") -> None:
-        self._c, self._data = c, c.arm.model.createData()
+        self._c = c
         self._known: dict[str, tuple[int, Array, Array]] = {}
 
     def actual(self) -> tuple[Array, Array]:
@@ -138,13 +171,14 @@ class _Poses:
     def _of(self, key: str, q: Array, qd: Array) -> tuple[Array, Array]:
         known = self._known.get(key)
         if known is None or known[0] != self._c.ticks:
-            model, data, frame = self._c.arm.model, self._data, self._c.arm.flange
-            pin.forwardKinematics(model, data, q, qd)
-            at = pin.updateFramePlacement(model, data, frame)
-            speed = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            known = (self._c.ticks, np.concatenate([at.translation, pin.log3(at.rotation)]), np.asarray(speed.vector).copy())
-            self._known[key] = known
+            pose = self._c.kinematics.pose(q)
+            known = self._known[key] = (self._c.ticks, pose, self._c.kinematics.speed(q, qd))
         return known[1], known[2]
+
+
+def joint_mode(c: "Controller") -> int:
+    """Of every joint: running or power off."""
+    return JOINT_RUNNING if c.robot_mode > 3 else JOINT_POWER_OFF
 
 
 def robot_status_bits(c: "Controller") -> int:
@@ -157,13 +191,9 @@ def safety_status_bits(c: "Controller") -> int:
     return {1: NORMAL, 3: PROTECTIVE | STOPPED, 7: ROBOT_EMERGENCY | EMERGENCY | STOPPED}[int(c.safety_mode)]
 
 
-def _speed_fraction(c: "Controller") -> float:
-    others = c.inputs.others
-    fraction = others.get("speed_slider_fraction", 1.0) if others.get("speed_slider_mask") else 1.0
-    return min(max(float(fraction), 0.0), 1.0) if isinstance(fraction, (int, float)) else 1.0
-
-
-def _supply_current(c: "Controller") -> float:
+def supply_current(c: "Controller") -> float:
+    """Of the whole arm at 48 V [A]: electronics, and what the drives turn into motion and heat."""
+    """Of the whole arm at 48 V [A]: electronics, and what the drives turn into motion and heat."""
     mechanical_w = float(c.arm.torque_nm @ c.arm.qd)
     copper_w = float(c.arm.thermal.winding_ohm @ (c.arm.torque_nm / c.arm.gain_nm_per_a) ** 2)
     return ELECTRONICS_A + max(mechanical_w + copper_w, 0.0) / SUPPLY_V

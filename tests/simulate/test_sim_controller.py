@@ -152,29 +152,145 @@ def test_the_watchdog_ends_with_the_program(pendant):
     assert pendant.controller.runtime == Runtime.PLAYING
 
 
+SIX = recipe(["input_int_register_0", *DOUBLES[:6]], INPUT_TYPES)
+FOUR = recipe(["input_int_register_0", *DOUBLES[:4]], INPUT_TYPES)
+FOURTEEN = recipe(["input_int_register_0", *[f"input_double_register_{i}" for i in range(14)]], INPUT_TYPES)
+SPEED = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
+
+
 def test_queries_and_settings(pendant):
-    """isSteady, isJointsWithinSafetyLimits, setPayload; refusals give 0."""
+    """isSteady, isJointsWithinSafetyLimits, setPayload."""
     assert pendant.do(COMMAND, [47]) == 1
-    six = recipe(["input_int_register_0", *DOUBLES[:6]], INPUT_TYPES)
-    assert pendant.do(six, [37, 0, 0, 0, 0, 0, 0]) == 1
-    assert pendant.do(six, [37, 0, 0, 3.5, 0, 0, 0]) == 0  # the elbow turns ±π
-    four = recipe(["input_int_register_0", *DOUBLES[:4]], INPUT_TYPES)
-    assert pendant.do(four, [17, 1.5, 0, 0, 0.1]) == 1
+    assert pendant.do(SIX, [37, 0, 0, 0, 0, 0, 0]) == 1
+    assert pendant.do(SIX, [37, 0, 0, 3.5, 0, 0, 0]) == 0  # the elbow turns ±π
+    assert pendant.do(FOUR, [17, 1.5, 0, 0, 0.1]) >= 0
     assert pendant.controller.variables["payload"].read() == (1.5,)
-    assert pendant.do(four, [17, 50.0, 0, 0, 0.1]) == 0
-    assert pendant.do(ONE, [35, 0.0]) == 0
-    assert pendant.do(ONE, [35, math.nan]) == 0
+    assert pendant.controller.arm.payload_kg == 0.0  # told is not carried
+
+
+@pytest.mark.parametrize(
+    ("written", "values"),
+    [
+        (FOUR, [17, math.nan, 0, 0, 0.1]),
+        (FOUR, [17, 50.0, 0, 0, 0.1]),
+        (FOUR, [17, 1.0, 0, math.inf, 0.1]),
+        (ONE, [35, 0.0]),
+        (ONE, [35, math.nan]),
+        (SIX, [29, 0, 0, math.nan, 0, 0, 0]),
+        (FOUR, [59, 0.0, 0.0, 0.0, 0]),
+        (SIX, [46, 9.0, 0, 0, 0, 0, 0]),
+    ],
+)
+def test_arguments_that_cannot_be_end_the_program_as_a_runtime_exception_does(pendant, written, values):
+    """Payload, watchdog, tool, gravity and inverse kinematics: never done, so that ur-rtde answers False."""
+    assert pendant.do(written, values) == -1
+    assert pendant.controller.runtime == Runtime.STOPPED
+    assert "runtime exception" in pendant.controller.stops[-1].reason
+
+
+@pytest.mark.parametrize("robot", ["ur3", "ur5", "ur10e"])
+def test_a_target_that_leaps_is_a_protective_stop(robot):
+    """servoj one radian away at once: no arm goes there, and a real controller stops."""
+    pendant = Pendant(robot=robot)
+    pendant.stream(0.2)
+    pendant.servo(pendant.controller.reference.q + np.array([1.0, 0, 0, 0, 0, 0]))
+    pendant.run(0.1)
+    assert pendant.controller.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert "joint 1 by 1.0" in pendant.controller.stops[-1].reason
+
+
+def test_forward_and_inverse_kinematics_are_each_others_inverse(pendant):
+    """Commands 46, 30, 44 and 60; the pose of the outputs is that of command 43, with the tool that was set."""
+    c = pendant.controller
+    pendant.do(SIX, [29, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    c.step()
+    pose = np.array(c.variables["actual_TCP_pose"].read())
+    pendant.do(COMMAND, [43])
+    assert np.allclose(c.output_doubles[:6], pose, atol=1e-4)  # between two ticks the encoders' noise
+    flange = c.kinematics.flange(c.measured.q)
+    assert np.linalg.norm(pose[:3] - flange.translation) == pytest.approx(0.1, abs=1e-5)  # one tick's noise apart
+    goal = np.array([0.3, -1.2, 1.0, -1.4, -1.5, 0.2])
+    there = c.kinematics.pose(goal)
+    assert pendant.do(SIX, [60, *there]) == 1
+    pendant.do(FOURTEEN, [30, *there, *(goal + 0.1), 1e-4, 1e-4])
+    assert np.allclose(c.output_doubles[:6], goal, atol=1e-4)
+    assert pendant.do(SIX, [60, 9.0, 0, 0, 0, 0, 0]) == 0
+    assert pendant.do(SIX, [36, *there]) == 1
+
+
+def test_movel_goes_in_a_straight_line(pendant):
+    """0.2 m sideways and a turn of the tool: the tool stays within 0.1 mm of the line, and ends at the goal."""
+    c = pendant.controller
+    pendant.do(MOVE, [1, 0.0, -1.2, 1.4, -1.8, -1.57, 0.0, 2.0, 4.0, 0])
+    start = c.kinematics.pose(c.reference.q)
+    goal = start + np.array([0.05, 0.2, -0.1, 0.0, 0.0, 0.2])
+    along = (goal - start)[:3] / np.linalg.norm((goal - start)[:3])
+    c.write_inputs(MOVE, [3, *goal, 0.25, 1.2, 0])
+    off = []
+    for _ in range(400):
+        c.step()
+        way = c.kinematics.pose(c.reference.q)[:3] - start[:3]
+        off.append(np.linalg.norm(way - along * (along @ way)))
+    assert max(off) < 1e-4
+    assert c.output_ints[0] == 2
+    assert np.allclose(c.kinematics.pose(c.reference.q)[:3], goal[:3], atol=1e-5)
+
+
+def test_movel_to_nowhere_is_refused(pendant):
+    """Out of reach: the program ends and says so, the arm has not moved."""
+    q = pendant.controller.reference.q.copy()
+    assert pendant.do(MOVE, [3, 5.0, 0, 0, 0, 0, 0, 0.25, 1.2, 0]) == -1
+    assert "no joint positions" in pendant.controller.stops[-1].reason
+    assert np.array_equal(pendant.controller.reference.q, q)
+
+
+def test_speedl_gives_the_tool_its_speed_and_stopl_takes_it(pendant):
+    """0.1 m/s downwards, without turning; then standing."""
+    c = pendant.controller
+    pendant.do(MOVE, [1, 0.0, -1.2, 1.4, -1.8, -1.57, 0.0, 2.0, 4.0, 0])
+    c.write_inputs(SPEED, [10, 0, 0, -0.1, 0, 0, 0, 0.5, 0.0])
+    pendant.run(0.8)
+    assert np.allclose(c.kinematics.speed(c.reference.q, c.reference.qd), [0, 0, -0.1, 0, 0, 0], atol=1e-3)
+    pendant.do(recipe(["input_int_register_0", DOUBLES[0], "input_int_register_1"], INPUT_TYPES), [33, 1.0, 0])
+    assert pendant.standing
+
+
+def test_a_path_is_played_to_its_end_and_tells_its_progress():
+    """movePath (45) asynchronously: each waypoint, progress in OI2."""
+    go = "signal_async_progress({0})\nmovej([{1},-1.4,0,-1.5,0,0],a=4,v=2,r=0)\n"
+    lines = go.format(0, 0.0) + go.format(1, 0.2)
+    pendant = Pendant()
+    pendant.controller.run_script(CONTROL.rstrip().replace("# inject move path\n", "# inject move path\n" + lines))
+    pendant.do(recipe(["input_int_register_0", "input_int_register_1"], INPUT_TYPES), [45, 1])
+    seen = set()
+    for _ in range(150):
+        pendant.controller.step()
+        seen.add(pendant.controller.output_ints[2] & 0xFFFF)
+    assert {0x8000, 0x8001, 0} <= seen
+    assert np.allclose(pendant.controller.reference.q, [0.2, -1.4, 0, -1.5, 0, 0])
+
+
+def test_told_payload_and_gravity_change_what_the_controller_reckons_with(pendant):
+    """target_moment follows what was told; the arm carries what it carries."""
+    c = pendant.controller
+    pendant.do(MOVE, [1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 4.0, 0])
+    before = np.array(c.variables["target_moment"].read())
+    pendant.do(FOUR, [17, 3.0, 0, 0, 0.0])
+    loaded = np.array(c.variables["target_moment"].read())
+    assert loaded[1] - before[1] < -15.0  # 3 kg at 0.8 m
+    pendant.do(FOUR, [59, 0, 0, -9.82, 0])
+    assert np.array(c.variables["target_moment"].read())[1] == pytest.approx(-loaded[1], rel=0.01)
 
 
 def test_unknown_commands_are_refused_visibly(pendant):
-    """forceMode's end and an inverse kinematics: done, result 0, told in the truth."""
+    """The end of a force mode, freedrive: done, result 0, told in the truth."""
     pendant.controller.output_ints[1] = 1
-    assert pendant.do(COMMAND, [30]) == 0
+    assert pendant.do(COMMAND, [52]) == 0
     assert pendant.do(COMMAND, [7]) == 0
-    assert pendant.controller.truth()["refused_commands"] == [30, 7]
-    pendant.controller.write_inputs(COMMAND, [10])  # a realtime one: told once, not every tick
+    assert pendant.controller.truth()["refused_commands"] == [52, 7]
+    pendant.controller.write_inputs(COMMAND, [6])  # a realtime one: told once, not every tick
     pendant.run(0.2)
-    assert pendant.controller.truth()["refused_commands"] == [30, 7, 10]
+    assert pendant.controller.truth()["refused_commands"] == [52, 7, 6]
 
 
 def test_255_ends_the_program(pendant):
@@ -318,6 +434,10 @@ def test_months_pass_at_once_only_without_a_program(pendant):
         ({"wear_per_revolution": (-1.0,) * 6}, "wear_per_revolution"),
         ({"protective_runtime": "shrugs"}, "protective_runtime"),
         ({"command_port": 0}, "command_port"),
+        ({"command_port": 30004}, "command_port"),
+        ({"seed": -1}, "seed"),
+        ({"wear_per_revolution": (math.nan,) * 6}, "wear_per_revolution"),
+        ({"payload_com_m": (0.0, 0.0, math.nan)}, "payload_com_m"),
     ],
 )
 def test_wrong_settings_are_named(wrong, named):

@@ -27,6 +27,7 @@ def frictionless() -> FrictionLaw:
         linear_nm_s_per_rad=zero,
         viscous_per_k=zero,
         coulomb_per_k=zero,
+        stiction=zero,
     )
 
 
@@ -80,11 +81,11 @@ def test_an_arm_held_by_friction_does_not_creep():
 
 
 def test_a_push_beyond_stiction_moves_that_joint():
-    """Base joint: Coulomb friction plus a newton-metre accelerates it by 1 N·m over its inertia, rotor included."""
+    """Base joint: stiction plus a newton-metre accelerates it by 1 N·m over its inertia, rotor included."""
     arm = Arm(load_robot("ur5"), q=HOME)
     rigid, load = arm.rigid_torque(HOME[None], np.zeros((1, 6)), np.zeros((1, 6)))
     over = np.array([1.0, 0, 0, 0, 0, 0])
-    held = arm.law.dry(load[0], arm.temperatures.grease_c, np.ones(6))
+    held = (1.0 + arm.law.stiction) * arm.law.dry(load[0], arm.temperatures.grease_c, np.ones(6))
     arm.push(H, rigid[0] + over * (held + 1.0))
     assert arm.qd[0] > 0.0
     assert not arm.qd[1:].any()
@@ -238,3 +239,59 @@ def test_half_an_hour_of_motion_warms_a_joint_by_twelve_to_seventeen_kelvin():
     warm = model.leap(model.idle(22.0), model.idle_w, lost / 4.0, 22.0, 1800.0)
     rise = warm.motor_c - model.idle(22.0).motor_c
     assert 10.0 < rise[0] < 20.0
+
+
+def test_a_joint_pulled_slowly_through_a_spring_sticks_and_slips():
+    """Base joint behind 20 N·m/rad pulled at 6 mrad/s stands most of the time and jumps; at 0.3 rad/s it slides without a stop."""
+
+    def share_standing(speed: float, seconds: float) -> float:
+        arm = Arm(load_robot("ur5"), q=HOME)
+        standing = []
+        for i in range(round(seconds / H)):
+            rigid = arm.torque_nm * 0.0
+            rigid[0] = 20.0 * (speed * i * H - arm.q[0] + HOME[0])
+            arm.push(H, arm.gravity_nm() + rigid)
+            standing.append(arm.qd[0] == 0.0)
+        return float(np.mean(standing[len(standing) // 2 :]))
+
+    assert share_standing(0.006, 60.0) > 0.5
+    assert share_standing(0.3, 6.0) == 0.0
+
+
+def test_standing_in_one_long_step_is_standing_in_many():
+    """`stand` is `step` while nothing moves: the same torques after a second, bit for bit the same place."""
+    short, long = (Arm(load_robot("ur5"), q=HOME) for _ in range(2))
+    still = Target(HOME + 3e-6, np.zeros(6), np.zeros(6))  # an error that the servo cannot take away against friction
+    for _ in range(125):
+        assert long.stand(0.008, still)
+        for _ in range(4):
+            short.step(0.002, still)
+    assert np.array_equal(short.q, long.q)
+    assert np.allclose(short.torque_nm, long.torque_nm, atol=1e-9)
+
+
+def test_an_untold_payload_is_carried_but_not_reckoned_with():
+    """2 kg at the flange: the drives give its weight, the controller's model does not know it."""
+    arm = Arm(load_robot("ur5"), q=np.zeros(6))
+    bare = arm.gravity_nm()
+    arm.carry(payload_kg=2.0, told=False)
+    reach = 0.425 + 0.39225 + 0.0823  # the last joint's axis points sideways at zero
+    assert arm.gravity_nm()[1] - bare[1] == pytest.approx(-2.0 * 9.80665 * (reach - 0.0823), rel=0.2)
+    assert arm.believed is not arm.model
+    for _ in range(1000):
+        arm.step(H, Target(np.zeros(6), np.zeros(6), np.zeros(6)))
+    assert np.abs(arm.q).max() < 5e-3  # the servo's integral holds it
+
+
+def test_grease_recovers_and_a_new_joint_starts_afresh():
+    """Half of the wear goes with regreasing; a replaced joint has its own friction and the room's temperature."""
+    arm = Arm(load_robot("ur5"), q=HOME)
+    arm.set_wear(2, coulomb=1.4, viscous=1.2)
+    arm.regrease(2, 0.5)
+    assert (arm.wear.coulomb[2], arm.wear.viscous[2]) == (pytest.approx(1.2), pytest.approx(1.1))
+    before = arm.law.coulomb_nm.copy()
+    arm.replace_joint(2, 0.9)
+    assert arm.wear.coulomb[2] == 1.0
+    assert arm.law.coulomb_nm[2] == pytest.approx(0.9 * before[2])
+    assert np.array_equal(np.delete(arm.law.coulomb_nm, 2), np.delete(before, 2))
+    assert arm.temperatures.motor_c[2] == arm.ambient_c

@@ -5,7 +5,20 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.simulate.scripts import SCRIPT_MAX_BYTES, ControlScript, Framer, Immediate, MoveJ, Refused, StopJ, parse
+from monitor.simulate.scripts import (
+    SCRIPT_MAX_BYTES,
+    ControlScript,
+    Framer,
+    Immediate,
+    Move,
+    Progress,
+    Refused,
+    Steps,
+    StopMotion,
+    Wait,
+    Write,
+    parse,
+)
 
 CONTROL = """def rtde_control():
     global reg_offset_float = # float register offset
@@ -40,23 +53,40 @@ def test_the_control_script_is_recognised_with_its_offsets():
     assert isinstance(parse(CONTROL.replace("offset\n0", "offset\n7")), Refused)
 
 
-def test_an_injected_path_and_a_foreign_program_are_refused_by_name():
-    """They are not interpreted: better no motion than a wrong one."""
-    path = parse(CONTROL.replace("# inject move path\n", "# inject move path\nmovej([0,0,0,0,0,0],a=1,v=1)\n"))
-    assert isinstance(path, Refused)
-    assert "path" in path.reason
-    foreign = parse("def custom():\n  popup(1)\nend")
-    assert isinstance(foreign, Refused)
-    assert "custom" in foreign.reason
+def test_an_injected_path_is_a_list_of_steps():
+    """As ur-rtde writes it; a move that is not simulated refuses the whole script by name."""
+    lines = "signal_async_progress(0)\nmovej([0,0,0,0,0,0],a=1.4,v=1,r=0)\nmovel(p[0.3,0,0.2,0,3,0],a=1.2,v=0.25,r=0.01)\n"
+    path = parse(CONTROL.replace("# inject move path\n", "# inject move path\n" + lines))
+    joint = Move((0.0,) * 6, pose=False, straight=False, speed=1.0, acceleration=1.4)
+    tool = Move((0.3, 0.0, 0.2, 0.0, 3.0, 0.0), pose=True, straight=True, speed=0.25, acceleration=1.2)
+    assert path == ControlScript(0, 0, (Progress(0), joint, tool))
+    circle = parse(CONTROL.replace("# inject move path\n", "# inject move path\nmovec(p[0,0,0,0,0,0], p[1,0,0,0,0,0])\n"))
+    assert isinstance(circle, Refused)
+    assert "movec" in circle.reason
+
+
+def test_a_program_that_is_a_list_of_steps_and_one_that_is_not():
+    """What ur-rtde makes of a custom script function; a popup, a loop and a foreign call are refused by the program's name."""
+    custom = "def mine():\n\twrite_output_integer_register(0 +24, 1)\n\tsleep(0.5)\n\tstopj(2)\n\twrite_output_float_register(3, 1.5)\nend"
+    assert parse(custom) == Steps((Write(24, 1.0, whole=True), Wait(0.5), StopMotion(2.0), Write(3, 1.5, whole=False)))
+    for body in ("popup(1)", "while True:", "x = 1", "write_output_integer_register(99, 1)", "sleep(1e999)"):
+        foreign = parse(f"def custom():\n  {body}\nend")
+        assert isinstance(foreign, Refused), body
+        assert "custom" in foreign.reason
 
 
 def test_single_lines():
-    """movej with positions and names, stopj, immediate commands; the rest refused."""
-    assert parse("movej([0, -1.5, 0, -1.5, 0, 0.5], a=1.2, v=0.5)") == MoveJ((0.0, -1.5, 0.0, -1.5, 0.0, 0.5), speed=0.5, acceleration=1.2)
-    assert parse("movej([0,0,0,0,0,0], 2, 1)") == MoveJ((0.0,) * 6, speed=1.0, acceleration=2.0)
-    assert parse("stopj(3.0)") == StopJ(3.0)
+    """movej, movel, stops, immediate commands; the rest refused."""
+
+    def joints(q, speed, acceleration):
+        return Steps((Move(tuple(map(float, q)), pose=False, straight=False, speed=speed, acceleration=acceleration),))
+
+    assert parse("movej([0, -1.5, 0, -1.5, 0, 0.5], a=1.2, v=0.5)") == joints((0, -1.5, 0, -1.5, 0, 0.5), 0.5, 1.2)
+    assert parse("movej([0,0,0,0,0,0], 2, 1)") == joints([0] * 6, 1.0, 2.0)
+    assert parse("movej(p[0,0,0,0,0,0])") == Steps((Move((0.0,) * 6, pose=True, straight=False, speed=1.05, acceleration=1.4),))
+    assert parse("stopj(3.0)") == Steps((StopMotion(3.0),))
     assert parse("stop program") == Immediate("stop program")
-    for line in ("movej(p[0,0,0,0,0,0])", "movej([1e999,0,0,0,0,0])", "movej([0,0,0,0,0,0], v=-1)", "movel([0])", "import os", "movej("):
+    for line in ("movej([1e999,0,0,0,0,0])", "movej([0,0,0,0,0,0], v=-1)", "movel([0])", "import os", "movej(", "movej()", "exec('1')"):
         assert isinstance(parse(line), Refused), line
 
 

@@ -300,7 +300,7 @@ def test_faults_reach_the_wire(ur5):
             remote.fault("reset")
             with pytest.raises(ConnectionResetError):
                 drain(wire)
-        with pytest.raises(BadInput, match="known are close"):
+        with pytest.raises(BadInput, match="known are clear"):
             remote.fault("earthquake")
 
 

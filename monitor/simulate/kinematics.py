@@ -1,0 +1,115 @@
+"""The controller's own kinematics: poses of the tool, their inverse, Jacobians; by pinocchio.
+
+A pose is (6,): metres and rotation vector [rad] in the robot's base, as the manufacturer writes it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from monitor.model.robot import Robot
+from monitor.recording import Array
+
+POSITION_TOLERANCE_M, ANGLE_TOLERANCE_RAD = 1e-6, 1e-6
+ITERATIONS = 60
+DAMPING = 1e-8  # of the squared Jacobian: enough to pass a singularity
+STEP_MAX_RAD = 0.5
+RESTARTS = 6  # from elsewhere, if the nearest configuration does not lead to the pose
+NO_TOOL = np.zeros(6)
+
+
+def se3(pose: Sequence[float] | Array) -> "pin.SE3":
+    """A pose as a rigid motion."""
+    vector = np.asarray(pose, dtype=float)
+    return pin.SE3(pin.exp3(vector[3:]), vector[:3].copy())
+
+
+def pose_of(motion: "pin.SE3") -> Array:
+    """(6,) of a rigid motion."""
+    return np.concatenate([motion.translation, pin.log3(motion.rotation)])
+
+
+def composed(first: Sequence[float] | Array, second: Sequence[float] | Array) -> Array:
+    """URScript's pose_trans."""
+    return pose_of(se3(first) * se3(second))
+
+
+class Kinematics:
+    """Of one arm with a tool at its flange; the frame is the robot's base, however it is mounted."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model = robot.pinocchio_model()
+        self._data = self._model.createData()
+        self._frame = self._model.getFrameId(f"dh_{robot.joints}")
+        self._limit = robot.max_position_rad
+        self._joints = robot.joints
+        self.tool = NO_TOOL
+
+    def flange(self, q: Array) -> "pin.SE3":
+        """Where the flange is."""
+        pin.framesForwardKinematics(self._model, self._data, q)
+        return self._data.oMf[self._frame].copy()
+
+    def at(self, q: Array, tool: Array | None = None) -> "pin.SE3":
+        """Where the tool is; the tool that is set, or another one."""
+        offset = self.tool if tool is None else tool
+        flange = self.flange(q)
+        return flange * se3(offset) if offset.any() else flange
+
+    def pose(self, q: Array, tool: Array | None = None) -> Array:
+        """(6,)."""
+        return pose_of(self.at(q, tool))
+
+    def jacobian(self, q: Array) -> Array:
+        """(6, J) q̇ → velocity of the tool's point and of its rotation, both along the base's axes."""
+        J = pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        if self.tool.any():
+            arm = self.at(q).translation - self.flange(q).translation
+            J = J.copy()
+            J[:3] -= pin.skew(arm) @ J[3:]
+        result: Array = J
+        return result
+
+    def speed(self, q: Array, qd: Array) -> Array:
+        """(6,) of the tool."""
+        result: Array = self.jacobian(q) @ qd
+        return result
+
+    def elbow(self, q: Array) -> Array:
+        """(3,) where the third joint's axis meets the upper arm [m]."""
+        pin.forwardKinematics(self._model, self._data, q)
+        place: Array = self._data.oMi[min(3, self._joints)].translation.copy()
+        return place
+
+    def elbow_speed(self, q: Array, qd: Array) -> Array:
+        """(3,) of that point [m/s]."""
+        pin.forwardKinematics(self._model, self._data, q, qd)
+        joint = min(3, self._joints)
+        speed: Array = pin.getVelocity(self._model, self._data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).linear.copy()
+        return speed
+
+    def towards(self, q: Array, velocity: Array) -> Array:
+        """(J,) q̇ that gives the tool this velocity (6,), damped where the arm is singular."""
+        J = self.jacobian(q)
+        result: Array = J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), velocity)
+        return result
+
+    def inverse(self, goal: "pin.SE3", near: Array, *, restarts: int = RESTARTS) -> Array | None:
+        """(J,) within the joints' ranges, the solution that lies nearest to `near` by descent; None where none is found."""
+        dice = np.random.default_rng(0)  # the same question has the same answer
+        for attempt in range(1 + restarts):
+            q = near.copy() if attempt == 0 else near + dice.uniform(-1.5, 1.5, len(near))
+            for _ in range(ITERATIONS):
+                here = self.at(q)
+                away = goal.translation - here.translation
+                turn = goal.rotation @ here.rotation.T
+                about = pin.log3(turn)
+                if np.abs(away).max() < POSITION_TOLERANCE_M and np.abs(about).max() < ANGLE_TOLERANCE_RAD:
+                    if (np.abs(q) <= self._limit).all():
+                        return q
+                    break
+                J = self.jacobian(q)
+                step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(6), np.concatenate([away, about]))
+                q = q + step * min(1.0, STEP_MAX_RAD / max(float(np.abs(step).max()), 1e-12))
+        return None

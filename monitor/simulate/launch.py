@@ -1,0 +1,47 @@
+"""From what was typed to a running simulator: settings out of a scenario and options, and what is said when it listens."""
+
+from dataclasses import fields
+from typing import Any
+
+from monitor.errors import BadInput
+from monitor.model.robot import Mounting
+from monitor.simulate.scenario import Scenario
+from monitor.simulate.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORTS, SimulateSettings
+
+
+def settings_from(scenario: Scenario | None, **given: Any) -> SimulateSettings:
+    """Settings: options that were given (not None), then the scenario's, then the defaults.
+
+    Raises BadInput as `SimulateSettings` and `Mounting.parse`.
+    """
+    known = {field.name for field in fields(SimulateSettings)}
+    chosen: dict[str, Any] = {} if scenario is None else {key: value for key, value in scenario.arm.items() if key in known}
+    chosen.update({key: value for key, value in given.items() if value is not None})
+    if isinstance(chosen.get("mounting"), str):
+        chosen["mounting"] = Mounting.parse(chosen["mounting"])
+    if scenario is not None and scenario.room is not None and given.get("ambient_c") is None:
+        chosen["ambient_c"] = scenario.room.at(scenario.started_s)
+    settings = SimulateSettings(**chosen, scenario=scenario)
+    if scenario is None:
+        return settings
+    for event in scenario.events:
+        if event.do == "payload" and event.arguments["kg"] > 2.0 * settings.arm.payload_max_kg:
+            most = settings.arm.payload_max_kg
+            raise BadInput(f"scenario {scenario.name}: payload of {event.arguments['kg']:g} kg; a {settings.robot} carries {most:g} kg")
+    return settings
+
+
+def announcement(settings: SimulateSettings) -> str:
+    """Where it listens, what it plays, how to talk to it."""
+    version = ".".join(map(str, settings.polyscope))
+    scenario = settings.scenario
+    state = "/".join(map(str, SCRIPT_PORTS))
+    lines = [
+        f"simulated {settings.robot}, {1.0 / settings.tick_s:.0f} Hz, PolyScope {version}, listening on {settings.bind}",
+        f"  RTDE {RTDE_PORT}, dashboard {DASHBOARD_PORT}, state and scripts {state}, commands {settings.command_port}",
+        f"  scenario {scenario.name}: {scenario.about}" if scenario else "  no scenario: a fresh arm",
+        f'  talk to it   RTDEReceiveInterface("{settings.bind}"), or host = "{settings.bind}" in a configuration',
+        f"  make faults  joint-monitor simulate --bind {settings.bind} --fault 'stall seconds=2'",
+        "  Ctrl-C ends it",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,89 @@
+"""The state of a running simulator, live in the terminal: a process beside the simulator asks its command port."""
+
+import math
+import subprocess
+import sys
+import time
+from typing import Any
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from monitor.errors import MonitorError, RobotUnreachable
+from monitor.simulate.remote import Remote
+
+PERIOD_S = 0.25
+START_S = 30.0
+SAFETY = {1: "normal", 3: "PROTECTIVE STOP", 7: "EMERGENCY STOP"}
+MODE = {3: "power off", 4: "power on", 5: "idle", 7: "running"}
+RUNTIME = {1: "stopped", 2: "playing", 4: "paused"}
+
+
+def screen(truth: dict[str, Any]) -> Group:
+    """One picture of the arm."""
+    table = Table()
+    for title in ("joint", "q [°]", "q̇ [°/s]", "torque [Nm]", "motor [°C]", "grease [°C]", "dry wear", "viscous wear"):
+        table.add_column(title, justify="right")
+    for j in range(len(truth["q"])):
+        table.add_row(
+            str(j + 1),
+            f"{math.degrees(truth['q'][j]):.2f}",
+            f"{math.degrees(truth['qd'][j]):.2f}",
+            f"{truth['torque_nm'][j]:.2f}",
+            f"{truth['motor_temperature_c'][j]:.2f}",
+            f"{truth['grease_temperature_c'][j]:.2f}",
+            f"{100 * (truth['wear_coulomb'][j] - 1):+.2f} %",
+            f"{100 * (truth['wear_viscous'][j] - 1):+.2f} %",
+        )
+    safety = SAFETY[truth["safety_mode"]]
+    modes = f"{MODE[truth['robot_mode']]}, {safety}, program {RUNTIME[truth['runtime_state']]} ({truth['program'] or 'none'})"
+    life = f"day {truth['lived_days']:.3f} of {truth['scenario']}, room {truth['ambient_c']:.1f} °C, controller up {truth['clock_s']:.1f} s"
+    ticks = truth["ticks"]
+    pace = f"{ticks['run']} ticks, {ticks['late']} late, {ticks['dropped']} dropped"
+    stops = [f"{stop['at_s']:.2f} s  {stop['kind']}: {stop['reason']}" for stop in truth["stops"][-3:]]
+    return Group(
+        Text(f"{truth['robot']}: {modes}", style="" if safety == "normal" else "bold red"),
+        Text(life),
+        table,
+        Text(pace, style="dim"),
+        *(Text(line, style="dim") for line in [*truth["happened"][-3:], *stops]),
+    )
+
+
+def watch(host: str, port: int, seconds: float | None = None) -> None:
+    """Show it until Ctrl-C, until the simulator ends, or for so long."""
+    console = Console()
+    until = math.inf if seconds is None else time.monotonic() + seconds
+    with Remote(host, port) as remote, Live(screen(remote.truth()), console=console, refresh_per_second=1.0 / PERIOD_S) as live:
+        while time.monotonic() < until:
+            time.sleep(PERIOD_S)
+            try:
+                live.update(screen(remote.truth()))
+            except RobotUnreachable:
+                return
+
+
+def simulate_and_watch(arguments: list[str], host: str, port: int, seconds: float | None = None) -> None:
+    """A simulator in a process of its own, shown until Ctrl-C; it ends with the view.
+
+    Raises MonitorError with what the simulator said where it does not start.
+    """
+    command = [sys.executable, "-m", "monitor.simulate", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        if not process.stdout.readline():
+            said = process.communicate(timeout=START_S)[1].strip()
+            raise MonitorError(said or f"the simulator ended with code {process.returncode}")
+        watch(host, port, seconds)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

@@ -1,0 +1,201 @@
+"""The unmodified ur-rtde's four clients, call by call, over both generations; what each call must give is written here."""
+
+import json
+
+import pytest
+from sim_process import result_of
+
+CONTROL = """
+import json, math, sys, time
+from rtde_control import RTDEControlInterface, Path, PathEntry
+from rtde_receive import RTDEReceiveInterface
+host, results = sys.argv[1], {}
+r, c = RTDEReceiveInterface(host), RTDEControlInterface(host)
+
+def near(a, b, tolerance=2e-3):
+    return len(a) == len(b) and all(abs(x - y) < tolerance for x, y in zip(a, b))
+
+def check(name, value):
+    results[name] = bool(value)
+
+def settled():
+    time.sleep(0.12)
+    return r.getActualQ()
+
+work = [0.2, -1.3, 1.4, -1.7, -1.57, 0.1]
+check("moveJ", c.moveJ(work, 3.0, 8.0) and near(settled(), work))
+pose = r.getActualTCPPose()
+check("isSteady", c.isSteady())
+check("getForwardKinematics", near(c.getForwardKinematics(), pose, 1e-3))
+check("getForwardKinematics of q", near(c.getForwardKinematics(work, [0, 0, 1e-9, 0, 0, 0]), pose, 2e-3))  # zeros alone are never sent
+check("getInverseKinematics", near(c.getInverseKinematics(pose), work, 5e-3))
+check("getInverseKinematics near", near(c.getInverseKinematics(pose, work), work, 5e-3))
+has = c.getInverseKinematicsHasSolution
+check("getInverseKinematicsHasSolution", has(pose) and not has([9, 0, 0, 0, 0, 0]))
+check("poseTrans", near(c.poseTrans([1, 0, 0, 0, 0, math.pi / 2], [1, 0, 0, 0, 0, 0]), [1, 1, 0, 0, 0, math.pi / 2], 1e-9))
+check("isPoseWithinSafetyLimits", c.isPoseWithinSafetyLimits(pose) and not c.isPoseWithinSafetyLimits([9, 0, 0, 0, 0, 0]))
+check("isJointsWithinSafetyLimits", c.isJointsWithinSafetyLimits(work) and not c.isJointsWithinSafetyLimits([0, 0, 4, 0, 0, 0]))
+down = list(pose); down[2] -= 0.08
+check("moveL", c.moveL(down, 0.5, 2.0) and near((settled(), r.getActualTCPPose())[1], down))
+check("moveJ_IK", c.moveJ_IK(pose, 3.0, 8.0) and near((settled(), r.getActualTCPPose())[1], pose))
+q_down = c.getInverseKinematics(down)
+check("moveL_FK", c.moveL_FK(q_down, 0.5, 2.0) and near((settled(), r.getActualTCPPose())[1], down))
+check("moveJ asynchronous", c.moveJ(work, 1.0, 4.0, True) and not c.isSteady())
+check("getTargetWaypoint", near(c.getTargetWaypoint(), pose, 3e-3))
+progress = c.getAsyncOperationProgressEx()
+check("asynchronous operation is running", progress.isAsyncOperationRunning())
+deadline = time.monotonic() + 4
+while c.getAsyncOperationProgressEx().isAsyncOperationRunning() and time.monotonic() < deadline:
+    time.sleep(0.01)
+check("moveJ asynchronous arrives", near(settled(), work))
+check("moveL asynchronous", c.moveL(down, 0.1, 2.0, True))
+time.sleep(0.2)
+check("stopL", c.stopL(5.0) is None and max(map(abs, (settled(), r.getActualQd())[1])) < 0.01)
+check("stopL stopped on the way", down[2] + 0.01 < r.getActualTCPPose()[2] < pose[2] - 0.005)
+c.moveJ(work, 1.0, 4.0, True); time.sleep(0.02)
+check("stopJ", c.stopJ(8.0) is None and max(map(abs, (settled(), r.getActualQd())[1])) < 0.01)
+c.moveJ(work, 3.0, 8.0)
+check("speedJ", c.speedJ([0.3, 0, 0, 0, 0, 0], 5.0, 0.0)); time.sleep(0.3)
+check("speedJ turns", abs(r.getActualQd()[0] - 0.3) < 0.02)
+check("speedStop", c.speedStop(10.0) and max(map(abs, (settled(), r.getActualQd())[1])) < 0.01)
+check("speedL", c.speedL([0, 0, -0.05, 0, 0, 0], 1.0, 0.0)); time.sleep(0.3)
+check("speedL goes", abs(r.getActualTCPSpeed()[2] + 0.05) < 0.005)
+check("speedL stop", c.speedStop(5.0))
+c.moveJ(work, 3.0, 8.0)
+for i in range(40):
+    t = c.initPeriod()
+    told = c.servoJ([work[0] + 0.004 * i, *work[1:]], 0.0, 0.0, 0.008, 0.05, 300.0)
+    time.sleep(0.008)
+time.sleep(0.3)  # a dead stream goes back to its last target
+check("servoJ", told and abs(settled()[0] - work[0] - 0.156) < 0.01)
+check("servoStop", c.servoStop(10.0))
+c.moveJ(work, 3.0, 8.0)
+for i in range(40):
+    c.servoL([*pose[:2], pose[2] - 0.001 * i, *pose[3:]], 0.0, 0.0, 0.008, 0.05, 300.0)
+    time.sleep(0.008)
+settled()
+check("servoL", abs(r.getActualTCPPose()[2] - pose[2] + 0.039) < 3e-3)
+c.servoStop(10.0)
+path = [[*work, 3.0, 8.0, 0.0], [work[0] + 0.2, *work[1:], 3.0, 8.0, 0.0]]
+check("moveJ of a path", c.moveJ(path) and near(settled(), path[1][:6]))
+check("moveL of a path", c.moveL([[*pose, 0.5, 2.0, 0.0], [*down, 0.5, 2.0, 0.0]]) and near((settled(), r.getActualTCPPose())[1], down))
+route = Path()
+route.addEntry(PathEntry(PathEntry.MoveJ, PathEntry.PositionJoints, [*work, 3.0, 8.0, 0.0]))
+route.addEntry(PathEntry(PathEntry.MoveL, PathEntry.PositionTcpPose, [*down, 0.5, 2.0, 0.0]))
+check("movePath", c.movePath(route, False) and near((settled(), r.getActualTCPPose())[1], down))
+check("setTcp", c.setTcp([0, 0, 0.1, 0, 0, 0]) and near(c.getTCPOffset(), [0, 0, 0.1, 0, 0, 0], 1e-9))
+time.sleep(0.1)
+shifted = sum((a - b) ** 2 for a, b in zip(r.getActualTCPPose()[:3], down[:3])) ** 0.5
+check("setTcp shows in the pose", abs(shifted - 0.1) < 2e-3)
+c.setTcp([0.0] * 6)
+check("setPayload", c.setPayload(1.2, [0, 0, 0.05]))
+check("setTargetPayload", c.setTargetPayload(0.8, [0, 0, 0.04], [0.0] * 6))
+time.sleep(0.1)
+check("payload shows", abs(r.getPayload() - 0.8) < 1e-9)
+check("setGravity", c.setGravity([0.0, 0.0, 9.82]))
+check("zeroFtSensor", c.zeroFtSensor())
+c.getStepTime(); time.sleep(0.05)
+check("getStepTime", abs(c.getStepTime() - float(sys.argv[2])) < 1e-9)
+c.getActualJointPositionsHistory(2); time.sleep(0.05)
+check("getActualJointPositionsHistory", near(c.getActualJointPositionsHistory(2), r.getActualQ(), 1e-3))
+c.getJointTorques(); time.sleep(0.05)
+check("getJointTorques", len(c.getJointTorques()) == 6)
+c.getActualToolFlangePose(); time.sleep(0.05)
+check("getActualToolFlangePose", near(c.getActualToolFlangePose(), down, 3e-3))
+c.toolContact([0, 0, 1, 0, 0, 0]); time.sleep(0.05)
+check("toolContact", c.toolContact([0, 0, 1, 0, 0, 0]) == 0)
+check("sendCustomScriptFunction", c.sendCustomScriptFunction("mine", "sleep(0.05)\\nmovej(%s, a=8, v=3)" % work) and near(settled(), work))
+check("isProgramRunning", c.isProgramRunning())
+check("setWatchdog", c.setWatchdog(1.0) and c.kickWatchdog())
+check("setPayload of no number is refused", c.setPayload(float("nan"), [0, 0, 0]) is False)
+check("the program has ended", not c.isProgramRunning())
+check("reuploadScript", c.reuploadScript()); time.sleep(0.3)
+check("it runs again", c.isProgramRunning())
+check("triggerProtectiveStop", c.triggerProtectiveStop() is not None)
+time.sleep(0.3)
+check("isProtectiveStopped", r.isProtectiveStopped() and not c.moveJ(work, 1.0, 1.0))
+c.disconnect()
+print(json.dumps(results), flush=True)
+"""
+
+IO = """
+import json, sys, time
+from rtde_io import RTDEIOInterface
+from rtde_receive import RTDEReceiveInterface
+io, r = RTDEIOInterface(sys.argv[1]), RTDEReceiveInterface(sys.argv[1])
+results = {}
+def check(name, told, seen):
+    time.sleep(0.1)
+    results[name] = bool(told) and bool(seen())
+check("setStandardDigitalOut", io.setStandardDigitalOut(3, True), lambda: r.getActualDigitalOutputBits() == 1 << 3)
+check("setConfigurableDigitalOut", io.setConfigurableDigitalOut(1, True), lambda: r.getDigitalOutState(9))
+check("setToolDigitalOut", io.setToolDigitalOut(0, True), lambda: r.getDigitalOutState(16))
+check("switched off", io.setStandardDigitalOut(3, False), lambda: r.getActualDigitalOutputBits() == (1 << 9 | 1 << 16))
+check("setAnalogOutputVoltage", io.setAnalogOutputVoltage(0, 0.5), lambda: abs(r.getStandardAnalogOutput0() - 5.0) < 1e-9)
+check("setAnalogOutputCurrent", io.setAnalogOutputCurrent(1, 0.25), lambda: abs(r.getStandardAnalogOutput1() - 0.008) < 1e-9)
+check("setSpeedSlider", io.setSpeedSlider(0.5), lambda: abs(r.getTargetSpeedFraction() - 0.5) < 1e-9)
+check("speed scaling follows", True, lambda: abs(r.getSpeedScaling() - 0.5) < 1e-9)
+check("setInputIntRegister", io.setInputIntRegister(19, 7), lambda: True)
+check("setInputDoubleRegister", io.setInputDoubleRegister(19, 2.5), lambda: True)
+results["connected"] = io.isConnected() and r.isConnected()
+print(json.dumps(results), flush=True)
+"""
+
+DASHBOARD = """
+import json, sys, time
+from dashboard_client import DashboardClient
+d = DashboardClient(sys.argv[1]); d.connect()
+results = {}
+def ask(name, *arguments):
+    try:
+        results[name] = getattr(d, name)(*arguments)
+    except RuntimeError as wrong:
+        results[name] = "RuntimeError " + str(wrong)
+for name in ("isConnected", "polyscopeVersion", "robotmode", "safetymode", "safetystatus", "running", "programState", "getLoadedProgram",
+             "isProgramSaved", "getSerialNumber", "getRobotModel", "isInRemoteControl", "stop", "play", "pause", "closePopup",
+             "closeSafetyPopup", "restartSafety", "powerOff"):
+    ask(name)
+time.sleep(0.3)
+results["mode after powerOff"] = d.robotmode()
+for name in ("powerOn", "brakeRelease"):
+    ask(name)
+time.sleep(0.3)
+results["mode after brakeRelease"] = d.robotmode()
+ask("popup", "hello"); ask("addToLog", "hello"); ask("loadURP", "nothing.urp"); ask("unlockProtectiveStop")
+d.quit()
+print(json.dumps(results), flush=True)
+"""
+
+GENERATIONS = [("ur5", "0.008"), ("ur5e", "0.002")]
+
+
+@pytest.mark.parametrize(("robot", "tick"), GENERATIONS)
+def test_the_control_and_receive_clients_agree_with_every_call(spawn, client, robot, tick):
+    """Moves, streams, stops, paths, kinematics, settings, custom scripts, and the refusals."""
+    results = result_of(client(CONTROL, spawn("--robot", robot).address, tick), timeout_s=90)
+    assert len(results) > 50
+    assert [name for name, good in results.items() if not good] == []
+
+
+@pytest.mark.parametrize(("robot", "tick"), GENERATIONS)
+def test_the_io_client_sets_what_the_receive_client_sees(spawn, client, robot, tick):
+    """Digital and analogue outputs, the speed slider, registers."""
+    results = result_of(client(IO, spawn("--robot", robot).address))
+    assert [name for name, good in results.items() if not good] == []
+
+
+@pytest.mark.parametrize(("robot", "tick"), GENERATIONS)
+def test_the_dashboard_client_gets_an_answer_to_every_command(spawn, client, robot, tick):
+    """Word by word, as it compares them; a play without a program and a file that is not there are refused."""
+    told = result_of(client(DASHBOARD, spawn("--robot", robot).address))
+    assert told["isConnected"] is True
+    assert told["polyscopeVersion"] == {"ur5": "3.15.8.106339", "ur5e": "5.11.0.108249"}[robot]
+    assert told["robotmode"] == "Robotmode: RUNNING"
+    assert "POWER_OFF" in told["mode after powerOff"]
+    assert "RUNNING" in told["mode after brakeRelease"]
+    assert told["play"].startswith("RuntimeError Failed to execute")
+    assert told["pause"].startswith("RuntimeError Failed to execute")
+    assert "not found" in told["loadURP"]
+    commands = ("stop", "closePopup", "closeSafetyPopup", "restartSafety", "powerOff", "powerOn", "brakeRelease", "popup", "addToLog")
+    assert {name: told[name] for name in commands} == dict.fromkeys(commands)
+    assert json.dumps(told)  # every answer is text, a number or nothing

@@ -1,0 +1,343 @@
+"""What can go wrong, goes wrong on command: each fault, seen from outside."""
+
+import socket
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+from raw_rtde import RawRtde
+from sim_process import eventually
+from test_sim_controller import Pendant
+from test_sim_wire import DASHBOARD, result_of
+
+from monitor.errors import BadInput
+from monitor.simulate import faults
+from monitor.simulate.controller import Controller, Runtime, SafetyMode
+from monitor.simulate.faults import FAULTS, Place, inject, parse
+from monitor.simulate.settings import SimulateSettings
+
+PORTS = {"rtde": 30004, "dashboard": 29999, "primary": 30001, "secondary": 30002, "realtime": 30003}
+
+
+def ended(wire: socket.socket) -> str:
+    """How the other side ended the connection."""
+    wire.settimeout(5)
+    try:
+        while wire.recv(65536):
+            pass
+    except ConnectionResetError:
+        return "reset"
+    return "closed"
+
+
+def dropped(remote, name: str, service: str) -> bool:
+    """Whether there was a connection to drop: the server may hear of it a moment after the client."""
+    return "0 connections" not in remote.fault(name, service=service)
+
+
+def refused(host: str, port: int) -> bool:
+    try:
+        socket.create_connection((host, port), timeout=2).close()
+    except ConnectionRefusedError:
+        return True
+    return False
+
+
+# --- without a wire -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def place() -> Place:
+    controller = Controller(SimulateSettings())
+    controller.step()
+    return Place(controller=controller)
+
+
+def test_every_fault_says_what_it_takes_and_refuses_the_rest(place):
+    """An argument that nobody knows, one out of range, one missing, a fault of the wire without a wire."""
+    for name, given, named in [
+        ("earthquake", {}, "known are"),
+        ("stall", {"joint": 1}, "joint"),
+        ("stall", {}, "seconds is missing"),
+        ("stall", {"seconds": -1}, "seconds = -1"),
+        ("stall", {"seconds": float("nan")}, "seconds = nan"),
+        ("stall", {"seconds": True}, "seconds = True"),
+        ("encoder_offset", {"joint": 7, "value": 0.1}, "joint = 7"),
+        ("encoder_offset", {"joint": 1.5, "value": 0.1}, "whole number"),
+        ("protective_stop", {"runtime": "shrugs"}, "shrugs"),
+        ("close", {"service": "telnet"}, "telnet"),
+        ("version", {"version": "new"}, "MAJOR.MINOR"),
+        ("not_found", {"names": "nonsense"}, "nonsense"),
+        ("stall", {"seconds": 1.0}, "of the wire"),
+        ("restart", {}, "of the wire"),
+    ]:
+        with pytest.raises(BadInput, match=named):
+            inject(name, given, place)
+    with pytest.raises(BadInput, match="key=value"):
+        parse("stall 2")
+    assert parse("late seconds=0.02 share=0.5") == ("late", {"seconds": "0.02", "share": "0.5"})
+    assert all(fault.about for fault in FAULTS.values())
+
+
+def test_frozen_temperatures_stay_and_clear_thaws_them(place):
+    """Even while the joint warms."""
+    controller = place.controller
+    inject("temperatures_frozen", {}, place)
+    before = controller.measured.temperature_c
+    controller.live(1.0, 35.0, 1.0)
+    controller.step()
+    assert np.array_equal(controller.measured.temperature_c, before)
+    inject("clear", {}, place)
+    controller.step()
+    assert np.all(controller.measured.temperature_c > before + 1.0)
+
+
+def test_a_glitching_temperature_is_wrong_now_and_then(place):
+    """One tick of 32, one joint."""
+    inject("temperature_glitch", {"joint": 2, "value": 0.0}, place)
+    seen = []
+    for _ in range(64):
+        place.controller.step()
+        seen.append(place.controller.measured.temperature_c)
+    wrong = np.array(seen) == 0.0
+    assert wrong.sum(axis=0).tolist() == [0, 2, 0, 0, 0, 0]
+
+
+def test_a_stuck_current_sensor_goes_on_telling_the_same():
+    """While the arm moves, and the others tell the truth."""
+    pendant = Pendant()
+    inject("current_stuck", {"joint": 3}, Place(controller=pendant.controller))
+    currents = []
+    for _ in range(10):
+        pendant.stream(0.05)
+        currents.append(pendant.controller.measured.current)
+    assert len(set(np.array(currents)[:, 2])) == 1
+    assert len(set(np.array(currents)[:, 1])) > 5
+
+
+def test_an_encoder_offset_shifts_what_is_told_and_moves_nothing(place):
+    """The arm stays; positions, the controller's own included, are told elsewhere; gravity acts where the arm is."""
+    controller = place.controller
+    true, told, moment = controller.arm.q.copy(), controller.measured.q, controller.arm.torque_nm.copy()
+    inject("encoder_offset", {"joint": 2, "value": 0.05}, place)
+    for _ in range(100):
+        controller.step()
+    assert np.allclose(controller.arm.q, true, atol=1e-5)
+    assert controller.measured.q[1] - told[1] == pytest.approx(0.05, abs=2e-4)
+    assert controller.reference.q[1] - true[1] == pytest.approx(0.05, abs=1e-3)
+    assert np.allclose(controller.arm.torque_nm, moment, atol=1.0)
+    assert controller.safety_mode == SafetyMode.NORMAL
+    inject("clear", {}, place)
+    controller.step()
+    assert controller.measured.q[1] == pytest.approx(told[1], abs=2e-4)
+
+
+def test_louder_currents_are_louder(place):
+    """Four times the standard deviation, and back."""
+
+    def spread() -> float:
+        values = []
+        for _ in range(400):
+            place.controller.step()
+            values.append(place.controller.measured.current)
+        return float(np.std(values, axis=0)[0])
+
+    usual = spread()
+    inject("current_noise", {"factor": 4.0}, place)
+    assert spread() == pytest.approx(4.0 * usual, rel=0.2)  # 400 draws: 3.5 % each, correlated
+    inject("clear", {}, place)
+    assert spread() == pytest.approx(usual, rel=0.2)
+
+
+@pytest.mark.parametrize(("runtime", "state"), [("paused", 4), ("stopped", 1), ("playing", 2)])
+def test_a_protective_stop_comes_in_each_observed_variant(runtime, state):
+    """Whatever the settings say."""
+    pendant = Pendant()
+    inject("protective_stop", {"runtime": runtime}, Place(controller=pendant.controller))
+    pendant.run(0.2)
+    assert pendant.controller.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert pendant.controller.runtime == state
+
+
+def test_somebody_else_stops_the_program(place):
+    """Says so if there is none."""
+    assert inject("program_stop", {}, place) == "no program was running"
+    pendant = Pendant()
+    assert inject("program_stop", {}, Place(controller=pendant.controller)) == "program stopped"
+    assert pendant.controller.runtime == Runtime.STOPPED
+
+
+# --- through the wire -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(autouse=True)
+def healed(request):
+    """Every test leaves the shared simulator without a fault."""
+    yield
+    if "ur5" in request.fixturenames:
+        with request.getfixturevalue("ur5").remote() as remote:
+            remote.fault("clear")
+            if remote.truth()["safety_mode"] == 7:
+                remote.fault("emergency_release")
+
+
+@pytest.mark.parametrize("service", list(PORTS))
+def test_connections_of_each_service_can_be_closed_and_reset(ur5, service):
+    """FIN and RST, and only of that service."""
+    other = "dashboard" if service != "dashboard" else "secondary"
+    with ur5.remote() as remote, socket.create_connection((ur5.address, PORTS[other]), timeout=5) as bystander:
+        for name, how in (("close", "closed"), ("reset", "reset")):
+            with socket.create_connection((ur5.address, PORTS[service]), timeout=5) as wire:
+                assert eventually(partial(dropped, remote, name, service), 2.0)
+                assert ended(wire) == how
+        assert bystander.recv(10)
+
+
+def test_a_listener_goes_away_and_comes_back(ur5):
+    """Connections are refused; those that stand go on."""
+    with ur5.remote() as remote, RawRtde(ur5.address) as standing:
+        standing.stream("timestamp")
+        remote.fault("listener_gone", service="rtde")
+        assert refused(ur5.address, 30004)
+        assert not refused(ur5.address, 29999)
+        standing.timestamps(5)
+        remote.fault("clear")
+        assert eventually(lambda: not refused(ur5.address, 30004), 2.0)
+
+
+def test_a_restarted_controller_begins_its_clock_anew(ur5):
+    """Everything is reset at once; half a second later it is back, powered off, with the same arm; then power comes back."""
+    with ur5.remote() as remote, RawRtde(ur5.address) as before:
+        before.stream("timestamp")
+        old = before.timestamps(1)[0]
+        remote.wear(2, coulomb_factor=1.25)
+        remote.fault("restart", seconds=0.5)
+        assert ended(before.wire) == "reset"
+        assert refused(ur5.address, 30004)
+        assert eventually(lambda: not refused(ur5.address, 30004), 3.0)
+        with RawRtde(ur5.address) as after:
+            after.stream("timestamp,robot_mode")
+            assert after.timestamps(1)[0] < 2.5 < 2.5 + old
+        truth = remote.truth()
+        assert truth["robot_mode"] == 3
+        assert truth["wear_coulomb"][1] == 1.25
+        with socket.create_connection((ur5.address, 29999), timeout=5) as wire, wire.makefile("rw") as file:
+            file.readline()
+            for command, answer in (("power on", "Powering on"), ("brake release", "Brake releasing")):
+                file.write(command + "\n")
+                file.flush()
+                assert file.readline().strip() == answer
+        assert remote.truth()["robot_mode"] == 7
+        remote.wear(2, coulomb_factor=1.0)
+
+
+def test_late_packets_come_in_a_bunch_and_in_order(ur5):
+    """Half of the packets 50 ms late: none is lost, none overtakes, gaps on the wall clock are seen."""
+    with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
+        rtde.stream("timestamp")
+        remote.fault("late", seconds=0.05, share=0.5)
+        stamps, arrivals = [], []
+        for _ in range(100):
+            stamps += rtde.timestamps(1)
+            arrivals.append(time.monotonic())
+        assert np.allclose(np.diff(stamps), 0.008, atol=1e-9)
+        assert max(np.diff(arrivals)) > 0.03
+        assert min(np.diff(arrivals)) < 0.002
+
+
+def test_skipped_packets_are_missing_from_the_clock(ur5):
+    """A fifth of the ticks never comes."""
+    with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
+        rtde.stream("timestamp")
+        remote.fault("skip", share=0.2)
+        rtde.timestamps(20)
+        steps = np.rint(np.diff(rtde.timestamps(200)) / 0.008)
+        assert 0.05 < np.mean(steps > 1) < 0.4  # 0.2 ± 0.03
+
+
+def test_a_mute_controller_accepts_and_says_nothing(ur5):
+    """The handshake hangs, as a constructor of ur-rtde would."""
+    with ur5.remote() as remote:
+        remote.fault("mute")
+        with RawRtde(ur5.address, timeout_s=0.3) as rtde, pytest.raises(TimeoutError):
+            rtde.ask(b"V", b"\x00\x02")
+        remote.fault("clear")
+        with RawRtde(ur5.address) as rtde:
+            assert rtde.ask(b"V", b"\x00\x02") == b"\x01"
+
+
+def test_a_text_message_at_connect_comes_before_the_first_reply(ur5):
+    """M, then V: the handshake of a client that reads one packet per request is shifted."""
+    with ur5.remote() as remote:
+        remote.fault("text_at_connect")
+        with RawRtde(ur5.address) as rtde:
+            rtde.send(b"V", b"\x00\x02")
+            kind, payload = rtde.packet()
+            assert kind == b"M"
+            assert payload[1 : 1 + payload[0]] == b"Safety setup has not been confirmed yet"
+            assert rtde.packet() == (b"V", b"\x01")
+
+
+def test_registers_are_held_by_somebody_who_is_gone(ur5):
+    """IN_USE until `clear`."""
+    with ur5.remote() as remote:
+        remote.fault("registers_in_use")
+        with RawRtde(ur5.address) as rtde:
+            assert rtde.ask(b"I", b"input_int_register_0") == b"\x00IN_USE"
+            remote.fault("clear")
+            assert rtde.ask(b"I", b"input_int_register_0") == b"\x01INT32"
+
+
+def test_another_version_and_missing_outputs_are_reported(ur5):
+    """v on the wire and the dashboard; NOT_FOUND."""
+    with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
+        remote.fault("version", version="5.3.1")
+        assert rtde.ask(b"v") == bytes.fromhex("00000005 00000003 00000001 00000000")
+        remote.fault("not_found", names="joint_temperatures,actual_current")
+        assert rtde.ask(b"O", bytes.fromhex("405f400000000000") + b"timestamp,joint_temperatures") == b"\x00DOUBLE,NOT_FOUND"
+
+
+def test_remote_control_off_is_told(spawn, client):
+    """On an e-Series, of which ur-rtde asks it."""
+    simulator = spawn("--robot", "ur5e")
+    with simulator.remote() as remote:
+        remote.fault("remote", state="off")
+    assert result_of(client(DASHBOARD, simulator.address, "isInRemoteControl"))["isInRemoteControl"] is False
+
+
+def test_a_frozen_controller_keeps_its_connections_and_loses_time(ur5):
+    """Half a second without a tick; afterwards the clock goes on where it was, late."""
+    with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
+        rtde.stream("timestamp")
+        rtde.timestamps(3)
+        dropped = remote.truth()["ticks"]["dropped"]
+        remote.fault("freeze", seconds=0.5)
+        begun, stamp = time.monotonic(), rtde.timestamps(1)[0]
+        stamps = rtde.timestamps(30)
+        assert time.monotonic() - begun > 0.45
+        assert stamps[-1] - stamp < 0.35
+        assert remote.truth()["ticks"]["dropped"] - dropped > 40
+
+
+def test_an_emergency_stop_through_the_command_line(ur5, capsys):
+    """The command that a person types; a wrong one says what is known."""
+    from monitor.cli import app
+
+    app(["simulate", "--bind", ur5.address, "--fault", "emergency_stop"], standalone_mode=False)
+    assert "emergency stop" in capsys.readouterr().out
+    with ur5.remote() as remote:
+        assert eventually(lambda: remote.truth()["robot_mode"] == 3, 2.0)
+        with pytest.raises(BadInput, match="known are"):
+            app(["simulate", "--bind", ur5.address, "--fault", "earthquake"], standalone_mode=False)
+        remote.fault("emergency_release")
+
+
+def test_the_table_in_the_readme_names_every_fault():
+    """And no other."""
+    from pathlib import Path
+
+    readme = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+    section = readme.partition("### Faults")[2].partition("\n## ")[0]
+    named = {line.split("`")[1].split()[0] for line in section.splitlines() if line.startswith("| `")}
+    assert named == set(faults.FAULTS)

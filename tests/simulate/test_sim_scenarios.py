@@ -1,0 +1,255 @@
+"""Scenarios: every shipped one does what it says, in real time and stepped alike; mistakes are named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sim_process import excitation
+from test_sim_controller import Pendant
+
+from monitor.errors import BadInput
+from monitor.model.robot import Mounting, load_robot, robot_names
+from monitor.simulate.controller import Controller, SafetyMode
+from monitor.simulate.launch import announcement, settings_from
+from monitor.simulate.scenario import DAY_S, HOUR_S, Event, Scenario, Work, load_scenario, scenario_from_document, scenario_names
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+
+
+def living(name: str, **options) -> Controller:
+    return Controller(settings_from(load_scenario(name), **options))
+
+
+def friction(controller: Controller, joint: int) -> float:
+    """At 1 rad/s and 25 °C without load: what "5 % a month" is meant of."""
+    return float(controller.arm.friction_torque(np.ones((1, 6)), np.zeros((1, 6)), np.full(6, 25.0))[0, joint - 1])
+
+
+def live_days(controller: Controller, days: float) -> None:
+    assert controller.live(24.0 * days) == ""
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_shipped_scenario_loads_and_says_what_it_is(name):
+    """With the name and the sentence in what the command prints."""
+    scenario = load_scenario(name)
+    said = announcement(settings_from(scenario))
+    assert name in said
+    assert len(scenario.about) > 20
+    assert scenario.about in said
+
+
+def test_the_issue_s_scenarios_are_all_there():
+    asked = {"fresh", "joint-wearing", "step-wear", "cold-mondays", "hot-summer", "payload-untold", "remounted", "regreased"}
+    assert asked | {"noisy-currents", "long-holiday", "joint-replaced"} <= set(scenario_names())
+
+
+def test_a_joint_wears_five_percent_a_month():
+    """Joint 3, from day 14 on, by its work; the others hardly."""
+    controller = living("joint-wearing")
+    fresh = [friction(controller, joint) for joint in range(1, 7)]
+    live_days(controller, 14)
+    assert friction(controller, 3) == pytest.approx(fresh[2], rel=1e-3)
+    live_days(controller, 60)
+    grown = friction(controller, 3) / fresh[2] - 1.0
+    assert grown == pytest.approx(0.10, abs=0.006)  # working days do not fall evenly into two months
+    assert friction(controller, 2) == pytest.approx(fresh[1], rel=2e-3)
+
+
+def test_step_wear_comes_from_one_moment_to_the_next():
+    """25 % of dry friction, on day 14."""
+    controller = living("step-wear")
+    live_days(controller, 13.99)
+    assert controller.arm.wear.coulomb[1] < 1.001
+    live_days(controller, 0.02)
+    assert controller.arm.wear.coulomb[1] == pytest.approx(1.25, abs=1e-3)
+    assert controller.arm.wear.viscous[1] == pytest.approx(1.10, abs=1e-3)
+    assert controller.life.happened == ["day 14: wear_step joint=2 coulomb_factor=1.25 viscous_factor=1.1"]
+
+
+def test_monday_morning_is_colder_than_friday_evening():
+    """By some 12 K, in the grease too."""
+    controller = living("cold-mondays")
+    live_days(controller, 4.45)  # from Monday 6 h to Friday about 17 h
+    friday = controller.arm.temperatures.grease_c.copy()
+    live_days(controller, 2.54)
+    monday = controller.arm.temperatures.grease_c
+    assert np.all(friday - monday > 9.0)
+    assert controller.arm.ambient_c < 10.0
+
+
+def test_a_hot_summer_is_hot_in_the_afternoon():
+    """A daily cycle around 33 °C."""
+    controller = living("hot-summer")
+    seen = []
+    for _ in range(24):
+        live_days(controller, 1 / 24)
+        seen.append(controller.arm.ambient_c)
+    assert (min(seen), max(seen)) == (pytest.approx(27.0, abs=0.3), pytest.approx(39.0, abs=0.3))
+
+
+def test_a_payload_comes_untold():
+    """2 kg on day 10: the drives feel it, the controller's own model does not; the wire goes on telling 0 kg."""
+    controller = living("payload-untold")
+    live_days(controller, 9.0)
+    stretched = [np.zeros((1, 6))] * 3
+    before = controller.arm.rigid_torque(*stretched)[0][0, 1]
+    live_days(controller, 2.0)
+    assert controller.arm.rigid_torque(*stretched)[0][0, 1] - before == pytest.approx(-2.0 * 9.81 * 0.82, rel=0.05)
+    assert controller.variables["payload"].read() == (0.0,)
+    assert controller.arm.believed is not controller.arm.model
+    recording = stepped_replay(controller, excitation())
+    assert recording.samples == 501  # the servo copes
+
+
+def test_the_arm_hangs_from_the_ceiling_and_the_controller_does_not_know():
+    """Gravity turns round for the drives alone; a replay by the old configuration still runs."""
+    controller = living("remounted")
+    live_days(controller, 10.5)
+    assert controller.arm.mounting == Mounting.parse("ceiling")
+    assert np.allclose(controller.declared_gravity, [0.0, 0.0, -9.80665])
+    recording = stepped_replay(controller, excitation())
+    load = (recording.current - recording.target_current) * controller.arm.gain_nm_per_a
+    assert np.abs(load[:, 1]).max() > 20.0  # N·m that the controller's model does not explain
+
+
+def test_grease_takes_most_of_the_wear_away():
+    """On day 40 four fifths."""
+    controller = living("regreased")
+    live_days(controller, 39.9)
+    worn = controller.arm.wear.coulomb[2] - 1.0
+    live_days(controller, 0.2)
+    assert worn > 0.2
+    assert controller.arm.wear.coulomb[2] - 1.0 == pytest.approx(0.2 * worn, rel=0.05)
+
+
+def test_a_replaced_joint_has_its_own_serial_and_friction():
+    controller = living("joint-replaced")
+    before, other = friction(controller, 2), friction(controller, 3)
+    live_days(controller, 20.1)
+    assert controller.truth()["joint_serials"][1] == "20260200417"
+    assert friction(controller, 2) == pytest.approx(0.88 * before, rel=1e-3)
+    assert friction(controller, 3) == pytest.approx(other, rel=1e-3)
+
+
+def test_noisy_currents_are_four_times_as_loud():
+    spreads = []
+    for controller in (living("fresh"), living("noisy-currents")):
+        currents = []
+        for _ in range(500):
+            controller.step()
+            currents.append(controller.measured.current)
+        spreads.append(np.std(currents, axis=0))
+    assert np.allclose(spreads[1] / spreads[0], 4.0, rtol=0.05)  # the same dice
+
+
+def test_on_holiday_the_arm_rests():
+    """No revolution in three weeks; then work again."""
+    controller = living("long-holiday")
+    live_days(controller, 28)
+    worked = controller.arm.wear.revolutions.copy()
+    live_days(controller, 21)
+    assert np.array_equal(controller.arm.wear.revolutions, worked)
+    live_days(controller, 3)
+    assert np.all(controller.arm.wear.revolutions > worked)
+
+
+def test_stepped_and_tick_by_tick_give_the_same_life():
+    """A day's events and its room at the same moments whether leapt or lived; here an event after two seconds."""
+    event = Event(at_s=2.0, do="wear_step", arguments={"joint": 1, "coulomb_factor": 1.5, "viscous_factor": 1.0})
+    ticked, leapt = (Controller(SimulateSettings(scenario=Scenario(events=(event,)))) for _ in range(2))
+    for _ in range(round(3.0 / ticked.tick_s)):
+        ticked.step()
+    leapt.live(3.0 / 3600.0)
+    for controller in (ticked, leapt):
+        assert controller.arm.wear.coulomb[0] == pytest.approx(1.5, abs=1e-6)
+    assert np.allclose(ticked.arm.temperatures.motor_c, leapt.arm.temperatures.motor_c, atol=0.02)
+
+
+def test_a_fault_may_be_part_of_a_scenario():
+    """Of the controller, without a wire."""
+    document = {"event": [{"at_s": 0.5, "do": "fault", "fault": "protective_stop", "runtime": "stopped"}]}
+    controller = Controller(settings_from(scenario_from_document(document, "mine", "mine.toml")))
+    for _ in range(200):
+        controller.step()
+    assert controller.safety_mode == SafetyMode.PROTECTIVE_STOP
+
+
+@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("mounting", ["ground", "ceiling", "20,-35,60"])
+def test_every_model_moves_on_any_mounting_with_a_payload(robot, mounting):
+    """A move of half a radian with half the payload: arrives, without a stop, and the torque stays below the limits."""
+    settings = SimulateSettings(robot=robot, mounting=Mounting.parse(mounting), payload_kg=0.5 * load_robot(robot).payload_max_kg)
+    pendant = Pendant()
+    pendant.controller = controller = Controller(settings)
+    goal = np.array(settings.home_rad) + np.array([0.5, 0.3, -0.5, 0.5, 0.5, 0.5])
+    controller.reference.move(goal, 1.0, 1.5)
+    largest = np.zeros(6)
+    while not controller.reference.at_rest:
+        controller.step()
+        largest = np.maximum(largest, np.abs(controller.arm.torque_nm))
+    pendant.run(0.3)
+    assert controller.safety_mode == SafetyMode.NORMAL
+    assert np.allclose(controller.arm.q, goal, atol=2e-3)
+    assert np.all(largest < controller.robot.max_torque_nm)
+
+
+@pytest.mark.parametrize(
+    ("document", "named"),
+    [
+        ({"abuot": "x"}, "abuot"),
+        ({"about": 3}, "about"),
+        ({"starts": "Monday"}, "starts"),
+        ({"arm": {"robot": 5}}, "robot"),
+        ({"arm": {"weight": 5}}, "weight"),
+        ({"arm": 5}, "arm"),
+        ({"room": {"mean_c": 99}}, "mean_c"),
+        ({"room": {"mean_c": float("nan")}}, "mean_c"),
+        ({"work": {"days": [0]}}, "days"),
+        ({"work": {"from_h": 9, "to_h": 8}}, "from_h"),
+        ({"work": {"pauses": [[5, 3]]}}, "pauses"),
+        ({"event": {"do": "wear"}}, "list"),
+        ({"event": [{"at_day": 1, "do": "explode"}]}, "explode"),
+        ({"event": [{"do": "wear", "joint": 1, "percent_a_month": 5}]}, "when"),
+        ({"event": [{"at_day": 1, "at_s": 1, "do": "wear"}]}, "when"),
+        ({"event": [{"at_day": -1, "do": "wear", "joint": 1, "percent_a_month": 5}]}, "at_day"),
+        ({"event": [{"at_day": 1, "do": "wear", "joint": 0, "percent_a_month": 5}]}, "joint"),
+        ({"event": [{"at_day": 1, "do": "wear", "joint": 1}]}, "percent_a_month is missing"),
+        ({"event": [{"at_day": 1, "do": "payload", "kg": 1, "told": "no"}]}, "told"),
+        ({"event": [{"at_day": 1, "do": "mounting", "mounting": "sideways"}]}, "sideways"),
+        ({"event": [{"at_day": 1, "do": "fault", "fault": "stall"}]}, "seconds"),
+    ],
+)
+def test_mistakes_in_a_scenario_are_named(document, named):
+    with pytest.raises(BadInput, match=named):
+        scenario_from_document(document, "mine", "mine.toml")
+
+
+def test_a_payload_that_the_arm_cannot_carry_is_refused_before_it_starts():
+    document = {"arm": {"robot": "ur3"}, "event": [{"at_day": 1, "do": "payload", "kg": 50}]}
+    with pytest.raises(BadInput, match="50 kg"):
+        settings_from(scenario_from_document(document, "mine", "mine.toml"))
+
+
+def test_a_scenario_that_is_not_there_and_a_file_that_is_none(tmp_path):
+    """The shipped names; the line of the mistake; a file too large."""
+    with pytest.raises(BadInput, match="cold-mondays"):
+        load_scenario("sunshine")
+    with pytest.raises(BadInput, match="cannot be read"):
+        load_scenario(str(tmp_path / "none.toml"))
+    (tmp_path / "broken.toml").write_text("[arm\n")
+    with pytest.raises(BadInput, match="line 1"):
+        load_scenario(str(tmp_path / "broken.toml"))
+    (tmp_path / "mine.toml").write_text('about = "Mine, hung on a wall."\n[arm]\nrobot = "ur3e"\nmounting = "wall"\n')
+    settings = settings_from(load_scenario(str(tmp_path / "mine.toml")), seed=3)
+    assert (settings.robot, settings.seed, settings.mounting) == ("ur3e", 3, Mounting.parse("wall"))
+
+
+def test_work_counts_its_hours():
+    """Half of ten hours on five days: 107 hours in thirty days, and none on a Sunday."""
+    work = Work()
+    assert work.duty_hours_a_month == pytest.approx(0.5 * 10 * 5 * 30 / 7)
+    week = [work.duty_at(hour * HOUR_S, hour / 24) for hour in range(168)]
+    assert sum(week) == pytest.approx(25.0)
+    assert not any(week[6 * 24 :])
+    assert replace(work, pauses=((0.0, 7.0),)).duty_at(10 * HOUR_S, 10 * HOUR_S / DAY_S) == 0.0

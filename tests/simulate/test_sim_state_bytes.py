@@ -1,0 +1,209 @@
+"""Ports 30001–30003, byte for byte: lengths, offsets and literals are from the manufacturer's guide, not from our encoder."""
+
+import socket
+import struct
+import time
+
+import numpy as np
+import pytest
+from test_sim_controller import Pendant
+
+from monitor.simulate import primary, realtime
+from monitor.simulate.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+
+
+@pytest.fixture
+def ur5e() -> Controller:
+    """A UR5e after one second, standing upright."""
+    controller = Controller(SimulateSettings(robot="ur5e"))
+    for _ in range(500):
+        controller.step()
+    return controller
+
+
+def packages(message: bytes) -> dict[int, bytes]:
+    """Type → payload of the packages of a robot state message."""
+    size, kind = struct.unpack_from(">iB", message)
+    assert (size, kind) == (len(message), 16)
+    found, rest = {}, message[5:]
+    while rest:
+        length, number = struct.unpack_from(">iB", rest)
+        found[number], rest = rest[5:length], rest[length:]
+    return found
+
+
+def test_a_robot_state_message_has_the_published_packages(ur5e):
+    """Total and package lengths of 5.x: mode 47, joints 251, tool 37, master board 75, tool pose 101, forces 61 bytes."""
+    lengths = {kind: len(payload) + 5 for kind, payload in packages(primary.state(ur5e)).items()}
+    assert lengths == {0: 47, 1: 251, 2: 37, 3: 75, 4: 101, 7: 61, 8: 9}
+    assert len(packages(primary.state(Controller(SimulateSettings())))[0]) + 5 == 46  # CB3: without the reserved byte
+
+
+def test_robot_mode_data_byte_for_byte(ur5e):
+    """A million microseconds; connected, enabled, powered; running mode 7; full speed."""
+    assert packages(primary.state(ur5e))[0] == bytes.fromhex(
+        "00000000000f4240 01 01 01 00 00 00 00 07 00 3ff0000000000000 3ff0000000000000 3ff0000000000000 00"
+    )
+
+
+def test_joint_data_and_tool_pose_by_their_offsets(ur5e):
+    """41 bytes a joint: q actual, q target, q̇, then current, voltage, temperature twice as floats, mode 253."""
+    found = packages(primary.state(ur5e))
+    for joint in range(6):
+        q, target, qd = struct.unpack_from(">ddd", found[1], 41 * joint)
+        current, voltage, motor, _ = struct.unpack_from(">ffff", found[1], 41 * joint + 24)
+        assert (q, target, qd) == (ur5e.measured.q[joint], ur5e.reference.q[joint], ur5e.measured.qd[joint])
+        assert current == pytest.approx(ur5e.measured.current[joint], abs=1e-6)
+        assert (voltage, motor) == (48.0, ur5e.measured.temperature_c[joint])
+        assert found[1][41 * joint + 40] == 253
+    pose = struct.unpack(">12d", found[4])
+    assert np.allclose(pose[:6], ur5e.variables["actual_TCP_pose"].read())
+    assert pose[6:] == (0.0,) * 6
+
+
+def test_the_version_message_byte_for_byte(ur5e):
+    """Type 20, a million microseconds, from the controller, subtype 3: URControl 5.11, bugfix 0, build 108249, date."""
+    told = bytes.fromhex("0000002e 14 00000000000f4240 07 03 09") + b"URControl" + bytes.fromhex("05 0b 00000000 0001a6d9") + b"Mar 10 2021"
+    assert primary.version(ur5e) == told
+
+
+def test_messages_of_safety_errors_keys_and_exceptions_byte_for_byte(ur5e):
+    """The five heads, and what follows them."""
+    head = "14 00000000000f4240 07"
+    assert primary.key(ur5e, "AB", "c") == bytes.fromhex(f"0000001b {head} 07 00000000 00000000 02") + b"ABc"
+    assert primary.safety(ur5e) == bytes.fromhex(f"00000020 {head} 05 00000000 00000000 01 00000000 00000000")
+    assert primary.error(ur5e, "x") == bytes.fromhex(f"00000024 {head} 06 00000099 00000000 00000003 00000000 00000000") + b"x"
+    assert primary.exception(ur5e, "y") == bytes.fromhex(f"00000018 {head} 0a 00000001 00000001") + b"y"
+
+
+REALTIME_5_10 = {  # offset in bytes → what the guide's table puts there
+    4: "timestamp",
+    12: "target_q",
+    60: "target_qd",
+    108: "target_qdd",
+    156: "target_current",
+    204: "target_moment",
+    252: "actual_q",
+    300: "actual_qd",
+    348: "actual_current",
+    396: "joint_control_output",
+    444: "actual_TCP_pose",
+    492: "actual_TCP_speed",
+    540: "actual_TCP_force",
+    588: "target_TCP_pose",
+    636: "target_TCP_speed",
+    684: "actual_digital_input_bits",
+    692: "joint_temperatures",
+    740: "actual_execution_time",
+    756: "robot_mode",
+    764: "joint_mode",
+    812: "safety_mode",
+    868: "actual_tool_accelerometer",
+    940: "speed_scaling",
+    948: "actual_momentum",
+    972: "actual_main_voltage",
+    980: "actual_robot_voltage",
+    988: "actual_robot_current",
+    996: "actual_joint_voltage",
+    1044: "actual_digital_output_bits",
+    1052: "runtime_state",
+    1060: "elbow_position",
+    1084: "elbow_velocity",
+    1108: "safety_status",
+    1140: "payload",
+    1148: "payload_cog",
+    1172: "payload_inertia",
+}
+
+
+def test_a_realtime_packet_has_every_field_at_its_published_place(ur5e):
+    """1220 bytes; each field where the table of RealTime 5.10 says."""
+    packet = realtime.packet(ur5e)
+    assert struct.unpack_from(">i", packet) == (1220,)
+    assert len(packet) == 1220
+    for offset, name in REALTIME_5_10.items():
+        values = tuple(map(float, ur5e.variables[name].read()))
+        assert struct.unpack_from(f">{len(values)}d", packet, offset) == values, name
+    assert packet[:12] == bytes.fromhex("000004c4 3ff0000000000000")  # 1220, one second
+
+
+@pytest.mark.parametrize(
+    ("robot", "version", "size"),
+    [
+        ("ur5", "3.5.0", 1108),
+        ("ur5", "3.10.0", 1116),
+        ("ur5", "3.14.0", 1140),
+        ("ur5", "3.15.0", 1220),
+        ("ur5e", "5.4.0", 1116),
+        ("ur5e", "5.9.0", 1140),
+    ],
+)
+def test_a_realtime_packet_is_as_long_as_its_version_says(robot, version, size):
+    """The length field and the bytes."""
+    packet = realtime.packet(Controller(SimulateSettings(robot=robot, version=version)))
+    assert struct.unpack_from(">i", packet)[0] == len(packet) == size
+
+
+def test_state_comes_ten_times_a_second_and_realtime_with_every_tick(ur5):
+    """Over the wire: the version first on 30001 and 30002; 30003 begins with its length."""
+    with (
+        socket.create_connection((ur5.address, 30002), timeout=5) as slow,
+        socket.create_connection((ur5.address, 30003), timeout=5) as fast,
+        slow.makefile("rb") as slowly,
+        fast.makefile("rb") as quickly,
+    ):
+        size, kind = struct.unpack(">iB", slowly.read(5))
+        assert kind == 20
+        slowly.read(size - 5)
+        stamps = []
+        for _ in range(6):
+            size, kind = struct.unpack(">iB", slowly.read(5))
+            assert kind == 16
+            stamps.append(struct.unpack_from(">Q", slowly.read(size - 5), 5)[0])
+        assert np.allclose(np.diff(stamps), 96_000, atol=8_001)  # a whole number of ticks of 8 ms, nearest to 100 ms
+        ticks = [struct.unpack_from(">id", quickly.read(1220))[1] for _ in range(60)]
+        assert np.allclose(np.diff(ticks), 0.008, atol=1e-9)
+
+
+def test_a_protective_stop_is_told_on_the_primary_port_and_not_on_the_secondary(ur5):
+    """Safety mode and error code, once."""
+    with (
+        ur5.remote() as remote,
+        socket.create_connection((ur5.address, 30001), timeout=5) as first,
+        socket.create_connection((ur5.address, 30002), timeout=5) as second,
+    ):
+        time.sleep(0.2)
+        remote.protective_stop()
+        time.sleep(0.3)
+        kinds = []
+        for wire in (first, second):
+            data, seen = b"", []
+            wire.settimeout(0.05)
+            try:
+                while True:
+                    data += wire.recv(65536)
+            except TimeoutError:
+                pass
+            while len(data) >= 5:
+                size, kind = struct.unpack_from(">iB", data)
+                if kind == 20:
+                    seen.append(data[14])
+                data = data[size:]
+            kinds.append(seen)
+        assert kinds == [[3, 5, 6], [3]]
+        time.sleep(5.1)
+        with socket.create_connection((ur5.address, 29999), timeout=5) as wire, wire.makefile("rw") as file:
+            file.readline()
+            file.write("unlock protective stop\n")
+            file.flush()
+            assert file.readline().strip() == "Protective stop releasing"
+
+
+def test_programs_are_told_on_the_primary_port():
+    """A key message when one starts, one when it ends, a runtime exception instead where it raised one."""
+    pendant = Pendant()
+    kinds = [message[14] for message in pendant.controller.messages]
+    assert kinds == [7]
+    pendant.controller.stop_program("runtime exception: test")
+    assert [message[14] for message in pendant.controller.messages] == [7, 10]
