@@ -14,6 +14,9 @@ from monitor.errors import BadInput
 from monitor.recording import Array
 
 
+POLL_S = 0.005  # live state is decimated: a late look costs nothing
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ListenSettings:
     """Whom to listen to, how often, and how patiently."""
@@ -136,7 +139,7 @@ class Listener:
     def _try(self, now: float) -> None:
         self._heard_at, self._spoke = now, False
         try:
-            self._child = Child("monitor.acquire.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz})
+            self._child = Child("monitor.acquire.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz, "poll_s": POLL_S})
         except ChildLost as lost:
             self._lost(now, str(lost))
 
@@ -155,24 +158,22 @@ class Listener:
 
 def main() -> None:
     """The child: rows to the parent until the connection or the parent is gone; never returns."""
-    from rtde_receive import RTDEReceiveInterface  # only in the child
-
     from monitor.acquire.child import begin, leave
-    from monitor.acquire.rows import PLACE, VARIABLES, Torn, snapshot
+    from monitor.acquire.rows import PLACE, Torn, heard, snapshot
 
     job, outbox, lifeline = begin()
     host = job["host"]
     try:
-        receive = RTDEReceiveInterface(host, job["rate_hz"], VARIABLES)
+        receive, signals = heard(host, job["rate_hz"])
         told_s = None
         while receive.isConnected():
             if receive.getTimestamp() != told_s:
-                row, _ = snapshot(receive)
+                row, _ = snapshot(receive, signals)
                 row[PLACE["host_monotonic_s"]] = time.monotonic()
                 told_s = row[0]
                 outbox.row(row)
             lifeline.word()
-            time.sleep(0.005)
+            time.sleep(job["poll_s"])
         outbox.message("lost", text=f"{host}: the RTDE connection was lost")
     except (RuntimeError, Torn) as error:
         outbox.message("lost", text=f"{host}: RTDE: {error}")

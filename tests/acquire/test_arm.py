@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from monitor.acquire.arm import REMEMBERED, strayed, unwell
-from monitor.acquire.guard import ArmState, ReplaySettings
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
 WELL = ArmState(
@@ -40,6 +41,7 @@ def test_an_arm_that_plays_and_is_well_goes_on():
         ({"runtime_state": 4}, "program_stopped"),
         ({"q": np.array([0, 0, np.nan, 0, 0, 0])}, "bad_data"),
         ({"temperature_c": np.array([30, 30, 30, 30, 30, 76.0])}, "joint_temperature"),
+        ({"speed_scaling": 0.6}, "speed_scaling"),
         ({"temperature_c": np.full(6, np.nan)}, "joint_temperature"),
     ],
 )

@@ -15,7 +15,7 @@ import pytest
 from excitations import short
 from processes import alive, children
 
-from monitor.acquire.guard import ReplaySettings
+from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
 from monitor.errors import MotionRefused, ReplayAborted
@@ -268,7 +268,7 @@ PARENT = """
 import sys
 sys.path[:0] = {paths!r}
 from excitations import short
-from monitor.acquire.guard import ReplaySettings
+from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.replay import replay
 from monitor.model.robot import load_robot
 replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True),
