@@ -144,7 +144,11 @@ class Arm:
         if failure:
             raise failure
         wanted = settings.permit_input
-        if wanted is not None and self.asked_to_stop is None and not int(np.nan_to_num(row[PLACE["actual_digital_input_bits"]][0])) >> wanted & 1:
+        if (
+            wanted is not None
+            and self.asked_to_stop is None
+            and not int(np.nan_to_num(row[PLACE["actual_digital_input_bits"]][0])) >> wanted & 1
+        ):
             self.asked_to_stop = "permit_withdrawn"
         last = self.recent[-1]
         allowed = self.max_speed * 2.2 * self.tick_s + 1e-6  # a target moves on by at most two ticks a cycle
@@ -167,7 +171,9 @@ class Arm:
         ago_s = time.monotonic() - self.slept_at
         if failure.cause not in AFTER_SLEEP or ago_s > REMEMBER_SLEEP_S:
             return failure
-        return Failure("late", f"this process was not given the processor for {1000 * self.slept_s:.0f} ms; then {failure.cause}: {failure}")
+        return Failure(
+            "late", f"this process was not given the processor for {1000 * self.slept_s:.0f} ms; then {failure.cause}: {failure}"
+        )
 
     def why_refused(self) -> Failure:
         """ServoJ said no. The next rows say why; reading what has been received is no call to the controller."""

@@ -35,6 +35,7 @@ from monitor.recording import Array, Context
 
 HOLD_ERROR_RAD = 0.05  # an arm that holds its pose has its target within this of its position
 ACCELEROMETER_ERROR_M_S2 = 1.5  # a real arm's reads 9.28 at rest; further off it is broken, or the arm does not stand
+PRIVATE_NETWORKS = tuple(ipaddress.IPv4Network(network) for network in ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16"))  # RFC 1918
 FULL_SPEED = 0.999  # the slider's 100 %, with rounding
 
 
@@ -122,9 +123,8 @@ def check_address(settings: ReplaySettings) -> str:
         raise MotionRefused(f"host {host!r}: expected a literal IPv4 address; a name may come to mean another arm") from None
     if address.is_loopback:
         return f"{host} is a simulated arm"
-    if address not in ipaddress.IPv4Network("10.0.0.0/8") and address not in ipaddress.IPv4Network("172.16.0.0/12"):
-        if address not in ipaddress.IPv4Network("192.168.0.0/16") and not address.is_link_local:
-            raise MotionRefused(f"host {host}: expected an address of this machine or of a private network")
+    if not address.is_link_local and not any(address in network for network in PRIVATE_NETWORKS):
+        raise MotionRefused(f"host {host}: expected an address of this machine or of a private network")
     if not settings.first_pass:
         raise MotionRefused(f"host {host} is a real arm, and first_pass is false: only a simulated one may go without")
     if settings.cell is None:

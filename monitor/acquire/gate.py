@@ -65,7 +65,9 @@ class Gate:
     def _tell(self, found: tuple[Condition, ...]) -> None:
         self.conditions = (*self.conditions, *found)
         for condition in found:
-            log.log(logging.INFO if condition.holds else logging.WARNING, "condition=%s %s: %s", condition.name, condition.word, condition.told)
+            log.log(
+                logging.INFO if condition.holds else logging.WARNING, "condition=%s %s: %s", condition.name, condition.word, condition.told
+            )
         refuse_unless(found)
 
     def _about(self, in_s: float) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 Pure functions of what they are given: `replay` and the child process `stream` both ask them, so that neither needs to trust the other.
 """
 
-
 from monitor.acquire.conditions import OF_STATE, Condition, Facts, refuse_unless, some
 from monitor.acquire.settings import ReplaySettings
 from monitor.model.fourier import Excitation
@@ -43,5 +42,3 @@ def ready(facts: Facts, *, but: tuple[str, ...] = ()) -> tuple[Condition, ...]:
     found = some(facts, tuple(name for name in OF_STATE if name not in but))
     refuse_unless(found)
     return found
-
-

@@ -18,7 +18,6 @@ END_SPEED_RAD_S = 1e-3  # coefficients are stored to 1e-6: ends that are "zero" 
 END_ACCELERATION_RAD_S2 = 2e-2
 
 
-
 def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_rad_s: Array) -> None:
     """Raises MotionRefused naming the joint, the value and the limit that the sampled curve breaks."""
     fastest_hz = excitation.harmonics / excitation.pass_s

@@ -13,8 +13,8 @@ from monitor.acquire.rows import columns
 from monitor.errors import BadInput
 from monitor.recording import Array
 
-
 POLL_S = 0.005  # live state is decimated: a late look costs nothing
+EVERY_TICK_POLL_S = 0.0003  # the finest sleep that does not burn a core
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +139,9 @@ class Listener:
     def _try(self, now: float) -> None:
         self._heard_at, self._spoke = now, False
         try:
-            self._child = Child("monitor.acquire.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz, "poll_s": POLL_S})
+            self._child = Child(
+                "monitor.acquire.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz, "every_tick": False}
+            )
         except ChildLost as lost:
             self._lost(now, str(lost))
 
@@ -158,11 +160,14 @@ class Listener:
 
 def main() -> None:
     """The child: rows to the parent until the connection or the parent is gone; never returns."""
-    from monitor.acquire.child import begin, leave
+    from monitor.acquire.child import begin, leave, real_time
     from monitor.acquire.rows import PLACE, Torn, heard, snapshot
 
     job, outbox, lifeline = begin()
     host = job["host"]
+    if job["every_tick"]:
+        real_time()  # before ur-rtde starts its threads, which inherit it
+    poll_s = EVERY_TICK_POLL_S if job["every_tick"] else POLL_S
     try:
         receive, signals = heard(host, job["rate_hz"])
         told_s = None
@@ -173,7 +178,7 @@ def main() -> None:
                 told_s = row[0]
                 outbox.row(row)
             lifeline.word()
-            time.sleep(job["poll_s"])
+            time.sleep(poll_s)
         outbox.message("lost", text=f"{host}: the RTDE connection was lost")
     except (RuntimeError, Torn) as error:
         outbox.message("lost", text=f"{host}: RTDE: {error}")

@@ -61,7 +61,9 @@ class TorqueBand:
     def told(self) -> str:
         """Where the band comes from."""
         if self._model is not None:
-            return f"the model of {self._model.revision} replays ± {SIGMAS:g} σ, at least {100 * LEAST_SHARE:g} % of a joint's largest torque"
+            return (
+                f"the model of {self._model.revision} replays ± {SIGMAS:g} σ, at least {100 * LEAST_SHARE:g} % of a joint's largest torque"
+            )
         return f"the manufacturer's parameters ± {100 * self._share:g} % of a joint's largest torque"
 
     def outside(self, row: Array) -> tuple[str, str] | None:
