@@ -286,3 +286,37 @@ def eventually(condition, within_s: float) -> bool:
             return True
         time.sleep(0.02)
     return condition()
+
+
+def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_needs_none(remote, config):
+    """Twice the time at half the pace, in a file of its own; a change of tool asks for another, and says so."""
+    path = config(first_pass=True, first_pass_time_scale=0.5, approach_speed_rad_s=1.0)
+    output, first = path.parent / "r.parquet", path.parent / "r-first-pass.parquet"
+    done = run("replay", "--config", path, "-o", output, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["first_pass"] == str(first)
+    slow, normal = read_recording(first), read_recording(output)
+    assert slow.duration_s == pytest.approx(6.0, abs=0.05)
+    assert normal.duration_s == pytest.approx(3.0, abs=0.05)
+    assert slow.quality["time_scale"] == 0.5
+    assert "first pass" in slow.context.note
+    assert abs(slow.qd).max() == pytest.approx(0.5 * abs(normal.qd).max(), rel=0.1)
+    first.unlink()
+    done = run("replay", "--config", path, "-o", output)
+    assert done.returncode == 0, done.stderr
+    assert not first.exists()
+
+
+def test_torque_outside_the_band_ends_a_first_pass_and_waits_for_a_person(remote, config):
+    """Here the joint gains are wrong by a factor of five: what is measured is not what the makers' parameters predict."""
+    path = config("gains_nm_per_a = [60.0, 60.0, 60.0, 50.0, 50.0, 50.0]", first_pass=True, first_pass_time_scale=0.5)
+    done = run("replay", "--config", path, "-o", path.parent / "r.parquet")
+    assert done.returncode == 1
+    assert "torque_band" in done.stderr
+    assert "were expected" in done.stderr
+    assert eventually(lambda: remote.truth()["standing"], 2.0)
+    assert remote.truth()["program"] is None
+    assert list(path.parent.glob("*.parquet")) == []
+    code, found = checked(path)
+    assert code == 3
+    assert not found["previous_stop"]["holds"]

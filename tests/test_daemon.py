@@ -60,6 +60,7 @@ class Cell:
             allow_motion = true
             excitation = "short.json"
             cell = "unchecked"
+            first_pass = false
             approach_speed_rad_s = 0.8
             [schedule]
             cron = "0 0 29 2 *"

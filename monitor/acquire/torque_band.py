@@ -15,6 +15,7 @@ from monitor.recording import Array
 
 OUTSIDE_S = 0.04  # five rows at 125 Hz: a spike of the measured current is no collision
 SIGMAS = 6.0  # of the model's own standard deviation: chance alone leaves it once in years
+TELLING_A = 0.2  # of predicted current: less than that times an unknown gain says nothing
 LEAST_SHARE = 0.05  # of a joint's largest torque: a model that is sure of itself still does not know its ripple
 
 
@@ -41,12 +42,13 @@ class TorqueBand:
     ) -> None:
         """`share`: of a joint's largest torque that is allowed where no model is known.
 
-        gains_nm_per_a : (J,); a joint whose gain is unknown (NaN) is not watched.
+        gains_nm_per_a : (J,); where one is unknown (NaN) the controller's own model tells it, its moment over its current.
         """
         import pinocchio as pin
 
         self._robot, self._share, self._model = robot, share, model
-        self._gains = gains_nm_per_a
+        self._gains = np.array(gains_nm_per_a, dtype=float)
+        self._untold = np.isnan(self._gains)
         self._rows = max(2, round(OUTSIDE_S * rate_hz))
         self._outside = np.zeros(robot.joints, dtype=int)  # successive rows
         self._arm = robot.pinocchio_model(mounting)
@@ -69,11 +71,15 @@ class TorqueBand:
     def outside(self, row: Array) -> tuple[str, str] | None:
         """Cause and text where torque has left the band for long enough; row (WIDTH,)."""
         of = {name: row[PLACE[name]] for name in ("actual_q", "actual_qd", "target_qdd", "actual_current", "joint_temperatures")}
+        if self._untold.any():
+            moment, current = row[PLACE["target_moment"]], row[PLACE["target_current"]]
+            tells = self._untold & (np.abs(current) > TELLING_A)
+            self._gains[tells] = np.abs(moment[tells] / current[tells])
         measured = of["actual_current"] * self._gains
         band = self._at(of["actual_q"], of["actual_qd"], of["target_qdd"], of["joint_temperatures"])
         used = np.abs(measured - band.predicted) / band.allowed
         self.largest_share = max(self.largest_share, float(np.nanmax(used, initial=0.0)))
-        self._outside = np.where(used > 1.0, self._outside + 1, 0)
+        self._outside = np.where(used > 1.0, self._outside + 1, 0)  # NaN is not outside
         j = int(np.argmax(self._outside))
         if self._outside[j] < self._rows:
             return None
