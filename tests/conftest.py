@@ -2,6 +2,7 @@
 
 import os
 import socket
+from collections.abc import Callable
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: threads for matrices this small only wait for each other
@@ -21,6 +22,22 @@ def real_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the real recordings are absent: set JOINT_MONITOR_DATA to their folder")
     return folder
+
+
+@pytest.fixture
+def soak_row(record_property: Callable[[str, object], None]) -> Callable[[str, str, str], None]:
+    """A line of the table that a soak ends with: what was done, what came out, what was asked."""
+    return lambda what, found, asked: record_property("soak", f"{what}|{found}|{asked}")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """The soak's table."""
+    reports = [report for kind in ("passed", "failed") for report in terminalreporter.getreports(kind)]
+    rows = [(str(value).split("|"), report.outcome) for report in reports for name, value in report.user_properties if name == "soak"]
+    if rows:
+        terminalreporter.section("soak")
+        for (what, found, asked), outcome in rows:
+            terminalreporter.write_line(f"{what:<60} {found:>24}   asked {asked:<16} {outcome}")
 
 
 @pytest.fixture

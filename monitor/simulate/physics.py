@@ -316,9 +316,11 @@ class Arm:
 
     def energy_j(self) -> float:
         """Kinetic, rotors included, and potential."""
-        data = self.model.createData()
-        M = pin.crba(self.model, data, self.q)
-        return float(0.5 * self.qd @ M @ self.qd + pin.computePotentialEnergy(self.model, data, self.q))
+        return self.kinetic_j() + float(pin.computePotentialEnergy(self.model, self.model.createData(), self.q))
+
+    def kinetic_j(self) -> float:
+        """With the rotors."""
+        return float(0.5 * self.qd @ pin.crba(self.model, self.model.createData(), self.q) @ self.qd)
 
 
 def arm_model(robot: Robot, mounting: Mounting, payload_kg: float, payload_com_m: tuple[float, ...]) -> "pin.Model":

@@ -213,6 +213,8 @@ class DashboardPort(Port):
         self._buffer += data
         *lines, self._buffer = self._buffer.split(b"\n")
         for line in lines:
+            if transport.is_closing():
+                return
             answer = dashboard.reply(self.ports.controller, line[: dashboard.LINE_MAX_BYTES].decode("utf-8", "replace"))
             transport.write(answer.encode() + b"\n")
             if answer == "Disconnected":

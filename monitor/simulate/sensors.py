@@ -1,9 +1,11 @@
 """What the controller measures of the arm: noise and quantisation in place of the truth.
 
-Figures come from public recordings of real arms. Current at standstill (10 Hz): 0.030 A on the three big joints, 0.010 A on the
-wrists, successive samples correlated by 0.3 on the wrists. Moving (UR10e, 100 Hz, above 5 Hz): about three times as much, which
-is mostly torque ripple of the gear. Encoder at standstill: 13–21 µrad. q̇ is exactly zero at standstill. Temperatures: steps
-of 1/16 K.
+How the figures were derived, from public recordings of real arms. Standing arm of size UR5, 256 samples at 10 Hz: standard
+deviation per joint of the current 30, 29, 32, 10, 10, 12 mA (1.48·MAD of the differences over √2: 32, 28, 35, 9, 8, 10 mA), so
+30 mA on size 3 and 11 mA on size 1; correlation of successive samples 0.0 on the big joints and 0.3–0.4 on the wrists, here 0.3
+from tick to tick, since what lies between is unknown; positions 13–21 µrad; q̇ exactly 0; temperatures in steps of 1/16 K. UR10e on a
+Fourier trajectory at 94 Hz, current above 5 Hz (fourth-order Butterworth, both ways): 193, 188, 105, 30, 39, 27 mA, up to three
+times as much as its size at rest, and 1.1 to 1.7 times as much above 0.7 rad/s as below 0.1 rad/s: mostly ripple of the gears.
 """
 
 from dataclasses import dataclass, field

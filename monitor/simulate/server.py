@@ -21,6 +21,7 @@ from monitor.simulate.timer import expirations, periodic_timer
 
 log = logging.getLogger(__name__)
 
+LOG_LINES, LOG_PERIOD_S = 20, 60.0
 CATCH_UP_S = 0.02  # of missed ticks are made good at once; the rest is time that never was
 SERVICE_PORTS = dict(zip(SERVICES, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS), strict=True))
 
@@ -31,6 +32,9 @@ def serve(settings: SimulateSettings, on_ready: Callable[[], None] | None = None
     Raises BadInput where a port is taken or the address cannot be bound.
     """
     sockets = bound(settings)
+    for handler in (*logging.getLogger().handlers, logging.lastResort):
+        if handler is not None:
+            handler.addFilter(Sparing())
     try:
         asyncio.run(_run(settings, sockets, on_ready))
     finally:
@@ -66,6 +70,21 @@ def _listening(address: str, port: int) -> socket.socket:
         listening.close()
         raise
     return listening
+
+
+class Sparing(logging.Filter):
+    """So many lines of the log a period: what strangers send must not fill a disk, or a pipe that nobody reads."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._since_s, self._count = 0.0, 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether this line may be written."""
+        if record.created - self._since_s > LOG_PERIOD_S:
+            self._since_s, self._count = record.created, 0
+        self._count += 1
+        return self._count <= LOG_LINES
 
 
 class Listeners:

@@ -40,16 +40,54 @@ def swing(t: float, amplitude: float = 0.5, period_s: float = 2.0) -> Target:
     )
 
 
-def test_without_friction_a_swinging_arm_keeps_its_energy():
-    """Five seconds of free fall of a chaotic six-fold pendulum."""
-    arm = Arm(load_robot("ur5"), q=SPREAD, law=frictionless())
-    before = arm.energy_j()
-    kinetic = []
-    for _ in range(2500):
+def worst_energy_error(robot: str, seconds: float) -> float:
+    """Of a free fall without friction from a spread pose: the largest deviation over the largest kinetic energy."""
+    arm = Arm(load_robot(robot), q=SPREAD, law=frictionless())
+    start, worst, swung = arm.energy_j(), 0.0, 0.0
+    for i in range(round(seconds / H)):
         arm.push(H, np.zeros(6))
-        kinetic.append(arm.energy_j() - before)
-    assert np.abs(arm.qd).max() > 1.0  # it did swing
-    assert np.abs(kinetic).max() < 0.05  # joule; tens of joules go to and fro, a second-order step of 2 ms loses about 0.01
+        if i % 5 == 0:
+            worst = max(worst, abs(arm.energy_j() - start))
+            swung = max(swung, arm.kinetic_j())
+    assert swung > 10.0  # joule: it did swing
+    return worst / swung
+
+
+def test_without_friction_a_swinging_arm_keeps_its_energy():
+    """Five seconds of a chaotic six-fold pendulum, to 0.1 %."""
+    assert worst_energy_error("ur5", 5.0) < 1e-3
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("robot", ["ur3", "ur5", "ur10e", "ur20"])
+def test_without_friction_a_minute_of_swinging_costs_no_energy(robot, soak_row):
+    """0.1 % over 60 s."""
+    error = worst_energy_error(robot, 60.0)
+    soak_row(f"energy, 60 s of free swinging, {robot}", f"{100 * error:.4f} %", "0.1 %")
+    assert error < 1e-3
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 10**6), worn=st.floats(1.0, 2.0), payload_kg=st.floats(0.0, 4.0))
+def test_the_work_of_the_drives_is_heat_and_energy_in_any_replay(seed, worn, payload_kg):
+    """Random swings of all joints under the servo, worn and loaded: ∫τ·q̇ = dissipation by the law + change of energy, to 1 %."""
+    dice = np.random.default_rng(seed)
+    arm = Arm(load_robot("ur5"), q=HOME, payload_kg=payload_kg)
+    arm.set_wear(int(dice.integers(6)), coulomb=worn, viscous=worn)
+    amplitude, frequency = dice.uniform(-0.5, 0.5, 6), dice.uniform(0.3, 0.8, 6)
+    start, work, heat = arm.energy_j(), 0.0, 0.0
+    for i in range(700):
+        w = 2 * np.pi * frequency
+        t = (i + 0.5) * H
+        qd, qdd = amplitude * w * np.sin(w * t), amplitude * w * w * np.cos(w * t)
+        before = arm.qd
+        arm.step(H, Target(HOME + amplitude * (1 - np.cos(w * t)), qd, qdd))
+        mean = 0.5 * (before + arm.qd)
+        work += H * arm.torque_nm @ mean
+        heat += H * arm.friction_torque(mean, arm.load_nm) @ mean
+    exchanged = heat + abs(arm.energy_j() - start)
+    assert work == pytest.approx(heat + arm.energy_j() - start, abs=0.01 * exchanged)
 
 
 def test_work_of_the_drives_is_heat_and_energy():
@@ -242,20 +280,20 @@ def test_half_an_hour_of_motion_warms_a_joint_by_twelve_to_seventeen_kelvin():
 
 
 def test_a_joint_pulled_slowly_through_a_spring_sticks_and_slips():
-    """Base joint behind 20 N·m/rad pulled at 6 mrad/s stands most of the time and jumps; at 0.3 rad/s it slides without a stop."""
+    """Base joint behind 60 N·m/rad pulled at 12 mrad/s stands most of the time and jumps; at 0.3 rad/s it slides without a stop."""
 
     def share_standing(speed: float, seconds: float) -> float:
         arm = Arm(load_robot("ur5"), q=HOME)
         standing = []
         for i in range(round(seconds / H)):
             rigid = arm.torque_nm * 0.0
-            rigid[0] = 20.0 * (speed * i * H - arm.q[0] + HOME[0])
+            rigid[0] = 60.0 * (speed * i * H - arm.q[0] + HOME[0])
             arm.push(H, arm.gravity_nm() + rigid)
             standing.append(arm.qd[0] == 0.0)
         return float(np.mean(standing[len(standing) // 2 :]))
 
-    assert share_standing(0.006, 60.0) > 0.5
-    assert share_standing(0.3, 6.0) == 0.0
+    assert share_standing(0.012, 16.0) > 0.5
+    assert share_standing(0.3, 3.0) == 0.0
 
 
 def test_standing_in_one_long_step_is_standing_in_many():

@@ -4,16 +4,20 @@ import json
 import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
 
 import numpy as np
 import pytest
-from sim_process import eventually, excitation, result_of
+from raw_rtde import RawRtde
+from sim_process import eventually, excitation, fresh_address, result_of
 
 from monitor.errors import BadInput, RobotUnreachable
+from monitor.simulate.controller import Controller
 from monitor.simulate.remote import Remote
+from monitor.simulate.settings import SimulateSettings
 
 RECEIVE = """
 import json, sys, time
@@ -383,3 +387,74 @@ def test_requests_are_json_lines(ur5):
             answer = json.loads(file.readline())
             assert answer["ok"] is ok
         assert answer["kind"] == "BadInput"
+
+
+def test_in_real_time_it_is_what_it_is_when_stepped(spawn):
+    """A second of noise over the wire, tick by tick, bit for bit what a stepped controller with the same seed measures."""
+    simulator = spawn("--seed", "7")
+    with RawRtde(simulator.address) as rtde:
+        rtde.stream("timestamp,actual_q,actual_current,joint_temperatures")
+        rows = [struct.unpack_from(">19d", rtde.packet()[1], 1) for _ in range(125)]
+    stepped = Controller(SimulateSettings(seed=7))
+    for row in rows:
+        while stepped.clock_s < row[0] - 1e-6:
+            stepped.step()
+        measured = stepped.measured
+        assert row == (stepped.clock_s, *measured.q, *measured.current, *measured.temperature_c)
+
+
+def test_several_arms_stand_side_by_side(spawn, client):
+    """Two generations on two addresses, read at once."""
+    arms = [spawn("--robot", robot) for robot in ("ur5", "ur10e")]
+    seen = [result_of(one) for one in [client(RECEIVE, arm.address) for arm in arms]]
+    assert all(one["robot_mode"] == 7 and 0.2 < one["seconds"] < 1.2 for one in seen)  # a busy machine may take time from both
+    assert seen[0]["pose"] != seen[1]["pose"]
+
+
+def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
+    """`simulate --view` in a process of its own: a table of joints, then SIGINT ends both."""
+    address = fresh_address()
+    command = [sys.executable, "-m", "monitor", "simulate", "--bind", address, "--scenario", "hot-summer", "--view"]
+    with (tmp_path / "screen").open("w") as screen:
+        view = subprocess.Popen(command, stdout=screen, stderr=subprocess.PIPE, text=True)
+        try:
+            assert eventually(lambda: _answers(address), 30.0)
+            time.sleep(1.0)
+            view.send_signal(signal.SIGINT)
+            assert view.wait(timeout=15) == 0, view.stderr.read()
+        finally:
+            view.kill()
+            view.communicate()
+    assert not _answers(address)
+    shown = (tmp_path / "screen").read_text()
+    assert "hot-summer" in shown
+    assert "grease" in shown
+    assert "running" in shown
+
+
+def _answers(address: str) -> bool:
+    try:
+        Remote(address).close()
+    except RobotUnreachable:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--command-port", "30004"], "own ports"),
+        (["--seed", "-1"], "seed = -1"),
+        (["--scenario", "sunshine"], "cold-mondays"),
+        (["--fault", "stall"], "seconds is missing"),
+        (["--mounting", "sideways"], "sideways"),
+        (["--payload", "500"], "payload_kg"),
+    ],
+)
+def test_wrong_options_are_sentences(arguments, named):
+    """Exit 2, no traceback."""
+    command = [sys.executable, "-m", "monitor", "simulate", "--bind", fresh_address(), *arguments]
+    wrong = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert wrong.returncode == 2
+    assert named in wrong.stderr
+    assert "Traceback" not in wrong.stderr
