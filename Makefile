@@ -38,9 +38,9 @@ bench: $(STAMP) ## how fast, side by side in one run
 	$(BIN)/python -m tests.bench
 
 MODELS ?= ur3 ur5 ur10 ur3e ur5e ur10e ur16e ur20 ur30
-excitations: $(STAMP) ## design config/excitation anew, each with its proof: the same files again, about ten minutes
+excitations: $(STAMP) ## design config/excitation anew, each with its proof: the same files again, about eight minutes
 	for robot in $(MODELS); do for mounting in ground ceiling wall; do \
-		$(BIN)/joint-monitor design --robot $$robot --mounting $$mounting --seed 1 --evaluations 6000 --flange-speed-limit 1.5 \
+		$(BIN)/joint-monitor design --robot $$robot --mounting $$mounting --seed 1 --evaluations 3000 --speed-limit 2.2 --flange-speed-limit 1.5 \
 			-o config/excitation/$$robot-$$mounting.json || exit; done; done
 
 clean: ## remove the virtual environment and caches

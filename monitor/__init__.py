@@ -10,9 +10,11 @@ Units are in the names: `_nm`, `_rad_s`, `_c`, `_unix_s`. Frames are standard De
 Who imports whom, top down, checked by `make lint`:
 
     cli → studies → daemon → config → acquire, client, simulate, store → files, publish, terminal, timestamps
-        → assess → judge → identify → model → recording → errors
+        → assess → judge → design, identify → model → recording → errors
 
-`assess`, `judge`, `identify`, `model`, `recording` are pure: no I/O, no clock, no unseeded number. `simulate` knows nothing of
+`design` makes the trajectory that is replayed: Robot, mounting, cell → Excitation with its proof.
+
+`assess`, `design`, `judge`, `identify`, `model`, `recording` are pure: no I/O, no clock, no unseeded number. `simulate` knows nothing of
 what the monitor estimates with: it has its own friction law.
 """
 

@@ -82,10 +82,10 @@ def design(
     )
     began = time.monotonic()
     with _interrupts() as asked, search_progress(objective, evaluations) as show:
-        if random is None:
-            typer.echo(f"searching, {evaluations} evaluations; Ctrl-C keeps the best so far", err=True)
 
         def go_on(at: Any) -> bool:
+            if at.evaluations == 1:
+                typer.echo(f"searching, {evaluations} evaluations; Ctrl-C keeps the best so far", err=True)
             show(at.evaluations, at.best)
             late = time_limit is not None and time.monotonic() - began > time_limit
             # a search that is stopped before it found anything allowed goes on: there would be nothing to keep

@@ -13,16 +13,18 @@ from monitor.recording import Array
 POPULATION = 300
 ELITE = 0.05
 CROSSOVER = 0.8
-FIRST_SPREAD = 0.15  # as the first step of CMA-ES: both begin alike
+FIRST_SPREAD = 0.3  # as the first step of CMA-ES: both begin alike
 MUTATION = 0.5  # of the first spread, at first
 GENERATIONS = 100  # over which the mutation shrinks to nothing; more generations go on with a hundredth
 
 
 def generations(
-    cost: Callable[[Array], float], dimension: int, rng: np.random.Generator, over: Callable[[], bool], population: int = POPULATION
+    cost: Callable[[Array], float], first: Array, rng: np.random.Generator, over: Callable[[], bool], population: int = POPULATION
 ) -> None:
-    """Evaluate generation after generation until `over`; the caller keeps the best it sees."""
+    """Evaluate generation after generation until `over`; the caller keeps the best it sees. One of the first is given."""
+    dimension = len(first)
     people = FIRST_SPREAD * rng.standard_normal((population, dimension))
+    people[0] = first
     costs = _all(cost, people, over)
     elite, children = round(ELITE * population), round(CROSSOVER * (population - round(ELITE * population)))
     generation = 0

@@ -34,7 +34,7 @@ class Merits(NamedTuple):
     condition: float  # cond(Y_B), SI units, all samples: the paper's
     scaled: float  # the same with every column of length one
     dopt: float  # log det of the covariance of all base parameters, one repetition of white noise
-    friction: float  # log det of the covariance of all fc and fv
+    friction: float  # log det of the covariance of all fc and fv, noise correlated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,12 +54,38 @@ class Information:
         torque: Array = np.einsum("jpn,p->nj", Y, self.parameters)
         return Y[:, list(self.columns)], torque
 
-    def weighted_gram(self, Y: Array, qd: Array) -> Array:
+    def _weighted(self, Y: Array, qd: Array) -> Array:
         """(B, B) Fisher information of white noise: Σ Yᵀ Y / σ² over the moving samples."""
-        weight = (np.abs(qd) > STANDSTILL_RAD_S).T / self.noise_nm[:, None]  # (J, N)
-        A = (Y * weight[:, None, :]).transpose(1, 0, 2).reshape(len(self.columns), -1)
+        A = self._rows_over_noise(Y, qd).transpose(1, 0, 2).reshape(len(self.columns), -1)
         gram: Array = A @ A.T
         return gram
+
+    def _covariance(self, Y: Array, qd: Array, duration_s: float) -> Array | None:
+        """(B, B) of the weighted estimate where noise is correlated; None where the motion does not excite every parameter.
+
+        The estimator weighs as if the noise were white, so its covariance is the sandwich G⁻¹ (Aᵀ R A) G⁻¹, A the rows over the noise's
+        deviation, G = AᵀA, R the true correlation, e^(−τ/0.2 s). The motion is periodic, so R is circulant: Fourier's own.
+        """
+        A = self._rows_over_noise(Y, qd)  # (J, B, N)
+        N = len(qd)
+        lag_s = np.minimum(np.arange(N), N - np.arange(N)) * (duration_s / N)
+        spectrum = np.fft.rfft(np.exp(-lag_s / CORRELATION_S)).real
+        smeared = np.fft.irfft(np.fft.rfft(A) * spectrum, n=N)  # R A
+        flat, B = A.transpose(1, 0, 2).reshape(A.shape[1], -1), A.shape[1]
+        gram, norms = _scaled(flat @ flat.T)
+        try:
+            np.linalg.cholesky(gram)
+        except np.linalg.LinAlgError:
+            return None
+        inverse = np.linalg.inv(gram) / np.outer(norms, norms)
+        covariance: Array = inverse @ (flat @ smeared.transpose(1, 0, 2).reshape(B, -1).T) @ inverse
+        return covariance
+
+    def _rows_over_noise(self, Y: Array, qd: Array) -> Array:
+        """(J, B, N) as the weighted estimate takes them: nothing where the joint stands still."""
+        weight = (np.abs(qd) > STANDSTILL_RAD_S).T / self.noise_nm[:, None]  # (J, N)
+        rows: Array = Y * weight[:, None, :]
+        return rows
 
     def plain_gram(self, Y: Array) -> Array:
         """(B, B) Σ Yᵀ Y, all samples alike."""
@@ -75,15 +101,16 @@ class Information:
                 gram = _scaled(gram)[0]
             sigma2 = np.linalg.eigvalsh(gram)
             return math.sqrt(sigma2[-1] / sigma2[0]) if sigma2[0] > 1e-15 * sigma2[-1] else math.inf
+        if objective == "friction":
+            covariance = self._covariance(Y, qd, duration_s)
+            return math.inf if covariance is None else float(np.linalg.slogdet(covariance[-self.friction :, -self.friction :])[1])
         per_sample = duration_s * RATE_HZ / len(qd)  # a sparse sampling stands for the controller's
-        scaled, norms = _scaled(self.weighted_gram(Y, qd) * per_sample)
+        scaled, norms = _scaled(self._weighted(Y, qd) * per_sample)
         try:
             L = np.linalg.cholesky(scaled)
         except np.linalg.LinAlgError:
             return math.inf
-        pivots = np.log(np.diag(L) * norms)
-        # friction stands last: its covariance is (L₂₂ L₂₂ᵀ)⁻¹, L₂₂ the last block of the factor
-        return float(-2.0 * np.sum(pivots if objective == "dopt" else pivots[-self.friction :]))
+        return float(-2.0 * np.sum(np.log(np.diag(L) * norms)))
 
     def merits(self, excitation: Excitation) -> Merits:
         """All four, of one repetition at 125 Hz."""
@@ -93,27 +120,14 @@ class Information:
     def friction_std(self, excitation: Excitation, repetitions: int = 1) -> tuple[Array, Array]:
         """Expected deviations of fc [N·m] and fv [N·m·s/rad], each (J,), with residuals correlated as on real arms.
 
-        The estimator weighs as if the noise were white, so its covariance is the sandwich G⁻¹ (Yᵀ W R W Y) G⁻¹, R the true correlation.
         Residuals of a model that does not fit come again in every repetition: the deviation falls with their number only for noise.
         """
         qd, Y = self._played(excitation)
-        J, B, N = Y.shape
-        weight = (np.abs(qd) > STANDSTILL_RAD_S).T / self.noise_nm[:, None]  # (J, N)
-        A = Y * weight[:, None, :]  # (J, B, N)
-        keep = math.exp(-1.0 / (RATE_HZ * CORRELATION_S))
-        meat, gram = np.zeros((B, B)), np.zeros((B, B))
-        lag = np.minimum(np.arange(N), N - np.arange(N))  # the motion is periodic, so R is circulant
-        spectrum = np.fft.rfft(keep**lag).real
-        for j in range(J):
-            smeared = np.fft.irfft(np.fft.rfft(A[j]) * spectrum, n=N)  # R Y
-            meat += A[j] @ smeared.T
-            gram += A[j] @ A[j].T
-        scaled, norms = _scaled(gram)
-        try:
-            inverse = np.linalg.inv(scaled) / np.outer(norms, norms)
-        except np.linalg.LinAlgError:
+        J = Y.shape[0]
+        covariance = self._covariance(Y, qd, excitation.pass_s)
+        if covariance is None:
             return np.full(J, np.inf), np.full(J, np.inf)
-        std = np.sqrt(np.diag(inverse @ meat @ inverse)[-self.friction :] / repetitions)
+        std = np.sqrt(np.diag(covariance)[-self.friction :] / repetitions)
         return std[:J], std[J:]
 
     def document(self, excitation: Excitation) -> dict[str, Any]:

@@ -16,9 +16,9 @@ from monitor.errors import BadInput
 from monitor.recording import Array
 
 OPTIMISERS = ("cma", "ga")
-FIRST_STEP = 0.15  # in units of the speed limit: the first curves are small and mostly allowed
-DRAWS = 400  # of random curves for a validation trajectory, each shrunk until it fits
-SHRINK, SMALLEST = 0.85, 0.25  # a random curve below a quarter of its size is drawn again
+FIRST_STEP = 0.5  # in units of the speed limit: smaller ones end in poorer optima, though more of the first curves are allowed
+DRAWS = 2000  # evaluations for a validation trajectory
+SHRINK, SMALLEST = 0.8, 0.25  # a random curve below a quarter of its size is drawn again
 
 
 class Progress(NamedTuple):
@@ -87,10 +87,11 @@ def optimise(
         raise BadInput(f"evaluations = {evaluations}; expected 1 or more")
     search = Search(problem, evaluations, on_progress)
     rng = np.random.default_rng(seed)
+    first = _any_allowed(search, rng)  # so that there is something to keep from the beginning
     if optimiser == "ga":
-        generations(search, search.problem.family.dimension, rng, search.over)
+        generations(search, first, rng, search.over)
     else:
-        _cma(search, rng)
+        _cma(search, first, rng)
     if not search.best < FORBIDDEN:
         raise Infeasible(_why_none(search))
     return Found(u=search.best_u, value=search.best, evaluations=search.evaluations, stopped=search.asked_to_stop)
@@ -102,27 +103,32 @@ def random_curve(problem: Problem, seed: int) -> Found:
     A curve that breaks a margin is shrunk towards its offset; below a quarter of its size it is drawn again. Raises Infeasible
     where none of many fits.
     """
-    rng = np.random.default_rng(seed)
     search = Search(problem, DRAWS, None)
-    for draw in range(DRAWS):
-        size, u = 1.0, rng.standard_normal(problem.family.dimension)
-        # normal coefficients reach their limits in every joint: begin where the limits begin to bind
-        u *= 0.5
+    u = _any_allowed(search, np.random.default_rng(seed))
+    if not search.best < FORBIDDEN:
+        raise Infeasible(_why_none(search))
+    return Found(u=u, value=search.best, evaluations=search.evaluations, stopped=False)
+
+
+def _any_allowed(search: Search, rng: np.random.Generator) -> Array:
+    """The first random curve that keeps its limits; the last that was tried where none does before the search is over."""
+    while True:
+        # coefficients of a third of the limits: most curves reach a limit in some joint, few in all
+        size, u = 1.0, rng.standard_normal(search.problem.family.dimension) / 3.0
         while size > SMALLEST:
-            if search(size * u) < FORBIDDEN:
-                return Found(u=size * u, value=search.best, evaluations=draw + 1, stopped=False)
+            if search(size * u) < FORBIDDEN or search.over():
+                return size * u
             size *= SHRINK
-    raise Infeasible(_why_none(search))
 
 
-def _cma(search: Search, rng: np.random.Generator) -> None:
+def _cma(search: Search, first: Array, rng: np.random.Generator) -> None:
     """Restarts from another point with twice the population whenever it has settled: Auger and Hansen (2005)."""
     import cma  # 0.2 s, and only here
 
-    dimension = search.problem.family.dimension
+    dimension = len(first)
     population = 4 + int(3 * np.log(dimension))
+    start = first
     while not search.over():
-        start = FIRST_STEP * rng.standard_normal(dimension)
         options = {
             "popsize": population,
             "seed": np.nan,  # leave numpy's global dice alone: these are ours
@@ -143,6 +149,7 @@ def _cma(search: Search, rng: np.random.Generator) -> None:
                 costs.append(search(np.asarray(u)))
             strategy.tell(asked, costs)
         population *= 2
+        start = FIRST_STEP * rng.standard_normal(dimension)
 
 
 def _why_none(search: Search) -> str:

@@ -97,9 +97,11 @@ class Problem:
             near = around.gaps(state.q[stretches])
             if np.min(near.to_itself_m) < cell.self_margin_m or np.min(near.to_cell_m) < cell.margin_m:
                 return False
-            for begin in t[stretches]:
-                if not around.along(excitation.at(begin + finer).q, step).keeps(cell):
-                    return False
+            fine = excitation.at((t[stretches, None] + finer).ravel()).q  # (S·9, J), the stretches one after the other
+            doubt = around.doubtful(fine, step)
+            doubt[FINER :: FINER + 1] = False  # from one stretch to the next there is no way
+            if np.any(doubt):
+                return False
         return all(around.line(pose, state.q[0]).keeps(cell) for pose in self.approaches_rad)
 
     def broken(self, state: State) -> str | None:

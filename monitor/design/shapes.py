@@ -15,12 +15,13 @@ root of the torque limit, which fits sizes 0 to 4 to 4 %, and then rounded up. C
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from monitor.errors import BadInput
-from monitor.model.robot import Robot
+from monitor.model.robot import Robot, load_robot
 from monitor.recording import Array
 
 SLACK_M = 0.003
@@ -113,15 +114,21 @@ def sizes_of(robot: Robot) -> Sizes:
     return SIZES[robot.name]
 
 
-@lru_cache
-def arm_capsules(robot_name: str) -> Capsules:
-    """The capsules of one UR model.
+class Cylinder(NamedTuple):
+    """One part of a link: solid, with flat ends."""
+
+    name: str
+    link: int  # DH frame it is fixed to
+    start_m: Array  # (3,) ends of its axis, in that frame
+    end_m: Array
+    radius_m: float
+
+
+def arm_cylinders(robot: Robot) -> tuple[Cylinder, ...]:
+    """What one UR model is taken for, before any slack.
 
     Raises BadInput for a robot whose shape we do not know.
     """
-    from monitor.model.robot import load_robot
-
-    robot = load_robot(robot_name)
     s = sizes_of(robot)
     R, E, W = s.shoulder, s.elbow, s.wrist
     d1, d4 = float(robot.d_m[0]), float(robot.d_m[3])
@@ -130,7 +137,7 @@ def arm_capsules(robot_name: str) -> Capsules:
     between = s.elbow_offset + 0.9 * E  # of upper arm and forearm, along joint 3's axis
     x, y, z = np.eye(3)
     # name, frame, from, to, radius; the reaches beside the radii are what the meshes ask for
-    cylinders = [
+    parts = [
         ("foot", 0, -0.003 * z, max(0.03, d1 - 1.05 * R) * z, s.base),
         ("connector", 0, 0.018 * z, 0.018 * z + s.connector * y, 0.024),
         ("shoulder", 1, -(R + 0.02) * y, (R + 0.014) * y, R),
@@ -147,10 +154,21 @@ def arm_capsules(robot_name: str) -> Capsules:
         ("wrist 2 along joint 6", 5, -1.5 * W * z, 1.36 * W * z, W),
         ("wrist 3", 6, -1.3 * W * z, 0.0 * z, 1.05 * W),
     ]
-    made = [around_cylinder(start, end, radius) for _, _, start, end, radius in cylinders]
+    return tuple(Cylinder(*part) for part in parts)
+
+
+@lru_cache
+def arm_capsules(robot_name: str) -> Capsules:
+    """The capsules of one UR model.
+
+    Raises BadInput for a robot whose shape we do not know.
+    """
+    robot = load_robot(robot_name)
+    cylinders = arm_cylinders(robot)
+    made = [around_cylinder(part.start_m, part.end_m, part.radius_m) for part in cylinders]
     return Capsules(
-        names=tuple(name for name, *_ in cylinders),
-        link=np.array([frame for _, frame, *_ in cylinders]),
+        names=tuple(part.name for part in cylinders),
+        link=np.array([part.link for part in cylinders]),
         ends_m=np.array([(start, end) for start, end, _ in made]),
-        radius_m=np.array([radius for *_, radius in made]) + s.slack,
+        radius_m=np.array([radius for *_, radius in made]) + sizes_of(robot).slack,
     )

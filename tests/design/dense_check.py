@@ -1,10 +1,9 @@
-"""The independent judge: frames by pinocchio, distances by coal, cylinders and boxes as they are instead of capsules around them.
+"""The independent judge: frames by pinocchio, distances by coal.
 
-The arm is taken for a finer union of primitives: every cylinder of `monitor.design.shapes` is sliced into discs, and the tool's box is
+By default the arm is the same union of capsules; `finer` takes the cylinders with flat ends that they were drawn around. A tool's box is
 a box. Pairs that may meet are told by rule here, not taken from the code that is judged.
 """
 
-import itertools
 from typing import NamedTuple
 
 import coal
@@ -12,10 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from monitor.design.cell import Cell, rotation
-from monitor.design.shapes import arm_capsules
+from monitor.design.shapes import arm_capsules, arm_cylinders
 from monitor.model.robot import Mounting, Robot
-
-SLICES = 4  # of every axis
 
 
 class Gaps(NamedTuple):
@@ -28,17 +25,22 @@ class Gaps(NamedTuple):
 class Judge:
     """A GeometryModel of one arm in one cell."""
 
-    def __init__(self, robot: Robot, mounting: Mounting, cell: Cell) -> None:
+    def __init__(self, robot: Robot, mounting: Mounting, cell: Cell, *, finer: bool) -> None:
         self.model = robot.pinocchio_model(mounting)
         self.data = self.model.createData()
         self.geometry = pin.GeometryModel()
         self.arm: list[tuple[int, int, bool]] = []  # geometry, link, is it the tool
         capsules = arm_capsules(robot.name)
-        for link, (p, q), radius in zip(capsules.link, capsules.ends_m, capsules.radius_m, strict=True):
-            joint, to_link = self._parent(int(link), robot)
-            ends = np.linspace(p, q, SLICES + 1)
-            for a, b in itertools.pairwise(ends):
-                self._add(joint, to_link * _along(a, b), coal.Capsule(float(radius), float(np.linalg.norm(b - a))), int(link), tool=False)
+        parts = [
+            (int(link), p, q, float(radius)) for link, (p, q), radius in zip(capsules.link, capsules.ends_m, capsules.radius_m, strict=True)
+        ]
+        if finer:
+            parts = [(part.link, part.start_m, part.end_m, part.radius_m) for part in arm_cylinders(robot)]
+        for link, p, q, radius in parts:
+            joint, to_link = self._parent(link, robot)
+            length = float(np.linalg.norm(q - p))
+            shape = coal.Cylinder(radius, length) if finer else coal.Capsule(radius, length)
+            self._add(joint, to_link * _along(p, q), shape, link, tool=False)
         tool = cell.tool
         joint, to_link = self._parent(6, robot)
         if tool.shape == "capsule":
@@ -94,9 +96,9 @@ class Judge:
         return self.geometry.addGeometryObject(pin.GeometryObject(f"g{self.geometry.ngeoms}", 0, 0, place, shape))
 
 
-def judge(robot: Robot, mounting: Mounting, cell: Cell) -> Judge:
+def judge(robot: Robot, mounting: Mounting, cell: Cell, *, finer: bool = False) -> Judge:
     """Made anew: nothing is shared with what is judged but the published shapes and the cell."""
-    return Judge(robot, mounting, cell)
+    return Judge(robot, mounting, cell, finer=finer)
 
 
 def _along(p: np.ndarray, q: np.ndarray) -> pin.SE3:

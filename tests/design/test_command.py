@@ -1,0 +1,114 @@
+"""The command as a process: files, reports, mistakes, Ctrl-C."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+from monitor.cli import app
+from monitor.config import shared_file
+from monitor.errors import BadInput
+from monitor.model.fourier import excitation_from_document
+
+COMMAND = [sys.executable, "-m", "monitor", "design"]
+
+
+def ran(*arguments: object, code: int = 0) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def called(*arguments: str) -> Result:
+    """In this process: quicker, where a process is not the point."""
+    result = CliRunner().invoke(app, ["design", *arguments])
+    assert result.exception is None, result.exception
+    return result
+
+
+def test_the_same_command_gives_the_same_bytes_and_a_picture(tmp_path: Path):
+    """Two processes, one seed; the report names the clearances; the picture is a picture."""
+    common = ("--robot", "ur3", "--mounting", "wall", "--evaluations", 60, "--seed", 5)
+    told = ran(*common, "-o", tmp_path / "a.json", "--plot", tmp_path / "a.png")
+    answer = json.loads(ran(*common, "-o", tmp_path / "b.json", "--json").stdout)
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    assert "clear of itself by" in told.stdout
+    assert "fv std" in told.stdout
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    excitation = excitation_from_document(json.loads((tmp_path / "a.json").read_text()))
+    assert answer["digest"] == excitation.digest
+    assert answer["stopped"] is False
+
+
+def test_a_random_trajectory_for_validation_is_another_for_another_seed(tmp_path: Path):
+    """Pseudo-random, proved, reproducible."""
+    for name, seed, *more in (("a", 1, "--plot", str(tmp_path / "a.html")), ("b", 1), ("c", 2)):
+        called("--robot", "ur5", "--random", str(seed), "-o", str(tmp_path / f"{name}.json"), *more)
+    one, same, other = ((tmp_path / f"{name}.json").read_bytes() for name in "abc")
+    assert one == same != other
+    assert json.loads(one)["proof"]["clearance"]["to_cell_m"] >= 0.03
+    assert "<svg" in (tmp_path / "a.html").read_text()
+
+
+def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path):
+    """SIGINT in the middle of a long search: exit 0, a file with its proof, and a word about it."""
+    search = subprocess.Popen(
+        [*COMMAND, "--robot", "ur5", "--evaluations", "1000000", "-o", str(tmp_path / "a.json")], stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert search.stderr is not None
+        assert "Ctrl-C keeps the best so far" in search.stderr.readline()
+        search.send_signal(signal.SIGINT)
+        _, rest = search.communicate(timeout=30)
+    finally:
+        search.kill()
+        search.wait()
+    assert search.returncode == 0, rest
+    assert "stopped after" in rest
+    document = json.loads((tmp_path / "a.json").read_text())
+    assert "stopped" in document["source"]
+    assert document["proof"]["clearance"]["to_itself_m"] >= 0.01
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--robot", "ur7"), "known are ur10"),
+        (("--robot", "ur5", "--period", "0"), "period = 0.0 s"),
+        (("--robot", "ur5", "--period", "nan"), "period = nan"),
+        (("--robot", "ur5", "--offset", "0,0,0"), "--offset '0,0,0': expected 6 finite numbers"),
+        (("--robot", "ur5", "--offset", "0,nan,0,0,0,0"), "expected 6 finite numbers"),
+        (("--robot", "ur5", "--offset", "0,0.3,0,0,0,0"), "short of the margin_m of 30 mm"),
+        (("--robot", "ur5", "--offset", "0,-1.57,4,0,0,0"), "joint 3 is at 4 rad, beyond its limit of 3.142 rad by 0.858 rad"),
+        (("--robot", "ur5", "--torque-share", "0.05", "--offset", "0,-0.6,0,0,0,0"), "beyond its limit of 7.5 N·m"),
+        (("--robot", "ur5", "--mounting", "roof"), "expected ground, ceiling, wall"),
+        (("--robot", "ur5", "--objective", "beauty"), "known are friction"),
+        (("--robot", "ur5", "--optimiser", "luck"), "known are cma, ga"),
+        (("--robot", "ur5", "--evaluations", "0"), "evaluations = 0"),
+        (("--robot", "ur5", "--cell", "absent.toml"), "cannot be read"),
+        (("--robot", "ur5", "--plot", "picture.bmp"), "ends in .png or .html"),
+        (("--robot", "ur5", "--time", "-1"), "--time -1"),
+    ],
+)
+def test_a_mistake_is_a_sentence_and_exit_code_2(tmp_path: Path, arguments, words):
+    """No file is written, no traceback shown."""
+    result = CliRunner().invoke(app, ["design", *arguments, "-o", str(tmp_path / "a.json")])
+    assert isinstance(result.exception, BadInput)
+    assert result.exception.exit_code == 2
+    assert words in str(result.exception)
+    assert not (tmp_path / "a.json").exists()
+
+
+def test_mistakes_end_the_process_with_2_and_one_line(tmp_path: Path):
+    """Through the real entry point: a cell around the arm, and a target that is no file."""
+    (tmp_path / "full.toml").write_text('[[box]]\nname = "crate"\ncentre_m = [0, 0, 0.5]\nsize_m = [2, 2, 2]\n')
+    done = ran("--robot", "ur5", "--cell", tmp_path / "full.toml", "-o", tmp_path / "a.json", code=2)
+    assert "and crate come to be" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    called("--robot", "ur5", "--cell", str(shared_file("cell/example.toml")), "--random", "1", "-o", str(tmp_path / "b.json"))
