@@ -248,6 +248,7 @@ def _recording(watch: _Watch, context: Context, settings: ReplaySettings, excita
         "slipped_s": float(watch.last_word["slipped_s"]),
         "max_following_error_rad": float(np.max(following)),
         "min_speed_scaling": float(np.min(table["speed_scaling"])),
+        "latency_p99_ms": float(np.quantile(1000.0 * (host_s - t_s - np.min(host_s - t_s)), 0.99)),
         "pacing_p99_ms": float(np.quantile(pace_ms, 0.99)),
         "pacing_max_ms": float(np.max(pace_ms)),
         "rate_hz": settings.rate_hz,
