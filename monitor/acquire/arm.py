@@ -22,9 +22,9 @@ from monitor.recording import Array
 POLL_S = 0.0003  # the finest sleep that does not burn a core; measured 0 missed of 3750 ticks
 REMEMBERED = 25  # targets: 0.2 s at 125 Hz, longer than lookahead and servo lag together
 HEARTBEAT_S = 0.1
-ASLEEP_S = 0.05  # a pass of the waiting loop takes half a millisecond: after so long this process was not given the processor
-REMEMBER_SLEEP_S = 0.5  # what goes wrong so soon after a sleep is laid at its door
-AFTER_SLEEP = ("following_error", "program_stopped", "bad_target", "servo_refused", "stalled")  # what our own sleep can cause
+REMEMBERED_S = 0.5  # what goes wrong so soon after targets came late is laid at their door
+ODD_TICKS = 2.5  # between two rows: one tick left out is made good, more is a gap in the stream of targets
+WATCHDOG_SHARE = 0.5  # of the watchdog's patience: after a gap of more, it may be our lateness that it stopped
 
 
 class Failure(Exception):
@@ -88,7 +88,7 @@ class Arm:
         self.receive, self.signals = heard(self.settings.host, self.settings.rate_hz)
         self.control: RTDEControlInterface | None = None
         self.seen_at = self.looked_at = time.monotonic()
-        self.slept_at, self.slept_s, self.longest_sleep_s = -1e9, 0.0, 0.0  # the last time this process was not given the processor
+        self.gap_at, self.gap_s, self.longest_gap_s = -1e9, 0.0, 0.0  # the worst of late: between two looks at the controller, or two rows
         self.told_at = 0.0
         self.timestamp_s = self.receive.getTimestamp()
         self.step_s = 0.0  # robot time between the last two rows
@@ -107,9 +107,7 @@ class Arm:
         suspected_at = None
         while True:
             now = time.monotonic()
-            if now - self.looked_at > ASLEEP_S:
-                self.slept_at, self.slept_s = now, now - self.looked_at
-                self.longest_sleep_s = max(self.longest_sleep_s, self.slept_s)
+            self._gap(now, now - self.looked_at)
             self.looked_at = now
             if not self.receive.isConnected() or (self.control is not None and not self.control.isConnected()):
                 raise Failure("connection_lost", "the controller closed the RTDE connection")
@@ -131,6 +129,7 @@ class Arm:
         timestamp_s = float(row[0])
         self.step_s = timestamp_s - self.timestamp_s
         self.timestamp_s = timestamp_s
+        self._gap(self.seen_at, self.step_s)
         if not 0.0 < self.step_s < 10.0:
             raise Failure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
         return row
@@ -166,14 +165,23 @@ class Arm:
             self.told_at = self.seen_at
             self.outbox.message("alive")
 
+    def _gap(self, now: float, gap_s: float) -> None:
+        """Remember the longest of the last half second, and of all."""
+        if gap_s >= self.gap_s or now - self.gap_at > REMEMBERED_S:
+            self.gap_at, self.gap_s = now, gap_s
+        self.longest_gap_s = max(self.longest_gap_s, gap_s)
+
     def named(self, failure: Failure) -> Failure:
-        """The failure by its cause: where this process slept just before, that is what caused it."""
-        ago_s = time.monotonic() - self.slept_at
-        if failure.cause not in AFTER_SLEEP or ago_s > REMEMBER_SLEEP_S:
+        """The failure by its cause: where targets came late just before, because of this process or the network, that is it."""
+        enough_s = {
+            "following_error": ODD_TICKS * self.tick_s,
+            "bad_target": ODD_TICKS * self.tick_s,
+            "program_stopped": WATCHDOG_SHARE / self.settings.watchdog_hz,
+            "servo_refused": WATCHDOG_SHARE / self.settings.watchdog_hz,
+        }.get(failure.cause)
+        if enough_s is None or self.gap_s < enough_s or time.monotonic() - self.gap_at > REMEMBERED_S:
             return failure
-        return Failure(
-            "late", f"this process was not given the processor for {1000 * self.slept_s:.0f} ms; then {failure.cause}: {failure}"
-        )
+        return Failure("late", f"targets came late, {1000 * self.gap_s:.0f} ms between two cycles; then {failure.cause}: {failure}")
 
     def why_refused(self) -> Failure:
         """ServoJ said no. The next rows say why; reading what has been received is no call to the controller."""

@@ -5,6 +5,7 @@ killed at any moment; the daemon calls `poll` now and then, which restarts a los
 Listening never moves an arm, so any address is allowed, and it may go on during a replay.
 """
 
+import ipaddress
 import time
 from dataclasses import dataclass
 
@@ -165,7 +166,7 @@ def main() -> None:
 
     job, outbox, lifeline = begin()
     host = job["host"]
-    if job["every_tick"]:
+    if job["every_tick"] and not ipaddress.ip_address(host).is_loopback:
         real_time()  # before ur-rtde starts its threads, which inherit it
     poll_s = EVERY_TICK_POLL_S if job["every_tick"] else POLL_S
     try:

@@ -255,7 +255,7 @@ def _recording(watch: _Watch, context: Context, settings: ReplaySettings, excita
         "repetitions": excitation.repetitions,
         "time_scale": excitation.time_scale,
         "late_share": float(np.mean((ticks > 1.5) | (pace_ms > 500.0 / settings.rate_hz))),
-        "longest_sleep_ms": 1000.0 * float(watch.last_word["longest_sleep_s"]),
+        "longest_gap_ms": 1000.0 * float(watch.last_word["longest_gap_s"]),
         "real_time_priority": bool(watch.last_word["real_time"]),
         "controller_clock_at_start_s": float(t_s[0]),
         "host_clock_at_start_unix_s": watch.first_row_unix_s,

@@ -6,6 +6,7 @@ and the controller's watchdog stops the arm.
 """
 
 import gc
+import ipaddress
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -91,6 +92,7 @@ def take_control(arm: Arm) -> Array:
             raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
         raise Failure("no_control", f"the control program did not start: {error}") from None
     arm.seen_at = time.monotonic()  # the constructor held up this process, not the controller
+    arm.looked_at = arm.seen_at
     begin_q: Array = arm.next_row()[PLACE["target_q"]].copy()
     arm.recent.append(begin_q)
     if not arm.control.setWatchdog(arm.settings.watchdog_hz):
@@ -165,6 +167,7 @@ def finish(arm: Arm) -> None:
 def play(arm: Arm, known: Facts, begin_q: Array) -> None:
     """The whole motion: approach, excitation, return, each followed by rest."""
     settings, excitation = arm.settings, known.excitation
+    arm.gap_s = arm.longest_gap_s = 0.0  # proofs and uploads took their time, before anything moved
     start_q = excitation.at(np.zeros(1)).q[0]  # (J,)
     gently = {"speed_rad_s": settings.approach_speed_rad_s, "acceleration_rad_s2": settings.approach_acceleration_rad_s2}
     there, back = joint_path(begin_q, start_q, **gently), joint_path(start_q, begin_q, **gently)
@@ -193,7 +196,8 @@ def facts(job: dict[str, Any]) -> Facts:
 def main() -> None:
     """One replay, as the job on standard input says; never returns."""
     job, outbox, lifeline = begin()
-    scheduled = real_time()  # before ur-rtde starts its threads, which inherit it
+    # before ur-rtde starts its threads, which inherit it. A simulated arm shares our processors: it would be starved, and only it
+    scheduled = not ipaddress.ip_address(job["settings"]["host"]).is_loopback and real_time()
     gc.disable()  # the process lives for one replay; a collection would cost several ticks
     arm: Arm | None = None
     try:
@@ -206,7 +210,7 @@ def main() -> None:
             missed_ticks=arm.missed,
             torn_reads=arm.torn,
             slipped_s=arm.slipped_s,
-            longest_sleep_s=arm.longest_sleep_s,
+            longest_gap_s=arm.longest_gap_s,
             real_time=scheduled,
         )
         leave(0)

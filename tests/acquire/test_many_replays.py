@@ -24,7 +24,9 @@ def ten_seconds(robot):
 
 def many(host, robot, rate_hz, count):
     """Recordings, one after the other on one arm."""
-    settings = ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, rate_hz=rate_hz)
+    settings = ReplaySettings(
+        host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0, rate_hz=rate_hz
+    )
     with simulated_arm(host, "--robot", robot):
         for _ in range(count):
             yield replay(ten_seconds(robot), load_robot(robot), settings)
