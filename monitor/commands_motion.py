@@ -14,6 +14,8 @@ import typer
 from monitor.errors import BadInput, ReplayAborted
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from monitor.acquire.replay import Progress
     from monitor.config import Configuration
     from monitor.recording import Recording
@@ -62,6 +64,11 @@ def replay(config: ConfigOption, output: OutputOption, as_json: JsonOption = Fal
         def on_progress(at: "Progress") -> None:
             show(at.phase, at.elapsed_s, at.duration_s)
 
+        def announce(about: "Mapping[str, Any]") -> None:
+            in_s = about["moves_at_unix_s"] - time.time()
+            if in_s > 0.1:
+                typer.echo(f"the arm moves in {in_s:.1f} s", err=True)
+
         before = store.latest_first_pass()
         try:
             recording = move(
@@ -73,7 +80,7 @@ def replay(config: ConfigOption, output: OutputOption, as_json: JsonOption = Fal
                 first_pass_path=first,
                 on_progress=on_progress,
                 ask=ask,
-                announce=lambda about: typer.echo(f"the arm moves in {max(0.0, about['moves_at_unix_s'] - time.time()):.0f} s", err=True),
+                announce=announce,
             )
         except ReplayAborted as error:
             if error.needs_a_person:

@@ -15,7 +15,9 @@ class TrustSettings:
     """How much a replay may have been disturbed and still be learnt from."""
 
     max_missed_share: Annotated[float, between(0.0, 1.0)] = 0.02  # of the ticks; alone on two cores none are missed
-    max_late_share: Annotated[float, between(0.0, 1.0)] = 0.1  # of the cycles with a target later than half a tick: the arm is jerked
+    max_late_share: Annotated[float, between(0.0, 1.0)] = (
+        0.1  # of the cycles with a target late by half a tick; at 3 % nothing is seen, at 30 % fc was 20 % off
+    )
     max_slipped_s: Annotated[float, between(0.0, 10.0)] = 0.1  # that the motion fell behind its trajectory: another trajectory
     min_speed_scaling: Annotated[float, between(0.0, 1.0)] = 0.999  # less is another trajectory too
 
