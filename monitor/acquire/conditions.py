@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.acquire.dashboard import Identity
-from monitor.acquire.limits import clear_of, within_limits
+from monitor.acquire.limits import clear_approach, clear_of, within_limits
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import (
     ROBOT_MODE_RUNNING,
@@ -27,8 +27,8 @@ from monitor.acquire.state import (
     STANDSTILL_RAD_S,
     ArmState,
 )
-from monitor.design.clearance import frames, surroundings
-from monitor.errors import BadInput, MotionRefused
+from monitor.design.clearance import frames
+from monitor.errors import MotionRefused
 from monitor.model.fourier import Excitation
 from monitor.model.robot import STANDARD_GRAVITY_M_S2, Mounting, Robot
 from monitor.recording import Array, Context
@@ -324,13 +324,7 @@ def _approach_clear(facts: Facts) -> str:
         raise Unreported("the configuration says unchecked: the way to the start is not proved")
     if not np.all(np.isfinite(state.target_q)):
         raise MotionRefused("unknown: where the arm stands is not finite")
-    try:
-        line = surroundings(facts.robot, facts.excitation.mounting, cell).line(state.target_q, facts.excitation.at(np.zeros(1)).q[0])
-    except BadInput as error:
-        raise MotionRefused(f"the approach cannot be checked: {error}") from None
-    near = line.short_of(cell)
-    if near is not None:
-        raise MotionRefused(f"on the straight way from where the arm stands to the start, {near}; drive it nearer to the start by hand")
+    line = clear_approach(cell, facts.excitation, facts.robot, state.target_q)
     gaps = [1000.0 * line.itself.gap_m] + ([] if line.cell is None else [1000.0 * line.cell.gap_m])
     return f"the straight way to the start keeps {min(gaps):.0f} mm clear"
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from monitor.design.cell import Cell
+from monitor.design.clearance import Clearance, surroundings
 from monitor.design.proof import cell_of, recheck
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.fourier import Excitation
@@ -65,6 +66,21 @@ def clear_of(cell: Cell, excitation: Excitation, robot: Robot) -> None:
         raise MotionRefused(f"the excitation's clearance cannot be checked: {error}") from None
     if near is not None:
         raise MotionRefused(f"the excitation does not keep clear in the cell {cell.name!r}, whatever its file says: {near}")
+
+
+def clear_approach(cell: Cell, excitation: Excitation, robot: Robot, q: Array) -> Clearance:
+    """What the straight way in joint space from q (J,) to the start keeps clear.
+
+    Raises MotionRefused where that is less than the cell's margins.
+    """
+    try:
+        line = surroundings(robot, excitation.mounting, cell).line(q, excitation.at(np.zeros(1)).q[0])
+    except BadInput as error:
+        raise MotionRefused(f"the approach cannot be checked: {error}") from None
+    near = line.short_of(cell)
+    if near is not None:
+        raise MotionRefused(f"on the straight way from where the arm stands to the start, {near}; drive it nearer to the start by hand")
+    return line
 
 
 def _difference(one: Cell, other: Cell) -> str:
