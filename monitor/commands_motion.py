@@ -57,9 +57,13 @@ def replay(config: ConfigOption, output: OutputOption, as_json: JsonOption = Fal
 
     configuration = load(config)
     _check_output(output)
-    stopping = _stopping()
     first = output.with_name(f"{output.stem}-first-pass.parquet")
-    with Store.beside(configuration.state_directory) as store, _asking(configuration) as ask, progress("replay") as show:
+    with (
+        _stopping() as stopping,
+        Store.beside(configuration.state_directory) as store,
+        _asking(configuration) as ask,
+        progress("replay") as show,
+    ):
 
         def on_progress(at: "Progress") -> None:
             show(at.phase, at.elapsed_s, at.duration_s)
@@ -113,8 +117,7 @@ def record(
     _check_output(output)
     if seconds is not None and not 0.1 <= seconds <= 86_400.0:
         raise BadInput(f"--seconds {seconds:g}; expected 0.1 to 86400")
-    stopping = _stopping()
-    with progress("record") as show:
+    with _stopping() as stopping, progress("record") as show:
         recording = listen(
             configuration.robot.host,
             rate_hz=configuration.replay.rate_hz,
@@ -173,12 +176,16 @@ def _asking(configuration: "Configuration") -> Iterator[Any]:
         yield asker.ask
 
 
-def _stopping() -> threading.Event:
+@contextmanager
+def _stopping() -> Iterator[threading.Event]:
     """Set by SIGTERM or Ctrl-C: a moving arm is stopped first."""
     stopping = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stopping.set())
-    return stopping
+    before = {number: signal.signal(number, lambda *_: stopping.set()) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield stopping
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _check_output(output: Path) -> None:
