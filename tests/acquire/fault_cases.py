@@ -13,7 +13,7 @@ from processes import children
 from monitor.acquire.dashboard import Dashboard
 from monitor.acquire.replay import Progress, replay
 from monitor.acquire.settings import ReplaySettings
-from monitor.errors import ReplayAborted
+from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
 from monitor.recording import Context
@@ -155,6 +155,8 @@ def _tried(case: Case, at_s: float, excitation: Excitation, robot: Robot, settin
     cause, recording = None, None
     try:
         recording = replay(excitation, robot, settings, context=Context(payload_kg=0.0), on_progress=on_progress)
+    except RobotUnreachable:
+        cause = "stalled"  # before it moved
     except ReplayAborted as error:
         cause = error.cause
         if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute"}:
