@@ -112,3 +112,18 @@ def test_mistakes_end_the_process_with_2_and_one_line(tmp_path: Path):
     assert "and crate come to be" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     called("--robot", "ur5", "--cell", str(shared_file("cell/example.toml")), "--random", "1", "-o", str(tmp_path / "b.json"))
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(600)
+def test_make_excitations_gives_the_shipped_file_again(tmp_path: Path):
+    """On the same kind of machine byte for byte; elsewhere a library's last digit may lead a search astray, so the whole is not asked."""
+    options = "--seed 1 --evaluations 3000 --speed-limit 2.2 --flange-speed-limit 1.5"
+    assert options in (Path(__file__).parents[2] / "Makefile").read_text("utf-8")
+    called("--robot", "ur3", "--mounting", "wall", *options.split(), "-o", str(tmp_path / "again.json"))
+    shipped = shared_file("excitation/ur3-wall.json").read_bytes()
+    again = (tmp_path / "again.json").read_bytes()
+    if again != shipped:
+        merits = [json.loads(content)["objectives"]["log_det_covariance_friction"] for content in (again, shipped)]
+        assert abs(merits[0] - merits[1]) < 1.5  # as two seeds differ: another path of the search, an equally good end
+        pytest.skip("this machine's arithmetic differs in a last digit from the one that made the shipped files")

@@ -12,7 +12,7 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 
 REPLAYS = 200
-EVALUATIONS = 8000
+EVALUATIONS = 5000
 
 
 def viscous(excitation, count):
