@@ -29,6 +29,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # brackets in a help text are units, not markup
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -189,6 +190,8 @@ def identify(
         offline.check_export(export, method)
     if (payload_pair is None) != (payload is None):
         raise BadInput("--payload-pair FILE and --payload KILOGRAMS belong together; one of them is missing")
+    if payload_com is not None and payload_pair is None:
+        raise BadInput("--payload-com: says where the mass of --payload-pair is; without the pair it means nothing")
     pair = None
     if payload_pair is not None and payload is not None:
         com = (0.0, 0.0, 0.0) if payload_com is None else tuple(_numbers(payload_com, "--payload-com", 3, "coordinates"))
@@ -273,9 +276,9 @@ def energy(
 ) -> None:
     """Kinetic energy along a trajectory, with its uncertainty, beside limits. For a risk assessment: not a safety function."""
     from monitor import offline
-    from monitor.files import read_recording
     from monitor.identify.signals import motion
     from monitor.identify.solve import identify as identify_recordings
+    from monitor.identify.validate import refuse_other_arm
     from monitor.model.energy import BodyRegion, energy_document, flange_speed, kinetic_energy
     from monitor.model.robot import Mounting
     from monitor.terminal import print_energy
@@ -285,11 +288,14 @@ def energy(
     regions = [BodyRegion.parse(text) for text in limit or []]
     joint_gains = _gains(gains, arm)
     recordings = offline.named_recordings(files, columns)
-    carried = recordings[0].context.payload_kg
+    identified_with = max(recording.context.payload_kg or 0.0 for recording in recordings)
+    carried = identified_with
     if along is None or Path(along).suffix in {".csv", ".parquet"}:
-        path = recordings[0] if along is None else read_recording(Path(along), columns)
+        path = recordings[0] if along is None else offline.named_recordings([Path(along)], columns)[0]
+        refuse_other_arm(path, arm)
         moved = motion(path)
-        name, t_s, q, qd, carried = path.source, moved.t_s - moved.t_s[0], moved.q, moved.qd, path.context.payload_kg
+        name, t_s, q, qd = path.source, moved.t_s - moved.t_s[0], moved.q, moved.qd
+        carried = path.context.payload_kg if path.context.payload_kg is not None else carried
     else:
         from monitor.config import find_excitation
 
@@ -297,16 +303,21 @@ def energy(
         if excitation.robot != arm.name:
             raise BadInput(f"--along {along}: is for a {excitation.robot}; the robot is {arm.name}")
         name, (t_s, (q, qd, _)) = along, excitation.sampled(arm.rate_hz)
+    mass_kg = payload if payload is not None else carried
     with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):
         found = identify_recordings(recordings, arm, Mounting.parse(mounting), gains=joint_gains)
-    energies = kinetic_energy(arm, q, qd, found.columns, found.values, found.covariance)
-    mass_kg = payload if payload is not None else carried or 0.0
+    speed = flange_speed(arm, q, qd)
+    # what was in the hand while the arm was identified is part of its last link already; more than that is added
+    covariance = found.covariance if found.total_covariance is None else found.total_covariance
+    energies = kinetic_energy(arm, q, qd, found.columns, found.values, covariance)
+    energies = energies.with_payload(max(mass_kg - identified_with, 0.0) if mass_kg >= 0.0 else mass_kg, speed)
     document = {
         "robot": arm.name,
         "along": name,
         "samples": len(t_s),
         "duration_s": float(t_s[-1] - t_s[0]),
-        **energy_document(arm, t_s, energies, flange_speed(arm, q, qd), regions, mass_kg),
+        "payload_kg": mass_kg,
+        **energy_document(arm, t_s, energies, speed, regions, mass_kg),
         "warnings": [{"code": caveat.code, "text": caveat.text} for caveat in found.caveats],
     }
     if as_json:

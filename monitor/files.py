@@ -51,6 +51,8 @@ def read_recording(path: str | Path, columns: str | None = None) -> Recording:
     try:
         if path.is_dir():
             raise BadInput(f"{path}: is a folder; expected a recording (Parquet or CSV)")
+        if path.exists() and not path.is_file():
+            raise BadInput(f"{path}: is no file; expected a recording, CSV or Parquet")
         with path.open("rb") as file:
             parquet = file.read(4) == b"PAR1"
         return _from_parquet(path) if parquet else _from_text(path, columns)

@@ -81,6 +81,8 @@ def _from_toml(path: Path) -> Robot:
         raise BadInput(f"--robot {path}: cannot be read: {wrong.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as wrong:
         raise BadInput(f"--robot {path}: not TOML: {wrong}") from None
+    except BadInput as wrong:
+        raise BadInput(f"--robot {path}: {wrong}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as wrong:
         why = f"{type(wrong).__name__}: {wrong}"
         raise BadInput(f"--robot {path}: is no arm ({why}); expected the keys of the shipped models, as --export writes them") from None
@@ -109,11 +111,14 @@ def identify_files(request: Request) -> Outcome:
         told["gains"] = gains_document(estimated)
     if loaded:
         told["payload"] = payload_document(identify_payload(loaded, found, robot, gains=gains))
+        told["warnings"] += told["payload"].pop("warnings")
     return Outcome(document=told, identification=found, gains=gains, recordings=recordings, held_out=held_out)
 
 
 def check_export(path: Path, method: str) -> None:
     """Raises BadInput unless an arm can be written there; to be asked before the work is done."""
+    if path.is_dir():
+        raise BadInput(f"--export {path}: is a folder; expected the name of a file")
     if path.suffix not in {".urdf", ".toml"}:
         raise BadInput(f"--export {path}: expected a name that ends in .urdf or .toml")
     if not path.parent.is_dir():
@@ -126,7 +131,11 @@ def export(path: Path, found: Identification) -> None:
     """Write the arm as a URDF or TOML. Raises BadInput as `check_export`."""
     check_export(path, found.method)
     if found.physical is not None:
-        path.write_text(found.physical.urdf() if path.suffix == ".urdf" else found.physical.toml(), "utf-8")
+        text = found.physical.urdf() if path.suffix == ".urdf" else found.physical.toml()
+        try:
+            path.write_text(text, "utf-8")
+        except OSError as wrong:
+            raise BadInput(f"--export {path}: cannot be written: {wrong.strerror}") from None
 
 
 def _pair_gains(request: Request, unloaded: Recording) -> Gains:

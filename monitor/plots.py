@@ -37,6 +37,8 @@ def check_target(path: Path) -> None:
     """Raises BadInput unless a picture can be written there; to be asked before the work is done."""
     if path.suffix.lower() not in {".png", ".html"}:
         raise BadInput(f"--plot {path}: expected a name that ends in .png or .html")
+    if path.is_dir():
+        raise BadInput(f"--plot {path}: is a folder; expected the name of a file")
     if not path.parent.is_dir():
         raise BadInput(f"--plot {path}: the folder {path.parent} does not exist")
 
@@ -48,6 +50,13 @@ def residual_plot(path: Path, title: str, recordings: Sequence[Residuals]) -> No
     either side. Raises BadInput as `check_target`.
     """
     check_target(path)
+    try:
+        _draw(path, title, recordings)
+    except OSError as wrong:
+        raise BadInput(f"--plot {path}: cannot be written: {wrong.strerror}") from None
+
+
+def _draw(path: Path, title: str, recordings: Sequence[Residuals]) -> None:
     figure = _figure(title, recordings)
     if path.suffix.lower() == ".png":
         figure.savefig(path, dpi=110)

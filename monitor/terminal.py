@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -86,6 +87,14 @@ def _number(value: float | None, form: str) -> str:
     return "–" if value is None else format(value, form)
 
 
+def _pair(value: float | None, std: float | None) -> str:
+    return "–" if value is None else f"{value:.3f} ± {_number(std, '.3f')}"
+
+
+def _percent(fraction: float | None) -> str:
+    return "–" if fraction is None else f"{100 * fraction:.1f} %"
+
+
 def print_status(document: dict[str, Any]) -> None:
     """The `status` command's table."""
     console = Console(width=None if sys.stdout.isatty() else 120)
@@ -135,13 +144,13 @@ def print_identification(document: dict[str, Any]) -> None:
     for recording in document["recordings"]:
         why = ", ".join(f"{count} {reason}" for reason, count in recording["rejected_why"].items())
         rejected = f", {recording['rejected_samples']} rows rejected ({why})" if recording["rejected_samples"] else ""
-        line = (
-            f"{recording['file']}: {recording['samples']} samples, {recording['rate_hz']:.0f} Hz, {recording['duration_s']:.1f} s{rejected}"
-        )
+        size = f"{recording['samples']} samples, {recording['rate_hz']:.0f} Hz, {recording['duration_s']:.1f} s"
+        line = f"{escape(recording['file'])}: {size}{rejected}"
         console.print(line, highlight=False)
     base = document["base_parameters"]
     console.print(
-        f"{base['count']} base parameters by {document['method']}, condition number {base['condition_number']:.0f}", highlight=False
+        f"{base['count']} base parameters by {document['method']}, condition number {_number(base['condition_number'], '.0f')}",
+        highlight=False,
     )
     friction, fit = document["friction"], document["fit"]
     table = Table()
@@ -154,15 +163,16 @@ def print_identification(document: dict[str, Any]) -> None:
     for j, temperature in enumerate(temperatures):
         cells = [
             str(j + 1),
-            f"{friction['coulomb_nm'][j]:.3f} ± {friction['coulomb_std_nm'][j]:.3f}",
-            f"{friction['viscous_nm_s_per_rad'][j]:.3f} ± {friction['viscous_std_nm_s_per_rad'][j]:.3f}",
+            _pair(friction["coulomb_nm"][j], friction["coulomb_std_nm"][j]),
+            _pair(friction["viscous_nm_s_per_rad"][j], friction["viscous_std_nm_s_per_rad"][j]),
             _number(temperature, ".1f"),
-            f"{fit['rms_nm'][j]:.3f}",
-            f"{100 * fit['relative_rms'][j]:.1f} %",
+            _number(fit["rms_nm"][j], ".3f"),
+            _percent(fit["relative_rms"][j]),
         ]
         for held in document["validation"]:
             cells.append(
-                f"{100 * held['relative_rms'][j]:.1f} % (before {held['nominal_rms_nm'][j]:.1f} Nm, after {held['rms_nm'][j]:.2f} Nm)"
+                f"{_percent(held['relative_rms'][j])} (before {_number(held['nominal_rms_nm'][j], '.1f')} Nm, "
+                f"after {_number(held['rms_nm'][j], '.2f')} Nm)"
             )
         table.add_row(*cells)
     console.print(table)
@@ -173,7 +183,14 @@ def print_identification(document: dict[str, Any]) -> None:
 
 def _print_beyond(console: Console, document: dict[str, Any]) -> None:
     """What an identification found besides, where it was asked: law, validation before and after, gains, arm, payload."""
-    law = document["friction"]["law"]
+    friction = document["friction"]
+    if "coulomb_misfit_std_nm" in friction:
+        fc, fv = (
+            "  ".join(_number(value, ".2f") for value in friction[key])
+            for key in ("coulomb_misfit_std_nm", "viscous_misfit_std_nm_s_per_rad")
+        )
+        console.print(f"± is noise; another motion may change fc by ± {fc} and fv by ± {fv}, as the law is not quite the arm's")
+    law = friction["law"]
     if law.get("values"):
         for name in law["parameters"]:
             pairs = zip(law["values"][name], law["std"][name], strict=True)
@@ -210,7 +227,7 @@ def print_base(document: dict[str, Any]) -> None:
     """The `base` command's tables."""
     console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
     sigma, count = document["singular_values"], document["count"]
-    console.print(f"{document['robot']}: {count} base parameters of {len(sigma)} standard ones")
+    console.print(f"{escape(document['robot'])}: {count} base parameters of {len(sigma)} standard ones")
     table = Table()
     table.add_column("", justify="right")
     table.add_column("base parameter, led by the column that is kept")
@@ -239,7 +256,9 @@ def print_energy(document: dict[str, Any]) -> None:
     console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
     energy, speed = document["kinetic_energy_j"], document["flange_speed_m_s"]
     std = _number(energy["std_at_max"], ".2g")
-    console.print(f"{document['robot']} along {document['along']}: {document['samples']} samples, {document['duration_s']:.1f} s")
+    console.print(
+        f"{escape(document['robot'])} along {escape(document['along'])}: {document['samples']} samples, {document['duration_s']:.1f} s"
+    )
     console.print(f"kinetic energy at most {energy['max']:.2f} ± {std} J (at {energy['at_s']:.2f} s), {energy['mean']:.2f} J on average")
     console.print(f"flange at most {speed['max']:.2f} m/s (at {speed['at_s']:.2f} s)")
     if document.get("regions"):
@@ -251,7 +270,7 @@ def print_energy(document: dict[str, Any]) -> None:
         words = {True: "[green]yes[/]", False: "[bold red]no[/]", None: "unknown"}
         for row in document["regions"]:
             table.add_row(
-                row["region"],
+                escape(row["region"]),
                 f"{row['limit_j']:g}",
                 _number(row["body_mass_kg"], "g") if row["body_mass_kg"] is not None else "cannot yield",
                 f"{row['transfer_energy_max_j']:.3f}",

@@ -284,3 +284,141 @@ def test_what_is_no_earlier_identification_is_refused(replayed, tmp_path, text):
     earlier.write_text(text, "utf-8")
     with pytest.raises(BadInput, match="identify --json"):
         ran("identify", replayed[0], "--robot", "ur5", "--rigid-from", earlier)
+
+
+# --- what an independent tester broke ------------------------------------------------------------------------
+
+
+def test_a_payload_is_part_of_the_kinetic_energy(replayed):
+    """½·m·v² of the flange is added where the arm was identified without it, and the figure says with how much."""
+    path, _ = replayed
+    empty = json.loads(ran("energy", path, "--robot", "ur5", "--payload", "0", "--json"))
+    loaded = json.loads(ran("energy", path, "--robot", "ur5", "--payload", "5", "--json"))
+    more = np.array(loaded["series"]["kinetic_energy_j"]) - np.array(empty["series"]["kinetic_energy_j"])
+    np.testing.assert_allclose(more, 2.5 * np.array(empty["series"]["flange_speed_m_s"]) ** 2, rtol=1e-9, atol=1e-12)
+    assert loaded["payload_kg"] == 5.0
+    for absurd in ("inf", "-1", "nan"):
+        with pytest.raises(BadInput, match="expected 0 or more"):
+            ran("energy", path, "--robot", "ur5", "--payload", absurd, "--limit", "hand=1")
+    assert "[/x]" in ran("energy", path, "--robot", "ur5", "--limit", "[/x]=1")
+
+
+def test_a_recording_of_another_arm_is_refused_wherever_it_comes_in(replayed, tmp_path):
+    """As the loaded run, as half of a payload pair, as the path of an energy."""
+    from monitor.files import read_recording
+
+    recording = read_recording(replayed[0])
+    other = tmp_path / "other.parquet"
+    write_recording(other, replace(recording, t_s=recording.t_s + 1.0, context=replace(recording.context, robot="ur3")))
+    for arguments in (
+        ("identify", replayed[0], "--robot", "ur5", "--loaded", other),
+        ("identify", replayed[0], "--robot", "ur5", "--payload-pair", other, "--payload", "3"),
+        ("energy", replayed[0], "--robot", "ur5", "--along", other),
+    ):
+        with pytest.raises(BadInput, match="recorded on a ur3; the robot given is ur5"):
+            ran(*arguments)
+
+
+def test_a_joint_that_stands_still_is_told_in_the_table_too(replayed, tmp_path):
+    """What is unknown is a dash, not a traceback."""
+    from monitor.files import read_recording
+
+    recording = read_recording(replayed[0])
+    q, qd = recording.q.copy(), recording.qd.copy()
+    q[:, 5], qd[:, 5] = 0.5, 0.0
+    write_recording(tmp_path / "still.parquet", replace(recording, q=q, qd=qd))
+    text = ran("identify", tmp_path / "still.parquet", "--robot", "ur5")
+    assert "condition number –" in text
+    assert "does not reveal" in text
+
+
+def test_one_recording_given_twice_is_refused(replayed):
+    """It would be believed twice: the standard deviations would shrink by √2 for nothing."""
+    with pytest.raises(BadInput, match="once more"):
+        ran("identify", replayed[0], replayed[0], "--robot", "ur5")
+
+
+def test_no_payload_has_no_centre_and_a_negative_one_is_doubted(pair):
+    """Empty against empty: nothing shows. Loaded first, empty as loaded: a mass of −3 kg is told as what it is."""
+    empty, loaded = pair
+    told = json.loads(ran("identify", loaded, "--robot", "ur5", "--friction", "load", "--loaded", empty, "--json"))
+    assert told["payload"]["com_m"] == [None] * 3
+    assert "unphysical_payload" in [warning["code"] for warning in told["warnings"]]
+
+
+def test_currents_of_nothing_are_refused(replayed, tmp_path):
+    """A sensor that is dead says nothing of friction."""
+    from monitor.errors import Unidentifiable
+    from monitor.files import read_recording
+
+    recording = read_recording(replayed[0])
+    write_recording(tmp_path / "dead.parquet", replace(recording, current=0.0 * recording.current))
+    with pytest.raises(Unidentifiable, match="zero throughout"):
+        ran("identify", tmp_path / "dead.parquet", "--robot", "ur5")
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (("mass_kg = 3.7", 'mass_kg = "x"'), "ValueError"),
+        (("mass_kg = 3.7", "mass_kg = -3.7"), "mass_kg"),
+        (("rate_hz = 125.0", "rate_hz = 0.0"), "rate_hz"),
+        (("rate_hz = 125.0", "rate_hz = -5.0"), "rate_hz"),
+        (("gear_ratio = [101.0, ", "gear_ratio = ["), "gear_ratio"),
+        (("max_torque_nm = [150.0, ", 'max_torque_nm = ["a", '), "ValueError"),
+        (("d_m = 0.089159", "d_m = nan"), "d_m"),
+        (("d_m = 0.089159", "d_m = 1e200"), "d_m"),
+        (('name = "ur5"', 'name = "ur5"\nbase_rotation = [[2, 0, 0], [0, 2, 0], [0, 0, 2]]'), "base_rotation"),
+        (("inertia_kg_m2 = { xx = ", "inertia_kg_m2 = { xx = -"), "principal moment"),
+    ],
+)
+def test_an_arm_that_cannot_be_is_refused_by_the_key(tmp_path, edit, says):
+    """Whatever stands in the TOML, the answer is a sentence that names the file and the key."""
+    from importlib.resources import files
+
+    text = files("monitor.model.robots").joinpath("ur5.toml").read_text("utf-8")
+    assert edit[0] in text
+    (tmp_path / "mine.toml").write_text(text.replace(*edit, 1), "utf-8")
+    with pytest.raises(BadInput, match=rf"mine\.toml: .*{says}"):
+        ran("base", "--robot", tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"base_parameters": {"condition_number": "x"}},
+        {"base_parameters": {"condition_number": [1]}},
+        {"base_parameters": {"names": 5}},
+        {"base_parameters": {"names": None}},
+        {"base_parameters": {"values": [1e300] * 52}},
+        {"fit": {"samples": float("inf")}},
+    ],
+)
+def test_an_earlier_identification_with_a_wrong_value_is_refused(replayed, tmp_path, change):
+    """A sentence that names the file."""
+    told = json.loads(ran("identify", replayed[0], "--robot", "ur5", "--json"))
+    for section, values in change.items():
+        told[section] |= values
+    (tmp_path / "earlier.json").write_text(json.dumps(told), "utf-8")
+    with pytest.raises(BadInput, match=r"earlier\.json: "):
+        ran("identify", replayed[0], "--robot", "ur5", "--rigid-from", tmp_path / "earlier.json")
+
+
+def test_what_is_no_place_to_write_is_refused_before_the_work(replayed, tmp_path):
+    """A folder of that name, for the picture and for the arm."""
+    for name, arguments in (("d.png", ("--plot",)), ("d.urdf", ("--method", "consistent", "--export"))):
+        (tmp_path / name).mkdir()
+        with pytest.raises(BadInput, match="is a folder"):
+            ran("identify", replayed[0], "--robot", "ur5", *arguments, tmp_path / name)
+
+
+def test_a_payload_that_the_arm_cannot_carry_is_refused(pair):
+    """By its mass, by its place, and where it is named without the pair."""
+    empty, loaded = pair
+    for arguments, says in (
+        (("--payload-pair", loaded, "--payload", "500"), "a ur5 carries 5 kg"),
+        (("--payload-pair", loaded, "--payload", "3", "--payload-com", "1e9,0,0"), "farther than 2 m"),
+        (("--payload-com", "0,0,0"), "without the pair"),
+    ):
+        with pytest.raises(BadInput, match=says):
+            ran("identify", empty, "--robot", "ur5", *arguments)

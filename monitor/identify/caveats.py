@@ -17,6 +17,7 @@ LOW_RATE_HZ = 50.0  # slower, reversals fall between samples
 SAMPLES_A_PARAMETER = 20
 TEMPERATURE_DRIFT_K = 1.0  # fv changes by about 2 % over it
 ILL_CONDITIONED = 1000.0  # an optimised excitation reaches 50–200: Raviola et al. (2021), table 3
+FAR_FROM_PHYSICAL = 1.02  # of the residual of unconstrained least squares
 DISBELIEVED = 0.2  # weight of a sample five standard deviations off
 DISBELIEVED_SHARE = 0.01  # of the samples; a normal distribution has none
 
@@ -35,7 +36,7 @@ def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[Caveat]:
         why = ", ".join(f"{count} {reason}" for reason, count in motion.rejected_why.items())
         yield Caveat("rejected_rows", f"{name}: {motion.rejected_samples} of {motion.recorded_samples} rows were left out: {why}")
     for repair in motion.repairs:
-        yield Caveat(repair.code, f"{name}: {repair.text}; put right")
+        yield Caveat(repair.code, f"{name}: {repair.text}{'' if repair.code == 'clock_doubtful' else '; put right'}")
     if motion.repaired_samples:
         yield Caveat(
             "repaired_spikes", f"{name}: {motion.repaired_samples} readings of current or torque stood out alone and were repaired"
@@ -94,6 +95,15 @@ def of_solution(
                 f"joint {j + 1}: fc = {fc:.3g} N·m, fv = {fv:.3g} N·m·s/rad; friction cannot be negative: gains, model or motion are wrong"
             )
             yield Caveat("unphysical_friction", text)
+
+
+def far_from_physical(residual_ratio: float) -> Caveat:
+    """The best arm that can exist explains the data worse by more than noise and a fair law would let it."""
+    text = (
+        f"the best arm that can exist leaves {residual_ratio - 1.0:.1%} more than the best that cannot: "
+        f"gains, mounting, robot or friction law are doubtful"
+    )
+    return Caveat("far_from_physical", text)
 
 
 def of_recordings(recordings: Sequence[Recording]) -> Iterator[Caveat]:

@@ -17,6 +17,8 @@ from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
+LARGEST = 1e6  # kg, kg·m, kg·m², N·m: no arm's
+
 
 def document(identification: Identification, validations: Sequence[Validation] = ()) -> dict[str, Any]:
     """The identification, and how it fared on other recordings. No NaN and no infinity: unknown is None."""
@@ -134,16 +136,19 @@ def identification_from_document(told: Any, robot: Robot, mounting: Mounting, so
         made_by, names = told["robot"], told["base_parameters"]["names"]
         values, std = (_array(told["base_parameters"][key], base.count) for key in ("values", "std"))
         friction = [_array(told["friction"][key], robot.joints) for key in ("coulomb_nm", "viscous_nm_s_per_rad", "max_speed_rad_s")]
-        condition, samples = told["base_parameters"]["condition_number"], int(told["fit"]["samples"])
-        method = str(told["method"])
-    except (KeyError, TypeError, ValueError) as wrong:
+        condition = told["base_parameters"]["condition_number"]
+        condition, samples = math.inf if condition is None else float(condition), int(told["fit"]["samples"])
+        method, names = str(told["method"]), tuple(str(name) for name in names)
+    except (KeyError, TypeError, ValueError, OverflowError) as wrong:
         raise BadInput(
             f"{source}: is no identification ({type(wrong).__name__}: {wrong}); expected what `identify --json` printed"
         ) from None
-    if made_by != robot.name or tuple(names) != base.names:
+    if made_by != robot.name or names != base.names:
         raise BadInput(
             f"{source}: holds {len(names)} base parameters of {made_by}; expected the {base.count} of {robot.name} on this kind of mounting"
         )
+    if not np.all(np.abs(np.nan_to_num(values)) < LARGEST):
+        raise BadInput(f"{source}: holds parameters of {np.nanmax(np.abs(values)):.3g}; expected those of an arm")
     if not np.all(np.isfinite(values)):
         raise BadInput(f"{source}: {base.names[int(np.argmin(np.isfinite(values)))]} is not known; expected a number for every parameter")
     unknown = np.full(robot.joints, np.nan)
@@ -156,7 +161,7 @@ def identification_from_document(told: Any, robot: Robot, mounting: Mounting, so
         columns=base.columns,
         values=values,
         covariance=np.diag(std**2),
-        condition_number=math.inf if condition is None else float(condition),
+        condition_number=condition,
         coulomb_nm=friction[0],
         viscous_nm_s_per_rad=friction[1],
         friction_cov=np.full((robot.joints, 2, 2), np.nan),
@@ -187,6 +192,7 @@ def payload_document(payload: Payload) -> dict[str, Any]:
         "rms_nm": _numbers(payload.rms_nm),
         "relative_rms": _numbers(payload.relative_rms),
         "samples": payload.samples,
+        "warnings": [{"code": caveat.code, "text": caveat.text} for caveat in payload.caveats],
     }
 
 

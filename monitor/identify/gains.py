@@ -16,6 +16,7 @@ import numpy as np
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.least_squares import WINDOW_STEPS, Factor, Rows, factors, jackknife_covariance, residual_rms, solve
 from monitor.identify.signals import Motion, SignalSettings, motion
+from monitor.identify.validate import refuse_other_arm
 from monitor.model.base import base_parameters
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
@@ -27,6 +28,8 @@ HALVINGS = 12  # of a step that leads up
 SETTLED = 1e-7  # relative change of the gains
 PRIOR_STD = 1.5  # of log gain about the arm's typical one: keeps a joint that shows nothing from drifting to infinity, and no other
 TELLING_STD = 0.5  # of log gain: a wider doubt than a factor 1.6 is no estimate
+OVERLOAD = 2.0  # of the payload the manufacturer allows: more, and it was no payload
+FARTHEST_M = 2.0
 BLOCK_S = 0.8  # as in identify: residuals stay correlated for half a second
 
 
@@ -71,6 +74,10 @@ def payload_gains(
     com = np.asarray(payload_com_m, dtype=float)
     if not (np.isfinite(payload_kg) and payload_kg > 0.0) or com.shape != (3,) or not np.all(np.isfinite(com)):
         raise BadInput(f"payload: {payload_kg!r} kg at {payload_com_m!r} m; expected a positive mass and three finite coordinates")
+    if payload_kg > OVERLOAD * robot.payload_max_kg:
+        raise BadInput(f"payload: {payload_kg:g} kg; a {robot.name} carries {robot.payload_max_kg:g} kg")
+    if np.max(np.abs(com)) > FARTHEST_M:
+        raise BadInput(f"payload: its centre {payload_com_m!r} m is farther than {FARTHEST_M:g} m from the flange")
     if not (np.isfinite(payload_std_kg) and payload_std_kg >= 0.0):
         raise BadInput(f"payload: standard deviation {payload_std_kg!r} kg; expected 0 or more")
     payload = _standard(payload_kg, com, np.zeros((3, 3)) if payload_inertia_kg_m2 is None else payload_inertia_kg_m2)
@@ -117,6 +124,7 @@ def _moved(recording: Recording, robot: Robot, settings: SignalSettings) -> Moti
     name = recording.source or "recording"
     if recording.current is None:
         raise BadInput(f"{name}: holds no currents; gains are what a current becomes: record actual_current")
+    refuse_other_arm(recording, robot)
     if recording.joints != robot.joints:
         raise BadInput(f"{name}: has {recording.joints} joints; {robot.name} has {robot.joints}")
     return motion(recording, settings)

@@ -16,7 +16,8 @@ from monitor.recording import Array, Recording
 
 DEGREES = 180.0 / math.pi
 ALIKE = 0.15  # relative: a ratio this near to a unit's is that unit; noise and differences move it by a few per cent
-CONTRADICTION = 2.0  # a ratio farther than this from 1, and from every unit: not the derivative of those positions
+CONTRADICTION = 1.2  # a ratio farther than this from 1, and from every unit: not the derivative of those positions
+DOUBTFUL = 0.03  # relative: real controllers agree to 0.001, differences at 12 Hz to 0.02
 BEYOND_RAD = 2.1 * math.pi  # no joint of an arm with cables turns farther; one that turns without end may
 BEYOND_RAD_S = 7.0  # the fastest joint of any UR turns at 2π
 WELL_SAMPLED_HZ = 10.0  # slower, differences say nothing
@@ -24,6 +25,7 @@ MOVING_RAD_S = 0.02
 WINDOW_S = 0.13  # a difference over so long: short beside the motion, long beside ripple
 WINDOW_ROWS = 17
 FEWEST_WINDOWS = 20
+SURE_STD = 5.0
 RETURN_ROWS = 20  # a clock that is still behind after so many rows was set; one torn time comes back in the next
 FAR_S = 60.0  # a leap ahead by more is no hole in a recording of a replay
 HOLE_S = 1.0  # what an unknown time between two rows counts as: longer than any gap that is bridged
@@ -47,8 +49,9 @@ def mended(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
         recording = replace(recording, t_s=t_s)
         repairs.append(Repair("clock_jump", f"the clock was set {jumps} time{'s' if jumps > 1 else ''}; the time in between is unknown"))
     for field, factor, text in _units(recording):
-        recording = replace(recording, **{field: getattr(recording, field) * factor})
-        repairs.append(Repair("unit_repaired", text))
+        if factor != 1.0:
+            recording = replace(recording, **{field: getattr(recording, field) * factor})
+        repairs.append(Repair("unit_repaired" if factor != 1.0 else "clock_doubtful", text))
     return recording, tuple(repairs)
 
 
@@ -83,7 +86,8 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
     t_s, q, qd, qdd = recording.t_s, recording.q, recording.qd, recording.qdd
     step = np.diff(t_s[np.isfinite(t_s)])
     tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else math.nan
-    speed_ratio = _ratio(t_s, q, qd)
+    found = _ratio(t_s, q, qd)
+    speed_ratio, doubt = (None, 0.0) if found is None else (found.value, SURE_STD * found.std)
     if speed_ratio is not None:
         for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6)):
             if _near(speed_ratio * per_second, 1.0) and tick * WELL_SAMPLED_HZ > 1.0:
@@ -103,7 +107,11 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
         yield "q", 1.0 / DEGREES, "positions are in degrees"
     if degrees_alone[1] or both:
         yield "qd", 1.0 / DEGREES, "speeds are in degrees a second"
-    if not (any(degrees_alone) or 1.0 / CONTRADICTION < speed_ratio < CONTRADICTION):
+    alike = speed_ratio / (DEGREES if degrees_alone[0] else 1.0 / DEGREES if degrees_alone[1] else 1.0)
+    farthest = CONTRADICTION * (1.0 + doubt)
+    if abs(alike - 1.0) > DOUBTFUL + doubt and 1.0 / farthest < alike < farthest:
+        yield "t_s", 1.0, f"positions change {alike:.3g} times as fast as the speeds say: clock or speeds are off, and friction with them"
+    if not 1.0 / farthest < alike < farthest:
         raise Unidentifiable(
             f"{name}: positions change {speed_ratio:.3g} times as fast as the speeds say; expected 1 (or 57.3 for degrees): "
             f"check the columns and the clock"
@@ -111,7 +119,7 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
     if qdd is not None and qd is not None:
         scaled = qd / DEGREES if degrees_alone[1] or both else qd
         acceleration_ratio = _ratio(t_s if tick < 1.0 else t_s * 1e-3, scaled, qdd)
-        if acceleration_ratio is not None and _near(acceleration_ratio, 1.0 / DEGREES):
+        if acceleration_ratio is not None and _near(acceleration_ratio.value, 1.0 / DEGREES):
             yield "qdd", 1.0 / DEGREES, "accelerations are in degrees a second squared"
 
 
@@ -128,21 +136,36 @@ def _in_degrees(values: Array | None, beyond: float) -> bool:
     return bool(np.sum(share > 0.1) >= min(2, values.shape[1]))
 
 
-def _ratio(t_s: Array, x: Array, rate: Array | None) -> float | None:
-    """By what the change of x per time exceeds the rate that was recorded: the median over windows that move; None if too few do."""
+class _Ratio(NamedTuple):
+    value: float
+    std: float  # relative
+
+
+def _ratio(t_s: Array, x: Array, rate: Array | None) -> _Ratio | None:
+    """By what the change of x per time exceeds the rate that was recorded: the median joint's; None if too little moves to tell."""
     if rate is None or len(t_s) < 10:
         return None
+    ratios = []
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         step = np.diff(t_s)
         tick = np.median(step[step > 0.0]) if np.any(step > 0.0) else math.inf
         length = int(np.clip(WINDOW_S / tick, 2, WINDOW_ROWS - 1))  # ripple and noise average out
         first = np.arange(0, len(t_s) - length, max(1, length // 2))
         dt = t_s[first + length] - t_s[first]
-        slope = (x[first + length] - x[first]) / dt[:, None]  # (W, J)
-        middle = np.median(rate[first[:, None] + np.arange(length + 1)], axis=1)  # (W, J) a torn row has no say
-        sound = ((dt > 0.0) & (dt < 1.5 * length * tick))[:, None] & np.isfinite(slope) & np.isfinite(middle) & (np.abs(middle) < 1e4)
-        fast = np.array([np.quantile(np.abs(m[ok]), 0.9) if np.any(ok) else 0.0 for m, ok in zip(middle.T, sound.T, strict=True)])
-        # where a joint turns round, the difference and the speed are both about zero
-        telling = sound & (np.abs(middle) > np.maximum(0.3 * fast, MOVING_RAD_S))
-        ratios = slope[telling] / middle[telling]
-    return float(np.median(ratios)) if len(ratios) >= FEWEST_WINDOWS else None
+        even = (dt > 0.0) & (dt < 1.5 * length * tick)
+        slopes = (x[first + length] - x[first]) / dt[:, None]  # (W, J)
+        middles = np.median(rate[first[:, None] + np.arange(length + 1)], axis=1)  # (W, J) a torn row has no say
+        for slope, middle in zip(slopes.T, middles.T, strict=True):
+            sound = even & (np.abs(slope) < 1e4) & (np.abs(middle) < 1e4)
+            if np.sum(sound) < FEWEST_WINDOWS or not np.quantile(np.abs(middle[sound]), 0.9) > MOVING_RAD_S:
+                continue
+            # where a joint turns round both are about zero; chosen by the slope, whose noise is small, or the ratio would be biased
+            telling = sound & (np.abs(slope) > 0.3 * np.quantile(np.abs(slope[sound]), 0.9))
+            along = middle[telling] * np.sign(slope[telling])
+            value = float(np.median(np.abs(slope[telling])) / np.median(along))
+            spread = np.median(np.abs(along - np.abs(slope[telling]) / value)) / np.abs(np.median(along))
+            if math.isfinite(value) and value > 0.0:
+                ratios.append(_Ratio(value, float(2.0 * spread / math.sqrt(len(along)))))
+    if not ratios:
+        return None
+    return sorted(ratios)[len(ratios) // 2]

@@ -9,15 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.identify.caveats import Caveat
 from monitor.identify.fit import layout_of
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.least_squares import WINDOW_STEPS, Rows, factors, jackknife_covariance, residual_rms, solve
 from monitor.identify.signals import motion
 from monitor.identify.torque import joint_torque
+from monitor.identify.validate import refuse_other_arm
 from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
 from monitor.recording import Array, Recording
 
+TELLING_STD = 3.0
 ROUNDS = 4  # payload → load → friction → payload: each gains more than a digit
 NAMES = ("m", "mx", "my", "mz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz")
 
@@ -44,9 +47,25 @@ class Payload:
 
     @property
     def com_m(self) -> Array:
-        """(3,) centre of mass in the last DH frame; NaN where there is no mass."""
-        com: Array = self.parameters[1:4] / self.mass_kg if self.mass_kg > 0.0 else np.full(3, np.nan)
+        """(3,) centre of mass in the last DH frame; NaN where no mass shows."""
+        com: Array = self.parameters[1:4] / self.mass_kg if self.telling else np.full(3, np.nan)
         return com
+
+    @property
+    def telling(self) -> bool:
+        """Whether there is a mass beyond doubt: of none there is no centre."""
+        return self.mass_kg > TELLING_STD * self.mass_std_kg
+
+    @property
+    def caveats(self) -> tuple[Caveat, ...]:
+        """What the reader must know."""
+        mass = f"{self.mass_kg:.3g} ± {self.mass_std_kg:.2g} kg"
+        if self.mass_kg < -TELLING_STD * self.mass_std_kg:
+            text = f"the payload comes out at {mass}: the arm was heavier when it was identified, or gains, mounting or robot are others"
+            return (Caveat("unphysical_payload", text),)
+        if not self.telling:
+            return (Caveat("no_payload", f"no payload shows: {mass}; its centre means nothing"),)
+        return ()
 
 
 def identify_payload(
@@ -74,6 +93,7 @@ def identify_payload(
     friction = unloaded.friction.values if unloaded.friction else np.nan_to_num(friction)
     prepared = []
     for recording in recordings:
+        refuse_other_arm(recording, robot)
         moved = motion(recording, settings.signals)
         torque = joint_torque(moved, robot, gains)
         Y = regressor(robot, unloaded.mounting, moved.q, moved.qd, moved.qdd)  # (N, J, P)

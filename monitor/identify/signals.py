@@ -126,7 +126,11 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     recording, repairs = mended(recording)
     keep, why = _sound_rows(recording)
     if len(keep) < 10:
-        raise Unidentifiable(f"{name}: {len(keep)} of {recording.samples} rows are sound ({_told(why)}); expected a recording")
+        told = f" ({_told(why)})" if why else ""
+        raise Unidentifiable(f"{name}: {len(keep)} of {recording.samples} rows are sound{told}; expected a recording")
+    drive = recording.current if recording.torque is None else recording.torque
+    if drive is not None and not np.any(drive[keep]):
+        raise Unidentifiable(f"{name}: current or torque is zero throughout; expected what the drives measured")
     rejected = recording.samples - len(keep)
     if rejected > settings.max_rejected_share * recording.samples:
         raise Unidentifiable(

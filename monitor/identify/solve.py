@@ -51,6 +51,7 @@ def identify(
     settings = settings or IdentifySettings()
     for recording in recordings:
         refuse_other_arm(recording, robot)
+    _refuse_twice(recordings)
     if method == "robust":
         settings = replace(settings, signals=replace(settings.signals, despike=True))
     motions = [motion(recording, settings.signals) for recording in recordings]
@@ -112,11 +113,13 @@ def identify_motions(
     loads = [eq.load(found.solution.values[: base.count], layout) for eq in equations]
     M, places = projection(equations, loads, found, layout), layout.of_law(law)  # (B, X): the paper's base parameters, (J, K)
     values, base_covariance = M @ found.solution.values, mapped(M, covariance)
-    misfit = mapped(M, with_misfit) - mapped(M, np.nan_to_num(covariance))
+    total = mapped(M, with_misfit)
+    misfit = total - mapped(M, np.nan_to_num(covariance))
+    total[np.isnan(base_covariance)] = np.nan
     if rigid_from is not None:
         values[layout.rigid] = rigid_from.values[layout.rigid]
         rigid = np.ix_(layout.rigid, layout.rigid)
-        base_covariance[rigid] = rigid_from.covariance[rigid]
+        base_covariance[rigid] = total[rigid] = rigid_from.covariance[rigid]
     known = np.all(found.solution.excited[places], axis=1)  # (J,)
     pair = layout.friction[:, :, None], layout.friction[:, None, :]
     coulomb, viscous = np.where(known[:, None], values[layout.friction], np.nan).T  # (J,), (J,)
@@ -129,6 +132,8 @@ def identify_motions(
     remarks = [*caveats, *told.of_joints(robot, speeds, moving), *told.of_trust(found.rows)]
     excited = found.solution.excited[: base.count] | (layout.rigid & layout.frozen)
     remarks += told.of_solution(base.names, excited, condition, len(measured), coulomb, viscous)
+    if physical is not None and physical.residual_ratio > told.FAR_FROM_PHYSICAL:
+        remarks.append(told.far_from_physical(physical.residual_ratio))
     richer = None
     if law != LAWS["paper"]:
         richer = FrictionFit(
@@ -162,11 +167,20 @@ def identify_motions(
             Source(m.source, m.recorded_samples, m.rate_hz, m.duration_s, m.rejected_samples, dict(m.rejected_why)) for m in motions
         ),
         friction=richer,
+        total_covariance=total,
         misfit_cov=np.where(known[:, None, None], [positive(part) for part in misfit[pair]], np.nan),
         held_out=held_out,
         paper_d=np.linalg.norm((M @ found.solution.directions), axis=1),
         physical=physical,
     )
+
+
+def _refuse_twice(recordings: Sequence[Recording]) -> None:
+    """Raises BadInput where one recording is given twice: it would be believed twice."""
+    for number, one in enumerate(recordings):
+        for other in recordings[:number]:
+            if one.samples == other.samples and np.array_equal(one.t_s, other.t_s) and np.array_equal(one.q, other.q):
+                raise BadInput(f"{one.source or 'recording'} is {other.source or 'recording'} once more: it says nothing new; give it once")
 
 
 def _physical(found: Fit, base: Base, robot: Robot) -> tuple[Fit, Consistent]:

@@ -24,7 +24,7 @@ STATEMENT = "an estimate for a risk assessment, not a safety function"
 
 
 class Energy(NamedTuple):
-    """Kinetic energy of the whole arm, rotors included, each (N,) [J]."""
+    """Kinetic energy of the whole arm, rotors included, and of what `with_payload` added, each (N,) [J]."""
 
     mean: Array
     std: Array  # NaN where it rests on parameters that the identification did not excite
@@ -34,6 +34,15 @@ class Energy(NamedTuple):
         """(N,) below which it stays with 95 % probability, one-sided."""
         bound: Array = self.mean + ONE_SIDED_95 * self.std
         return bound
+
+    def with_payload(self, payload_kg: float, speed_m_s: Array) -> "Energy":
+        """The same with a mass at the flange, ½·m·v², its speed (N,) [m/s]; for what was not in the hand when the arm was identified.
+
+        Raises BadInput for a mass that is negative or not finite.
+        """
+        if not 0.0 <= payload_kg < math.inf:
+            raise BadInput(f"energy: a payload of {payload_kg:g} kg; expected 0 or more")
+        return Energy(self.mean + 0.5 * payload_kg * speed_m_s**2, self.std)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +127,7 @@ def effective_mass_kg(robot: Robot, payload_kg: float) -> float:
 
     M is the manufacturer's: torques do not reveal it (the mass of link 1 has no effect at all). Raises BadInput where it is not published.
     """
-    if not payload_kg >= 0.0:
+    if not 0.0 <= payload_kg < math.inf:
         raise BadInput(f"energy: a payload of {payload_kg:g} kg; expected 0 or more")
     moving = float(np.sum(robot.mass_kg))
     if not math.isfinite(moving):

@@ -77,7 +77,7 @@ def friction_law(name: str) -> FrictionLaw:
     Raises BadInput listing the laws there are.
     """
     if name not in LAWS:
-        raise BadInput(f"friction law {name!r} is not known; known are {', '.join(LAWS)}")
+        raise BadInput(f"friction law {name!r} is not known; known are {', '.join(LAWS)}, and auto where it is to be chosen")
     return LAWS[name]
 
 

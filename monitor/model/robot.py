@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pinocchio
 
 STANDARD_GRAVITY_M_S2 = 9.80665
+MAX_LINKS = 8
 INERTIAL = 10  # m, mx, my, mz, Jxx, Jxy, Jxz, Jyy, Jyz, Jzz
 PER_JOINT = 13  # the inertial ones, then fc, fv, Im (rotor inertia referred to the joint)
 
@@ -173,32 +174,71 @@ def load_robot(name: str) -> Robot:
 
 
 def robot_from_document(document: dict[str, Any]) -> Robot:
-    """A Robot from the keys of `monitor/model/robots/*.toml`."""
+    """A Robot from the keys of `monitor/model/robots/*.toml`.
+
+    Raises BadInput naming the key whose value no arm can have, KeyError or TypeError where one is missing or of another kind.
+    """
     links = document["link"]
+    if not 1 <= len(links) <= MAX_LINKS:
+        raise BadInput(f"[[link]]: {len(links)} links; expected 1 to {MAX_LINKS}")
     unknown = [math.nan] * len(links)
 
     def tensor(entry: dict[str, float]) -> list[list[float]]:
         xx, xy, xz, yy, yz, zz = (entry[key] for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
         return [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
 
-    return Robot(
-        name=document["name"],
-        generation=document["generation"],
+    robot = Robot(
+        name=str(document["name"]),
+        generation=str(document["generation"]),
         rate_hz=float(document["rate_hz"]),
         link_names=tuple(link["name"] for link in links),
-        a_m=np.array([link["a_m"] for link in links]),
-        d_m=np.array([link["d_m"] for link in links]),
+        a_m=np.array([link["a_m"] for link in links], dtype=float),
+        d_m=np.array([link["d_m"] for link in links], dtype=float),
         alpha_rad=np.array([link["alpha_rad"] for link in links], dtype=float),
-        mass_kg=np.array([link["mass_kg"] for link in links]),
-        com_m=np.array([link["com_m"] for link in links]),
-        inertia_kg_m2=np.array([tensor(link["inertia_kg_m2"]) for link in links]),
-        gear_ratio=np.array(document.get("gear_ratio", unknown)),
-        torque_constant_nm_per_a=np.array(document.get("torque_constant_nm_per_a", unknown)),
-        max_torque_nm=np.array(document["max_torque_nm"]),
-        max_speed_rad_s=np.array(document["max_speed_rad_s"]),
-        max_position_rad=np.array(document["max_position_rad"]),
+        mass_kg=np.array([link["mass_kg"] for link in links], dtype=float),
+        com_m=np.array([link["com_m"] for link in links], dtype=float),
+        inertia_kg_m2=np.array([tensor(link["inertia_kg_m2"]) for link in links], dtype=float),
+        gear_ratio=np.array(document.get("gear_ratio", unknown), dtype=float),
+        torque_constant_nm_per_a=np.array(document.get("torque_constant_nm_per_a", unknown), dtype=float),
+        max_torque_nm=np.array(document["max_torque_nm"], dtype=float),
+        max_speed_rad_s=np.array(document["max_speed_rad_s"], dtype=float),
+        max_position_rad=np.array(document["max_position_rad"], dtype=float),
         payload_max_kg=float(document["payload_max_kg"]),
         zero_rad=np.array([link.get("zero_rad", 0.0) for link in links], dtype=float),
         y_m=np.array([link.get("y_m", 0.0) for link in links], dtype=float),
         base_rotation=np.array(document.get("base_rotation", np.eye(3)), dtype=float),
     )
+    _refuse_impossible(robot)
+    return robot
+
+
+def _refuse_impossible(robot: Robot) -> None:
+    """Raises BadInput naming what no arm can have. Torque constants, gear ratios and masses may be unknown: NaN; limits may be infinite."""
+    J = robot.joints
+    vectors = ("a_m", "d_m", "alpha_rad", "zero_rad", "y_m", "mass_kg", "gear_ratio", "torque_constant_nm_per_a")
+    for key in (*vectors, "max_torque_nm", "max_speed_rad_s", "max_position_rad"):
+        value = getattr(robot, key)
+        if value.shape != (J,) or value.dtype.kind != "f":
+            raise BadInput(f"{key}: {value.tolist()!r}; expected {J} numbers")
+    for key, most in (("a_m", 10.0), ("d_m", 10.0), ("y_m", 10.0), ("alpha_rad", 10.0), ("zero_rad", 10.0), ("com_m", 10.0)):
+        value = getattr(robot, key)
+        if not np.all(np.abs(value) <= most):
+            raise BadInput(f"{key}: {value.tolist()!r}; expected finite numbers up to {most:g} in size")
+    for key in ("gear_ratio", "torque_constant_nm_per_a", "max_torque_nm", "max_speed_rad_s", "max_position_rad"):
+        value = getattr(robot, key)
+        if np.any(value <= 0.0):
+            raise BadInput(f"{key}: {value.tolist()!r}; expected positive numbers")
+    if np.any(robot.mass_kg < 0.0) or np.any(robot.mass_kg > 1e4):
+        raise BadInput(f"mass_kg: {robot.mass_kg.tolist()!r}; expected 0 to 10 000 kg")
+    if robot.com_m.shape != (J, 3) or not np.all(np.isfinite(robot.inertia_kg_m2)):
+        raise BadInput("com_m, inertia_kg_m2: expected three coordinates and six finite moments for every link")
+    least = np.linalg.eigvalsh(robot.inertia_kg_m2)[:, 0]  # (J,)
+    if np.any(least < -1e-6 * np.maximum(np.trace(robot.inertia_kg_m2, axis1=1, axis2=2), 1e-9)):
+        raise BadInput(f"inertia_kg_m2 of link {int(np.argmin(least)) + 1} has a negative principal moment: no body has one")
+    turn = robot.base_rotation
+    if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0.0:
+        raise BadInput(f"base_rotation: {turn.tolist()!r}; expected a rotation matrix, 3 × 3")
+    if not (math.isnan(robot.rate_hz) or 1.0 <= robot.rate_hz <= 10_000.0):
+        raise BadInput(f"rate_hz = {robot.rate_hz!r}; expected 1 to 10 000")
+    if robot.payload_max_kg < 0.0:
+        raise BadInput(f"payload_max_kg = {robot.payload_max_kg!r}; expected 0 or more")

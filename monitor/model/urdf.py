@@ -17,6 +17,7 @@ from monitor.model.robot import Robot
 from monitor.recording import Array
 
 MAX_JOINTS = 8
+LARGEST = 1e5  # metres, kilograms, radians: no arm's
 UNLIMITED = 1e9  # a URDF must give effort and speed, and cannot spell infinity: this or more means that none is known
 PARALLEL = 1e-12  # sine of the angle between two axes below which it is rounding
 NEARLY_PARALLEL = 1e-3  # sine below which the common normal may be kilometres away
@@ -75,7 +76,11 @@ def robot_from_urdf_text(text: str, source: str = "URDF") -> Robot:
 
 def _chain(tree: ET.Element, source: str) -> list[_Body]:
     """The moving bodies from the base outward."""
-    links = {_named(link, source): link for link in tree.findall("link")}
+    named = [(_named(link, source), link) for link in tree.findall("link")]
+    links = dict(named)
+    if len(links) != len(named):
+        twice = next(name for name in links if sum(name == other for other, _ in named) > 1)
+        raise BadInput(f"{source}: link {twice!r} stands there twice; expected every name once")
     joints: dict[str, list[ET.Element]] = {}  # by parent link
     children = set()
     for joint in tree.findall("joint"):
@@ -98,12 +103,14 @@ def _chain(tree: ET.Element, source: str) -> list[_Body]:
         raise BadInput(f"{source}: {len(roots)} links are nobody's child ({', '.join(roots) or 'none'}); expected one, the base")
 
     bodies: list[_Body] = []
+    reached: set[str] = set()
     at: tuple[str, Array, Array] | None = (roots[0], np.eye(3), np.zeros(3))
     while at is not None:
         moving: list[tuple[ET.Element, Array, Array]] = []
         fixed = [at]  # this link and all that is screwed to it
         while fixed:
             name, R, p = fixed.pop()
+            reached.add(name)
             if bodies:
                 _add_inertia(bodies[-1], links[name], R, p, source)
             for joint in joints.get(name, []):
@@ -128,6 +135,10 @@ def _chain(tree: ET.Element, source: str) -> list[_Body]:
             limits = {key: _limit(joint, key, source) for key in ("lower", "upper", "effort", "velocity")}
             bodies.append(_Body(_child(joint), p, R @ axis / length, limits))
             at = (_child(joint), R, p)
+    if lost := set(links) - reached:
+        raise BadInput(
+            f"{source}: the base does not lead to {', '.join(sorted(lost))}: their joints go round in a ring; expected one chain"
+        )
     return bodies
 
 
@@ -149,8 +160,8 @@ def _numbers(element: ET.Element | None, key: str, default: str, source: str, wh
         values = np.array([float(part) for part in text.split()])
     except ValueError:
         values = np.zeros(0)
-    if len(values) != len(default.split()) or not np.all(np.isfinite(values)):
-        raise BadInput(f"{source}: {where}: {key} = {text!r}; expected {len(default.split())} finite numbers")
+    if len(values) != len(default.split()) or not np.all(np.abs(values) <= LARGEST):
+        raise BadInput(f"{source}: {where}: {key} = {text!r}; expected {len(default.split())} finite numbers up to {LARGEST:g} in size")
     return values
 
 
@@ -180,6 +191,8 @@ def _add_inertia(body: _Body, link: ET.Element, R: Array, p: Array, source: str)
     tensor = inertial.find("inertia")
     xx, xy, xz, yy, yz, zz = (float(_numbers(tensor, key, "0", source, where)[0]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if np.linalg.eigvalsh(J)[0] < -1e-6 * max(float(np.trace(J)), 1e-9):
+        raise BadInput(f"{source}: {where}: its inertia has a negative principal moment: no body has one")
     axes = R @ turn
     com = p + R @ shift
     spread = axes @ (0.5 * np.trace(J) * np.eye(3) - J) @ axes.T  # ∫ x xᵀ dm about the centre of mass

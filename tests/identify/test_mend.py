@@ -132,3 +132,16 @@ def test_a_torn_time_is_no_clock_that_was_set(rows, value):
     scattered = [row for k, row in enumerate(sorted(rows)) if k == 0 or row - sorted(rows)[k - 1] > 60]
     t_s[scattered] = value
     assert mended(replace(swing(), t_s=t_s))[1] == ()
+
+
+@pytest.mark.parametrize("factor", [1.3, 1.9, 0.6])
+def test_a_clock_that_runs_at_another_pace_is_refused(factor):
+    """No unit explains it: inertia would come out wrong by its square."""
+    with pytest.raises(Unidentifiable, match="check the columns and the clock"):
+        motion(scaled(swing(), t_s=factor))
+
+
+def test_a_clock_a_little_off_is_doubted():
+    """Ten per cent: fitted, and told."""
+    found = motion(scaled(swing(), t_s=1.1))
+    assert [caveat.code for caveat in of_motion(found, None)] == ["clock_doubtful"]

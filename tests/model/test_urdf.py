@@ -196,3 +196,38 @@ def test_a_file_is_read_and_a_missing_one_named(tmp_path):
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(BadInput, match="cannot be read"):
         robot_from_urdf(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            '<robot name="r"><link name="a"/><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
+            '<child link="b"/><axis xyz="0 0 1"/></joint></robot>',
+            "link 'a' stands there twice",
+        ),
+        (
+            '<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>'
+            '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>'
+            '<joint name="k" type="revolute"><parent link="c"/><child link="d"/></joint>'
+            '<joint name="l" type="revolute"><parent link="d"/><child link="c"/></joint></robot>',
+            "does not lead to c, d",
+        ),
+        (
+            '<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="-1" iyy="1" izz="1"/>'
+            "</inertial></link>"
+            '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>',
+            "negative principal moment",
+        ),
+        (
+            '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
+            '<axis xyz="0 0 1e200"/></joint></robot>',
+            "expected 3 finite numbers up to",
+        ),
+    ],
+    ids=["twice", "ring", "inertia", "axis"],
+)
+def test_what_an_independent_tester_slipped_in_is_refused(text, says):
+    """Named, where it would have been dropped or crashed later."""
+    with pytest.raises(BadInput, match=says):
+        robot_from_urdf_text(text)
