@@ -10,6 +10,7 @@ from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.solve import identify
+from monitor.identify.trust import TrustSettings, distrust
 from monitor.judge.belief import WEAR, Belief
 from monitor.judge.compensation import CompensatedModel, compensated
 from monitor.judge.document import plain
@@ -28,6 +29,7 @@ class AssessSettings:
     """The settings of every room on the way."""
 
     method: str = "wls"
+    trust: TrustSettings = field(default_factory=TrustSettings)
     identify: IdentifySettings = field(default_factory=IdentifySettings)
     drift: DriftSettings = field(default_factory=DriftSettings)
     temperature: TemperatureSettings = field(default_factory=TemperatureSettings)
@@ -132,6 +134,9 @@ def assess(
     refused = _refusal(recording.context.recorded_at_unix_s, belief)
     if refused:
         return refused
+    why_not = distrust(recording.quality, recording.samples, settings.trust)
+    if why_not is not None:
+        return Rejected(f"the recording is not to be trusted: {why_not}")
     try:
         identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify)
     except Unidentifiable as why:

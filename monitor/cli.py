@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor import __version__, commands_bus
+from monitor import __version__, commands_bus, commands_motion
 from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
@@ -136,52 +136,6 @@ def simulate(
     from monitor.simulate.server import serve
 
     serve(settings, lambda: typer.echo(announcement(settings)))
-
-
-@app.command()
-def replay(
-    config: ConfigOption,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Where the recording goes (Parquet).", show_default=False)],
-    as_json: JsonOption = False,
-) -> None:
-    """Move the arm once along the configured excitation, guarded, and save the recording."""
-    import signal
-    import threading
-
-    from monitor.acquire.replay import Progress
-    from monitor.acquire.replay import replay as replay_once
-    from monitor.files import write_recording
-    from monitor.terminal import progress
-
-    configuration = _load(config)
-    if output.suffix != ".parquet":
-        raise BadInput(f"{output}: a recording is written as Parquet; give a name that ends in .parquet")
-    if not output.parent.is_dir():
-        raise BadInput(f"{output}: the folder {output.parent} does not exist")
-    stopping = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stopping.set())
-    with progress("replay") as show:
-
-        def on_progress(at: Progress) -> None:
-            show(at.phase, at.elapsed_s, at.duration_s)
-
-        recording = replay_once(
-            configuration.excitation,
-            configuration.model,
-            configuration.replay,
-            context=configuration.context,
-            on_progress=on_progress,
-            should_stop=stopping.is_set,
-        )
-    write_recording(output, recording)
-    facts = {"file": str(output), "samples": recording.samples, "duration_s": recording.duration_s, "quality": dict(recording.quality)}
-    if as_json:
-        _print_json(facts)
-        return
-    typer.echo(f"{output}: {recording.samples} samples in {recording.duration_s:.1f} s")
-    for name, value in recording.quality.items():
-        typer.echo(f"  {name}: {value:.4g}" if isinstance(value, float) else f"  {name}: {value}")
 
 
 @app.command()
@@ -478,8 +432,17 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
 
 
 app.command(name="design")(design)
-for command in (commands_bus.alerts, commands_bus.ack, commands_bus.shelve, commands_bus.schema):
-    app.command()(command)
+for _command in (
+    commands_bus.alerts,
+    commands_bus.ack,
+    commands_bus.shelve,
+    commands_bus.schema,
+    commands_motion.check,
+    commands_motion.replay,
+    commands_motion.record,
+    commands_motion.allow,
+):
+    app.command()(_command)
 
 
 @app.command()

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, ValidationError, create_model
 
-from monitor.acquire.guard import ReplaySettings
+from monitor.acquire.settings import ReplaySettings
 from monitor.assess import AssessSettings
 from monitor.bounds import between
 from monitor.design.cell import Cell, cell_from_document, plain_cell

@@ -101,6 +101,11 @@ class Daemon:
         self.stopping.set()
         self.bus.close()
 
+    @property
+    def model(self) -> CompensatedModel | None:
+        """What is known of the arm's torque now."""
+        return self._model
+
     # --- one replay ------------------------------------------------------------------------------
 
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
@@ -114,6 +119,7 @@ class Daemon:
                 return None
             self._perform(ledger_id)
             (row,) = self._store.ledger(limit=1)
+            self.say_replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
             if row.state == "assessed" and self._health is not None:
                 log.info("replay=%d verdict=assessed health=%s why=%r", row.id, self._health.state, self._health.why)
             else:
@@ -135,7 +141,8 @@ class Daemon:
             self._store.end(ledger_id, "skipped", str(error), self._now())
             return
         except ReplayAborted as error:
-            self._store.end(ledger_id, "aborted", str(error), self._now())
+            stop = error.cause if error.needs_a_person else None
+            self._store.end(ledger_id, "aborted", str(error), self._now(), stop=stop)
             return
         # the host's clock, not the controller's, dates a recording; a study's clock is its host's
         recording = dataclasses.replace(recording, context=dataclasses.replace(recording.context, recorded_at_unix_s=self._now()))
@@ -210,6 +217,10 @@ class Daemon:
         """Overall and per-joint state; also while nothing is known yet."""
         document = {"state": None, "joints": [], "alerts": []} if self._health is None else self._health.as_document()
         self._say("health", "health", {**document, "next_replay_due_unix_s": self._next_due_unix_s, "said_at_unix_s": self._now()})
+
+    def say_replay(self, document: dict[str, Any]) -> None:
+        """What is going to happen to the arm, or has: for the cell's own programs."""
+        self._say("replay", "replay", {**document, "said_at_unix_s": self._now()})
 
     def say_live(self, document: dict[str, Any]) -> None:
         """One sample of predicted against measured torque."""
@@ -359,15 +370,27 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     from apscheduler.triggers.cron import CronTrigger
 
     from monitor.acquire.listen import Listener, ListenSettings
-    from monitor.acquire.replay import replay
-
-    def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
-        return replay(excitation, configuration.model, configuration.replay, context=context, should_stop=should_stop)
+    from monitor.motion import move
 
     # whom Zenoh did not let in is told in the journal
     zenoh.init_log_from_env_or("warn,zenoh::net::routing::interceptor=info")
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(configuration.state_directory))
+
+        def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
+            (row,) = store.ledger(limit=1)
+            return move(
+                configuration,
+                store,
+                excitation,
+                context,
+                should_stop=should_stop,
+                first_pass_path=store.first_pass_path(row.id),
+                ask=daemon.bus.ask_permit,
+                announce=lambda about: daemon.say_replay({"state": "announced", "replay": row.id, **about}),
+                model=daemon.model,
+            )
+
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))

@@ -41,9 +41,34 @@ class ReplayAborted(MonitorError):
     `cause` is the reason in one word, for the history: "protective_stop", "connection_lost", "child_died", …
     """
 
+    # nothing was wrong with the arm or with what stands around it: the next window may try again without anybody
+    HARMLESS = frozenset(
+        {
+            "parent_asked_to_stop",
+            "permit_withdrawn",
+            "connection_lost",
+            "stalled",
+            "late",
+            "timeout",
+            "child_died",
+            "controller_restarted",
+            "program_stopped",
+            "no_control",
+            "no_watchdog",
+            "servo_refused",
+            "speed_scaling",
+            "joint_temperature",
+        }
+    )
+
     def __init__(self, message: str, cause: str = "unknown") -> None:
         super().__init__(message)
         self.cause = cause
+
+    @property
+    def needs_a_person(self) -> bool:
+        """Before the arm moves again, somebody must look: a protective or emergency stop, torque or a path that was not as expected."""
+        return self.cause not in self.HARMLESS
 
 
 class StoreError(MonitorError):

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from monitor.errors import StoreError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _MIGRATIONS: dict[int, str] = {
     1: """
     CREATE TABLE ledger (
@@ -59,6 +59,24 @@ _MIGRATIONS: dict[int, str] = {
         published INTEGER NOT NULL DEFAULT 0
     ) STRICT;
     """,
+    2: """
+    CREATE TABLE stop (                           -- a replay that ended in a way that a person must look at
+        id INTEGER PRIMARY KEY,
+        ledger_id INTEGER REFERENCES ledger (id), -- none: `joint-monitor replay`, beside the schedule
+        at_unix_s REAL NOT NULL,
+        cause TEXT NOT NULL,
+        reason TEXT NOT NULL,
+        allowed_at_unix_s REAL,                   -- since when the arm may move again
+        allowed_by TEXT,
+        allowed_why TEXT
+    ) STRICT;
+    CREATE TABLE first_pass (                     -- which arm, in which circumstances, has been along its trajectory slowly
+        id INTEGER PRIMARY KEY,
+        at_unix_s REAL NOT NULL,
+        circumstances TEXT NOT NULL,              -- digest
+        document TEXT NOT NULL
+    ) STRICT;
+    """,
 }
 
 
@@ -82,6 +100,23 @@ class LedgerRow:
     ended_at_unix_s: float | None
     reason: str | None
     recording: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """A replay that was ended by something a person must look at before the arm moves again."""
+
+    id: int
+    ledger_id: int | None
+    at_unix_s: float
+    cause: str
+    reason: str
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        which = "a replay by hand" if self.ledger_id is None else f"replay {self.ledger_id}"
+        return f"{which} was ended by {self.cause}: {self.reason}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,6 +189,30 @@ class Store:
             raise StoreError(f"{path}: no history yet; it is made by the first `joint-monitor run` with this configuration")
         connection = sqlite3.connect(f"file:{path}?mode=ro", uri=True, isolation_level=None)
         try:
+            _check_version(connection, directory)
+            yield cls(directory, connection, None)
+        except sqlite3.DatabaseError as error:
+            raise StoreError(f"{path}: {error}") from None
+        finally:
+            connection.close()
+
+    @classmethod
+    @contextmanager
+    def beside(cls, directory: Path) -> Iterator["Store"]:
+        """The store for one short note beside a daemon that may run: stops and first passes, nothing of the ledger.
+
+        Raises StoreError where the directory cannot be written, or the file is damaged or newer.
+        """
+        path = directory / "history.sqlite"
+        try:
+            (directory / "recordings").mkdir(parents=True, exist_ok=True)
+            connection = sqlite3.connect(path, isolation_level=None, timeout=5.0)
+        except (OSError, sqlite3.OperationalError) as error:
+            raise StoreError(f"{directory}: cannot be written: {error}") from None
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            _migrate(connection, directory)
             yield cls(directory, connection, None)
         except sqlite3.DatabaseError as error:
             raise StoreError(f"{path}: {error}") from None
@@ -196,13 +255,15 @@ class Store:
         with self._transaction() as db:
             db.execute("UPDATE ledger SET state = 'recorded', recording = ? WHERE id = ? AND state = 'started'", (name, ledger_id))
 
-    def end(self, ledger_id: int, state: str, reason: str, at_unix_s: float) -> None:
-        """A window ended without an assessment: rejected, aborted or skipped, and why."""
+    def end(self, ledger_id: int, state: str, reason: str, at_unix_s: float, *, stop: str | None = None) -> None:
+        """A window ended without an assessment: rejected, aborted or skipped, and why. `stop`: the cause that a person must look at."""
         with self._transaction() as db:
             db.execute(
                 "UPDATE ledger SET state = ?, reason = ?, ended_at_unix_s = ? WHERE id = ? AND state IN ('started', 'recorded')",
                 (state, reason, float(at_unix_s), ledger_id),
             )
+            if stop is not None:
+                _note_stop(db, ledger_id, at_unix_s, stop, reason)
 
     def ledger(self, *, limit: int | None = None, states: Sequence[str] = ()) -> list[LedgerRow]:
         """Windows, oldest first; the last `limit` of them, only those in `states` where given."""
@@ -228,6 +289,50 @@ class Store:
             else:
                 self.end(row.id, "aborted", "the monitor ended during this replay", at_unix_s)
         return self.ledger(states=("recorded",))
+
+    # --- stops that wait for a person, and first passes ---------------------------------------
+
+    def stopped(self, cause: str, reason: str, at_unix_s: float) -> None:
+        """A replay beside the schedule was ended by something that a person must look at."""
+        with self._transaction() as db:
+            _note_stop(db, None, at_unix_s, cause, reason)
+
+    def waiting_stops(self) -> list[Stop]:
+        """Stops that nobody has acknowledged, oldest first."""
+        rows = self._rows("SELECT id, ledger_id, at_unix_s, cause, reason FROM stop WHERE allowed_at_unix_s IS NULL ORDER BY id")
+        return [Stop(id=id_, ledger_id=ledger, at_unix_s=at, cause=cause, reason=reason) for id_, ledger, at, cause, reason in rows]
+
+    def allow(self, by: str, why: str, at_unix_s: float) -> list[Stop]:
+        """A person has looked: the arm may move again. Returns the stops that were waiting, and keeps by whom and why with them."""
+        with self._transaction() as db:
+            waiting = self.waiting_stops()
+            db.execute(
+                "UPDATE stop SET allowed_at_unix_s = ?, allowed_by = ?, allowed_why = ? WHERE allowed_at_unix_s IS NULL",
+                (float(at_unix_s), by, why),
+            )
+        return waiting
+
+    def first_passed(self, circumstances: str) -> bool:
+        """Was the latest first pass made in these circumstances?"""
+        rows = self._rows("SELECT circumstances FROM first_pass ORDER BY id DESC LIMIT 1")
+        return bool(rows) and rows[0][0] == circumstances
+
+    def latest_first_pass(self) -> dict[str, Any] | None:
+        """Its document."""
+        rows = self._rows("SELECT document FROM first_pass ORDER BY id DESC LIMIT 1")
+        return json.loads(rows[0][0]) if rows else None
+
+    def first_pass_path(self, ledger_id: int) -> Path:
+        """Where the recording of a window's first pass belongs."""
+        return self.recordings / f"replay-{ledger_id:06d}-first-pass.parquet"
+
+    def first_pass(self, circumstances: str, document: Mapping[str, Any], at_unix_s: float) -> None:
+        """The arm has been along its trajectory slowly, in these circumstances."""
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO first_pass (at_unix_s, circumstances, document) VALUES (?, ?, ?)",
+                (float(at_unix_s), circumstances, _text(document)),
+            )
 
     # --- assessments ------------------------------------------------------------------------
 
@@ -348,9 +453,20 @@ def _numbered(db: sqlite3.Connection, ledger_id: int | None, at_unix_s: float, e
     return numbered
 
 
+def _note_stop(db: sqlite3.Connection, ledger_id: int | None, at_unix_s: float, cause: str, reason: str) -> None:
+    values = (ledger_id, float(at_unix_s), cause, reason)
+    db.execute("INSERT INTO stop (ledger_id, at_unix_s, cause, reason) VALUES (?, ?, ?, ?)", values)
+
+
 def _text(document: Mapping[str, Any]) -> str:
     # NaN would be stored as a word that no other JSON reader knows: refuse it here, where the culprit is still on the stack
     return json.dumps(document, allow_nan=False, separators=(",", ":"))
+
+
+def _check_version(connection: sqlite3.Connection, directory: Path) -> None:
+    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    if version < SCHEMA_VERSION:
+        raise StoreError(f"{directory}: written by an older joint-monitor (schema {version}); start `joint-monitor run` once to renew it")
 
 
 def _migrate(connection: sqlite3.Connection, directory: Path) -> None:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 _STATE_STYLE = {
     "NORMAL": "green",
@@ -338,3 +339,16 @@ def print_design(file: str, document: dict[str, Any]) -> None:
         )
     console.print(table)
     console.print("deviations to expect of one repetition, residuals correlated; shares are of the limits")
+
+
+def print_conditions(title: str, found: list[tuple[str, str, str]]) -> None:
+    """Every condition: its name, ok or NO or not checked, and what was found."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for column in ("condition", "holds", "found"):
+        table.add_column(column, overflow="fold", no_wrap=column != "found")
+    style = {"ok": "green", "NO": "bold red", "not checked": "yellow"}
+    for name, word, told in found:
+        table.add_row(name, Text(word, style=style[word]), Text(told))
+    Console(width=None if sys.stdout.isatty() else 140).print(table)
+    failed = [name for name, word, _ in found if word == "NO"]
+    print(f"the arm may not move: {', '.join(failed)}" if failed else "the arm may move")  # noqa: T201

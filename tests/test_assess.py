@@ -232,3 +232,29 @@ def test_the_simulated_arm_shows_friction_falling_with_temperature(simulated):
     last = simulated[-1]
     assert all(entry.friction_slope_per_k > 0 for entry in last.temperature)
     assert all(entry.range_c[1] - entry.range_c[0] > 8 for entry in last.temperature)
+
+
+@pytest.mark.parametrize(
+    ("quality", "words"),
+    [
+        ({"missed_ticks": 400}, "ticks are missing"),
+        ({"late_share": 0.5}, "targets came late"),
+        ({"slipped_s": 1.2}, "1.20 s behind its trajectory"),
+        ({"min_speed_scaling": 0.5}, "speed slider went to 50 %"),
+    ],
+)
+def test_a_replay_that_was_disturbed_is_stored_and_not_learnt_from(quality, words):
+    """What acquisition counted is believed; nothing is identified from it, whatever it would have said."""
+    rows = np.zeros((1250, 6))
+    recording = Recording(
+        t_s=np.arange(1250) * 0.008,
+        q=rows,
+        qd=rows,
+        current=rows,
+        context=replace(CONTEXT, recorded_at_unix_s=START_S),
+        quality={"missed_ticks": 0, "late_share": 0.01, "slipped_s": 0.0, "min_speed_scaling": 1.0} | quality,
+    )
+    outcome = assess(recording, robot=load_robot("ur5"), mounting=Mounting(), belief=None, health=None)
+    assert isinstance(outcome, Rejected)
+    assert "not to be trusted" in outcome.reason
+    assert words in outcome.reason

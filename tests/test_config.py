@@ -110,7 +110,7 @@ def test_no_file_and_no_toml_are_sentences(tmp_path: Path):
 @pytest.mark.parametrize("path", sorted((ROOT / "config" / "excitation").glob("*.json")), ids=lambda path: path.stem)
 def test_every_shipped_excitation_starts_and_ends_at_rest_within_the_robots_limits(path: Path):
     """What is shipped can be replayed: the same check that guards a replay passes."""
-    from monitor.acquire.guard import within_limits
+    from monitor.acquire.limits import within_limits
     from monitor.model.fourier import excitation_from_document
     from monitor.model.robot import load_robot
 

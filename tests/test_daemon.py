@@ -58,9 +58,14 @@ class Cell:
             allow_motion = true
             excitation = "short.json"
             cell = "unchecked"
+            first_pass = false
             approach_speed_rad_s = 0.8
             [schedule]
             cron = "0 0 29 2 *"
+            [trust]  # a busy machine: here the flow is tested, not the figures
+            max_missed_share = 1.0
+            max_late_share = 1.0
+            max_slipped_s = 10.0
             [store]
             directory = "history"
             [bus]
@@ -145,6 +150,8 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
         assert eventually(lambda: len(client.get("joint/*/friction")) == 6, 40.0), daemon.kill() or daemon.communicate()[1]
         health = client.get("health")[0].document
         assert health["state"] == "NORMAL"
+        told = client.get("replay")[0].document
+        assert (told["state"], told["verdict"]) == ("ended", "assessed")
         friction = client.get("joint/3/friction")[0].document
         assert friction["coulomb_nm"] > 0
         answer = client.torque(q=[0, -1.5, 0.5, 0, 0, 0], qd=[0.5] * 6, temperature_c=[25.0] * 6)

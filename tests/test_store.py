@@ -169,3 +169,45 @@ def test_kill_nine_at_any_moment_loses_and_doubles_nothing(tmp_path: Path):
             assert len(waiting) <= 1
             for row in waiting:
                 store.end(row.id, "rejected", "test", 0.0)
+
+
+def test_a_stop_waits_until_a_person_allows_motion_again(tmp_path: Path):
+    """Noted with the end of its window in one transaction, or beside the schedule; allowed once, by name."""
+    with Store.open(tmp_path) as store:
+        ledger_id = store.claim(DAY, "scheduled", DAY)
+        store.end(ledger_id, "aborted", "joint 3 hit something", DAY + 1, stop="protective_stop")
+        harmless = store.claim(2 * DAY, "scheduled", 2 * DAY)
+        store.end(harmless, "aborted", "the cable was pulled", 2 * DAY)
+        with Store.beside(tmp_path) as beside:  # `joint-monitor replay` beside the daemon
+            beside.stopped("torque_band", "too heavy", 3 * DAY)
+        assert [(stop.ledger_id, stop.cause) for stop in store.waiting_stops()] == [(ledger_id, "protective_stop"), (None, "torque_band")]
+        with Store.beside(tmp_path) as beside:  # `joint-monitor allow` beside the daemon
+            assert len(beside.allow("Ada", "looked at it", 4 * DAY)) == 2
+            assert beside.allow("Ada", "again", 5 * DAY) == []
+        assert store.waiting_stops() == []
+
+
+def test_a_first_pass_counts_for_its_circumstances_and_only_until_they_change(tmp_path: Path):
+    """There and back is two changes: nobody knows what was moved meanwhile."""
+    with Store.open(tmp_path) as store:
+        assert not store.first_passed("a")
+        store.first_pass("a", {"payload_kg": 1.0}, 1.0)
+        assert store.first_passed("a")
+        store.first_pass("b", {"payload_kg": 2.0}, 2.0)
+        assert not store.first_passed("a")
+        assert store.latest_first_pass() == {"payload_kg": 2.0}
+
+
+def test_a_history_of_the_first_schema_is_renewed_with_what_it_holds(tmp_path: Path):
+    """Tables are added, rows stay; a reader says what to do instead of failing on a missing table."""
+    from monitor import store as module
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "SCHEMA_VERSION", 1)
+        with Store.open(tmp_path) as store:
+            replayed(store, DAY)
+    with pytest.raises(StoreError, match="older joint-monitor"), Store.reader(tmp_path):
+        pass
+    with Store.open(tmp_path) as store:
+        assert [row.state for row in store.ledger()] == ["recorded"]
+        assert store.waiting_stops() == []

@@ -30,6 +30,7 @@ LARGEST_BODY = 4096 - HEADER.size  # PIPE_BUF: a frame is written whole or not a
 PIPE_BYTES = 1 << 20  # about 14 s of rows: a busy parent does not stop the arm
 STDERR_TAIL = 2000
 PR_SET_PDEATHSIG = 1
+REAL_TIME_PRIORITY = 10  # above everything ordinary, below what a kernel does for itself
 
 EXIT_ORPHANED = 70
 EXIT_PIPE = 71  # the parent does not read, or its end is closed
@@ -48,6 +49,15 @@ def begin() -> tuple[dict[str, Any], "Outbox", "Lifeline"]:
     if os.getppid() != job["parent_pid"]:  # it died before prctl
         os._exit(EXIT_ORPHANED)
     return job, Outbox(job["pipe"]), lifeline
+
+
+def real_time() -> bool:
+    """Ask for real-time priority for this process and every thread that it will start; False where that is not permitted."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
+    except OSError:
+        return False
+    return True
 
 
 class Outbox:

@@ -12,6 +12,7 @@ from monitor.errors import RobotUnreachable
 
 PORT = 29999
 LONGEST_LINE = 4096
+STOP_WITHIN_S = 1.6  # the caller must be told within 2 s, also of a controller that is gone; its own watchdog stops it meanwhile
 
 
 class Dashboard:
@@ -87,7 +88,7 @@ def identity(host: str, timeout_s: float = 2.0) -> Identity:
     )
 
 
-def stop_program(host: str, within_s: float = 3.0) -> bool:
+def stop_program(host: str, within_s: float = STOP_WITHIN_S) -> bool:
     """Stop whatever program runs, and see that none runs afterwards.
 
     Twice quiet, 0.15 s apart: a script that ur-rtde had sent again just before it was killed may arrive late.
@@ -97,7 +98,7 @@ def stop_program(host: str, within_s: float = 3.0) -> bool:
     quiet = 0
     while time.monotonic() < until:
         try:
-            with Dashboard(host, timeout_s=1.0) as dashboard:
+            with Dashboard(host, timeout_s=0.8) as dashboard:
                 while time.monotonic() < until:
                     dashboard.ask("stop")
                     quiet = quiet + 1 if dashboard.ask("running").lower() == "program running: false" else 0

@@ -5,6 +5,7 @@ killed at any moment; the daemon calls `poll` now and then, which restarts a los
 Listening never moves an arm, so any address is allowed, and it may go on during a replay.
 """
 
+import ipaddress
 import time
 from dataclasses import dataclass
 
@@ -12,6 +13,9 @@ from monitor.acquire.child import Child, ChildLost
 from monitor.acquire.rows import columns
 from monitor.errors import BadInput
 from monitor.recording import Array
+
+POLL_S = 0.005  # live state is decimated: a late look costs nothing
+EVERY_TICK_POLL_S = 0.0003  # the finest sleep that does not burn a core
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +140,9 @@ class Listener:
     def _try(self, now: float) -> None:
         self._heard_at, self._spoke = now, False
         try:
-            self._child = Child("monitor.acquire.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz})
+            self._child = Child(
+                "monitor.acquire.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz, "every_tick": False}
+            )
         except ChildLost as lost:
             self._lost(now, str(lost))
 
@@ -155,24 +161,25 @@ class Listener:
 
 def main() -> None:
     """The child: rows to the parent until the connection or the parent is gone; never returns."""
-    from rtde_receive import RTDEReceiveInterface  # only in the child
-
-    from monitor.acquire.child import begin, leave
-    from monitor.acquire.rows import PLACE, VARIABLES, Torn, snapshot
+    from monitor.acquire.child import begin, leave, real_time
+    from monitor.acquire.rows import PLACE, Torn, heard, snapshot
 
     job, outbox, lifeline = begin()
     host = job["host"]
+    if job["every_tick"] and not ipaddress.ip_address(host).is_loopback:
+        real_time()  # before ur-rtde starts its threads, which inherit it
+    poll_s = EVERY_TICK_POLL_S if job["every_tick"] else POLL_S
     try:
-        receive = RTDEReceiveInterface(host, job["rate_hz"], VARIABLES)
+        receive, signals = heard(host, job["rate_hz"])
         told_s = None
         while receive.isConnected():
             if receive.getTimestamp() != told_s:
-                row, _ = snapshot(receive)
+                row, _ = snapshot(receive, signals)
                 row[PLACE["host_monotonic_s"]] = time.monotonic()
                 told_s = row[0]
                 outbox.row(row)
             lifeline.word()
-            time.sleep(0.005)
+            time.sleep(poll_s)
         outbox.message("lost", text=f"{host}: the RTDE connection was lost")
     except (RuntimeError, Torn) as error:
         outbox.message("lost", text=f"{host}: RTDE: {error}")

@@ -14,8 +14,12 @@ import numpy as np
 from monitor import __version__
 from monitor.acquire import dashboard
 from monitor.acquire.child import Child, ChildLost
-from monitor.acquire.guard import ReplaySettings, permission
+from monitor.acquire.conditions import OF_CONFIGURATION, OF_CONTROLLER, Facts, refuse_unless, some
+from monitor.acquire.gate import Announce, Ask, Gate
 from monitor.acquire.rows import columns
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState, arm_state
+from monitor.acquire.torque_band import TorqueBand
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -43,24 +47,41 @@ def replay(
     context: Context | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
+    stopped_before: str | None = None,
+    ask: Ask | None = None,
+    announce: Announce | None = None,
+    band: TorqueBand | None = None,
 ) -> Recording:
     """Move to the start, play every repetition once, come back; the rows of the play alone, one a tick.
 
     `context` is what the caller knows of the arm; what the controller says of itself is added. The calling thread
-    blocks until the arm is back, and must not end before. `should_stop` is asked about every 50 ms.
+    blocks until the arm is back, and must not end before. `should_stop` is asked about every 50 ms. `stopped_before`: a stop
+    that nobody acknowledged, in words. `ask` and `announce`: who else must agree, and know. `band`: torque outside it ends the play.
 
     Raises MotionRefused (nothing was moved), RobotUnreachable (nothing was moved), ReplayAborted with its `cause`.
     """
-    permission(settings, excitation, robot)
-    known = _recognised(settings.host, context or Context(), excitation, robot)
+    facts = Facts(
+        settings=settings,
+        excitation=excitation,
+        robot=robot,
+        context=context or Context(),
+        now_unix_s=time.time(),
+        identity=None,
+        state=None,
+        stopped_before=stopped_before,
+    )
+    refuse_unless(some(facts, OF_CONFIGURATION))
+    facts = dataclasses.replace(facts, identity=dashboard.identity(settings.host))
+    refuse_unless(some(facts, OF_CONTROLLER))
     job = {
         "settings": dataclasses.asdict(dataclasses.replace(settings, cell=None)),
         "cell": None if settings.cell is None else settings.cell.as_document(),
         "excitation": excitation.as_document(),
+        "context": dataclasses.asdict(facts.context),
         "max_position_rad": robot.max_position_rad.tolist(),
         "max_speed_rad_s": robot.max_speed_rad_s.tolist(),
     }
-    watch = _Watch(settings, on_progress, should_stop)
+    watch = _Watch(settings, Gate(facts, ask=ask, announce=announce), on_progress, should_stop, band)
     child = Child("monitor.acquire.stream", job)
     try:
         watch.until_done(child)
@@ -70,30 +91,24 @@ def replay(
         stopped = not watch.may_move or dashboard.stop_program(settings.host)
     if not watch.done:
         _tell(watch, settings, exit_code, child.printed, stopped=stopped)
-    return _recording(watch, known, settings, excitation)
+    return _recording(watch, _known(facts, watch.state), settings, excitation)
 
 
-def _recognised(host: str, context: Context, excitation: Excitation, robot: Robot) -> Context:
-    """The context with what the controller says of itself; refuses an arm that is not the one it is taken for."""
-    who = dashboard.identity(host)
-    if who.model is not None and who.model.lower().removesuffix("e") != robot.name.lower().removesuffix("e"):
-        raise MotionRefused(f"{host}: the controller says it is a {who.model}, the configuration says {robot.name}")
-    if context.robot is not None and context.robot != robot.name:
-        raise MotionRefused(f"the context is of a {context.robot}, the arm is a {robot.name}")
-    if who.serial is not None and context.serial is not None and who.serial != context.serial:
-        raise MotionRefused(f"{host}: the controller's serial number is {who.serial}, expected {context.serial}")
-    if who.remote_control is False:
-        raise MotionRefused(f"{host}: the controller is in local control; set it to remote control on its pendant")
-    if context.mounting_rad is not None and not np.allclose(context.mounting_rad, excitation.mounting.angles_rad, atol=1e-6):
-        designed = np.round(np.degrees(excitation.mounting.angles_rad), 3)
-        raise MotionRefused(f"the excitation was designed for mounting {designed}°, the arm hangs at {np.degrees(context.mounting_rad)}°")
+def _known(facts: Facts, state: ArmState | None) -> Context:
+    """The context with what the controller says of itself."""
+    who, context = facts.identity, facts.context
+    assert who is not None
+    payload_kg = context.payload_kg
+    if payload_kg is None and state is not None and not np.isnan(state.payload_kg):
+        payload_kg = state.payload_kg
     return dataclasses.replace(
         context,
-        robot=robot.name,
+        robot=facts.robot.name,
         serial=who.serial or context.serial,
         firmware=who.firmware or context.firmware,
-        mounting_rad=excitation.mounting.angles_rad,
-        trajectory_digest=excitation.digest,
+        mounting_rad=facts.excitation.mounting.angles_rad,
+        payload_kg=payload_kg,
+        trajectory_digest=facts.excitation.digest,
         software=f"joint-monitor {__version__}",
     )
 
@@ -104,10 +119,14 @@ class _Watch:
     def __init__(
         self,
         settings: ReplaySettings,
+        gate: Gate,
         on_progress: Callable[[Progress], None] | None,
         should_stop: Callable[[], bool] | None,
+        band: TorqueBand | None,
     ) -> None:
-        self.settings, self.on_progress, self.should_stop = settings, on_progress, should_stop
+        self.settings, self.gate, self.on_progress, self.should_stop, self.band = settings, gate, on_progress, should_stop, band
+        self.state: ArmState | None = None  # the latest before the arm moved
+        self.gone = False  # the child was told to go
         self.rows: list[Array] = []
         self.first_row_unix_s: float | None = None
         self.in_control = False  # the child may have a program of ours running
@@ -146,6 +165,11 @@ class _Watch:
                     self.doubt = ("parent_asked_to_stop", "stopped on request before the arm moved")
                     return
                 child.send("stop")
+            if self.last_word is None and self.phase == "ready" and self.state is not None and not self.gone:
+                self.gone = self.gate.step(self.state, now)
+                if self.gone:
+                    child.send("go")
+                    self.phase_at = time.monotonic()  # from here on the child proves its way to the start, and takes control
             if self.last_word is None and self._out_of_patience(now):
                 return
 
@@ -155,15 +179,24 @@ class _Watch:
             if self.first_row_unix_s is None:
                 self.first_row_unix_s = time.time()
             self.rows.append(frame)
+            if self.band is not None and self.doubt is None:
+                self.doubt = self.band.outside(frame)
         elif frame["kind"] == "phase":
             self.phase, self.duration_s, self.phase_at = frame["phase"], frame["duration_s"], self.heard_at
             self.in_control = self.in_control or self.phase == "control"
+        elif frame["kind"] == "state":
+            self.state = arm_state(np.array(frame["row"], dtype=float))
         elif frame["kind"] != "alive":
             self.last_word = frame
 
     def _out_of_patience(self, now: float) -> bool:
+        if self.doubt is not None:
+            return True
         settings = self.settings
-        still = {"start": settings.startup_timeout_s, "connect": settings.startup_timeout_s, "control": settings.control_timeout_s}
+        patient_s = settings.startup_timeout_s
+        still = {"start": patient_s, "connect": patient_s, "ready": patient_s, "control": settings.control_timeout_s}
+        if not self.gone:
+            still["ready"] += self.gate.patience_s
         moving = self.phase not in {*still, "finish"}
         limit_s = settings.finish_timeout_s if self.phase == "finish" else still.get(self.phase, self.duration_s + settings.phase_grace_s)
         if now - self.phase_at > limit_s:
@@ -215,10 +248,17 @@ def _recording(watch: _Watch, context: Context, settings: ReplaySettings, excita
         "slipped_s": float(watch.last_word["slipped_s"]),
         "max_following_error_rad": float(np.max(following)),
         "min_speed_scaling": float(np.min(table["speed_scaling"])),
+        "latency_p99_ms": float(np.quantile(1000.0 * (host_s - t_s - np.min(host_s - t_s)), 0.99)),
         "pacing_p99_ms": float(np.quantile(pace_ms, 0.99)),
         "pacing_max_ms": float(np.max(pace_ms)),
         "rate_hz": settings.rate_hz,
         "repetitions": excitation.repetitions,
+        "time_scale": excitation.time_scale,
+        "late_share": float(np.mean((ticks > 1.5) | (pace_ms > 500.0 / settings.rate_hz))),
+        "longest_gap_ms": 1000.0 * float(watch.last_word["longest_gap_s"]),
+        "real_time_priority": bool(watch.last_word["real_time"]),
+        "controller_clock_at_start_s": float(t_s[0]),
+        "host_clock_at_start_unix_s": watch.first_row_unix_s,
     }
     return Recording(
         t_s=t_s,

@@ -3,6 +3,7 @@
 Only names that ur-rtde decodes: one it does not know would shift every later variable without an error.
 """
 
+import re
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,9 +22,10 @@ class Signal(NamedTuple):
     variable: str
     width: int
     getter: str
+    optional: bool = False  # not every generation reports it; NaN in the row then
 
 
-SIGNALS = (
+SIGNALS: tuple[Signal, ...] = (
     Signal("timestamp", 1, "getTimestamp"),
     Signal("actual_q", JOINTS, "getActualQ"),
     Signal("actual_qd", JOINTS, "getActualQd"),
@@ -38,9 +40,12 @@ SIGNALS = (
     Signal("safety_mode", 1, "getSafetyMode"),
     Signal("runtime_state", 1, "getRuntimeState"),
     Signal("safety_status_bits", 1, "getSafetyStatusBits"),
-    Signal("speed_scaling", 1, "getSpeedScaling"),
+    Signal("speed_scaling", 1, "getSpeedScaling", optional=True),
+    Signal("payload", 1, "getPayload", optional=True),  # not before 3.11 and 5.6
+    Signal("payload_cog", 3, "getPayloadCog", optional=True),
+    Signal("actual_tool_accelerometer", 3, "getActualToolAccelerometer", optional=True),
+    Signal("actual_digital_input_bits", 1, "getActualDigitalInputBits", optional=True),
 )
-VARIABLES = [signal.variable for signal in SIGNALS]
 # what the child adds to a row of the stream
 ADDED = (("commanded_q", JOINTS), ("host_monotonic_s", 1))
 
@@ -61,7 +66,27 @@ class Torn(Exception):
     """A getter did not deliver what its variable holds: the connection went away while reading."""
 
 
-def snapshot(receive: "RTDEReceiveInterface", attempts: int = 5) -> tuple[Array, int]:
+def heard(host: str, rate_hz: float) -> tuple["RTDEReceiveInterface", tuple[Signal, ...]]:
+    """A receiving connection, and what of SIGNALS this controller reports. Call it only in a child process.
+
+    A controller that lacks a variable refuses the whole request and names the variable: what is optional is then left out.
+    Raises RuntimeError as ur-rtde does.
+    """
+    from rtde_receive import RTDEReceiveInterface
+
+    signals = SIGNALS
+    while True:
+        try:
+            return RTDEReceiveInterface(host, rate_hz, [signal.variable for signal in signals]), signals
+        except RuntimeError as error:
+            words = set(re.findall(r"\w+", str(error)))
+            fewer = tuple(signal for signal in signals if not (signal.optional and signal.variable in words))
+            if len(fewer) == len(signals):
+                raise
+            signals = fewer
+
+
+def snapshot(receive: "RTDEReceiveInterface", signals: tuple[Signal, ...] = SIGNALS, attempts: int = 5) -> tuple[Array, int]:
     """One complete row (WIDTH,) of one tick, and how often it had to be read again.
 
     ur-rtde's getters are not atomic together: a row counts only if the timestamp is the same before and after.
@@ -69,7 +94,7 @@ def snapshot(receive: "RTDEReceiveInterface", attempts: int = 5) -> tuple[Array,
     """
     row = np.full(WIDTH, np.nan)
     for attempt in range(attempts):
-        for signal in SIGNALS:
+        for signal in signals:
             value = getattr(receive, signal.getter)()
             if signal.width > 1 and len(value) != signal.width:
                 raise Torn(f"{signal.variable} has {len(value)} values; expected {signal.width}")

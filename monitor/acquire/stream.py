@@ -6,25 +6,31 @@ and the controller's watchdog stops the arm.
 """
 
 import gc
+import ipaddress
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from rtde_control import RTDEControlInterface
 
 from monitor.acquire import guard
-from monitor.acquire.arm import Arm, Failure, arm_state
-from monitor.acquire.child import Lifeline, Outbox, begin, leave
-from monitor.acquire.guard import ReplaySettings
+from monitor.acquire.arm import Arm, Failure
+from monitor.acquire.child import Lifeline, Outbox, begin, leave, real_time
+from monitor.acquire.conditions import Facts
 from monitor.acquire.path import joint_path
 from monitor.acquire.rows import PLACE
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.design.cell import cell_from_document
 from monitor.errors import MonitorError, MotionRefused, RobotUnreachable
-from monitor.model.fourier import Excitation, excitation_from_document
+from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
-from monitor.recording import Array
+from monitor.recording import Array, Context
 
+LOOKS = 13  # rows: 0.1 s at 125 Hz
+STATE_EVERY_S = 0.1
 STILL_S = 0.15  # at rest for so long before the next phase begins
 SETTLE_S = 3.0  # and if it does not come to rest within this, something is wrong
 STOP_RAMP_S = 0.4  # on request the arm slows down along its path within this
@@ -32,31 +38,43 @@ SERVO_STOP_RAD_S2 = 5.0  # the arm is at rest already
 
 
 class Stopped(Exception):
-    """The parent asked, and the arm stands."""
+    """Somebody asked, and the arm stands."""
 
 
-def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, excitation: Excitation) -> Arm:
-    """The arm, heard and found well, at rest and free for 0.1 s, its way to the start clear. Only receiving: nothing is sent yet.
+def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, known: Facts) -> Arm:
+    """The arm, heard, and found well and at rest for 0.1 s; then held ready until the parent says go. Nothing is sent yet.
 
-    Raises RobotUnreachable or MotionRefused.
+    Raises RobotUnreachable or MotionRefused, Stopped where the parent does not want it any more.
     """
     outbox.message("phase", phase="connect", duration_s=0.0)
-    host = job["settings"]["host"]
+    host = known.settings.host
     try:
         arm = Arm(job, outbox, lifeline)
     except RuntimeError as error:
         raise RobotUnreachable(f"{host}: RTDE: {error}") from None
     if not arm.receive.isConnected():
         raise RobotUnreachable(f"{host}: RTDE answers but sends no data")
-    start_q = excitation.at(np.zeros(1)).q[0]  # (J,)
     try:
-        for _ in range(13):
-            state = arm_state(arm.next_row())
-            guard.ready(state, arm.settings, start_q)
+        seen = [arm.next_row() for _ in range(LOOKS)]
+        for row in seen:
+            guard.ready(replace(known, state=arm_state(row)), but=("approach_clear",))
+        outbox.message("phase", phase="ready", duration_s=0.0)
+        told_at = 0.0
+        while not arm.may_go:
+            if arm.seen_at - told_at > STATE_EVERY_S:  # the mean of what an accelerometer says; the latest of everything else
+                row = seen[-1].copy()
+                place = PLACE["actual_tool_accelerometer"]
+                row[place] = np.mean([each[place] for each in seen], axis=0)
+                outbox.message("state", row=row.tolist())
+                told_at = arm.seen_at
+            if arm.asked_to_stop:
+                raise Stopped
+            seen = [*seen[1:], arm.next_row()]
+        guard.ready(replace(known, state=arm_state(seen[-1])))
+        arm.seen_at = time.monotonic()  # the proof of the way to the start held up this process, not the controller
+        guard.ready(replace(known, state=arm_state(arm.next_row())), but=("approach_clear",))
     except Failure as failure:
         raise RobotUnreachable(f"{host}: {failure}") from None
-    if job["cell"] is not None:
-        guard.clear_approach(cell_from_document(job["cell"]), excitation, load_robot(excitation.robot), state.target_q)
     return arm
 
 
@@ -74,6 +92,7 @@ def take_control(arm: Arm) -> Array:
             raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
         raise Failure("no_control", f"the control program did not start: {error}") from None
     arm.seen_at = time.monotonic()  # the constructor held up this process, not the controller
+    arm.looked_at = arm.seen_at
     begin_q: Array = arm.next_row()[PLACE["target_q"]].copy()
     arm.recent.append(begin_q)
     if not arm.control.setWatchdog(arm.settings.watchdog_hz):
@@ -125,7 +144,7 @@ def settle(arm: Arm) -> None:
         arm.cycle(target, row)
         arm.tell()
         waited_s += arm.step_s
-        slow = np.max(np.abs(row[PLACE["actual_qd"]])) < guard.STANDSTILL_RAD_S and np.max(np.abs(row[PLACE["target_qd"]])) < 1e-3
+        slow = np.max(np.abs(row[PLACE["actual_qd"]])) < STANDSTILL_RAD_S and np.max(np.abs(row[PLACE["target_qd"]])) < 1e-3
         still_s = still_s + arm.step_s if slow else 0.0
         if waited_s > SETTLE_S:
             raise Failure("restless", f"the arm did not come to rest within {SETTLE_S:g} s")
@@ -139,15 +158,16 @@ def finish(arm: Arm) -> None:
         raise arm.why_refused()
     arm.control.stopScript()
     for _ in range(100):  # 1 s
-        if arm.receive.getRuntimeState() != guard.RUNTIME_PLAYING:
+        if arm.receive.getRuntimeState() != RUNTIME_PLAYING:
             return
         time.sleep(0.01)
     raise Failure("program_stopped", "the control program still runs although it was asked to end")
 
 
-def play(arm: Arm, excitation: Excitation, begin_q: Array) -> None:
+def play(arm: Arm, known: Facts, begin_q: Array) -> None:
     """The whole motion: approach, excitation, return, each followed by rest."""
-    settings = arm.settings
+    settings, excitation = arm.settings, known.excitation
+    arm.gap_s = arm.longest_gap_s = 0.0  # proofs and uploads took their time, before anything moved
     start_q = excitation.at(np.zeros(1)).q[0]  # (J,)
     gently = {"speed_rad_s": settings.approach_speed_rad_s, "acceleration_rad_s2": settings.approach_acceleration_rad_s2}
     there, back = joint_path(begin_q, start_q, **gently), joint_path(start_q, begin_q, **gently)
@@ -164,24 +184,42 @@ def play(arm: Arm, excitation: Excitation, begin_q: Array) -> None:
     finish(arm)
 
 
+def facts(job: dict[str, Any]) -> Facts:
+    """What the parent knows of this replay."""
+    cell = None if job["cell"] is None else cell_from_document(job["cell"])
+    excitation = excitation_from_document(job["excitation"])
+    return guard.about(
+        ReplaySettings(**{**job["settings"], "cell": cell}), excitation, load_robot(excitation.robot), Context(**job["context"])
+    )
+
+
 def main() -> None:
     """One replay, as the job on standard input says; never returns."""
     job, outbox, lifeline = begin()
+    # before ur-rtde starts its threads, which inherit it. A simulated arm shares our processors: it would be starved, and only it
+    scheduled = not ipaddress.ip_address(job["settings"]["host"]).is_loopback and real_time()
     gc.disable()  # the process lives for one replay; a collection would cost several ticks
+    arm: Arm | None = None
     try:
-        excitation = excitation_from_document(job["excitation"])
-        guard.permitted(ReplaySettings(**job["settings"]))
-        guard.within_limits(
-            excitation, max_position_rad=np.array(job["max_position_rad"]), max_speed_rad_s=np.array(job["max_speed_rad_s"])
+        known = facts(job)
+        guard.permitted(known.settings, known.excitation, known.robot)
+        arm = connect(job, outbox, lifeline, known)
+        play(arm, known, take_control(arm))
+        outbox.message(
+            "done",
+            missed_ticks=arm.missed,
+            torn_reads=arm.torn,
+            slipped_s=arm.slipped_s,
+            longest_gap_s=arm.longest_gap_s,
+            real_time=scheduled,
         )
-        arm = connect(job, outbox, lifeline, excitation)
-        play(arm, excitation, take_control(arm))
-        outbox.message("done", missed_ticks=arm.missed, torn_reads=arm.torn, slipped_s=arm.slipped_s)
         leave(0)
     except Failure as failure:
-        outbox.message("failed", cause=failure.cause, text=str(failure))
+        named = failure if arm is None else arm.named(failure)
+        outbox.message("failed", cause=named.cause, text=str(named))
     except Stopped:
-        outbox.message("failed", cause="parent_asked_to_stop", text="stopped on request; the arm stands")
+        cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
+        outbox.message("failed", cause=cause, text="stopped on request; the arm stands")
     except RobotUnreachable as error:
         outbox.message("unreachable", text=str(error))
     except MonitorError as error:

@@ -13,11 +13,14 @@ import re
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import zenoh
 
 from monitor.errors import BadInput, BusError
+
+if TYPE_CHECKING:
+    from monitor.publish.permit import Answer as PermitAnswer
 
 log = logging.getLogger(__name__)
 
@@ -202,6 +205,12 @@ class Bus:
         with self._lock:
             known = dict(self._last)
         return {key: json.loads(payload) for key, (_, payload) in known.items()}
+
+    def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> "PermitAnswer | None":
+        """Ask whoever answers `permit/replay`; None where nobody does in that time."""
+        from monitor.publish.permit import asked
+
+        return asked(self._session, self._prefix, about, timeout_s)
 
     def robot_alive(self, alive: bool) -> None:
         """Hold or drop the liveliness token of the link to the arm."""

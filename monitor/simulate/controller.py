@@ -118,6 +118,7 @@ class Controller:
         self.declared_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)
         self.declared_gravity: Array = settings.mounting.gravity_in_base
         self.moments = Moments(self.arm.believed)
+        self.digital_inputs = 0  # bits 0–7 standard, 8–15 configurable, 16–17 tool
         self._servo_goal: Array | None = None
         self._servo_goal_at_s = 0.0
         self._offset: Array = np.zeros(robot.joints)  # where the encoders' zeros have gone

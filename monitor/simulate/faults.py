@@ -188,6 +188,13 @@ def _remote(place: Place, a: dict[str, Any]) -> str:
     return f"remote control is {a['state']}"
 
 
+def _digital_input(place: Place, a: dict[str, Any]) -> str:
+    bit = 1 << int(a["number"])
+    on = a["state"] == "on"
+    place.controller.digital_inputs = place.controller.digital_inputs | bit if on else place.controller.digital_inputs & ~bit
+    return f"digital input {int(a['number'])} is {a['state']}"
+
+
 def _program_stop(place: Place, _: dict[str, Any]) -> str:
     return "program stopped" if place.controller.stop_program("fault: stopped by somebody else") else "no program was running"
 
@@ -248,6 +255,7 @@ def _clear(place: Place, _: dict[str, Any]) -> str:
     controller.inputs.release(NOBODY)
     controller.reported_version, controller.remote_control = controller.settings.polyscope, controller.settings.remote_control
     controller.missing.clear()
+    controller.digital_inputs = 0
     controller.sensors.louder(1.0)
     offset = controller.sensors.faults.offset_rad
     controller.sensors.faults = SensorFaults()
@@ -287,6 +295,11 @@ FAULTS: dict[str, Fault] = {
     "version": Fault(about="another version is reported", happen=_version, arguments={"version": Text()}),
     "not_found": Fault(about="outputs that this controller does not know", happen=_not_found, arguments={"names": Text()}),
     "remote": Fault(about="remote control off or on", happen=_remote, arguments={"state": Choice(("on", "off"), "off")}),
+    "digital_input": Fault(
+        about="somebody switches a digital input",
+        happen=_digital_input,
+        arguments={"number": Number(0, 17), "state": Choice(("on", "off"), "on")},
+    ),
     "program_stop": Fault(about="somebody else stops the program", happen=_program_stop),
     "protective_stop": Fault(
         about="protective stop; the program pauses, stops or plays on",

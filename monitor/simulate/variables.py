@@ -51,7 +51,7 @@ class Variable(NamedTuple):
 def output_variables(c: "Controller") -> dict[str, Variable]:
     """Every output that this controller knows.
 
-    Not modelled and constantly zero: forces at the tool, accelerometer, momentum, analogue inputs.
+    Not modelled and constantly zero: forces at the tool, momentum, analogue inputs.
     """
     pose = _Poses(c)
 
@@ -103,10 +103,10 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "actual_main_voltage": Variable("DOUBLE", constant(SUPPLY_V)),
         "actual_robot_voltage": Variable("DOUBLE", constant(SUPPLY_V)),
         "actual_robot_current": Variable("DOUBLE", lambda: (supply_current(c),)),
-        "actual_tool_accelerometer": Variable("VECTOR3D", constant(0.0, 0.0, 0.0)),
+        "actual_tool_accelerometer": Variable("VECTOR3D", lambda: pose.accelerometer().tolist()),
         "payload": Variable("DOUBLE", lambda: c.declared_payload[:1]),
         "payload_cog": Variable("VECTOR3D", lambda: c.declared_payload[1:]),
-        "actual_digital_input_bits": Variable("UINT64", constant(0)),
+        "actual_digital_input_bits": Variable("UINT64", lambda: (c.digital_inputs,)),
         "actual_digital_output_bits": Variable("UINT64", lambda: (c.outputs.digital,)),
         **{f"standard_analog_input{i}": zero for i in (0, 1)},
         "standard_analog_output0": Variable("DOUBLE", lambda: (c.outputs.analog[0],)),
@@ -167,6 +167,11 @@ class _Poses:
 
     def target(self) -> tuple[Array, Array]:
         return self._of("target", self._c.reference.q, self._c.reference.qd)
+
+    def accelerometer(self) -> Array:
+        """(3,) of the flange at rest [m/s²]: what holds it against gravity, as a real arm's reads; its own acceleration is not modelled."""
+        upwards: Array = -self._c.kinematics.flange(self._c.arm.q).rotation.T @ self._c.arm.mounting.gravity_in_base
+        return upwards
 
     def _of(self, key: str, q: Array, qd: Array) -> tuple[Array, Array]:
         known = self._known.get(key)

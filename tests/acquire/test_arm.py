@@ -1,12 +1,16 @@
 """What ends the stream, by the controller's own words and by the arm's deeds; values only, no connection."""
 
+import subprocess
+import sys
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from monitor.acquire.arm import REMEMBERED, strayed, unwell
-from monitor.acquire.guard import ArmState, ReplaySettings
+from monitor.acquire.arm import REMEMBERED, Arm, Failure, strayed, unwell
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
 WELL = ArmState(
@@ -40,6 +44,7 @@ def test_an_arm_that_plays_and_is_well_goes_on():
         ({"runtime_state": 4}, "program_stopped"),
         ({"q": np.array([0, 0, np.nan, 0, 0, 0])}, "bad_data"),
         ({"temperature_c": np.array([30, 30, 30, 30, 30, 76.0])}, "joint_temperature"),
+        ({"speed_scaling": 0.6}, "speed_scaling"),
         ({"temperature_c": np.full(6, np.nan)}, "joint_temperature"),
     ],
 )
@@ -68,3 +73,39 @@ def test_the_joint_that_strayed_is_named():
     failure = strayed(np.array([0, 0, 0, 0.1, 0, 0]), np.zeros((3, 6)), 0.05)
     assert failure is not None
     assert "joint 4 is 0.100 rad" in str(failure)
+
+
+class Cycles:
+    """What `Arm.named` looks at, without connections."""
+
+    def __init__(self, gap_s, ago_s):
+        self.settings, self.tick_s, self.gap_s, self.gap_at = SETTINGS, 0.008, gap_s, time.monotonic() - ago_s
+
+
+@pytest.mark.parametrize(
+    ("cause", "gap_s", "ago_s", "named"),
+    [
+        ("following_error", 0.008, 0.0, "following_error"),  # every cycle was in time: something held the arm
+        ("following_error", 0.06, 0.1, "late"),
+        ("following_error", 0.06, 2.0, "following_error"),  # long ago
+        ("program_stopped", 0.03, 0.1, "program_stopped"),  # too short to wake the watchdog: somebody else stopped it
+        ("program_stopped", 0.11, 0.1, "late"),
+        ("protective_stop", 0.3, 0.0, "protective_stop"),  # the controller's own word is never explained away
+        ("connection_lost", 0.3, 0.0, "connection_lost"),
+    ],
+)
+def test_what_late_targets_can_cause_is_laid_at_their_door_and_nothing_else(cause, gap_s, ago_s, named):
+    """The cause that an operator reads is the one to act on."""
+    failure = Arm.named(Cycles(gap_s, ago_s), Failure(cause, "…"))
+    assert failure.cause == named
+    assert named == cause or cause in str(failure)
+
+
+def test_real_time_priority_is_taken_where_it_is_permitted_and_reported_where_not():
+    """In a process of its own: asked for, it has it or says False; its threads inherit it."""
+    code = "import os, threading\nfrom monitor.acquire.child import real_time\n" + (
+        "got = real_time()\nhas = []\nt = threading.Thread(target=lambda: has.append(os.sched_getscheduler(0) == os.SCHED_FIFO))\n"
+        "t.start(); t.join()\nprint(got, has[0])"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert said in (["True", "True"], ["False", "False"])

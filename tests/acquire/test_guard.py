@@ -3,14 +3,24 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
+import pinocchio as pin
 import pytest
 from excitations import short
+from hypothesis import given
+from hypothesis import strategies as st
 
 from monitor.acquire import guard
-from monitor.acquire.guard import ArmState, ReplaySettings
+from monitor.acquire.conditions import CHECKS, Facts, Permit, conditions, tilt_deg
+from monitor.acquire.dashboard import Identity
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState
+from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
-from monitor.model.robot import load_robot
+from monitor.model.robot import Mounting, load_robot
+from monitor.recording import Context
 
+NOON = 1_767_614_400.0  # 2026-01-05 12:00 UTC
 SIMULATED = ReplaySettings(host="127.0.0.1", allow_motion=True)
 
 
@@ -29,16 +39,23 @@ def test_motion_is_off_unless_somebody_turned_it_on():
 def test_only_true_itself_allows_motion(truthy):
     """A word or number that happens to be truthy, "false" above all, does not move an arm."""
     with pytest.raises(MotionRefused, match="allow_motion"):
-        guard.permitted(ReplaySettings(host="127.0.0.1", allow_motion=truthy))
+        guard.permitted(ReplaySettings(host="127.0.0.1", allow_motion=truthy), short(), load_robot("ur5"))
 
 
-@pytest.mark.parametrize(
-    "host", ["192.168.0.10", "localhost", "ur5.local", "0.0.0.0", "10.127.0.1", "127.0.0.1.example.org", "::1", "127.1", ""]
-)
-def test_only_a_loopback_literal_may_be_moved(host):
-    """Names may resolve to anything, so even localhost is refused."""
-    with pytest.raises(MotionRefused, match="simulated arm"):
-        guard.permitted(replace(SIMULATED, host=host))
+@pytest.mark.parametrize("host", ["localhost", "ur5.local", "0.0.0.0", "8.8.8.8", "127.0.0.1.example.org", "::1", "127.1", "", "224.0.0.1"])
+def test_only_a_literal_address_near_by_may_be_moved(host):
+    """Names may resolve to anything, so even localhost is refused; nothing out in the world is moved."""
+    with pytest.raises(MotionRefused, match=r"address: .*address"):
+        guard.permitted(replace(SIMULATED, host=host, cell=plain_cell(Mounting())), short(), load_robot("ur5"))
+
+
+def test_a_real_arm_moves_only_with_every_guard_on():
+    """An address that is not this machine's needs a cell that is described and slow first passes."""
+    real = replace(SIMULATED, host="192.168.0.10", cell=plain_cell(Mounting()))
+    guard.permitted(real, short(), load_robot("ur5"))
+    for changes, word in (({"first_pass": False}, "first_pass"), ({"cell": None}, "unchecked"), ({"allow_motion": False}, "allow_motion")):
+        with pytest.raises(MotionRefused, match=word):
+            guard.permitted(replace(real, **changes), short(), load_robot("ur5"))
 
 
 def test_an_excitation_of_another_robot_is_refused_by_name():
@@ -69,6 +86,16 @@ def test_settings_that_would_weaken_the_watchdog_are_refused():
         ReplaySettings(host="127.0.0.1", watchdog_hz=2.0)
 
 
+def upright(q, mounting=None):
+    """(3,) what a flange's accelerometer reads at rest, by pinocchio's kinematics rather than ours."""
+    robot = load_robot("ur5")
+    model = robot.pinocchio_model()
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    flange = data.oMf[model.getFrameId("dh_6")].rotation
+    return tuple(-flange.T @ (mounting or Mounting()).gravity_in_base)
+
+
 def well(**changes) -> ArmState:
     """An arm at rest at the start of `short()`."""
     start = short().at(np.zeros(1)).q[0]
@@ -82,8 +109,26 @@ def well(**changes) -> ArmState:
         target_q=start,
         target_qd=np.zeros(6),
         temperature_c=np.full(6, 25.0),
+        speed_scaling=1.0,
+        payload_kg=1.0,
+        accelerometer_m_s2=upright(start),
+        digital_inputs=0.0,
     )
     return replace(state, **changes)
+
+
+def facts(state: ArmState | None = None, **changes) -> Facts:
+    """What is known of that arm, upright on the ground, 1 kg in its hand."""
+    known = Facts(
+        settings=SIMULATED,
+        excitation=short(),
+        robot=load_robot("ur5"),
+        context=Context(robot="ur5", payload_kg=1.0, mounting_rad=(0.0, 0.0, 0.0)),
+        now_unix_s=NOON,
+        identity=Identity(model="UR5", serial="2016331234", firmware="3.15.8.106339", remote_control=True),
+        state=state,
+    )
+    return replace(known, **changes)
 
 
 def nudged(joint, by):
@@ -95,7 +140,7 @@ def nudged(joint, by):
 
 def test_an_arm_that_is_well_and_at_rest_may_begin():
     """Again: not everything is refused."""
-    guard.ready(well(), SIMULATED, well().q)
+    guard.ready(facts(well()))
 
 
 @pytest.mark.parametrize(
@@ -110,11 +155,133 @@ def test_an_arm_that_is_well_and_at_rest_may_begin():
         ({"qd": np.array([0, 0, 0.1, 0, 0, 0])}, "joint 3 at 0.100 rad/s"),
         ({"q": nudged(1, np.nan)}, "not finite"),
         ({"q": nudged(1, 0.2)}, "joint 2 is 0.200 rad from the controller's own target"),
-        ({"q": nudged(5, 2.6), "target_q": nudged(5, 2.6)}, "joint 6 is 2.60 rad from the start"),
+        ({"q": nudged(5, 2.6), "target_q": nudged(5, 2.6), "accelerometer_m_s2": (np.nan,) * 3}, "joint 6 is 2.60 rad from the start"),
         ({"temperature_c": np.array([25, 25, 25, 90, 25, 25.0])}, "joint 4 is at 90.0 °C"),
+        ({"speed_scaling": 0.5}, "speed_scaling: the speed slider is at 50 %"),
+        ({"payload_kg": 0.9}, r"payload: the controller reckons with 0\.900 kg, the configuration says 1\.000 kg"),
+        ({"accelerometer_m_s2": (0.0, 0.0, 5.0)}, r"gravity: the tool's accelerometer reads 5\.00 m/s²"),
     ],
 )
 def test_an_arm_that_is_not_ready_is_left_alone_and_the_reason_said(changes, words):
     """One doubt at a time."""
     with pytest.raises(MotionRefused, match=words):
-        guard.ready(well(**changes), SIMULATED, short().at(np.zeros(1)).q[0])
+        guard.ready(facts(well(**changes)))
+
+
+def test_every_condition_is_named_and_holds_for_an_arm_that_is_well():
+    """The names that the operator meets, in the order in which they are printed; the two that were not asked for say so."""
+    found = conditions(facts(well()))
+    assert [condition.name for condition in found] == list(CHECKS)
+    assert all(condition.holds for condition in found), [c for c in found if not c.holds]
+    assert {condition.name for condition in found if not condition.checked} == {"trajectory_clear", "approach_clear"}  # no cell
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"settings": replace(SIMULATED, allow_motion=False)}, "motion_allowed"),
+        ({"settings": replace(SIMULATED, host="ur5.local")}, "address"),
+        ({"settings": replace(SIMULATED, windows_utc=("13:00-14:00",))}, "time_window"),
+        ({"excitation": short(robot="ur3")}, "trajectory"),
+        ({"settings": replace(SIMULATED, cell=plain_cell(Mounting()))}, "trajectory_clear"),  # `short` was never proved
+        ({"stopped_before": "replay 7 ended by protective_stop"}, "previous_stop"),
+        ({"identity": None}, "robot_model"),
+        ({"identity": Identity("UR10", "1", "3.15", None)}, "robot_model"),
+        ({"identity": Identity("UR5", "1", "5.11", False)}, "remote_control"),
+        ({"context": Context(serial="2")}, "serial"),
+        ({"state": None}, "safety_mode"),
+        ({"state": well(runtime_state=2)}, "no_other_program"),
+        ({"settings": replace(SIMULATED, permit="digital_input:3")}, "permit"),
+        ({"settings": replace(SIMULATED, permit="zenoh")}, "permit"),
+        ({"settings": replace(SIMULATED, permit="zenoh"), "permit": Permit(False, "the press is open")}, "permit"),
+    ],
+)
+def test_each_condition_can_fail_and_is_the_one_that_is_named(changes, name):
+    """One doubt at a time: its condition is the first that does not hold."""
+    failed = [condition for condition in conditions(facts(**{"state": well(), **changes})) if not condition.holds]
+    assert failed[0].name == name
+    assert len(failed[0].told) > 10
+
+
+@pytest.mark.parametrize("given", [{"permit": "digital_input:3"}, {"permit": "zenoh"}])
+def test_a_permit_that_is_given_is_enough(given):
+    """The input is on, or somebody said yes."""
+    known = facts(well(digital_inputs=8.0), settings=replace(SIMULATED, **given), permit=Permit(True, "the press is parked"))
+    assert all(condition.holds for condition in conditions(known))
+
+
+def test_what_a_generation_does_not_report_is_said_and_does_not_crash():
+    """An old controller: no payload, accelerometer, slider or inputs, a dashboard that knows neither model nor remote control."""
+    nan = float("nan")
+    silent = well(speed_scaling=nan, payload_kg=nan, accelerometer_m_s2=(nan, nan, nan), digital_inputs=nan)
+    found = {c.name: c for c in conditions(facts(silent, identity=Identity(None, None, "3.9", None)))}
+    for name in ("speed_scaling", "payload", "gravity", "robot_model", "serial", "remote_control"):
+        assert found[name].holds
+        assert not found[name].checked
+        assert "not reported" in found[name].told
+    # an input that must be on and is not reported is no permit
+    assert not {c.name: c for c in conditions(facts(silent, settings=replace(SIMULATED, permit="digital_input:0")))}["permit"].holds
+    # the manufacturer's own simulator reports an accelerometer of three zeros
+    assert not {c.name: c for c in conditions(facts(well(accelerometer_m_s2=(0.0, 0.0, 0.0))))}["gravity"].checked
+
+
+@given(q=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), tilt=st.floats(0.0, 3.1), about=st.floats(-3.1, 3.1))
+def test_the_tilt_of_the_base_is_found_in_any_pose(q, tilt, about):
+    """Gravity by the accelerometer through forward kinematics: the angle between two mountings, whatever the arm does with its joints."""
+    q = np.array(q)
+    really = Mounting(roll_rad=tilt, yaw_rad=about)
+    measured = np.array(upright(q, really))
+    expected = np.degrees(tilt)  # a turn about the vertical cannot be seen, and does not matter
+    # arccos loses half the digits at its ends
+    assert tilt_deg(load_robot("ur5"), Mounting(yaw_rad=0.3), q, measured) == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_base_that_hangs_otherwise_than_configured_is_refused():
+    """7° is more than the 5° that are allowed; 3° is not."""
+    for degrees, holds in ((3.0, True), (7.0, False)):
+        measured = upright(well().q, Mounting(roll_rad=np.radians(degrees)))
+        gravity = {c.name: c for c in conditions(facts(well(accelerometer_m_s2=measured)))}["gravity"]
+        assert gravity.holds is holds
+        assert f"{degrees:.1f}°" in gravity.told
+
+
+def test_the_accelerometer_of_a_real_arm_reads_up_as_we_do(real_data):
+    """The sign and the frame, from a recording of a real arm at rest that stands upright."""
+    table = pd.read_csv(real_data / "ur_standstill" / "real_10hz.csv", sep=r"\s+")
+    q = table[[f"actual_q_{j}" for j in range(6)]].to_numpy().mean(axis=0)
+    measured = table[[f"actual_tool_accelerometer_{k}" for k in range(3)]].to_numpy().mean(axis=0)
+    assert tilt_deg(load_robot("ur5e"), Mounting(), q, measured) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("windows", "at", "left"),
+    [
+        (("11:30-12:30",), NOON, 30.0),
+        (("22:00-05:00",), NOON, None),
+        (("22:00-05:00",), NOON + 11 * 3600, 360.0),  # 23:00
+        (("22:00-05:00",), NOON + 16 * 3600, 60.0),  # 04:00
+        (("00:00-24:00",), NOON, 720.0),
+        (("01:00-02:00", "11:00-13:00"), NOON, 60.0),
+        ((), NOON, np.inf),
+    ],
+)
+def test_a_window_is_open_in_utc_and_may_pass_midnight(windows, at, left):
+    """Minutes that are left in it; None outside every one."""
+    assert replace(SIMULATED, windows_utc=windows).minutes_left(at) == left
+
+
+def test_a_motion_must_end_before_its_window_does():
+    """Three seconds of motion in two seconds of window are refused."""
+    settings = replace(SIMULATED, windows_utc=("11:00-12:01",))
+    assert conditions(facts(well(), settings=settings))[2].holds
+    assert not conditions(facts(well(), settings=settings, now_unix_s=NOON + 58.0))[2].holds
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"windows_utc": ("22-5",)}, {"windows_utc": ("25:00-26:00",)}, {"permit": "maybe"}, {"permit": "digital_input:18"}],
+)
+def test_a_window_or_permit_that_is_none_is_refused(wrong):
+    """With what would be right."""
+    with pytest.raises(BadInput, match="expected"):
+        replace(SIMULATED, **wrong)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from excitations import short
 
-from monitor.acquire import guard
-from monitor.acquire.guard import ReplaySettings
+from monitor.acquire import guard, limits
+from monitor.acquire.settings import ReplaySettings
 from monitor.config import find_excitation
 from monitor.design.cell import Box, Cell, plain_cell
 from monitor.errors import BadConfiguration, MotionRefused
@@ -54,10 +54,10 @@ def test_a_trajectory_that_was_changed_by_hand_is_found_out():
 
 def test_an_approach_through_the_table_is_refused_and_one_from_home_is_not():
     """The straight way in joint space from where the arm stands."""
-    guard.clear_approach(PLAIN, GROUND, UR5, np.array([0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]))
+    limits.clear_approach(PLAIN, GROUND, UR5, np.array([0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]))
     below = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(MotionRefused, match=r"on the straight way .* mounting surface come to be .* inside each other"):
-        guard.clear_approach(PLAIN, GROUND, UR5, below)
+        limits.clear_approach(PLAIN, GROUND, UR5, below)
 
 
 def configured(folder: Path, **replay: object):

@@ -3,7 +3,6 @@
 import itertools
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -13,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from excitations import short
-from processes import alive, children
+from processes import children
 
-from monitor.acquire.guard import ReplaySettings
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
+from monitor.acquire.settings import ReplaySettings
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
@@ -251,107 +250,6 @@ def running(host):
 
     with Dashboard(host) as dashboard:
         return dashboard.ask("running").lower() == "program running: true"
-
-
-def test_when_the_child_is_killed_the_arm_stands_and_the_replay_is_told_as_aborted(fresh_arm):
-    """SIGKILL in the middle of the play: the watchdog stops the arm, the parent reaps and tells."""
-    on_progress, at = during_play(lambda: os.kill(children()[0], signal.SIGKILL))
-    with pytest.raises(ReplayAborted, match="signal 9") as aborted:
-        replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress)
-    assert aborted.value.cause == "child_died"
-    assert_stands(fresh_arm, at[0])
-    assert not running(fresh_arm.host)
-    assert children() == []
-
-
-PARENT = """
-import sys
-sys.path[:0] = {paths!r}
-from excitations import short
-from monitor.acquire.guard import ReplaySettings
-from monitor.acquire.replay import replay
-from monitor.model.robot import load_robot
-replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True),
-       on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True))
-"""
-
-
-def test_when_the_parent_is_killed_the_child_goes_with_it_and_the_arm_stands(fresh_arm):
-    """SIGKILL of the supervising process in the middle of the play."""
-    program = PARENT.format(paths=[str(ROOT / "tests" / "acquire")])
-    parent = subprocess.Popen([sys.executable, "-c", program, fresh_arm.host], stdout=subprocess.PIPE, text=True, cwd=ROOT)
-    try:
-        for line in parent.stdout:
-            phase, elapsed_s = line.split()
-            if phase == "play" and float(elapsed_s) > 1.4:
-                break
-        else:
-            pytest.fail("the replay never came to its play")
-        (child,) = children(parent.pid)
-        assert speed(fresh_arm) > AT_REST_RAD_S
-    finally:
-        parent.kill()
-        at = time.monotonic()
-        parent.wait()
-    assert_stands(fresh_arm, at)
-    assert not alive(child)
-    assert not running(fresh_arm.host)
-    truth = fresh_arm.truth()
-    assert truth["watchdog_trips"] == 1  # nobody else was left to stop it
-
-
-@pytest.mark.parametrize(
-    ("fault", "causes"),
-    [
-        ("stall", {"stalled"}),
-        ("close", {"connection_lost"}),
-        ("reset", {"connection_lost"}),
-        ("program_stop", {"program_stopped"}),
-        ("emergency_stop", {"emergency_stop"}),
-        ("protective_stop", {"protective_stop"}),
-    ],
-)
-def test_a_fault_in_the_middle_of_the_play_aborts_with_its_cause_and_the_arm_stands(fresh_arm, fault, causes):
-    """The arm is not left moving, no program of ours runs, no process is left, no protective stop is unlocked."""
-
-    def act():
-        with Remote(fresh_arm.host) as remote:
-            inject(remote, fault)
-
-    on_progress, at = during_play(act)
-    with pytest.raises(ReplayAborted) as aborted:
-        replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress)
-    assert aborted.value.cause in causes, str(aborted.value)
-    assert "DID NOT CONFIRM" not in str(aborted.value)
-    assert_stands(fresh_arm, at[0] + 0.2)  # the fault itself is told through a socket
-    assert not running(fresh_arm.host)
-    assert children() == []
-    if fault == "protective_stop":
-        assert fresh_arm.truth()["safety_mode"] == 3
-
-
-def inject(remote, fault):
-    if fault == "protective_stop":
-        remote.protective_stop()
-    elif fault == "stall":
-        remote.fault("stall", seconds=1.5)
-    else:
-        remote.fault(fault)
-
-
-def test_a_protective_stop_that_leaves_the_program_playing_is_seen_too():
-    """Then servoJ still says True while the arm stands; the safety bits tell."""
-    simulated = Simulated("127.0.2.23", "--protective-runtime", "playing")
-    try:
-        with Remote(simulated.host) as remote:
-            on_progress, at = during_play(remote.protective_stop)
-            with pytest.raises(ReplayAborted) as aborted:
-                replay(short(), UR5, simulated.settings(), on_progress=on_progress)
-        assert aborted.value.cause == "protective_stop"
-        assert_stands(simulated, at[0])
-        assert not running(simulated.host)
-    finally:
-        simulated.close()
 
 
 def test_on_request_the_arm_slows_down_stands_and_its_program_ends(fresh_arm):

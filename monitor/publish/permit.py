@@ -1,0 +1,86 @@
+"""Asking over Zenoh whether the arm may move: the key `permit/replay` below the robot's prefix, answered by the cell's own program.
+
+Its answer is {"allow": true, "why": "…"}. Everything else is a no: another answer, an error, an answer that is no JSON. Where several
+answer, all of them must agree.
+"""
+
+import json
+import logging
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import zenoh
+
+from monitor.errors import BusError
+from monitor.publish.bus import BusSettings, encoding, session_config
+
+log = logging.getLogger(__name__)
+
+KEY = "permit/replay"
+
+
+class Answer(NamedTuple):
+    """What was answered."""
+
+    allowed: bool
+    told: str
+
+
+def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> Answer | None:
+    """One question; None where nobody answered in that time."""
+    answers = []
+    replies = session.get(
+        f"{prefix}/{KEY}",
+        payload=json.dumps(about).encode(),
+        encoding=encoding("permit"),
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        timeout=timeout_s,
+    )
+    for reply in replies:
+        if reply.ok is not None:
+            answers.append(_read(reply.ok.payload.to_bytes()))
+        elif reply.err is not None and b"timeout" not in reply.err.payload.to_bytes().lower():
+            answers.append(
+                Answer(False, f"permit/replay answered with an error: {reply.err.payload.to_bytes().decode(errors='replace')[:200]}")
+            )
+    if not answers:
+        return None
+    return next((answer for answer in answers if not answer.allowed), answers[0])
+
+
+def _read(payload: bytes) -> Answer:
+    try:
+        document = json.loads(payload)
+    except ValueError:
+        return Answer(False, f"permit/replay answered {payload[:80]!r}; expected JSON with allow and why")
+    if not isinstance(document, dict) or not isinstance(document.get("allow"), bool):
+        return Answer(False, f'permit/replay answered {payload[:80]!r}; expected {{"allow": true or false, "why": text}}')
+    return Answer(
+        document["allow"], f"permit/replay says {'yes' if document['allow'] else 'no'}: {str(document.get('why', 'no reason given'))[:200]}"
+    )
+
+
+class Asker:
+    """A session to ask with where no daemon runs: listens where the daemon would, so that the cell's program finds it; else joins it."""
+
+    def __init__(self, settings: BusSettings, prefix: str) -> None:
+        """Raises BusError where neither is possible."""
+        self._prefix = prefix
+        try:
+            self._session = zenoh.open(session_config(mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False))
+        except zenoh.ZError:  # the endpoint is the daemon's, which runs: be its client
+            try:
+                self._session = zenoh.open(session_config(mode="client", connect=settings.listen))
+            except zenoh.ZError as error:
+                raise BusError(f"Zenoh cannot open {', '.join(settings.listen)}: {str(error).split(' at /')[0]}") from None
+
+    def __enter__(self) -> "Asker":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._session.close()
+
+    def ask(self, about: Mapping[str, Any], timeout_s: float) -> Answer | None:
+        """As `asked`."""
+        return asked(self._session, self._prefix, about, timeout_s)

@@ -1,0 +1,248 @@
+"""Every fault of the simulator, at any moment of a replay: what must follow, and a harness that looks whether it did.
+
+One arm, one replay after the other: the replay of each case is the proof that the one before left an arm that works.
+"""
+
+import time
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from processes import children
+
+from monitor.acquire.dashboard import Dashboard
+from monitor.acquire.replay import Progress, replay
+from monitor.acquire.settings import ReplaySettings
+from monitor.errors import ReplayAborted, RobotUnreachable
+from monitor.model.fourier import Excitation
+from monitor.model.robot import Robot
+from monitor.recording import Context
+from monitor.simulate.remote import Remote
+
+STOP_WITHIN_S = 0.25  # of the simulated arm's own clock, from the fault to the stop
+STANDS_WITHIN_S = (
+    0.35  # from the stop to standstill: the fastest joint's 2.5 rad/s at the 15 rad/s² of a program stop, and the servo's settling
+)
+TOLD_WITHIN_S = 2.0
+TICK_S = 0.008
+# a fault that the arm itself meets while it is stalled or gone is told by whichever was seen first
+DISTURBED = frozenset({"late", "stalled", "following_error", "timeout"})  # what a busy machine does to a replay before its fault
+ATTEMPTS = 4
+LOST = frozenset({"connection_lost", "stalled", "controller_restarted"})
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault and what it must lead to; no cause: the replay is none the worse."""
+
+    name: str
+    arguments: dict[str, Any] = field(default_factory=dict)
+    causes: frozenset[str] = frozenset()
+    shows_within_s: float = 0.0  # from the command until the fault is there
+
+    @property
+    def told(self) -> str:
+        return " ".join([self.name, *(f"{key}={value}" for key, value in self.arguments.items())])
+
+
+def _case(name: str, *causes: str, **arguments: Any) -> Case:
+    return Case(name, arguments, frozenset(causes))
+
+
+STOPPING = (
+    _case("stall", "stalled", seconds=1.0),
+    _case("stall", "stalled", "connection_lost", seconds=3.5),  # beyond ur-rtde's own patience
+    _case("close", "connection_lost", service="rtde"),
+    _case("reset", "connection_lost", service="rtde"),
+    _case("close", "connection_lost", service="all"),
+    _case("reset", "connection_lost", service="all"),
+    _case("restart", *LOST, seconds=0.5, power="on"),
+    _case("freeze", "stalled", seconds=0.6),
+    _case("late", "stalled", seconds=0.4, share=1.0),
+    _case("skip", "stalled", share=1.0),
+    _case("program_stop", "program_stopped"),
+    _case("mute", "program_stopped", "servo_refused"),  # targets do not arrive: the arm's watchdog stops it
+    _case("protective_stop", "protective_stop", runtime="paused"),
+    _case("protective_stop", "protective_stop", runtime="stopped"),
+    _case("protective_stop", "protective_stop", runtime="playing"),
+    _case("emergency_stop", "emergency_stop"),
+    Case(
+        "temperature_glitch", {"joint": 4, "value": 200.0}, frozenset({"joint_temperature"}), shows_within_s=32 * TICK_S
+    ),  # one tick of 32
+    _case("encoder_offset", "following_error", "protective_stop", joint=2, value=0.2),
+)
+HARMLESS = (
+    _case("listener_gone", service="rtde"),
+    _case("listener_gone", service="dashboard"),
+    _case("close", service="dashboard"),
+    _case("close", service="secondary"),
+    _case("text_at_connect"),
+    _case("registers_in_use"),
+    _case("version", version="5.3.0"),
+    _case("not_found", names="payload"),
+    _case("remote", state="off"),
+    _case("digital_input", number=3, state="on"),
+    _case("emergency_release"),
+    _case("temperatures_frozen"),
+    _case("current_stuck", joint=1),
+    _case("current_noise", factor=10.0),
+    _case("skip", share=0.02),
+    _case("clear"),
+)
+FAULTS = (*STOPPING, *HARMLESS)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one case; `wrong` is empty where everything was as it must be."""
+
+    case: Case
+    at_s: float  # into the play
+    cause: str | None
+    stop_s: float | None  # from the fault to the stop in force, the arm's clock
+    stand_s: float | None  # from there to standstill
+    told_s: float | None  # until the parent raised, the host's clock
+    wrong: tuple[str, ...]
+    disturbed: int = 0  # replays before this one that the machine's other work ended, before any fault
+
+
+def mended(host: str) -> None:
+    """As a person would: every fault over, the protective stop unlocked, power on; returns once the arm stands ready."""
+    deadline = time.monotonic() + 20.0
+    with Remote(host) as remote:
+        remote.fault("clear")
+        remote.fault("emergency_release")
+    while time.monotonic() < deadline:
+        with Remote(host) as remote:
+            truth = remote.truth()
+        if truth["robot_mode"] == 7 and truth["safety_mode"] == 1 and truth["standing"] and truth["program"] is None:
+            return
+        with Dashboard(host) as dashboard:
+            if truth["safety_mode"] == 3:
+                dashboard.ask("unlock protective stop")
+            elif truth["robot_mode"] != 7:
+                dashboard.ask("power on")
+                dashboard.ask("brake release")
+        time.sleep(0.2)
+    raise AssertionError(f"{host}: the simulated arm did not become ready again")
+
+
+def tried(case: Case, at_s: float, excitation: Excitation, robot: Robot, settings: ReplaySettings) -> Outcome:
+    """One fault in one replay, and what followed; a replay that the machine's other work ended before its fault is played again."""
+    disturbed = 0
+    while True:
+        mended(settings.host)
+        outcome = _tried(case, at_s, excitation, robot, settings)
+        before_the_fault = outcome.told_s is None or not case.causes
+        if outcome.cause not in DISTURBED or not before_the_fault or disturbed == ATTEMPTS - 1:
+            return replace(outcome, disturbed=disturbed)
+        disturbed += 1
+
+
+def _tried(case: Case, at_s: float, excitation: Excitation, robot: Robot, settings: ReplaySettings) -> Outcome:
+    host, wrong = settings.host, []
+    fault: dict[str, float] = {}
+    rows = [0]
+
+    def on_progress(progress: Progress) -> None:
+        rows[0] = progress.rows
+        if progress.phase == "play" and progress.elapsed_s >= at_s and not fault:
+            with Remote(host) as remote:
+                fault["clock_s"] = remote.truth()["clock_s"]
+                fault["at"] = time.monotonic()
+                remote.fault(case.name, **case.arguments)
+
+    cause, recording = None, None
+    try:
+        recording = replay(excitation, robot, settings, context=Context(payload_kg=0.0), on_progress=on_progress)
+    except RobotUnreachable:
+        cause = "stalled"  # before it moved
+    except ReplayAborted as error:
+        cause = error.cause
+        if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute"}:
+            wrong.append("the stop was not confirmed")
+    told_s = time.monotonic() - fault["at"] if fault else None
+    if children():
+        wrong.append(f"processes left: {children()}")
+    if not fault:
+        return Outcome(case, at_s, cause, None, None, None, (f"ended by {cause} before the fault", *wrong))
+    if not case.causes:
+        if recording is None:
+            wrong.append(f"aborted by {cause}, expected none the worse")
+        else:
+            wrong += invented(recording, excitation)
+        return Outcome(case, at_s, cause, None, None, None, tuple(wrong))
+    if cause not in case.causes:
+        wrong.append(f"cause {cause}, expected {' or '.join(sorted(case.causes))}")
+    if told_s is not None and told_s > TOLD_WITHIN_S:
+        wrong.append(f"told after {told_s:.2f} s")
+    if rows[0] > excitation.duration_s / TICK_S + 1:
+        wrong.append(f"{rows[0]} rows in {excitation.duration_s:g} s")
+    stop_s, stand_s = stood(case, host, fault["clock_s"], wrong)
+    return Outcome(case, at_s, cause, stop_s, stand_s, told_s, tuple(wrong))
+
+
+def stood(case: Case, host: str, since_clock_s: float, wrong: list[str]) -> tuple[float | None, float | None]:
+    """When the stop was in force and when the arm stood, by its own clock; adds what is wrong."""
+    deadline = time.monotonic() + 5.0
+    while True:
+        try:
+            with Remote(host) as remote:
+                truth = remote.truth()
+        except Exception:  # it may be dead for a moment, on command
+            truth = None
+        if truth is not None and truth["standing"]:
+            break
+        if time.monotonic() > deadline:
+            wrong.append("still moving after 5 s")
+            return None, None
+        time.sleep(0.02)
+    before = np.array(truth["q"])
+    time.sleep(0.3)
+    with Remote(host) as remote:
+        again = remote.truth()
+    if np.max(np.abs(np.array(again["q"]) - before)) > 4e-3:  # rad: a servo settles by less, an arm that is sent about goes on by 0.1
+        wrong.append("moves again")
+    if again["program"] is not None and again["runtime_state"] == 2:
+        wrong.append("a program runs")
+    if case.name == "restart":
+        return None, None  # the controller that could tell is gone; its successor found the arm braked
+    stops = [stop for stop in truth["stops"] if stop["at_s"] >= since_clock_s - TICK_S]
+    if not stops:
+        wrong.append("no stop was noted")
+        return None, None
+    stop_s = stops[0]["at_s"] - since_clock_s
+    stand_s = None if stops[0]["stood_at_s"] is None else stops[0]["stood_at_s"] - stops[0]["at_s"]
+    if stop_s > STOP_WITHIN_S + case.shows_within_s:
+        wrong.append(f"stopped after {stop_s:.3f} s")
+    if stand_s is not None and stand_s > STANDS_WITHIN_S:
+        wrong.append(f"stood {stand_s:.3f} s after that")
+    return stop_s, stand_s
+
+
+def invented(recording: Any, excitation: Excitation) -> list[str]:
+    """Rows that are not one tick each: doubled, between ticks, or more than the motion has."""
+    wrong = []
+    ticks = (recording.t_s - recording.t_s[0]) / TICK_S
+    if np.max(np.abs(ticks - np.round(ticks))) > 1e-3:
+        wrong.append("rows between ticks")
+    if np.any(np.diff(np.round(ticks)) < 1):
+        wrong.append("doubled rows")
+    expected = round((excitation.duration_s + recording.quality["slipped_s"]) / TICK_S) + 1
+    if abs(recording.samples + recording.quality["missed_ticks"] - expected) > 2:
+        wrong.append(f"{recording.samples} rows and {recording.quality['missed_ticks']} missed, expected {expected}")
+    return wrong
+
+
+def table(outcomes: list[Outcome]) -> str:
+    """For a person."""
+
+    def number(value: float | None) -> str:
+        return "     –" if value is None else f"{value:6.3f}"
+
+    lines = [f"{'fault':<42}{'at':>6} {'cause':<22}{'stop':>7}{'stands':>8}{'told':>7}"]
+    for o in outcomes:
+        line = f"{o.case.told:<42}{o.at_s:6.1f} {o.cause or '–':<22}{number(o.stop_s):>7}{number(o.stand_s):>8}{number(o.told_s):>7}"
+        line += f"  (played {o.disturbed + 1} times)" if o.disturbed else ""
+        lines.append(line + (f"  WRONG: {'; '.join(o.wrong)}" if o.wrong else ""))
+    return "\n".join(lines)

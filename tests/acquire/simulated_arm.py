@@ -1,0 +1,24 @@
+"""A simulated arm in a process of its own, for as long as a test needs it."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def simulated_arm(host: str, *options: str) -> Iterator[str]:
+    """Its address, once it listens."""
+    process = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", host, *options], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert "listening" in line, f"the simulator said {line!r}"
+        yield host
+    finally:
+        process.terminate()
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

@@ -1,0 +1,90 @@
+"""kill −9 of the child, of the parent, of both, at random times: the arm always stops, and nothing is left running."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from processes import alive, children
+from simulated_arm import simulated_arm
+
+from monitor.acquire.dashboard import Dashboard
+from monitor.simulate.remote import Remote
+
+ROOT = Path(__file__).parent.parent.parent
+PARENT = """
+import sys
+sys.path[:0] = [sys.argv[2]]
+from excitations import short
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.replay import replay
+from monitor.errors import ReplayAborted
+from monitor.model.robot import load_robot
+try:
+    replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True, first_pass=False, approach_speed_rad_s=1.0),
+           on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True))
+except ReplayAborted as error:
+    print("aborted", error.cause, flush=True)
+"""
+
+
+def stands(host: str, within_s: float) -> str:
+    """What is wrong where the arm does not stand in that time, or stirs again; nothing where it does."""
+    deadline = time.monotonic() + within_s
+    with Remote(host) as remote:
+        while not remote.truth()["standing"]:
+            if time.monotonic() > deadline:
+                return f"still moving after {within_s:g} s"
+            time.sleep(0.01)
+        before = np.array(remote.truth()["q"])
+        time.sleep(0.3)
+        stirred = float(np.max(np.abs(np.array(remote.truth()["q"]) - before)))
+    # rad: a servo settles by less; an arm that is still sent about goes on by 0.1
+    return f"moved on by {stirred:.3f} rad" if stirred > 4e-3 else ""
+
+
+def killed(host: str, whom: str, phase: str, at_s: float) -> str:
+    """One replay whose child, parent, or both are killed so far into a phase; what is wrong afterwards."""
+    command = [sys.executable, "-c", PARENT, host, str(ROOT / "tests" / "acquire")]
+    parent = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    try:
+        assert parent.stdout is not None
+        for line in parent.stdout:
+            now, elapsed = line.split()
+            if now == "aborted":
+                return f"ended by {elapsed} before the kill"
+            if now == phase and float(elapsed) >= at_s:
+                break
+        else:
+            return f"the replay never came to its {phase}"
+        family = children(parent.pid)
+        for pid in {"child": family, "parent": [parent.pid], "both": [parent.pid, *family]}[whom]:
+            os.kill(pid, signal.SIGKILL)
+        # 0.1 s until the watchdog fires, 0.2 s to brake, the rest is scheduling on noisy cores
+        wrong = stands(host, 1.0)
+        if whom == "child":
+            said = parent.communicate(timeout=5.0)[0].split()
+            wrong = wrong or ("" if said[-2:] == ["aborted", "child_died"] else f"the parent said {said[-2:]}")
+        else:
+            parent.communicate(timeout=5.0)
+    finally:
+        parent.kill()
+        parent.wait()
+    with Dashboard(host) as dashboard:
+        if dashboard.ask("running").lower() != "program running: false":
+            return wrong or "a program runs"
+    return wrong or (f"left: {family}" if any(alive(pid) for pid in family) else "")
+
+
+def test_six_kills_at_random_moments_leave_a_standing_arm():
+    """Each of the three twice, in the approach or the play; the next replay, which is then killed too, works."""
+    dice = random.Random(9)
+    with simulated_arm("127.0.2.25") as host:
+        for whom in ("child", "parent", "both") * 2:
+            phase, longest = dice.choice([("approach", 0.5), ("play", 2.5), ("play", 2.5)])
+            at_s = dice.uniform(0.0, longest)
+            assert killed(host, whom, phase, at_s) == "", f"{whom} killed {at_s:.2f} s into the {phase}"
