@@ -151,7 +151,7 @@ def test_an_alert_document_says_whether_it_is_active():
     [alert] = history.health.active_alerts
     document = alert_document(alert)
     assert document["active"] is True
-    assert (document["joint"], document["condition"], document["tier"]) == (3, "wear_rising", "wear")
+    assert (document["joint"], document["condition"], document["tier"]) == (3, "sudden_step", "wear")
     assert document["probability"] > 0.95
     assert "replays on" in document["text"]
 
