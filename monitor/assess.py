@@ -157,8 +157,10 @@ def judge_identification(
     if belief is None:
         belief = begin(identification.robot, context, identification, at, settings=settings.drift, laws=settings.temperature)
     _belong_together(identification, belief, health, settings)
-    belief, told = learn(belief, identification, context, at, settings=settings.drift, laws=settings.temperature)
-    judged = judge(health, belief, settings.health)
+    belief, told, said = learn(
+        belief, identification, context, at, settings=settings.drift, laws=settings.temperature, health=settings.health
+    )
+    judged = judge(health, belief, settings.health, said)
     coulomb, viscous = belief.lines(settings.temperature)
     return Assessment(
         robot=identification.robot,
@@ -209,7 +211,7 @@ def _friction(
     identification: Identification, belief: Belief, settings: AssessSettings, *, coulomb: Line, viscous: Line
 ) -> tuple[JointFriction, ...]:
     """What is published of every joint."""
-    torque, torque_std = belief.reference_torque_nm()
+    torque, torque_std = belief.reference_torque_nm(settings.drift)
     # what one replay says of fc and fv, with what the next would say differently: the larger of the two scatters
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)

@@ -11,6 +11,7 @@ import typer
 
 from monitor import __version__
 from monitor.errors import BadConfiguration, BadInput, MonitorError
+from monitor.health_commands import register as register_health
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -455,6 +456,9 @@ def demo(
 
 
 # --- what the commands share -----------------------------------------------------------------------
+
+
+register_health(app)
 
 
 def _load(path: Path) -> "Configuration":

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.judge.contradiction import Weights, weights_from_document
 from monitor.judge.document import array, entry, plain
 from monitor.judge.evidence import DriftSettings
 from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
@@ -46,6 +47,7 @@ class Belief:
     first_log_torque: Array  # (J,) mean of y over the first replays, nothing taken out: what a change is split against
     last_log_torque: Array  # (J,) of the last replay
     first_temperature_c: Array  # (J,) mean over the same first replays
+    weights: Weights | None  # the arm's, in the context in force
     viscous: Law
     coulomb: Law
     schema_version: int = SCHEMA_VERSION
@@ -103,11 +105,11 @@ class Belief:
         """(J,) of y between replays."""
         return np.sqrt(self.track.noise_var(self.joints, settings))
 
-    def reference_torque_nm(self) -> tuple[Array, Array]:
+    def reference_torque_nm(self, settings: DriftSettings) -> tuple[Array, Array]:
         """F(v*, T0), wear included, and its standard deviation, (J,) each [N·m]; NaN where a joint was never seen."""
         mean, std = self.track.reference(self.reference_temperature_c, self.slot)
         torque = np.where(self.track.replays > 0, np.exp(mean), np.nan)
-        return torque, torque * std
+        return torque, torque * np.hypot(std, settings.between_floor)
 
     def lines(self, settings: TemperatureSettings) -> tuple[Line, Line]:
         """fc(T) and fv(T) without wear, referred to T0."""
@@ -183,6 +185,7 @@ def belief_from_document(document: Any) -> Belief:
                 for o in ledger
             ),
             track=_track(entry(document, "track", where=where), J),
+            weights=weights_from_document(entry(document, "weights", where=where)),
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
             **arrays,

@@ -13,8 +13,10 @@ from monitor.errors import BadInput
 from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief, OpenedContext, comparable, differences
+from monitor.judge.contradiction import NOTHING_SAID, Contradiction, contradiction, weighed
 from monitor.judge.evidence import DriftSettings, Observation, observe
 from monitor.judge.follow import followed
+from monitor.judge.health import HealthSettings
 from monitor.judge.temperature import TemperatureSettings, begun, inside_range, learnt, reopened
 from monitor.judge.track import OUTLIER, SLOTS, STEP, UNSEEN, at_pace, elsewhere, in_new_slot
 from monitor.judge.track import aged as track_aged
@@ -31,6 +33,7 @@ class Learnt(NamedTuple):
 
     belief: Belief
     caveats: tuple[Caveat, ...]
+    contradiction: Contradiction = NOTHING_SAID
 
 
 def begin(
@@ -66,6 +69,7 @@ def begin(
         first_log_torque=unknown,
         last_log_torque=unknown,
         first_temperature_c=unknown,
+        weights=None,
         viscous=begun(T0, fv, fall_per_k=laws.viscous_fall_per_k, fall_std_per_k=laws.viscous_fall_std_per_k, scatter=laws.scatter),
         coulomb=begun(T0, fc, fall_per_k=0.0, fall_std_per_k=laws.coulomb_fall_std_per_k, scatter=laws.scatter),
     )
@@ -105,6 +109,7 @@ def in_context(belief: Belief, context: Context, at_unix_s: float, laws: Tempera
         belief,
         contexts=tuple(ledger[-CONTEXTS_KEPT:]),
         track=elsewhere(track, np.ones(belief.joints, dtype=bool)),
+        weights=None,
         viscous=reopened(belief.viscous, laws),
         coulomb=reopened(belief.coulomb, laws),
     )
@@ -119,15 +124,13 @@ def learn(
     *,
     settings: DriftSettings,
     laws: TemperatureSettings,
-    contradicted: str | None = None,
+    health: HealthSettings | None = None,
 ) -> Learnt:
     """Evidence, belief → belief. The context is compared, the belief aged, T0 settled, the filter and the laws updated.
 
-    contradicted : why the recording contradicts what was declared of it; then nothing is learnt of wear.
+    Where the recording contradicts what was declared of it, nothing is learnt of wear.
     """
     seen = observe(identification, settings)
-    if contradicted:
-        seen = seen._replace(log_torque=np.full(belief.joints, np.nan))
     caveats: list[Caveat] = []
     changed = differences(belief.context, context)
     if changed:
@@ -136,6 +139,11 @@ def learn(
         if not known:
             then = "a new baseline begins, wear is carried over; wear that came with the change cannot be seen"
         caveats.append(Caveat("context_changed", f"{'; '.join(changed)}: {then}"))
+    said = contradiction(identification, belief.weights, health or HealthSettings())
+    contradicted = said.condition is not None
+    if contradicted:
+        seen = seen._replace(log_torque=np.full(belief.joints, np.nan))
+        caveats.append(Caveat(str(said.condition), said.text))
     days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
     new_day = belief.replays == 0 or math.floor(at_unix_s / SECONDS_PER_DAY) > math.floor(belief.at_unix_s / SECONDS_PER_DAY)
     belief = aged(belief, at_unix_s, settings)
@@ -171,10 +179,12 @@ def learn(
             temperature_c=T,
             inside_range=inside.astype(float),
             last_log_torque=seen.log_torque,
+            weights=belief.weights if contradicted else weighed(belief.weights, identification),
             viscous=learnt(belief.viscous, T, identification.viscous_nm_s_per_rad * unworn),
             coulomb=learnt(belief.coulomb, T, identification.coulomb_nm * unworn),
         ),
         tuple(caveats),
+        said,
     )
 
 

@@ -33,7 +33,8 @@ from monitor.recording import Array
 
 CLIPPED = 3.0  # [σ] a single replay says no more than this of a sudden change, however far it lies
 DENSE = 8  # of the youngest candidates none is forgotten
-SLOW_REPLAYS = 45
+SLOW_REPLAYS = 45  # replays; a pace that began before that changes slowly
+SELECTED = 1.1  # the likeliest of many candidates is less sure than if it had been the only one: in variance
 PACE_STD_PER_DAY = 0.01  # of a new pace of wear, before it is seen
 STEP_STD = 0.2  # of a step, likewise
 
@@ -186,7 +187,7 @@ def _believed(
     g = responses[n, kind, age]  # (n, S)
     rest = nu[n] - G[n, kind, age] * size
     wider = np.maximum(rest**2 - CLIPPED**2 * S[n], 0.0) / np.maximum(G[n, kind, age] ** 2, 1e-12)
-    var = np.minimum(1.0 / precision + wider + 0.25 * (full - clipped) ** 2, 1.0 / prior)
+    var = np.minimum(SELECTED / precision + wider + 0.25 * (full - clipped) ** 2, 1.0 / prior)
     mean, cov = mean.copy(), cov.copy()
     mean[n] += g * size[:, None]
     cov[n] += var[:, None, None] * g[:, :, None] * g[:, None, :]

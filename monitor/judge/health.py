@@ -75,7 +75,7 @@ class HealthSettings:
     common_sure: Annotated[float, inside(0.5, 1.0)] = 0.9  # … each with this probability, are no wear
     stale_days: Annotated[float, between(0.01, 3650.0)] = 7.0  # without a replay that taught something for so long, a joint is STALE
     contradiction_sigma: Annotated[float, between(2.0, 100.0)] = 8.0  # masses that differ by so much from those before contradict them …
-    contradiction_share: Annotated[float, between(0.001, 1.0)] = 0.05  # … and by so much of the torque that weight makes
+    contradiction_kg: Annotated[float, between(0.01, 100.0)] = 0.5  # … a payload by at least so much
     learning_replays: Annotated[int, between(0, 1000)] = 10  # until then a new temperature is learning, not OFF_SPEC
 
     def __post_init__(self) -> None:

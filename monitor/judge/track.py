@@ -177,7 +177,7 @@ def aged(track: Track, days: Array, arm: int, settings: DriftSettings) -> Track:
     F = np.tile(np.eye(STATES), (N, 1, 1))
     F[:, WEAR, RATE] = days
     F[:, NOISE, NOISE] = held
-    q = settings.rate_walk_per_sqrt_day**2
+    q = settings.rate_walk_per_sqrt_day**2 + (settings.pace_walk_per_sqrt_day * track.mean[:, RATE]) ** 2  # (N,)
     Q = np.zeros((N, STATES, STATES))  # exact integral of a wandering rate, so that 30 days are 30 times one day
     Q[:, WEAR, WEAR] = settings.wear_walk_per_sqrt_day**2 * days + q * days**3 / 3.0
     Q[:, WEAR, RATE] = Q[:, RATE, WEAR] = q * days**2 / 2.0

@@ -292,7 +292,9 @@ def test_without_temperatures_we_are_less_sure_and_raise_nothing():
         with_t.add(day, seen)
         blind = without.add(day, replace(seen, temperature_c=None))
         if day == 2:  # later the scatter that is seen decides how sure one may be
-            assert np.all(blind.belief.reference_torque_nm()[1] > 1.2 * with_t.last.belief.reference_torque_nm()[1])
+            assert np.all(
+                blind.belief.reference_torque_nm(DriftSettings())[1] > 1.2 * with_t.last.belief.reference_torque_nm(DriftSettings())[1]
+            )
     assert with_t.told
     assert any(caveat.code == "temperature_unknown" for caveat in blind.caveats)
     assert not without.told
