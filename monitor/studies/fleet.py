@@ -33,7 +33,7 @@ class FleetSettings:
     robot: str = "ur5"
     between_std: float = 0.02  # of log F between replays
     autocorrelation: float = 0.5
-    within_std: float = 0.004  # of log F within a replay
+    within_std: float = 0.005  # of log F within a replay
     reference_speed_rad_s: float = 0.4
     scenarios: tuple[str, ...] = SCENARIOS  # dealt out in turn
 

@@ -339,6 +339,11 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
     return document
 
 
+def detection_row(label: str, step: float, per_year: float, told: Delay, interval_90: float) -> dict[str, Any]:
+    """What was told of one kind of wear, as a document."""
+    return {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": interval_90}
+
+
 def _rate(rate: Rate) -> dict[str, float]:
     return {"events": rate.events, "robot_years": rate.robot_years, "per_year": rate.per_year, "at_most": rate.at_most}
 
