@@ -9,7 +9,8 @@ Units are in the names: `_nm`, `_rad_s`, `_c`, `_unix_s`. Frames are standard De
 
 Who imports whom, top down, checked by `make lint`:
 
-    cli → studies → daemon → config → acquire, client, simulate, store → files, publish, terminal, timestamps
+    cli → health_commands → studies → daemon → config → acquire, client, simulate, store → offline, series
+        → files, publish, terminal, timestamps
         → assess → judge → identify → model → recording → errors
 
 `assess`, `judge`, `identify`, `model`, `recording` are pure: no I/O, no clock, no unseeded number. `simulate` knows nothing of

@@ -72,12 +72,11 @@ def contradiction(identification: Identification, weights: Weights | None, setti
     load, *_ = np.linalg.lstsq(X, surprise, rcond=1e-9)
     left = surprise - X @ load
     explained = 1.0 - float(left @ left) / max(whole, 1e-300)
-    mass_std = float(np.sqrt(np.linalg.pinv(X.T @ X)[0, 0]))
     found = whole - float(left @ left) > settings.contradiction_sigma**2
     if found and explained >= EXPLAINED and abs(load[0]) >= settings.contradiction_kg:
         return Contradiction(
             PAYLOAD,
-            f"the arm carries {abs(load[0]):.2f} ± {mass_std:.2f} kg {'more' if load[0] > 0 else 'less'} than in the replays before, "
+            f"the arm carries about {abs(load[0]):.1f} kg {'more' if load[0] > 0 else 'less'} than in the replays before, "
             "and nobody declared it",
         )
     if explained < EXPLAINED and whole > degrees * settings.contradiction_sigma**2:

@@ -31,10 +31,10 @@ from monitor.judge.track import (
 )
 from monitor.recording import Array
 
-CLIPPED = 3.0  # [σ] a single replay says no more than this of a sudden change, however far it lies
+CLIPPED = 2.7  # [σ] a single replay says no more than this of a sudden change, however far it lies
 DENSE = 8  # of the youngest candidates none is forgotten
 SLOW_REPLAYS = 45  # replays; a pace that began before that changes slowly
-SELECTED = 1.1  # the likeliest of many candidates is less sure than if it had been the only one: in variance
+SELECTED = 1.2  # the likeliest of many candidates is less sure than if it had been the only one: in variance
 PACE_STD_PER_DAY = 0.01  # of a new pace of wear, before it is seen
 STEP_STD = 0.2  # of a step, likewise
 

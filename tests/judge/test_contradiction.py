@@ -40,7 +40,7 @@ def test_an_undeclared_payload_is_named_and_is_no_wear():
     assert history.health.state == "CHECK_FUNCTION"
     assert [(day, joint, condition) for day, _, joint, condition, _ in history.told] == [(21, None, "payload_contradiction")]
     [alert] = history.health.active_alerts
-    assert "2.5" in alert.text
+    assert "about 2.5 kg more" in alert.text
     assert np.all(np.abs(history.last.belief.wear) < 0.01)
     assert history.last.belief.track.replays[1] == 20  # nothing learnt of the three
 
