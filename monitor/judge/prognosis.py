@@ -29,6 +29,7 @@ class PrognosisSettings:
     """Which limit, and when a trend is one."""
 
     limit_rise: Annotated[float, between(1e-6, 10.0)] = 0.30  # friction above its beginning, fraction
+    service_days: Annotated[float, between(1.0, 3650.0)] = 90.0  # to the next service: how likely is the limit met before it?
     trend_sure: Annotated[float, inside(0.5, 1.0)] = 0.95  # below this P(rate > 0), no date is given
 
     def __post_init__(self) -> None:
@@ -47,6 +48,7 @@ class RemainingLife(NamedTuple):
     p50_days: float | None
     p90_days: float | None
     verdict: str  # "trend" | "no_trend" | "reached"
+    before_service_probability: float = 0.0  # that the limit is met within `service_days`
 
 
 def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> RemainingLife:
@@ -57,15 +59,16 @@ def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, se
     mean, cov = straight(mean, cov)
     trend = float(ndtr(mean[1] / max(math.sqrt(cov[1, 1]), 1e-300)))
     if mean[0] >= settings.limit_rise:
-        return RemainingLife(trend, 0.0, 0.0, 0.0, "reached")
+        return RemainingLife(trend, 0.0, 0.0, 0.0, "reached", 1.0)
+    service = float(_mixture(mean, cov, np.array([settings.service_days]), wear_walk_per_sqrt_day, settings)[0])
     if trend < settings.trend_sure:
-        return RemainingLife(trend, None, None, None, "no_trend")
+        return RemainingLife(trend, None, None, None, "no_trend", service)
     coarse = _mixture(mean, cov, DAYS, wear_walk_per_sqrt_day, settings)
     first, last = np.searchsorted(coarse, [0.1, 0.9])  # P10 and P90 lie between these and the points before
     days = np.geomspace(DAYS[max(first - 1, 0)], DAYS[min(last, len(DAYS) - 1)], FINE)
     reached = _mixture(mean, cov, days, wear_walk_per_sqrt_day, settings)
     p10, p50, p90 = (_quantile(days, reached, p) for p in (0.1, 0.5, 0.9))
-    return RemainingLife(trend, p10, p50, p90, "trend")
+    return RemainingLife(trend, p10, p50, p90, "trend", service)
 
 
 def straight(mean: Array, cov: Array) -> tuple[Array, Array]:

@@ -360,3 +360,82 @@ def test_friction_that_is_not_resolved_is_not_seen():
     assert np.array_equal(np.isfinite(observed.log_torque), [True, False, False, False, False, True])
     assert observed.log_torque[0] == pytest.approx(np.log(5.4))
     assert observed.variance[0] == pytest.approx(0.01 / 5.4**2)
+
+
+def test_a_context_seen_before_has_its_baseline_back():
+    """Two payloads in turn: 30 % more friction under the second is neither wear nor learnt twice; wear that came meanwhile is seen."""
+    history, heavier = History(), replace(CONTEXT, payload_kg=3.0)
+    for day in range(60):
+        loaded = day % 20 >= 10
+        wear = np.array([0, 0, 0.1 * (day >= 45), 0, 0, 0])
+        history.add(day, Arm(seed=day, noise=0.005).replay(30.0, 1.3 * (1 + wear) - 1 if loaded else wear), heavier if loaded else CONTEXT)
+    assert [opened.replays for opened in history.last.belief.contexts] == [30, 30]
+    assert history.last.friction[2].wear == pytest.approx(0.1, abs=0.02)
+    assert all(abs(joint.wear) < 0.02 for joint in history.last.friction if joint.joint != 3)
+    level = np.exp(history.last.belief.level())
+    back = history.add(60, Arm(seed=60, noise=0.005).replay(30.0, np.array([0, 0, 0.1, 0, 0, 0])))
+    assert np.allclose(np.exp(back.belief.level()), level / 1.3, rtol=0.02)
+    [caveat] = [caveat for caveat in back.caveats if caveat.code == "context_changed"]
+    assert "known from before" in caveat.text
+
+
+def test_a_fifth_context_takes_the_place_of_the_one_longest_away():
+    """Four baselines are kept; the ledger remembers all, and says which have lost theirs."""
+    history = History()
+    for day, payload in enumerate([0.0, 1.0, 2.0, 3.0, 0.0, 4.0, 0.0]):
+        last = history.add(day, Arm(seed=day).replay(30.0), replace(CONTEXT, payload_kg=payload))
+    assert [(opened.context.payload_kg, opened.slot) for opened in last.belief.contexts] == [
+        (1.0, None),
+        (2.0, 2),
+        (3.0, 3),
+        (4.0, 1),
+        (0.0, 0),
+    ]
+
+
+@pytest.mark.parametrize("firmware", ["URSoftware 5.11.0.108249 (Feb 2021)", "5.11.00.108249", " 5.11.0.108249 "])
+def test_a_firmware_is_its_version_however_it_is_spelt(firmware):
+    """One differing blank or word opens no context; another version does."""
+    history = History()
+    history.add(0, Arm().replay(30.0), replace(CONTEXT, firmware="5.11.0.108249"))
+    assert len(history.add(1, Arm().replay(30.0), replace(CONTEXT, firmware=firmware)).belief.contexts) == 1
+    assert len(history.add(2, Arm().replay(30.0), replace(CONTEXT, firmware="5.12.0.108249")).belief.contexts) == 2
+
+
+def test_a_wild_first_replay_is_no_wear_of_all_that_follow():
+    """The first replay 40 % low, the rest as they should be: the baseline begins again, no joint is called worn."""
+    history = History()
+    for day in range(40):
+        history.add(day, Arm(seed=day).replay(30.0, np.array([0, -0.4 * (day == 0), 0, 0, 0, 0])))
+    assert abs(history.last.friction[1].wear) < 0.03
+    assert history.told == []
+
+
+def test_a_fast_warm_up_is_told_from_wear():
+    """The grease lags behind the sensor by 3 minutes: replays that warm at 1 K/min show 2 % more friction, and none of it is wear."""
+    history, dice = History(), np.random.default_rng(4)
+    for day in range(60):
+        warming = 1.2 * (day >= 30) * dice.uniform(0.5, 1.0)
+        colder = Arm(seed=day, noise=0.005).replay(32.0 - 3.0 * warming)
+        seen = replace(colder, temperature_c=np.full(6, 32.0), warming_k_per_min=np.full(6, warming))
+        last = history.add(day, seen)
+    assert any(caveat.code == "warming_fast" for caveat in last.caveats)
+    assert np.max(np.abs(last.belief.wear)) < 0.01
+    assert history.told == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_fast_wear_is_followed(seed):
+    """2 % a day from day 40 on: ten days later the wear told is within 2.5 of its standard deviations, and within 4 %."""
+    history, arm, dice = History(), Arm(seed=seed, noise=0.01), np.random.default_rng(seed)
+    for day in range(51):
+        history.add(day, arm.replay(weather(day, dice), np.array([0, 0, 0.02 * max(0, day - 40), 0, 0, 0])))
+    told = history.last.friction[2]
+    assert told.wear == pytest.approx(0.20, abs=0.04)
+    assert abs(told.wear - 0.20) < 2.5 * told.wear_std
+
+
+def test_a_belief_of_an_older_release_is_refused_with_what_to_do():
+    """Schema 1 cannot be carried over; the message says how the history is kept."""
+    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2\. .*joint-monitor assess"):
+        belief_from_document({**fresh().as_document(), "schema_version": 1})

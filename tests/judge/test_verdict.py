@@ -14,7 +14,7 @@ from monitor.judge.evidence import DriftSettings
 from monitor.judge.health import Health, HealthSettings, acknowledge, health_from_document, shelve
 from monitor.judge.temperature import TemperatureSettings
 from monitor.judge.track import ORDINARY, RATE, WEAR
-from monitor.judge.verdict import judge
+from monitor.judge.verdict import judge, stale, why_not_alerting
 
 SETTINGS = HealthSettings()
 
@@ -216,3 +216,44 @@ def test_thresholds_out_of_order_are_named(wrong, says):
     """Each with the key as it stands in the file."""
     with pytest.raises(BadConfiguration, match=says):
         HealthSettings(**wrong)
+
+
+def test_why_a_joint_is_not_alerting_is_said():
+    """Below the rise, not sure enough, replays too few: each in words; nothing left where the limit stands."""
+    health, _ = through([believed(day, {3: 0.008}) for day in range(4)])
+    reasons = " ".join(why_not_alerting(health, believed(4, {3: 0.008}), 3, SETTINGS))
+    assert "next is the advisory tier" in reasons
+    assert "1.6 of its standard deviations" in reasons
+    assert "below +1%" in reasons
+    health, _ = through([believed(day, {3: 0.40}) for day in range(3)])
+    assert why_not_alerting(health, believed(3, {3: 0.40}), 3, SETTINGS) == ()
+    health, _ = through([believed(day, {3: 0.06}) for day in range(3)])
+    assert any("P(more than 30%)" in reason for reason in why_not_alerting(health, believed(3, {3: 0.06}), 3, SETTINGS))
+
+
+def test_silence_is_stale_and_neither_good_nor_bad():
+    """A week without a replay that taught something: every joint; before the first replay as well."""
+    health, _ = through([believed(0), believed(1)])
+    assert stale(health, START_S + 5 * DAY_S, SETTINGS) == (False,) * 6
+    assert stale(health, START_S + 9 * DAY_S, SETTINGS) == (True,) * 6
+    assert health.state == "NORMAL"
+
+
+def test_a_change_is_split_into_what_makes_it():
+    """10 K colder and 10 % worn: the parts add up to the whole, and each is what it was made of."""
+    from synthetic_arm import History
+
+    from monitor.judge.verdict import split
+
+    history, dice = History(), np.random.default_rng(3)
+    for day in range(80):
+        T = (30.0 if day < 10 else 30.0 + 10.0 * dice.uniform(-1, 1)) if day < 79 else 20.0
+        history.add(day, Arm(seed=day, noise=0.003).replay(T, np.array([0, 0, 0.1 * (day > 60), 0, 0, 0])))
+    parts = split(history.last.belief, 2)
+    assert parts is not None
+    assert parts.whole == pytest.approx(parts.temperature + parts.payload + parts.wear + parts.rest, abs=1e-12)
+    fv, fc = 9.0 * np.exp(-0.015 * np.array([5.0, -5.0])) * 0.4, 7.0
+    assert parts.temperature == pytest.approx(np.log((fc + fv[1]) / (fc + fv[0])), abs=0.006)
+    assert parts.wear == pytest.approx(np.log(1.1), abs=0.01)
+    assert parts.payload == 0.0
+    assert abs(parts.rest) < 0.02
