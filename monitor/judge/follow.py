@@ -31,7 +31,8 @@ from monitor.judge.track import (
 )
 from monitor.recording import Array
 
-CLIPPED = 2.7  # [σ] a single replay says no more than this of a sudden change, however far it lies
+CLIPPED = 3.0  # [σ] a single replay says no more than this of a sudden change, however far it lies
+GATED = 1.0  # [σ] and a wild one hardly anything; several in a row on one side are a step whatever they say of it
 DENSE = 8  # of the youngest candidates none is forgotten
 SLOW_REPLAYS = 45  # replays; a pace that began before that changes slowly
 SELECTED = 1.2  # the likeliest of many candidates is less sure than if it had been the only one: in variance
@@ -67,15 +68,17 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
 
     ages, responses, scores, raw_scores, informations = _candidates(track, shown)
     G = np.einsum("na,nkwa->nkw", H, responses)
-    nu_clipped = np.clip(nu, -CLIPPED * np.sqrt(S), CLIPPED * np.sqrt(S))
+    limit = np.where(gated, GATED, CLIPPED) * np.sqrt(S)
+    nu_clipped = np.clip(nu, -limit, limit)
     counts = shown & ~settling
     telling = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
     scores_now, informations_now = scores + telling * nu_clipped[:, None, None], informations + telling * G
     raw_scores_now = raw_scores + telling * nu[:, None, None]
     ratios = _ratios(scores_now, informations_now, ages, settings)
-    # a wild replay alone never proves a change; several in a row on one side do
-    alone = gated & (np.abs(run) < settings.gate_run)
-    found = (np.max(ratios, axis=(1, 2)) > 1.0) & counts & ~alone
+    # a wild replay alone never proves a change; several in a row on one side do, from the first of them on
+    in_a_row = gated & (np.abs(run) >= settings.gate_run)
+    ratios[in_a_row, 0, min(settings.gate_run, DENSE) - 1] = np.inf
+    found = (np.max(ratios, axis=(1, 2)) > 1.0) & counts & (in_a_row | ~gated)
     young = found & (track.replays < settings.baseline_replays)
     if young.any():  # nothing is known that could have worn: the level begins again
         fresh = in_new_slot(replace(track, mean=mean, cov=cov), slot, young)
@@ -183,6 +186,7 @@ def _believed(
     precision = informations[n, kind, age] + prior
     # where replays were clipped the size lies between what they say in full and what they say clipped
     clipped, full = scores[n, kind, age] / precision, raw_scores[n, kind, age] / precision
+    clipped = np.where(np.isinf(ratios[n, kind, age]), full, clipped)  # but wild replays in a row mean what they say
     size = 0.5 * (clipped + full)
     g = responses[n, kind, age]  # (n, S)
     rest = nu[n] - G[n, kind, age] * size
