@@ -83,7 +83,7 @@ def make(*, arms: int, seed: int) -> str:
     speed = play(FleetSettings(arms=64, days=90, seed=seed), assess)
     arm_days_a_minute = 64 * (speed.days + 60) / (time.monotonic() - began) * 60.0
     document = rehearse(assess, arms=arms, seed=seed)
-    few = max(arms // 4, 12)
+    few = max(arms // 3, 12)
     wear = onsets(few, seed + 4, step=0.02)
     base = FleetSettings(arms=few, days=550, seed=seed + 5, between_std=0.01, scenarios=COMPARABLE)
     quieter = play(replace(base), assess, wear)
@@ -108,8 +108,8 @@ def _share(share: dict[str, float]) -> str:
 def main() -> None:
     """`python -m monitor.studies.card [--arms N] [--seed S] [--output FILE]`."""
     parser = argparse.ArgumentParser(prog="python -m monitor.studies.card", description=__doc__)
-    parser.add_argument("--arms", type=int, default=1000, help="on which nothing wears; a quarter as many in each kind of wear")
-    parser.add_argument("--seed", type=int, default=20)
+    parser.add_argument("--arms", type=int, default=1200, help="on which nothing wears; a third as many in each kind of wear")
+    parser.add_argument("--seed", type=int, default=2021)
     parser.add_argument("--output", type=Path, default=TARGET)
     arguments = parser.parse_args()
     if arguments.arms < 16:

@@ -314,7 +314,7 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
         "slope_left_per_k": float(np.nanmedian(np.abs(quiet.slope_error_per_k))),
         "detection": [],
     }
-    few = max(arms // 4, 12)
+    few = max(arms // 3, 12)
     for label, step, per_year in (
         ("2 % step", 0.02, 0.0),
         ("5 % step", 0.05, 0.0),
