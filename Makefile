@@ -8,7 +8,7 @@ WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench soak excitations clean
+.PHONY: help demo test card lint bench soak excitations clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -27,6 +27,9 @@ test: $(STAMP) ## the whole ordinary suite
 
 soak: $(STAMP) ## the longer evidence: kills, faults, fuzz, fleets; bounded and seeded
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m soak
+
+card: $(STAMP) ## what the verdicts are worth: PERFORMANCE.md from a seeded fleet of 1200 arms, about five minutes
+	$(BIN)/python -m monitor.studies.card
 
 lint: $(STAMP) ## style, types, and who may import whom
 	$(BIN)/ruff check .

@@ -9,8 +9,8 @@ Units are in the names: `_nm`, `_rad_s`, `_c`, `_unix_s`. Frames are standard De
 
 Who imports whom, top down, checked by `make lint`:
 
-    cli → studies → daemon → motion → config → acquire, client, simulate, store → files, publish, terminal, timestamps
-        → assess → judge → design, identify → model → recording → errors
+    cli → studies → daemon → motion → config → acquire, client, simulate, store → offline, series
+        → files, publish, terminal, timestamps → assess → judge → design, identify → model → recording → errors
 
 `design` makes the trajectory that is replayed: Robot, mounting, cell → Excitation with its proof.
 

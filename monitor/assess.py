@@ -11,7 +11,7 @@ from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.solve import identify
 from monitor.identify.trust import TrustSettings, distrust
-from monitor.judge.belief import WEAR, Belief
+from monitor.judge.belief import Belief
 from monitor.judge.compensation import CompensatedModel, compensated
 from monitor.judge.document import plain
 from monitor.judge.drift import begin, learn
@@ -162,8 +162,10 @@ def judge_identification(
     if belief is None:
         belief = begin(identification.robot, context, identification, at, settings=settings.drift, laws=settings.temperature)
     _belong_together(identification, belief, health, settings)
-    belief, told = learn(belief, identification, context, at, settings=settings.drift, laws=settings.temperature)
-    judged = judge(health, belief, settings.health)
+    belief, told, said = learn(
+        belief, identification, context, at, settings=settings.drift, laws=settings.temperature, health=settings.health
+    )
+    judged = judge(health, belief, settings.health, said)
     coulomb, viscous = belief.lines(settings.temperature)
     return Assessment(
         robot=identification.robot,
@@ -214,13 +216,14 @@ def _friction(
     identification: Identification, belief: Belief, settings: AssessSettings, *, coulomb: Line, viscous: Line
 ) -> tuple[JointFriction, ...]:
     """What is published of every joint."""
-    torque, torque_std = belief.reference_torque_nm()
+    torque, torque_std = belief.reference_torque_nm(settings.drift)
     # what one replay says of fc and fv, with what the next would say differently: the larger of the two scatters
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
+    means, covs = belief.rate()
     joints = []
     for j in range(belief.joints):
-        mean, cov = belief.mean[j, WEAR:], belief.cov[j, WEAR:, WEAR:]  # (wear, rate): they are the last two
+        mean, cov = means[j], covs[j]
         rise = math.exp(belief.wear[j])
         joints.append(
             JointFriction(
@@ -262,7 +265,7 @@ def _temperature(belief: Belief, *, coulomb: Line, viscous: Line) -> tuple[Joint
             coulomb_std_nm=_known(math.sqrt(coulomb.cov[j, 0, 0])) if math.isfinite(coulomb.intercept[j]) else None,
             range_c=(float(viscous.range_c[j, 0]), float(viscous.range_c[j, 1])) if np.isfinite(viscous.range_c[j]).all() else None,
             change=_known(change[j]),
-            friction_slope_per_k=float(belief.mean[j, 1]),
+            friction_slope_per_k=float(belief.slope[j]),
         )
         for j in range(belief.joints)
     )

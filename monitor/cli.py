@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor import __version__, commands_bus, commands_motion
+from monitor import __version__, commands_bus, commands_health, commands_motion
 from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
@@ -437,6 +437,8 @@ for _command in (
     commands_bus.ack,
     commands_bus.shelve,
     commands_bus.schema,
+    commands_health.assess,
+    commands_health.rehearse,
     commands_motion.check,
     commands_motion.replay,
     commands_motion.record,

@@ -4,7 +4,7 @@ import html
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -58,6 +58,35 @@ def residual_plot(path: Path, title: str, recordings: Sequence[Residuals]) -> No
 
 def _draw(path: Path, title: str, recordings: Sequence[Residuals]) -> None:
     figure = _figure(title, recordings)
+    _written(
+        path,
+        figure,
+        title,
+        "Points: samples, grey at standstill. Line: median in bins; band: 25–75 %. A course that is not flat is what the model lacks.",
+    )
+
+
+def rehearsal_plot(path: Path, document: dict[str, Any]) -> None:
+    """Days to the first tier against the pace of wear: median, and nine of ten. Raises BadInput as `check_target`."""
+    check_target(path)
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    rows = [row for row in document["detection"] if row["per_year"] > 0]
+    pace = [100 * row["per_year"] for row in rows]
+    for key, label, style in (("median_days", "half of the arms", "o-"), ("p90_days", "nine of ten", "s--")):
+        axes.plot(pace, [np.nan if row[key] is None else row[key] for row in rows], style, label=label)
+    axes.set(xscale="log", yscale="log", xlabel="wear of one joint [% a year]", ylabel="days from onset to the first tier")
+    rate = document["false_alarms"]["all"]
+    axes.set_title(f"{rate['per_year']:.3f} alerts a robot-year that mean nothing (at most {rate['at_most']:.3f}, 95 %)")
+    axes.grid(visible=True, which="both", alpha=0.3)
+    axes.legend()
+    _written(path, figure, "rehearsal", "Days from the onset of wear in one joint to the first tier, on simulated arms.")
+
+
+def _written(path: Path, figure: "Figure", title: str, legend: str) -> None:
+    """As PNG, or as SVG within one HTML file."""
     if path.suffix.lower() == ".png":
         figure.savefig(path, dpi=110)
         return
@@ -68,10 +97,7 @@ def _draw(path: Path, title: str, recordings: Sequence[Residuals]) -> None:
     path.write_text(
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>\n'
         "<style>body{font-family:sans-serif;margin:1em}svg{width:100%;height:auto}</style></head>\n"
-        f"<body>\n{picture}\n"
-        "<p>Points: samples, grey at standstill. Line: median in bins; band: 25–75 %. "
-        "A course that is not flat is what the model lacks.</p>\n"
-        "</body></html>\n",
+        f"<body>\n{picture}\n<p>{html.escape(legend)}</p>\n</body></html>\n",
         encoding="utf-8",
     )
 

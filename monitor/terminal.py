@@ -352,3 +352,64 @@ def print_conditions(title: str, found: list[tuple[str, str, str]]) -> None:
     Console(width=None if sys.stdout.isatty() else 140).print(table)
     failed = [name for name, word, _ in found if word == "NO"]
     print(f"the arm may not move: {', '.join(failed)}" if failed else "the arm may move")  # noqa: T201
+
+
+def print_assessment(document: dict[str, Any]) -> None:
+    """A series of recordings, judged: what is believed now, and every alert with its reasons."""
+    console = Console()
+    table = Table(title=f"{document['robot']}: {document['health']['arm']}, {document['why']['arm']}", title_justify="left")
+    for title in ("recording", "made at", "verdict", *(f"J{j + 1} wear [%]" for j in range(len(document["health"]["joints"])))):
+        table.add_column(title, justify="right" if "wear" in title else "left")
+    by_file: dict[str, list[dict[str, Any]]] = {}
+    for row in document["friction"]:
+        by_file.setdefault(row["recorded_at"], []).append(row)
+    for row in document["recordings"]:
+        wear = [f"{100 * j['wear']:+.1f} ± {100 * j['wear_std']:.1f}" for j in by_file.get(row["recorded_at"], [])]
+        table.add_row(row["file"], row["recorded_at"], row["verdict"], *wear)
+    console.print(table)
+    for alert in document["alerts"]:
+        place = "arm" if alert["joint"] is None else f"joint {alert['joint']}"
+        active = "" if alert["active"] else " (cleared)"
+        console.print(f"{place}: {alert['condition']}, {alert['tier']}{active}: {alert['text']} {alert['action']}", highlight=False)
+    if not document["alerts"]:
+        console.print("no alert")
+    for code in sorted({warning["code"] for warning in document["warnings"]}):
+        first = next(warning for warning in document["warnings"] if warning["code"] == code)
+        count = sum(warning["code"] == code for warning in document["warnings"])
+        more = f" (and {count - 1} more like it)" if count > 1 else ""
+        console.print(f"warning {code}: {first['file']}: {first['text']}{more}", highlight=False, markup=False)
+    for row in document["recordings"]:
+        if row["reason"]:
+            console.print(f"rejected {row['file']}: {row['reason']}", highlight=False, markup=False)
+
+
+def print_rehearsal(document: dict[str, Any]) -> None:
+    """What the thresholds would do on the simulated fleet."""
+    console = Console()
+    years, noise = document["robot_years"], 100 * document["between_std"]
+    console.print(
+        f"{years:.0f} robot-years on which nothing wears, friction {noise:.1f} % from replay to replay with "
+        f"ρ = {document['autocorrelation']:g}; the first {document['learning_days']} days left out",
+        highlight=False,
+    )
+    table = Table(title="alerts that mean nothing, advisories counted", title_justify="left")
+    for title in ("scenario", "alerts", "a robot-year", "at most (95 %)"):
+        table.add_column(title, justify="left" if title == "scenario" else "right")
+    for name, rate in document["false_alarms"].items():
+        table.add_row(name, str(rate["events"]), f"{rate['per_year']:.3f}", f"{rate['at_most']:.3f}")
+    console.print(table)
+    table = Table(title="days from the onset to the first tier", title_justify="left")
+    for title in ("wear of one joint", "arms", "median", "9 of 10", "within 30", "right joint", "wear tier, median"):
+        table.add_column(title, justify="left" if title == "wear of one joint" else "right")
+    for row in document["detection"]:
+        days = [_number(row[key], ".0f") for key in ("median_days", "p90_days")]
+        shares = [f"{100 * row[key]['share']:.0f} %" for key in ("within_30_days", "right_joint")]
+        table.add_row(row["wear"], str(row["arms"]), *days, *shares, _number(row["wear_tier_median_days"], ".0f"))
+    console.print(table)
+    life = document["remaining_life"]
+    console.print(
+        f"90 % intervals of friction hold the truth in {100 * document['friction_interval_90']:.0f} %; P10–P90 of remaining life in "
+        f"{100 * life['p10_p90_holds']['share']:.0f} %; P50 within 20 % at half-life in "
+        f"{100 * life['alpha_lambda_at_half_life']['share']:.0f} %",
+        highlight=False,
+    )

@@ -103,11 +103,13 @@ class History:
         self.told += [(day, kind, alert.joint, alert.condition, alert.tier) for kind, alert in verdict.transitions]
         return verdict
 
-    def first(self, *, tiers: tuple[str, ...] = ("wear", "limit"), condition: str = "wear_rising") -> dict[int | None, float]:
+    def first(
+        self, *, tiers: tuple[str, ...] = ("wear", "limit"), condition: str | tuple[str, ...] = ("wear_rising", "sudden_step")
+    ) -> dict[int | None, float]:
         """Joint → first day on which an alert of one of these tiers stood."""
         days: dict[int | None, float] = {}
         for day, kind, joint, what, tier in self.told:
-            if kind != "cleared" and what == condition and tier in tiers:
+            if kind != "cleared" and what in condition and tier in tiers:
                 days.setdefault(joint, day)
         return days
 

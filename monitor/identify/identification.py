@@ -91,6 +91,7 @@ class Identification:
     misfit_cov: Array | None = None  # (J, 2, 2) of (fc, fv), to be added to `friction_cov` to compare different motions
     held_out: Mapping[str, float] | None = None  # law → RMS over the noise of data left out, where the law was chosen by it
     paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): neither the noise's scale nor its correlation is in it
+    warming_k_per_min: Array | None = None  # (J,) how fast the joints warmed meanwhile; positive: the grease is colder than the sensor
     physical: "Consistent | None" = None  # the standard parameters of an arm that can exist, where they were asked for
 
     @property

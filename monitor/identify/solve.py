@@ -62,9 +62,10 @@ def identify(
     contradiction = mounting_check(motions, torques, robot, mounting)
     if contradiction is not None:
         remarks.append(contradiction)
-    return identify_motions(
+    found = identify_motions(
         motions, torques, robot, mounting, method=method, friction=friction, rigid_from=rigid_from, settings=settings, caveats=remarks
     )
+    return replace(found, warming_k_per_min=_warming(recordings))
 
 
 def identify_motions(
@@ -215,6 +216,21 @@ def _covariances(equations: Sequence[Equations], found: Fit, layout: Layout, pri
     alone, together = jackknife_covariances(found.rows, found.weights, found.solution, opinions)
     inflation = robust_inflation(found) ** 2
     return alone * inflation, together * inflation
+
+
+def _warming(recordings: Sequence[Recording]) -> Array | None:
+    """(J,) slope of temperature over time [K/min], the recordings' mean; None where one of them does not tell it."""
+    slopes = []
+    for recording in recordings:
+        if recording.temperature_c is None:
+            return None
+        good = np.isfinite(recording.t_s) & np.all(np.isfinite(recording.temperature_c), axis=1)
+        t = recording.t_s[good] - np.mean(recording.t_s[good]) if good.any() else np.zeros(0)
+        if len(t) < 2 or not np.ptp(t) > 0:
+            return None
+        slopes.append(60.0 * (t @ recording.temperature_c[good]) / (t @ t))
+    mean: Array = np.mean(slopes, axis=0)
+    return mean
 
 
 def _mean_temperature(motions: Sequence[Motion]) -> Array | None:

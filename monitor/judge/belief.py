@@ -1,28 +1,32 @@
 """Belief: everything `assess` remembers of one arm, as a value that a JSON object carries exactly."""
 
 import math
+import re
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.judge.contradiction import Weights, weights_from_document
 from monitor.judge.document import array, entry, plain
+from monitor.judge.evidence import DriftSettings
 from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
+from monitor.judge.track import KINDS, RATE, STATES, WEAR, WINDOW, Track
 from monitor.recording import Array, Context
 
-SCHEMA_VERSION = 1
-LEVEL, SLOPE, WEAR, RATE = range(4)  # order of the state: log N·m, 1/K, log, 1/day
+SCHEMA_VERSION = 2
 COMPARABLE = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest")
-ORDINARY, SETTLING, STEP, OUTLIER, UNSEEN = range(5)  # what the last replay was to a joint; the last two are not learnt from
+_VERSION = re.compile(r"\d+(?:\.\d+)+")
 
 
 class OpenedContext(NamedTuple):
-    """One context of the ledger: when its baseline began and how many replays it has."""
+    """One context of the ledger: when its baseline began, how many replays it has, and where its level is kept."""
 
     context: Context
     opened_at_unix_s: float
     replays: int
+    slot: int | None = 0  # None: others have taken its place; should it come again, its baseline is learnt anew
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,24 +39,15 @@ class Belief:
     began_at_unix_s: float
     replays: int
     days: int  # UTC days with a replay
-    contexts: tuple[OpenedContext, ...]  # oldest first; the last one is in force
+    contexts: tuple[OpenedContext, ...]  # the last one is in force, the one before it was before
     reference_temperature_c: Array  # (J,) T0
-    mean: Array  # (J, 4) level, temperature slope, wear, wear rate per day
-    cov: Array  # (J, 4, 4)
-    joint_replays: Array  # (J,) learnt from
-    noise_step_var: Array  # (J,) half the mean square of what differs from one replay to the next, within-replay noise taken off
-    autocorrelation: Array  # (J,) mean product of successive normalised innovations
-    noise_weight: Array  # (J,) replays behind both
-    consistency: Array  # (J,) running mean of normalised innovations squared: 1 where the filter is consistent
-    innovation: Array  # (J,) of the last replay; NaN where unseen
-    normalised_innovation: Array  # (J,) in its own σ
-    event: Array  # (J,) ORDINARY, SETTLING, STEP, OUTLIER or UNSEEN: the last replay
-    gate_run: Array  # (J,) signed count of gated replays in a row
-    cusum: Array  # (J, 2) whitened innovations summed up, upward and downward, beyond what chance does
-    cusum_replays: Array  # (J, 2) replays since each sum left 0
-    outliers: Array  # (J,) gated so far
+    track: Track  # of the filter
     temperature_c: Array  # (J,) of the last replay
     inside_range: Array  # (J,) 1 where that lay in the range learnt before it
+    first_log_torque: Array  # (J,) mean of y over the first replays, nothing taken out: what a change is split against
+    last_log_torque: Array  # (J,) of the last replay
+    first_temperature_c: Array  # (J,) mean over the same first replays
+    weights: Weights | None  # the arm's, in the context in force
     viscous: Law
     coulomb: Law
     schema_version: int = SCHEMA_VERSION
@@ -60,7 +55,7 @@ class Belief:
     @property
     def joints(self) -> int:
         """J."""
-        return len(self.mean)
+        return self.track.joints
 
     @property
     def context(self) -> Context:
@@ -68,31 +63,53 @@ class Belief:
         return self.contexts[-1].context
 
     @property
+    def slot(self) -> Array:
+        """(J,) where the level of the context in force is kept."""
+        return np.full(self.joints, self.contexts[-1].slot or 0)
+
+    @property
     def wear(self) -> Array:
         """(J,) mean of w, in the logarithm of friction torque."""
-        return self.mean[:, WEAR]
+        return self.track.wear
 
     @property
     def wear_std(self) -> Array:
         """(J,)."""
-        return np.sqrt(np.maximum(self.cov[:, WEAR, WEAR], 0.0))
+        return self.track.wear_std
+
+    @property
+    def event(self) -> Array:
+        """(J,) ORDINARY, SETTLING, STEP, OUTLIER or UNSEEN: the last replay."""
+        return self.track.event
 
     @property
     def learnt_from(self) -> np.ndarray:
         """(J,) whether the last replay taught something of a joint."""
-        learnt: np.ndarray = self.event <= STEP
-        return learnt
+        return self.track.learnt_from
 
     @property
-    def noise_var(self) -> Array:
-        """(J,) of y between replays: σ² = E[(εₖ − εₖ₋₁)²]/2 / (1 − ρ). A trend is in the differences once, in the values ever more."""
-        return self.noise_step_var / (1.0 - np.maximum(self.autocorrelation, 0.0))
+    def slope(self) -> Array:
+        """(J,) how log friction torque falls with temperature at T0 [1/K]."""
+        return self.track.slope_at(self.reference_temperature_c)
 
-    def reference_torque_nm(self) -> tuple[Array, Array]:
+    def level(self) -> Array:
+        """(J,) log of friction torque at T0 in the context in force, unworn."""
+        return self.track.reference(self.reference_temperature_c, self.slot)[0] - self.wear
+
+    def rate(self) -> tuple[Array, Array]:
+        """(J, 2) mean and (J, 2, 2) covariance of wear and its rate per day."""
+        pair = [WEAR, RATE]
+        return self.track.mean[:, pair], self.track.cov[:, pair][:, :, pair]
+
+    def noise_std(self, settings: DriftSettings) -> Array:
+        """(J,) of y between replays."""
+        return np.sqrt(self.track.noise_var(self.joints, settings))
+
+    def reference_torque_nm(self, settings: DriftSettings) -> tuple[Array, Array]:
         """F(v*, T0), wear included, and its standard deviation, (J,) each [N·m]; NaN where a joint was never seen."""
-        h = np.array([1.0, 0.0, 1.0, 0.0])
-        torque = np.where(self.joint_replays > 0, np.exp(self.mean @ h), np.nan)
-        return torque, torque * np.sqrt(np.maximum(np.einsum("i,jik,k->j", h, self.cov, h), 0.0))
+        mean, std = self.track.reference(self.reference_temperature_c, self.slot)
+        torque = np.where(self.track.replays > 0, np.exp(mean), np.nan)
+        return torque, torque * np.hypot(std, settings.between_floor)
 
     def lines(self, settings: TemperatureSettings) -> tuple[Line, Line]:
         """fc(T) and fv(T) without wear, referred to T0."""
@@ -111,18 +128,31 @@ def comparable(context: Context) -> Context:
 
 
 def differences(before: Context, after: Context) -> list[str]:
-    """The names of what changed, in words. Payloads are equal to a gram, angles to a hundredth of a degree."""
+    """The names of what changed, in words.
 
-    def same(a: object, b: object, tolerance: float) -> bool:
+    Payloads are equal to a gram, angles to a hundredth of a degree, words whatever their case and blanks, firmware by its version.
+    """
+
+    def same(key: str, a: object, b: object) -> bool:
         if isinstance(a, tuple) and isinstance(b, tuple):
-            return len(a) == len(b) and all(same(x, y, tolerance) for x, y in zip(a, b, strict=True))
+            return len(a) == len(b) and all(same(key, x, y) for x, y in zip(a, b, strict=True))
         if isinstance(a, int | float) and isinstance(b, int | float):
-            return math.isclose(a, b, rel_tol=0.0, abs_tol=tolerance)
+            return math.isclose(a, b, rel_tol=0.0, abs_tol=tolerance.get(key, 0.0))
+        if isinstance(a, str) and isinstance(b, str):
+            return _told_apart(key, a) == _told_apart(key, b)
         return a == b
 
     tolerance = {"payload_kg": 1e-3, "mounting_rad": math.radians(0.01)}
     pairs = [(key, getattr(before, key), getattr(after, key)) for key in COMPARABLE]
-    return [f"{key} {old!r} → {new!r}" for key, old, new in pairs if not same(old, new, tolerance.get(key, 0.0))]
+    return [f"{key} {old!r} → {new!r}" for key, old, new in pairs if not same(key, old, new)]
+
+
+def _told_apart(key: str, word: str) -> str:
+    """What of a word tells one context from another."""
+    version = _VERSION.search(word) if key == "firmware" else None
+    if version:
+        return ".".join(str(int(part)) for part in version.group().split("."))
+    return " ".join(word.split()).casefold()
 
 
 def belief_from_document(document: Any) -> Belief:
@@ -133,12 +163,12 @@ def belief_from_document(document: Any) -> Belief:
     where = "belief"
     version = entry(document, "schema_version", where=where)
     if version != SCHEMA_VERSION:
-        raise BadInput(f"belief: schema_version is {version!r}; this release reads {SCHEMA_VERSION}")
+        raise BadInput(
+            f"belief: schema_version is {version!r}; this release reads {SCHEMA_VERSION}. What an older release learnt cannot be carried "
+            "over: move the state directory away, and let `joint-monitor assess` judge its recordings again"
+        )
     J = len(array(document, "reference_temperature_c", (-1,), where=where))
-    shapes: dict[str, tuple[int, ...]] = {"mean": (J, 4), "cov": (J, 4, 4), "cusum": (J, 2), "cusum_replays": (J, 2)}
-    arrays: dict[str, Any] = {
-        f.name: array(document, f.name, shapes.get(f.name, (J,)), where=where) for f in fields(Belief) if f.type in (Array, "Array")
-    }
+    arrays: dict[str, Any] = {f.name: array(document, f.name, (J,), where=where) for f in fields(Belief) if f.type in (Array, "Array")}
     ledger = entry(document, "contexts", where=where)
     try:
         return Belief(
@@ -148,13 +178,33 @@ def belief_from_document(document: Any) -> Belief:
             began_at_unix_s=float(entry(document, "began_at_unix_s", where=where)),
             replays=int(entry(document, "replays", where=where)),
             days=int(entry(document, "days", where=where)),
-            contexts=tuple(OpenedContext(_context(o["context"]), float(o["opened_at_unix_s"]), int(o["replays"])) for o in ledger),
+            contexts=tuple(
+                OpenedContext(
+                    _context(o["context"]), float(o["opened_at_unix_s"]), int(o["replays"]), None if o["slot"] is None else int(o["slot"])
+                )
+                for o in ledger
+            ),
+            track=_track(entry(document, "track", where=where), J),
+            weights=weights_from_document(entry(document, "weights", where=where)),
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
             **arrays,
         )
     except (TypeError, ValueError, KeyError) as wrong:
         raise BadInput(f"belief: {wrong!r}") from None
+
+
+def _track(document: Any, J: int) -> Track:
+    shapes: dict[str, tuple[int, ...]] = {
+        "mean": (J, STATES),
+        "cov": (J, STATES, STATES),
+        "responses": (J, KINDS, WINDOW, STATES),
+        "scores": (J, KINDS, WINDOW),
+        "raw_scores": (J, KINDS, WINDOW),
+        "informations": (J, KINDS, WINDOW),
+        "ages": (J, WINDOW),
+    }
+    return Track(**{f.name: array(document, f.name, shapes.get(f.name, (J,)), where="belief: track") for f in fields(Track)})
 
 
 def _context(document: dict[str, Any]) -> Context:

@@ -1,8 +1,6 @@
-"""Evidence, belief → belief: level, temperature slope, wear and wear rate of every joint, by a Kalman filter.
+"""Evidence, belief → belief: the contexts compared, the filter aged and updated, the temperature laws learnt.
 
-Per joint, with y = log F(v*, T), the friction torque at a reference speed:  y = a − β(T − T0) + w + ε,  w⁺ = w + ẇ·Δt.
-Level a and wear w cannot be told apart by looking: w begins at 0 without doubt and a carries all of it. A new context
-makes a unknown again and keeps w. The filter is filterpy's `predict` and `update`, one scalar measurement a joint and replay.
+The filter's state and algebra are in `track.py`, `follow.py` and `kalman.py`, over any number of joints; here is one arm's.
 """
 
 import math
@@ -10,20 +8,24 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from filterpy.kalman import predict
 
 from monitor.errors import BadInput
 from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification
-from monitor.judge.belief import LEVEL, RATE, SLOPE, UNSEEN, WEAR, Belief, OpenedContext, comparable, differences
-from monitor.judge.evidence import DriftSettings, observe
-from monitor.judge.kalman import filtered, numbers, symmetric
+from monitor.judge.belief import Belief, OpenedContext, comparable, differences
+from monitor.judge.contradiction import NOTHING_SAID, Contradiction, contradiction, weighed
+from monitor.judge.evidence import DriftSettings, Observation, observe
+from monitor.judge.follow import followed
+from monitor.judge.health import HealthSettings
 from monitor.judge.temperature import TemperatureSettings, begun, inside_range, learnt, reopened
+from monitor.judge.track import OUTLIER, SLOTS, STEP, UNSEEN, at_pace, elsewhere, in_new_slot
+from monitor.judge.track import aged as track_aged
+from monitor.judge.track import begun as track_begun
 from monitor.recording import Array, Context
 
 SECONDS_PER_DAY = 86_400.0
-DIFFUSE_VAR = 100.0  # log² of an unknown level: e^±10 holds every torque, and leaves 10 digits of float64 to the rest
 CONTEXTS_KEPT = 16
+WARMING_FAST_K_PER_MIN = 0.5  # as a cold UR5 does in the first quarter of an hour of work
 
 
 class Learnt(NamedTuple):
@@ -31,6 +33,7 @@ class Learnt(NamedTuple):
 
     belief: Belief
     caveats: tuple[Caveat, ...]
+    contradiction: Contradiction = NOTHING_SAID
 
 
 def begin(
@@ -41,16 +44,16 @@ def begin(
     Only T0 and the size of the slopes are taken from the identification; `learn` then learns from it as from any other.
     """
     seen = observe(identification, settings)
-    J = len(seen.log_torque)
-    known = np.isfinite(seen.temperature_c)
-    T0 = np.where(known, seen.temperature_c, settings.unknown_temperature_c)
-    mean = np.zeros((J, 4))
-    mean[:, SLOPE] = laws.viscous_fall_per_k * seen.viscous_share
-    cov = np.zeros((J, 4, 4))
-    cov[:, LEVEL, LEVEL] = DIFFUSE_VAR
-    cov[:, SLOPE, SLOPE] = (laws.viscous_fall_std_per_k * seen.viscous_share) ** 2 + laws.coulomb_fall_std_per_k**2
-    cov[:, RATE, RATE] = settings.rate_std_per_day**2
+    track = track_begun(
+        seen,
+        settings,
+        fall_per_k=laws.viscous_fall_per_k,
+        fall_std_per_k=laws.viscous_fall_std_per_k,
+        coulomb_std_per_k=laws.coulomb_fall_std_per_k,
+    )
+    T0, J = track.origin_c, track.joints
     fc, fv = identification.coulomb_nm, identification.viscous_nm_s_per_rad
+    unknown = np.full(J, np.nan)
     return Belief(
         robot=robot,
         reference_speed_rad_s=settings.reference_speed_rad_s,
@@ -58,24 +61,15 @@ def begin(
         began_at_unix_s=at_unix_s,
         replays=0,
         days=0,
-        contexts=(OpenedContext(comparable(context), at_unix_s, 0),),
+        contexts=(OpenedContext(comparable(context), at_unix_s, 0, 0),),
         reference_temperature_c=T0,
-        mean=mean,
-        cov=cov,
-        joint_replays=np.zeros(J),
-        noise_step_var=np.full(J, settings.between_std**2 * (1.0 - settings.autocorrelation)),
-        autocorrelation=np.full(J, settings.autocorrelation),
-        noise_weight=np.full(J, settings.between_replays),
-        consistency=np.ones(J),
-        innovation=np.full(J, np.nan),
-        normalised_innovation=np.full(J, np.nan),
-        event=np.full(J, float(UNSEEN)),
-        gate_run=np.zeros(J),
-        cusum=np.zeros((J, 2)),
-        cusum_replays=np.zeros((J, 2)),
-        outliers=np.zeros(J),
-        temperature_c=seen.temperature_c,
+        track=track,
+        temperature_c=unknown,
         inside_range=np.zeros(J),
+        first_log_torque=unknown,
+        last_log_torque=unknown,
+        first_temperature_c=unknown,
+        weights=None,
         viscous=begun(T0, fv, fall_per_k=laws.viscous_fall_per_k, fall_std_per_k=laws.viscous_fall_std_per_k, scatter=laws.scatter),
         coulomb=begun(T0, fc, fall_per_k=0.0, fall_std_per_k=laws.coulomb_fall_std_per_k, scatter=laws.scatter),
     )
@@ -89,47 +83,37 @@ def aged(belief: Belief, at_unix_s: float, settings: DriftSettings) -> Belief:
     days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
     if not days >= 0:
         raise BadInput(f"a belief of {belief.at_unix_s:.0f} s cannot be aged to {at_unix_s:.0f} s: that is before it")
-    F = np.eye(4)
-    F[WEAR, RATE] = days
-    q = settings.rate_walk_per_sqrt_day**2
-    Q = np.zeros((4, 4))  # exact integral of a wandering rate, so that 30 days are 30 times one day
-    Q[WEAR, WEAR] = settings.wear_walk_per_sqrt_day**2 * days + q * days**3 / 3.0
-    Q[WEAR, RATE] = Q[RATE, WEAR] = q * days**2 / 2.0
-    Q[RATE, RATE] = q * days
-    steps = [predict(x, P, F, Q) for x, P in zip(belief.mean, belief.cov, strict=True)]
-    return replace(belief, mean=np.array([x for x, _ in steps]), cov=np.array([P for _, P in steps]), at_unix_s=at_unix_s)
+    track = track_aged(belief.track, np.full(belief.joints, days), belief.joints, settings)
+    return replace(belief, track=track, at_unix_s=at_unix_s)
 
 
-def referred(belief: Belief, temperature_c: Array) -> Belief:
-    """The same belief told at another T0 (J,): a' = a − β(T0' − T0). Nothing is learnt or forgotten."""
-    M = np.tile(np.eye(4), (belief.joints, 1, 1))
-    M[:, LEVEL, SLOPE] = belief.reference_temperature_c - temperature_c
-    return replace(
+def in_context(belief: Belief, context: Context, at_unix_s: float, laws: TemperatureSettings) -> tuple[Belief, bool]:
+    """The belief in another context, and whether that was seen before: then its level is what it was, else it is unknown.
+
+    Wear and its rate are kept with their doubt: wear that coincides with a change cannot be seen in a context never seen before.
+    """
+    ledger = list(belief.contexts)
+    known = next((o for o in ledger if o.slot is not None and not differences(o.context, context)), None)
+    if known is not None:
+        ledger.remove(known)
+        ledger.append(known)
+        track = belief.track
+    else:
+        taken = [o.slot for o in ledger if o.slot is not None]  # the one that is away the longest comes first
+        slot = next((free for free in range(SLOTS) if free not in taken), taken[0])
+        ledger = [o._replace(slot=None) if o.slot == slot else o for o in ledger]
+        ledger.append(OpenedContext(comparable(context), at_unix_s, 0, slot))
+        J = belief.joints
+        track = in_new_slot(belief.track, np.full(J, slot), np.ones(J, dtype=bool))
+    moved = replace(
         belief,
-        mean=np.einsum("jab,jb->ja", M, belief.mean),
-        cov=symmetric(M @ belief.cov @ np.swapaxes(M, 1, 2)),  # (J, 4, 4)
-        reference_temperature_c=temperature_c,
-    )
-
-
-def in_new_context(belief: Belief, context: Context, at_unix_s: float, laws: TemperatureSettings) -> Belief:
-    """The level unknown again, wear and its rate kept with their doubt: wear that coincides with the change cannot be seen."""
-    cov = belief.cov.copy()
-    cov[:, LEVEL, :] = cov[:, :, LEVEL] = 0.0
-    cov[:, LEVEL, LEVEL] = DIFFUSE_VAR
-    cov[:, SLOPE, SLOPE] += (0.25 * belief.mean[:, SLOPE]) ** 2  # another load shifts the viscous share
-    ledger = (*belief.contexts, OpenedContext(comparable(context), at_unix_s, 0))
-    return replace(
-        belief,
-        contexts=ledger[-CONTEXTS_KEPT:],
-        cov=cov,
-        event=np.full(belief.joints, float(UNSEEN)),  # what came before says nothing of the noise to come
-        gate_run=np.zeros(belief.joints),
-        cusum=np.zeros((belief.joints, 2)),
-        cusum_replays=np.zeros((belief.joints, 2)),
+        contexts=tuple(ledger[-CONTEXTS_KEPT:]),
+        track=elsewhere(track, np.ones(belief.joints, dtype=bool)),
+        weights=None,
         viscous=reopened(belief.viscous, laws),
         coulomb=reopened(belief.coulomb, laws),
     )
+    return moved, known is not None
 
 
 def learn(
@@ -140,34 +124,51 @@ def learn(
     *,
     settings: DriftSettings,
     laws: TemperatureSettings,
+    health: HealthSettings | None = None,
 ) -> Learnt:
-    """Evidence, belief → belief. The context is compared, the belief aged, T0 settled, the filter and the laws updated."""
+    """Evidence, belief → belief. The context is compared, the belief aged, T0 settled, the filter and the laws updated.
+
+    Where the recording contradicts what was declared of it, nothing is learnt of wear.
+    """
     seen = observe(identification, settings)
     caveats: list[Caveat] = []
     changed = differences(belief.context, context)
     if changed:
-        belief = in_new_context(belief, context, at_unix_s, laws)
-        text = f"{'; '.join(changed)}: a new baseline begins, wear is carried over; wear that came with the change cannot be seen"
-        caveats.append(Caveat("context_changed", text))
-    elapsed_days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
+        belief, known = in_context(belief, context, at_unix_s, laws)
+        then = "its baseline is known from before"
+        if not known:
+            then = "a new baseline begins, wear is carried over; wear that came with the change cannot be seen"
+        caveats.append(Caveat("context_changed", f"{'; '.join(changed)}: {then}"))
+    said = contradiction(identification, belief.weights, health or HealthSettings())
+    contradicted = said.condition is not None
+    if contradicted:
+        seen = seen._replace(log_torque=np.full(belief.joints, np.nan))
+        caveats.append(Caveat(str(said.condition), said.text))
+    days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
     new_day = belief.replays == 0 or math.floor(at_unix_s / SECONDS_PER_DAY) > math.floor(belief.at_unix_s / SECONDS_PER_DAY)
     belief = aged(belief, at_unix_s, settings)
+    belief = replace(belief, track=at_pace(belief.track, np.full(belief.joints, days)))
 
     T = seen.temperature_c
-    known = np.isfinite(T)
-    if not known.all():
-        text = f"joints {numbers(~known)}: no temperature: the replay is learnt with more doubt and counts for no alert"
+    known_c = np.isfinite(T)
+    if not known_c.all():
+        text = f"joints {numbers(~known_c)}: no temperature: the replay is learnt with more doubt and counts for no alert"
         caveats.append(Caveat("temperature_unknown", text))
+    fast = np.abs(np.nan_to_num(seen.warming_k_per_min)) > WARMING_FAST_K_PER_MIN
+    if fast.any():
+        text = f"joints {numbers(fast)}: warming or cooling faster than {WARMING_FAST_K_PER_MIN:g} K/min: the grease lags behind the sensor"
+        caveats.append(Caveat("warming_fast", text))
     if belief.replays < settings.settle_replays:
-        mean_c = belief.reference_temperature_c + (np.where(known, T, belief.reference_temperature_c) - belief.reference_temperature_c) / (
-            belief.replays + 1
-        )
-        belief = referred(belief, mean_c)
+        T0 = belief.reference_temperature_c
+        T0 = T0 + (np.where(known_c, T, T0) - T0) / (belief.replays + 1)
+        belief = replace(belief, reference_temperature_c=T0)
     inside = inside_range(belief.viscous.range_c, T, laws.margin_k)  # as learnt before this replay
 
-    belief, more = filtered(belief, seen, elapsed_days, settings)
-    caveats += more
-    unworn = np.where(belief.learnt_from, np.exp(-belief.wear), np.nan)  # wear divided out, outliers left out
+    track = followed(belief.track, seen, belief.slot, belief.joints, settings)
+    belief = replace(_remembering_the_first(belief, seen, settings), track=track)
+    if not contradicted:
+        caveats += _told(belief)
+    unworn = np.where(belief.learnt_from & (not contradicted), np.exp(-belief.wear), np.nan)  # wear divided out, outliers left out
     now = belief.contexts[-1]
     return Learnt(
         replace(
@@ -177,8 +178,55 @@ def learn(
             contexts=(*belief.contexts[:-1], now._replace(replays=now.replays + 1)),
             temperature_c=T,
             inside_range=inside.astype(float),
+            last_log_torque=seen.log_torque,
+            weights=belief.weights if contradicted else weighed(belief.weights, identification),
             viscous=learnt(belief.viscous, T, identification.viscous_nm_s_per_rad * unworn),
             coulomb=learnt(belief.coulomb, T, identification.coulomb_nm * unworn),
         ),
         tuple(caveats),
+        said,
     )
+
+
+def _remembering_the_first(belief: Belief, seen: Observation, settings: DriftSettings) -> Belief:
+    """Means of the first replays as they were, nothing taken out."""
+    n = belief.track.replays  # (J,) before this one
+    more = (n < settings.baseline_replays) & np.isfinite(seen.log_torque)
+
+    def mean(old: Array, new: Array) -> Array:
+        usable = more & np.isfinite(new)
+        return np.where(usable, np.where(np.isfinite(old), old, new) + (new - np.where(np.isfinite(old), old, new)) / (n + 1.0), old)
+
+    return replace(
+        belief,
+        first_log_torque=mean(belief.first_log_torque, seen.log_torque),
+        first_temperature_c=mean(belief.first_temperature_c, seen.temperature_c),
+    )
+
+
+def _told(belief: Belief) -> list[Caveat]:
+    """What of the last update a reader must know."""
+    caveats = []
+    track = belief.track
+    for j in np.flatnonzero(belief.event == OUTLIER):
+        text = f"joint {j + 1}: {track.innovation[j]:+.1%} from the expected friction, {abs(track.normalised[j]):.1f} σ: not learnt from"
+        caveats.append(Caveat("outlier", text))
+    for j in np.flatnonzero(belief.event == STEP):
+        text = (
+            f"joint {j + 1}: {track.agreeing[j]:.0f} replays are best explained by a change of the joint: wear is now {belief.wear[j]:+.1%}"
+        )
+        caveats.append(Caveat("step", text))
+    if (belief.event == UNSEEN).any():
+        text = (
+            f"joints {numbers(belief.event == UNSEEN)}: friction at {belief.reference_speed_rad_s:g} rad/s is not resolved in this replay"
+        )
+        caveats.append(Caveat("joint_unseen", text))
+    if (track.consistency > 2.5).any():  # 20 replays' mean of χ²(1): 2.5 is about 5 σ
+        text = f"joints {numbers(track.consistency > 2.5)}: replays scatter more than the filter believes"
+        caveats.append(Caveat("filter_inconsistent", text))
+    return caveats
+
+
+def numbers(mask: np.ndarray) -> str:
+    """The joints of a mask, counted from 1."""
+    return " ".join(str(j + 1) for j in np.flatnonzero(mask))

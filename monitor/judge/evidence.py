@@ -21,20 +21,28 @@ class DriftSettings:
     between_floor: Annotated[float, between(1e-6, 0.1)] = (
         0.003  # no history makes us surer than this: temperatures come in 1/16 K and friction is no constant
     )
-    memory_replays: Annotated[float, between(2.0, 1e5)] = 100.0  # the noise of long ago is forgotten
-    autocorrelation: Annotated[float, between(0.0, 0.95)] = 0.3  # of the noise of successive replays, at first; then learnt
-    autocorrelation_max: Annotated[float, between(0.0, 0.95)] = 0.7
-    rate_std_per_day: Annotated[float, between(1e-6, 0.1)] = 3e-4  # a new arm's wear rate: 11 % a year is one σ
-    rate_walk_per_sqrt_day: Annotated[float, between(0.0, 0.01)] = 5e-5  # wear changes its pace within months
-    wear_walk_per_sqrt_day: Annotated[float, between(0.0, 0.01)] = 5e-4  # 1 % in a year by chance
+    alike_replays: Annotated[float, between(0.0, 1e4)] = (
+        40.0  # the joints of one arm are alike in noise: each is drawn so strongly to their mean
+    )
+    caution: Annotated[float, between(0.0, 10.0)] = 0.8  # noise that n replays have told is taken for 1 + caution/√n times as much
+    memory_replays: Annotated[float, between(2.0, 1e5)] = 300.0  # the noise of long ago is forgotten
+    autocorrelation: Annotated[float, between(0.0, 0.95)] = 0.5  # of the noise of successive replays, at first; then learnt
+    autocorrelation_max: Annotated[float, between(0.0, 0.95)] = 0.8
+    rate_std_per_day: Annotated[float, between(1e-6, 0.1)] = 1e-5  # of a joint that is well; a pace beyond it is found as a change
+    rate_walk_per_sqrt_day: Annotated[float, between(0.0, 0.01)] = (
+        2e-6  # a pace once found changes by so much; more is found as another change
+    )
+    pace_walk_per_sqrt_day: Annotated[float, between(0.0, 1.0)] = 0.007  # fraction of its own by which a pace of wear wanders
+    wear_walk_per_sqrt_day: Annotated[float, between(0.0, 0.01)] = 1e-4  # 0.2 % in a year by chance
     gate_sigma: Annotated[float, between(2.0, 20.0)] = 4.0  # one replay further off than this is not learnt from …
     gate_run: Annotated[int, between(2, 20)] = 3  # … so many in a row on one side are a step
-    cusum_slack: Annotated[float, between(1e-6, 5.0)] = 0.5  # [σ] a shift of twice this is found quickest
-    cusum_limit: Annotated[float, between(1e-6, 100.0)] = (
-        6.0  # [σ] by chance about once a robot-year; it only loosens the filter, it raises nothing
-    )
-    jump_days: Annotated[float, between(1e-6, 3650.0)] = 30.0  # what looks like a jump may be a new pace of wear: as much in so many days
+    shift_sigma: Annotated[float, between(2.0, 20.0)] = 4.35  # likelihood ratio from which a sudden change is believed, in σ
+    pace_sigma: Annotated[float, between(2.0, 20.0)] = 3.35  # the same for a pace of wear that began 45 replays ago or earlier
     resolution: Annotated[float, between(1e-6, 1.0)] = 0.25  # a replay whose own std is a larger fraction of F says nothing of that joint
+    grease_lag_min: Annotated[float, between(0.0, 60.0)] = 3.0  # the grease follows the motor's sensor by about so many minutes …
+    grease_lag_std_min: Annotated[float, between(0.0, 60.0)] = 1.5  # … give or take, until this arm has told
+    uneven_share: Annotated[float, between(0.0, 2.0)] = 0.35  # of what the lag explains stays in doubt: heat is no single lag
+    baseline_replays: Annotated[int, between(1, 1000)] = 6  # a change among a joint's first so many is of its baseline, not its wear
     settle_replays: Annotated[int, between(0, 1000)] = 20  # T0 is the mean temperature of the first so many replays
     unknown_temperature_c: Annotated[float, between(-20.0, 80.0)] = 25.0  # stands in where nothing measured it …
     unknown_temperature_std_k: Annotated[float, between(1e-6, 50.0)] = 6.0  # … with this doubt
@@ -50,7 +58,7 @@ class DriftSettings:
             "memory_replays",
             "rate_std_per_day",
             "gate_sigma",
-            "cusum_limit",
+            "shift_sigma",
             "resolution",
         ):
             if not getattr(self, name) > 0:
@@ -71,6 +79,7 @@ class Observation(NamedTuple):
     variance: Array  # of log_torque, within the replay
     temperature_c: Array  # NaN where unknown
     viscous_share: Array  # of the torque at the reference speed
+    warming_k_per_min: Array  # NaN where unknown
 
 
 def observe(identification: Identification, settings: DriftSettings) -> Observation:
@@ -85,5 +94,6 @@ def observe(identification: Identification, settings: DriftSettings) -> Observat
         log_torque=np.where(resolved, np.log(F), np.nan),
         variance=np.where(resolved, (std / F) ** 2, np.nan),  # Var log F ≈ Var F / F²
         temperature_c=unknown if identification.temperature_c is None else identification.temperature_c,
+        warming_k_per_min=unknown if identification.warming_k_per_min is None else identification.warming_k_per_min,
         viscous_share=np.clip(np.where(resolved, identification.viscous_nm_s_per_rad * v / F, 0.4), 0.05, 0.95),
     )

@@ -23,17 +23,36 @@ NORMAL, CHECK_FUNCTION, OFF_SPEC, MAINTENANCE_REQUIRED, FAILURE = STATES = (
 )  # in the order of what wins when states are combined
 TIERS = ("advisory", "wear", "limit")
 STATE_OF_TIER = {"advisory": NORMAL, "wear": MAINTENANCE_REQUIRED, "limit": FAILURE}
-WEAR_RISING, FRICTION_FALLING, COMMON_MODE = "wear_rising", "friction_falling", "common_mode"
+WEAR_RISING, SUDDEN_STEP, FRICTION_FALLING, COMMON_MODE = "wear_rising", "sudden_step", "friction_falling", "common_mode"
+TEMPERATURE_SENSOR, DATA_QUALITY, OUTSIDE_RANGE = "temperature_sensor", "data_quality", "outside_range"
+MOUNTING, PAYLOAD, GAINS = "mounting_contradiction", "payload_contradiction", "gain_contradiction"
+RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
 ACTIONS = {
-    ("wear_rising", "advisory"): "Nothing yet: watch this joint.",
-    ("wear_rising", "wear"): "Plan an inspection of this joint: lubrication, backlash, noise.",
-    ("wear_rising", "limit"): "Replace or overhaul this joint: friction has reached the configured limit.",
+    (WEAR_RISING, "advisory"): "Nothing yet: watch this joint.",
+    (WEAR_RISING, "wear"): "Plan an inspection of this joint: lubrication, backlash, noise.",
+    (WEAR_RISING, "limit"): "Replace or overhaul this joint: friction has reached the configured limit.",
+    (SUDDEN_STEP, "advisory"): "Ask what happened that day: a collision, a service, another load that was not declared.",
+    (SUDDEN_STEP, "wear"): "Inspect this joint soon: friction does not jump by itself. Look for a collision, a brake that drags, a seal.",
+    (SUDDEN_STEP, "limit"): "Stop using this joint until it is inspected: friction jumped beyond the configured limit.",
     (
-        "friction_falling",
+        FRICTION_FALLING,
         "advisory",
     ): "Tell the monitor if the joint was greased or replaced; otherwise check its brake, current and temperature.",
-    ("common_mode", "advisory"): "Check what all joints share: temperature sensors, supply voltage, payload and mounting as configured.",
+    (COMMON_MODE, "advisory"): "Check what all joints share: temperature sensors, supply voltage, payload and mounting as configured.",
+    (TEMPERATURE_SENSOR, "advisory"): "Check this joint's temperature reading: without it, or with a wrong one, cold looks like wear.",
+    (DATA_QUALITY, "advisory"): "Look at the last recordings: torn rows, lost packets, a trajectory that does not move this joint.",
+    (OUTSIDE_RANGE, "advisory"): "Nothing to repair: the monitor has not seen these temperatures yet; replays at them will teach it.",
+    (MOUNTING, "advisory"): "Compare [robot] mounting with how the arm stands; nothing is learnt of wear until they agree.",
+    (
+        PAYLOAD,
+        "advisory",
+    ): "Compare [robot] payload_kg with what the arm carries in the replay; nothing is learnt of wear until they agree.",
+    (
+        GAINS,
+        "advisory",
+    ): "Was a drive replaced or recalibrated? Then declare it (another tool, serial or gains); nothing is learnt of wear until then.",
 }
+SEVERITY = {"advisory": "low", "wear": "medium", "limit": "high"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +62,7 @@ class HealthSettings:
     advisory_rise: Annotated[float, between(1e-6, 10.0)] = 0.01
     wear_rise: Annotated[float, between(1e-6, 10.0)] = 0.05
     limit_rise: Annotated[float, between(1e-6, 10.0)] = 0.30
-    advisory_sure: Annotated[float, inside(0.5, 1.0)] = 0.99  # P(wear > rise); stricter where acting is cheap to doubt
+    false_alarms_per_year: Annotated[float, between(1e-4, 10.0)] = 0.05  # advisories of a healthy arm: how much evidence they ask for
     wear_sure: Annotated[float, inside(0.5, 1.0)] = 0.95
     limit_sure: Annotated[float, inside(0.5, 1.0)] = 0.95
     min_replays: Annotated[int, between(1, 100)] = 3
@@ -54,13 +73,16 @@ class HealthSettings:
     update_step: Annotated[float, between(1e-6, 1.0)] = 0.02  # an active alert is told again when its change has moved by so much
     common_share: Annotated[float, between(1e-6, 1.0)] = 2.0 / 3.0  # of the joints rising together …
     common_sure: Annotated[float, inside(0.5, 1.0)] = 0.9  # … each with this probability, are no wear
+    stale_days: Annotated[float, between(0.01, 3650.0)] = 7.0  # without a replay that taught something for so long, a joint is STALE
+    contradiction_sigma: Annotated[float, between(2.0, 100.0)] = 8.0  # masses that differ by so much from those before contradict them …
+    contradiction_kg: Annotated[float, between(0.01, 100.0)] = 0.5  # … a payload by at least so much
     learning_replays: Annotated[int, between(0, 1000)] = 10  # until then a new temperature is learning, not OFF_SPEC
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration naming the figure that is out of order."""
         if not 0 < self.advisory_rise < self.wear_rise < self.limit_rise:
             raise BadConfiguration("health: expected 0 < advisory_rise < wear_rise < limit_rise")
-        for name in ("advisory_sure", "wear_sure", "limit_sure", "common_sure"):
+        for name in ("wear_sure", "limit_sure", "common_sure"):
             if not 0.5 <= getattr(self, name) < 1:
                 raise BadConfiguration(f"health.{name} = {getattr(self, name)!r}; expected a probability from 0.5 to below 1")
         if not 0 < self.clear_fraction < 1:
@@ -73,11 +95,6 @@ class HealthSettings:
         """(3,) of the tiers."""
         return np.array([self.advisory_rise, self.wear_rise, self.limit_rise])
 
-    @property
-    def sures(self) -> Array:
-        """(3,) of the tiers."""
-        return np.array([self.advisory_sure, self.wear_sure, self.limit_sure])
-
 
 class Evidence(NamedTuple):
     """Replays in a row that agree, and on how many UTC days."""
@@ -86,16 +103,18 @@ class Evidence(NamedTuple):
     days: int = 0
     last_day: int = -1
 
-    def with_replay(self, day: int) -> "Evidence":
-        """One more that agrees."""
-        return Evidence(self.replays + 1, self.days + (day != self.last_day), day)
-
-    def suffices(self, settings: HealthSettings) -> bool:
-        """Whether enough replays on enough days agree."""
-        return self.replays >= settings.min_replays and self.days >= settings.min_days
-
 
 NO_EVIDENCE = (Evidence(),) * len(TIERS)
+
+
+class Split(NamedTuple):
+    """What a change of friction torque is made of, each as a logarithm: they add up to the whole."""
+
+    whole: float  # from the mean of the first replays to the last one, nothing taken out
+    temperature: float
+    payload: float  # what another context made of it
+    wear: float
+    rest: float  # of this replay: noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +127,8 @@ class JointHealth:
     since_unix_s: float = 0.0
     rising: tuple[Evidence, ...] = NO_EVIDENCE  # one a tier
     falling: Evidence = NO_EVIDENCE[0]
+    troubled: tuple[tuple[str, Evidence], ...] = ()  # what else was seen, by condition
+    told_unix_s: float | None = None  # of the last replay that taught something of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,6 +145,8 @@ class Alert:
     probability: float  # that the change exceeds the tier's rise
     text: str
     action: str
+    severity: str = "low"
+    split: Split | None = None
     acknowledged_at_unix_s: float | None = None
     acknowledged_by: str | None = None
     acknowledged_why: str | None = None
@@ -152,6 +175,7 @@ class Health:
     joints: tuple[JointHealth, ...]
     alerts: tuple[Alert, ...] = ()
     common: Evidence = field(default_factory=Evidence)
+    troubled: tuple[tuple[str, Evidence], ...] = ()  # of the arm
 
     @property
     def active_alerts(self) -> tuple[Alert, ...]:
@@ -197,13 +221,19 @@ def health_from_document(document: Any) -> Health:
     """A Health from `Health.as_document()`. Raises BadInput naming what is missing or wrong."""
     try:
         joints = tuple(
-            JointHealth(**{**o, "rising": tuple(Evidence(**e) for e in o["rising"]), "falling": Evidence(**o["falling"])})
+            JointHealth(
+                **{**o, "rising": tuple(Evidence(**e) for e in o["rising"]), "falling": Evidence(**o["falling"]), "troubled": _troubled(o)}
+            )
             for o in entry(document, "joints", where="health")
         )
-        alerts = tuple(Alert(**o) for o in entry(document, "alerts", where="health"))
-        rest = {f.name: entry(document, f.name, where="health") for f in fields(Health) if f.name not in {"joints", "alerts", "common"}}
-        return Health(joints=joints, alerts=alerts, common=Evidence(**entry(document, "common", where="health")), **rest)
-    except (TypeError, KeyError) as wrong:
+        alerts = tuple(
+            Alert(**{**o, "split": Split(**o["split"]) if o.get("split") else None}) for o in entry(document, "alerts", where="health")
+        )
+        plainly = {f.name for f in fields(Health)} - {"joints", "alerts", "common", "troubled"}
+        rest = {name: entry(document, name, where="health") for name in plainly}
+        common = Evidence(**entry(document, "common", where="health"))
+        return Health(joints=joints, alerts=alerts, common=common, troubled=_troubled(document), **rest)
+    except (TypeError, KeyError, ValueError) as wrong:
         raise BadInput(f"health: {wrong}") from None
 
 
@@ -216,3 +246,7 @@ def _active(health: Health, joint: int | None, condition: str, by: str) -> Alert
             return alert
     active = ", ".join(f"{alert.joint or 'arm'}/{alert.condition}" for alert in health.alerts if alert.active) or "none"
     raise BadInput(f"no active alert {joint or 'arm'}/{condition}; active: {active}")
+
+
+def _troubled(document: dict[str, Any]) -> tuple[tuple[str, Evidence], ...]:
+    return tuple((str(condition), Evidence(**evidence)) for condition, evidence in document.get("troubled", ()))

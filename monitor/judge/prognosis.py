@@ -29,6 +29,7 @@ class PrognosisSettings:
     """Which limit, and when a trend is one."""
 
     limit_rise: Annotated[float, between(1e-6, 10.0)] = 0.30  # friction above its beginning, fraction
+    service_days: Annotated[float, between(1.0, 3650.0)] = 90.0  # to the next service: how likely is the limit met before it?
     trend_sure: Annotated[float, inside(0.5, 1.0)] = 0.95  # below this P(rate > 0), no date is given
 
     def __post_init__(self) -> None:
@@ -47,26 +48,40 @@ class RemainingLife(NamedTuple):
     p50_days: float | None
     p90_days: float | None
     verdict: str  # "trend" | "no_trend" | "reached"
+    before_service_probability: float = 0.0  # that the limit is met within `service_days`
 
 
 def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> RemainingLife:
-    """From the belief on (wear, wear rate per day), mean (2,) and cov (2, 2), both in the logarithm of friction torque."""
+    """From the belief on (wear, wear rate per day), mean (2,) and cov (2, 2), both in the logarithm of friction torque.
+
+    The same wear every day is the same rise every day, not the same factor: the limit is approached along a straight line.
+    """
+    mean, cov = straight(mean, cov)
     trend = float(ndtr(mean[1] / max(math.sqrt(cov[1, 1]), 1e-300)))
-    if mean[0] >= math.log1p(settings.limit_rise):
-        return RemainingLife(trend, 0.0, 0.0, 0.0, "reached")
+    if mean[0] >= settings.limit_rise:
+        return RemainingLife(trend, 0.0, 0.0, 0.0, "reached", 1.0)
+    service = float(_mixture(mean, cov, np.array([settings.service_days]), wear_walk_per_sqrt_day, settings)[0])
     if trend < settings.trend_sure:
-        return RemainingLife(trend, None, None, None, "no_trend")
+        return RemainingLife(trend, None, None, None, "no_trend", service)
     coarse = _mixture(mean, cov, DAYS, wear_walk_per_sqrt_day, settings)
     first, last = np.searchsorted(coarse, [0.1, 0.9])  # P10 and P90 lie between these and the points before
     days = np.geomspace(DAYS[max(first - 1, 0)], DAYS[min(last, len(DAYS) - 1)], FINE)
     reached = _mixture(mean, cov, days, wear_walk_per_sqrt_day, settings)
     p10, p50, p90 = (_quantile(days, reached, p) for p in (0.1, 0.5, 0.9))
-    return RemainingLife(trend, p10, p50, p90, "trend")
+    return RemainingLife(trend, p10, p50, p90, "trend", service)
+
+
+def straight(mean: Array, cov: Array) -> tuple[Array, Array]:
+    """Mean and covariance of (rise, rise per day) as fractions, from those of their logarithms, to first order."""
+    grown = math.exp(mean[0])
+    M = np.array([[grown, 0.0], [grown * mean[1], grown]])
+    return np.array([grown - 1.0, grown * mean[1]]), M @ cov @ M.T
 
 
 def probability_within(days: float, mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> float:
     """That the limit is crossed within so many days, e.g. before the next service. Arguments as in `remaining_life`."""
-    if mean[0] >= math.log1p(settings.limit_rise):
+    mean, cov = straight(mean, cov)
+    if mean[0] >= settings.limit_rise:
         return 1.0
     return float(_mixture(mean, cov, np.array([days]), wear_walk_per_sqrt_day, settings)[0])
 
@@ -89,7 +104,7 @@ def _mixture(mean: Array, cov: Array, days: Array, walk: float, settings: Progno
     rest_std = math.sqrt(max(cov[0, 0] - tilt**2, 0.0))
     rate = mean[1] + rate_std * RATE_NODES  # (M,)
     wear = mean[0] + tilt * RATE_NODES + rest_std * WEAR_NODES  # (M,)
-    rise = math.log1p(settings.limit_rise) - wear
+    rise = settings.limit_rise - wear
     mixed: Array = np.mean(first_passage(days[:, None], rise, rate, walk), axis=1)  # (D, M) → (D,)
     return mixed
 

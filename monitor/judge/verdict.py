@@ -1,28 +1,33 @@
 """Belief → health: which alerts are raised, told again or cleared by a replay, and what state every joint is in.
 
-An alert asks for statistical evidence (the probability that wear exceeds a tier's rise), for practical relevance (the rise
-itself), for replays on several days inside the learnt temperatures, and that not all joints rise together.
+`tiers.py` weighs the evidence, over arrays; here one arm's is put into words and carried through the life of its alerts.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
 
-from monitor.judge.belief import OUTLIER, UNSEEN, Belief
+from monitor.judge.belief import Belief
+from monitor.judge.contradiction import NOTHING_SAID, Contradiction
 from monitor.judge.health import (
     ACTIONS,
     CHECK_FUNCTION,
     COMMON_MODE,
+    DATA_QUALITY,
     FRICTION_FALLING,
     NORMAL,
     OFF_SPEC,
+    OUTSIDE_RANGE,
+    RISES,
+    SEVERITY,
     STATE_OF_TIER,
     STATES,
+    SUDDEN_STEP,
+    TEMPERATURE_SENSOR,
     TIERS,
     WEAR_RISING,
     Alert,
@@ -30,8 +35,11 @@ from monitor.judge.health import (
     Health,
     HealthSettings,
     JointHealth,
+    Split,
     Transition,
 )
+from monitor.judge.tiers import FALLING, Counts, Grounds, grounds
+from monitor.judge.track import OUTLIER, UNSEEN
 from monitor.recording import Array
 
 
@@ -50,53 +58,39 @@ class _Finding(NamedTuple):
     change: float
     probabilities: Array  # (3,) of the tiers
     text: Callable[[], str]  # told only when something is to be told
+    split: Split | None = None
 
 
-def judge(health: Health | None, belief: Belief, settings: HealthSettings) -> Judged:
+def judge(health: Health | None, belief: Belief, settings: HealthSettings, contradiction: Contradiction = NOTHING_SAID) -> Judged:
     """Health after the belief's last replay."""
     at, J = belief.at_unix_s, belief.joints
     day = math.floor(at / 86_400.0)
     before = health or Health(joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
-    usable = belief.learnt_from & (belief.inside_range > 0)
-    doubt = np.maximum(belief.wear_std, 1e-9)
-
-    together = _common_wear(belief, settings)
-    common = before.common
-    if 2 * usable.sum() >= J:  # as for a joint: an unusable replay says nothing
-        common = common.with_replay(day) if together else Evidence()
-    excess = belief.wear - together  # (J,) beyond what all joints share
-    rises, sures = settings.rises, settings.sures
-    above = ndtr((excess[:, None] - np.log1p(rises)) / doubt[:, None])  # (J, 3) P(wear > rise)
-    below = ndtr((np.log1p(-rises) - belief.wear[:, None]) / doubt[:, None])  # (J, 3) P(wear < −rise)
+    usable = belief.learnt_from & (belief.inside_range > 0) & (contradiction.condition is None)
+    seen, days = belief.track.replays > 0, np.full(J, float(day))
+    found = grounds(
+        belief.wear, belief.wear_std, seen, usable, days, belief.track.agreeing, belief.track.cadence_days, _counts(before), J, settings
+    )
+    known = {alert.key: alert for alert in before.alerts}
 
     findings: dict[tuple[int | None, str], _Finding] = {}
     counted = []
     for j, joint in enumerate(before.joints):
-        rising, falling = joint.rising, joint.falling
-        if usable[j]:  # an unusable replay neither adds evidence nor takes it away
-            agree = above[j] >= sures
-            rising = tuple(e.with_replay(day) if yes else Evidence() for e, yes in zip(joint.rising, agree, strict=True))
-            falling = joint.falling.with_replay(day) if below[j, 1] >= settings.wear_sure else Evidence()
-        counted.append(replace(joint, rising=rising, falling=falling))
-        change = math.expm1(excess[j])
-        raise_tier = max((k for k in range(3) if rising[k].suffices(settings)), default=None)
-        hold_tier = max((k for k in range(3) if change >= settings.clear_fraction * rises[k]), default=None)
-        findings[j + 1, WEAR_RISING] = _Finding(raise_tier, hold_tier, change, above[j], partial(_joint_text, belief, j, rising[0]))
-        fallen = math.expm1(belief.wear[j])
-        holds = 0 if fallen <= -settings.clear_fraction * settings.wear_rise else None
-        text = partial(_joint_text, belief, j, falling)
-        findings[j + 1, FRICTION_FALLING] = _Finding(0 if falling.suffices(settings) else None, holds, fallen, below[j][[1, 1, 1]], text)
-    shift = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
-    holds = 0 if shift >= settings.clear_fraction * settings.advisory_rise else None
-    text = partial(
-        "Friction has risen in most joints together, by about {:+.1%} in {} replays: not the wear of one joint.".format,
-        shift,
-        common.replays,
-    )
-    certainty = np.full(3, float(np.median(ndtr(belief.wear / doubt))))
-    findings[None, COMMON_MODE] = _Finding(0 if common.suffices(settings) else None, holds, shift, certainty, text)
+        troubled = _troubles(joint, belief, j, day, settings, contradicted=contradiction.condition is not None)
+        told = at if belief.learnt_from[j] else joint.told_unix_s
+        counted.append(replace(_with_counts(joint, found.counts, j), troubled=tuple(troubled.items()), told_unix_s=told))
+        findings |= _of_joint(belief, j, found, counted[j], known, settings)
+        for condition, evidence in troubled.items():
+            findings[j + 1, condition] = _trouble(evidence, partial(_trouble_text, condition, belief, j, evidence), settings)
+    counts = found.counts
+    common = Evidence(int(counts.arm_replays[0]), int(counts.arm_days[0]), int(counts.arm_last_day[0]))
+    findings[None, COMMON_MODE] = _common_finding(belief, found, common, settings)
+    arm_troubled = _arm_troubles(before, contradiction, day)
+    for condition, evidence in arm_troubled.items():
+        raises = _trouble(evidence, lambda: contradiction.text, settings)
+        # what is declared and what is measured contradict each other in one replay already; two leave no doubt of the replay
+        findings[None, condition] = raises._replace(raise_tier=0 if evidence.replays >= 2 else None)
 
-    known = {alert.key: alert for alert in before.alerts}
     transitions = []
     for key, finding in findings.items():
         step = _step(known.get(key), key, finding, at, settings)
@@ -104,21 +98,178 @@ def judge(health: Health | None, belief: Belief, settings: HealthSettings) -> Ju
             known[key] = step.alert
             transitions.append(step)
     alerts = tuple(known.values())
-    joints = tuple(_joint_state(joint, belief, alerts, settings) for joint in counted)
-    state, why = _arm_state(joints, alerts)
+    joints = tuple(_joint_state(joint, belief, alerts, settings, contradiction) for joint in counted)
+    state, why = _arm_state(joints, alerts, contradiction)
     since = before.since_unix_s if state == before.state else at
-    return Judged(Health(state=state, why=why, since_unix_s=since, joints=joints, alerts=alerts, common=common), tuple(transitions))
+    after = Health(
+        state=state, why=why, since_unix_s=since, joints=joints, alerts=alerts, common=common, troubled=tuple(arm_troubled.items())
+    )  # fmt: skip
+    return Judged(after, tuple(transitions))
 
 
-def _common_wear(belief: Belief, settings: HealthSettings) -> float:
-    """How much all joints have risen together, log; 0 where they have not. Two joints alone share nothing that one can tell."""
-    seen = belief.joint_replays > 0
-    if seen.sum() < 3:
-        return 0.0
-    rising = ndtr(belief.wear / np.maximum(belief.wear_std, 1e-9)) >= settings.common_sure
-    shift = float(np.median(belief.wear[seen]))
-    together = (rising & seen).sum() >= settings.common_share * seen.sum() and shift >= math.log1p(settings.advisory_rise)
-    return shift if together else 0.0
+def split(belief: Belief, j: int) -> Split | None:
+    """What a joint's change since its first replays is made of; None before there is one."""
+    y0, y = belief.first_log_torque[j], belief.last_log_torque[j]
+    if not (math.isfinite(y0) and math.isfinite(y)):
+        return None
+    track, slots = belief.track, belief.contexts
+    T0 = belief.reference_temperature_c[j] if not math.isfinite(belief.first_temperature_c[j]) else belief.first_temperature_c[j]
+    T = belief.temperature_c[j] if math.isfinite(belief.temperature_c[j]) else T0
+    here, there = np.full(track.joints, slots[-1].slot or 0), np.full(track.joints, _first_slot(belief))
+    at = [track.reference(np.full(track.joints, t), slot)[0][j] for t, slot in ((T0, there), (T0, here), (T, here))]
+    temperature, payload, wear = float(at[2] - at[1]), float(at[1] - at[0]), float(belief.wear[j])
+    whole = float(y - y0)
+    return Split(whole=whole, temperature=temperature, payload=payload, wear=wear, rest=whole - temperature - payload - wear)
+
+
+def why_not_alerting(health: Health, belief: Belief, joint: int, settings: HealthSettings) -> tuple[str, ...]:
+    """What stands between a joint (from 1) and the next tier of an alert, in words; empty where the highest tier stands."""
+    j = joint - 1
+    evidence = health.joints[j].rising
+    active = [alert for alert in health.active_alerts if alert.joint == joint and alert.condition in RISES]
+    tier = TIERS.index(active[0].tier) + 1 if active else 0
+    if tier >= len(TIERS):
+        return ()
+    found = grounds(
+        belief.wear,
+        belief.wear_std,
+        belief.track.replays > 0,
+        np.zeros(belief.joints, dtype=bool),
+        np.zeros(belief.joints),
+        np.ones(belief.joints),
+        np.ones(belief.joints),
+        _counts(health),
+        belief.joints,
+        settings,
+    )
+    rise, change = settings.rises[tier], math.expm1(found.excess[j])
+    reasons = [f"next is the {TIERS[tier]} tier, from {rise:+.0%}; friction has changed by {change:+.1%} ± {belief.wear_std[j]:.1%}"]
+    if found.common[0] > 0:
+        reasons.append(f"all joints have risen together by {math.expm1(found.common[0]):+.1%}: that is taken off")
+    from monitor.judge.tiers import advisory_sigmas
+
+    needed = advisory_sigmas(belief.joints, settings)
+    if found.sigmas[j] < needed:
+        reasons.append(f"that is {found.sigmas[j]:.1f} of its standard deviations; {needed:.1f} are asked for")
+    if tier == 0 and change < rise:
+        reasons.append(f"it is below {rise:+.0%}")
+    if tier > 0 and found.above[j, tier] < (sure := (settings.wear_sure, settings.limit_sure)[tier - 1]):
+        reasons.append(f"P(more than {rise:.0%}) is {found.above[j, tier]:.2f}; {sure:.2f} is asked for")
+    if not belief.learnt_from[j]:
+        reasons.append("the last replay taught nothing of this joint")
+    elif not belief.inside_range[j]:
+        reasons.append("the last replay was outside the temperatures learnt so far")
+    counted = evidence[tier]
+    if counted.replays < settings.min_replays or counted.days < settings.min_days:
+        reasons.append(
+            f"{counted.replays} replays on {counted.days} days in a row agree; {settings.min_replays} on {settings.min_days} are asked for"
+        )
+    return tuple(reasons)
+
+
+def stale(health: Health, now_unix_s: float, settings: HealthSettings) -> tuple[bool, ...]:
+    """Which joints nothing was learnt of for longer than `stale_days`: neither good nor bad, and to be shown so."""
+    limit = now_unix_s - settings.stale_days * 86_400.0
+    return tuple(joint.told_unix_s is None or joint.told_unix_s < limit for joint in health.joints)
+
+
+# --- what is found ------------------------------------------------------------------------------------------
+
+
+def _of_joint(
+    belief: Belief, j: int, found: Grounds, joint: JointHealth, known: Mapping[tuple[int | None, str], Alert], settings: HealthSettings
+) -> dict[tuple[int | None, str], _Finding]:
+    """Rising and falling friction of one joint."""
+    change = math.expm1(found.excess[j])
+    raise_tier = int(found.raises[j]) if found.raises[j] >= 0 else None
+    hold_tier = max((k for k in range(3) if change >= settings.clear_fraction * settings.rises[k]), default=None)
+    evidence = max((e for e in joint.rising), key=lambda e: e.replays)
+    parts = split(belief, j)
+    rising = _Finding(raise_tier, hold_tier, change, found.above[j], partial(_joint_text, belief, j, evidence, parts), parts)
+    fallen = math.expm1(belief.wear[j])
+    holds = 0 if fallen <= -settings.clear_fraction * settings.wear_rise else None
+    text = partial(_joint_text, belief, j, joint.falling, parts)
+    falling = _Finding(0 if found.falls[j] else None, holds, fallen, found.below[[j, j, j]], text, parts)
+    return {(j + 1, _kind_of_rise(belief, j, known)): rising, (j + 1, FRICTION_FALLING): falling}
+
+
+def _kind_of_rise(belief: Belief, j: int, known: Mapping[tuple[int | None, str], Alert]) -> str:
+    """The condition that is active already, else a step where most of the wear came as one."""
+    for condition in RISES:
+        alert = known.get((j + 1, condition))
+        if alert is not None and alert.active:
+            return condition
+    return SUDDEN_STEP if belief.track.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
+
+
+def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: HealthSettings) -> _Finding:
+    together = found.common[0]
+    shift = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
+    holds = 0 if shift >= settings.clear_fraction * settings.advisory_rise else None
+    text = partial(
+        "Friction has risen in most joints together, by about {:+.1%} in {} replays: not the wear of one joint.".format,
+        shift,
+        common.replays,
+    )
+    certainty = np.full(3, float(np.median(found.above[:, 0])))
+    return _Finding(0 if found.together[0] else None, holds, shift, certainty, text)
+
+
+def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: HealthSettings, *, contradicted: bool) -> dict[str, Evidence]:
+    """Conditions of the data of one joint, each with the replays in a row that showed it."""
+    track, T = belief.track, belief.temperature_c
+    others = np.delete(T, j)
+    # one sensor alone far from where its neighbours and its own past put it, while friction knows nothing of it
+    alone = bool(math.isfinite(T[j]) and np.isfinite(others).sum() >= 2 and not -20.0 <= T[j] <= 100.0)
+    now = {
+        TEMPERATURE_SENSOR: (not math.isfinite(T[j]) and bool(np.isfinite(T).any())) or alone,
+        DATA_QUALITY: not contradicted and (belief.event[j] in {UNSEEN, OUTLIER} or bool(track.consistency[j] > 2.5)),
+        OUTSIDE_RANGE: bool(math.isfinite(T[j]) and not belief.inside_range[j] and belief.replays > settings.learning_replays),
+    }
+    before = dict(joint.troubled)
+    return {condition: _one_more(before.get(condition, Evidence()), day) if shows else Evidence() for condition, shows in now.items()}
+
+
+def _arm_troubles(before: Health, contradiction: Contradiction, day: int) -> dict[str, Evidence]:
+    known = dict(before.troubled)
+    conditions = {*known, *([contradiction.condition] if contradiction.condition else [])}
+    return {c: _one_more(known.get(c, Evidence()), day) if c == contradiction.condition else Evidence() for c in sorted(conditions)}
+
+
+def _one_more(evidence: Evidence, day: int) -> Evidence:
+    return Evidence(evidence.replays + 1, evidence.days + (day != evidence.last_day), day)
+
+
+def _trouble(evidence: Evidence, text: Callable[[], str], settings: HealthSettings) -> _Finding:
+    enough = evidence.replays >= settings.min_replays and evidence.days >= settings.min_days
+    return _Finding(0 if enough else None, 0 if evidence.replays else None, 0.0, np.ones(3), text)
+
+
+def _counts(health: Health) -> Counts:
+    """The evidence so far, as arrays."""
+    rows = [[*joint.rising, joint.falling] for joint in health.joints]
+    return Counts(
+        replays=np.array([[float(e.replays) for e in row] for row in rows]),
+        days=np.array([[float(e.days) for e in row] for row in rows]),
+        last_day=np.array([[float(e.last_day) for e in row] for row in rows]),
+        arm_replays=np.array([float(health.common.replays)]),
+        arm_days=np.array([float(health.common.days)]),
+        arm_last_day=np.array([float(health.common.last_day)]),
+    )
+
+
+def _with_counts(joint: JointHealth, counts: Counts, j: int) -> JointHealth:
+    evidence = [Evidence(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
+    return replace(joint, rising=tuple(evidence[:FALLING]), falling=evidence[FALLING])
+
+
+def _first_slot(belief: Belief) -> int:
+    """Where the level of the oldest baseline still kept is."""
+    kept = [o for o in belief.contexts if o.slot is not None]
+    return min(kept, key=lambda o: o.opened_at_unix_s).slot or 0
+
+
+# --- the life of an alert -----------------------------------------------------------------------------------
 
 
 def _step(alert: Alert | None, key: tuple[int | None, str], finding: _Finding, at: float, settings: HealthSettings) -> Transition | None:
@@ -138,13 +289,18 @@ def _step(alert: Alert | None, key: tuple[int | None, str], finding: _Finding, a
             probability=float(finding.probabilities[tier]),
             text=finding.text(),
             action=ACTIONS[condition, TIERS[tier]],
+            severity=SEVERITY[TIERS[tier]],
+            split=finding.split,
         )
         return Transition("raised", raised)
 
     now = TIERS.index(alert.tier)
     acknowledged = alert.acknowledged_at_unix_s is not None
     if acknowledged and tier is None and finding.hold_tier is None:
-        return Transition("cleared", replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at, change=finding.change, text=finding.text()))
+        cleared = replace(
+            alert, cleared_at_unix_s=at, updated_at_unix_s=at, change=finding.change, text=finding.text(), split=finding.split
+        )  # fmt: skip
+        return Transition("cleared", cleared)
     highest = max((k for k in (tier, finding.hold_tier) if k is not None), default=now)
     if tier is not None and tier > now:
         highest = tier
@@ -160,46 +316,76 @@ def _step(alert: Alert | None, key: tuple[int | None, str], finding: _Finding, a
         probability=float(finding.probabilities[highest]),
         text=finding.text(),
         action=ACTIONS[condition, TIERS[highest]],
+        severity=SEVERITY[TIERS[highest]],
+        split=finding.split,
     )
     if highest > now:  # a graver alert is to be seen again
         told = replace(told, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
     return Transition("updated", told)
 
 
-def _joint_state(joint: JointHealth, belief: Belief, alerts: tuple[Alert, ...], settings: HealthSettings) -> JointHealth:
+# --- states and words ---------------------------------------------------------------------------------------
+
+
+def _joint_state(
+    joint: JointHealth, belief: Belief, alerts: tuple[Alert, ...], settings: HealthSettings, contradiction: Contradiction
+) -> JointHealth:
     """The gravest of what holds for a joint, and why."""
     j = joint.joint - 1
     reasons = [(NORMAL, f"friction {math.expm1(belief.wear[j]):+.1%} ± {belief.wear_std[j]:.1%} since the beginning")]
-    if belief.event[j] == UNSEEN:
+    if contradiction.condition is not None:
+        reasons.append((CHECK_FUNCTION, f"nothing is learnt of wear: {contradiction.text}"))
+    elif belief.event[j] == UNSEEN:
         reasons.append((CHECK_FUNCTION, "the last replay does not resolve this joint's friction"))
     if belief.event[j] == OUTLIER:
-        reasons.append((CHECK_FUNCTION, f"the last replay is {belief.innovation[j]:+.1%} off: waiting for the next"))
+        reasons.append((CHECK_FUNCTION, f"the last replay is {belief.track.innovation[j]:+.1%} off: waiting for the next"))
     outside = math.isfinite(belief.temperature_c[j]) and not belief.inside_range[j]
     if outside and belief.replays > settings.learning_replays:
         reasons.append((OFF_SPEC, f"{belief.temperature_c[j]:.1f} °C is outside the temperatures learnt so far"))
     for alert in alerts:
         if alert.active and alert.joint == joint.joint:
-            state = STATE_OF_TIER[alert.tier] if alert.condition == WEAR_RISING else CHECK_FUNCTION
+            if alert.condition in RISES:
+                state = STATE_OF_TIER[alert.tier]
+            else:
+                state = OFF_SPEC if alert.condition == OUTSIDE_RANGE else CHECK_FUNCTION
             reasons.append((state, f"{alert.condition} ({alert.tier}): {alert.change:+.1%}"))
     state, why = max(reasons, key=lambda reason: STATES.index(reason[0]))
     since = joint.since_unix_s if state == joint.state else belief.at_unix_s
     return replace(joint, state=state, why=why, since_unix_s=since)
 
 
-def _arm_state(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...]) -> tuple[str, str]:
+def _arm_state(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], contradiction: Contradiction) -> tuple[str, str]:
     """The gravest of the joints' and of the arm's own alerts, and why."""
     reasons = [(joint.state, f"joint {joint.joint}: {joint.why}") for joint in joints]
-    reasons += [(CHECK_FUNCTION, f"{alert.condition}: {alert.change:+.1%}") for alert in alerts if alert.active and alert.joint is None]
+    reasons += [(CHECK_FUNCTION, f"{alert.condition}: {alert.text}") for alert in alerts if alert.active and alert.joint is None]
+    if contradiction.condition is not None:
+        reasons.insert(0, (CHECK_FUNCTION, contradiction.text))
     state, why = max(reasons, key=lambda reason: STATES.index(reason[0]))
     return (state, why) if state != NORMAL else (NORMAL, "all joints are as they were at the beginning")
 
 
-def _joint_text(belief: Belief, j: int, evidence: Evidence) -> str:
+def _joint_text(belief: Belief, j: int, evidence: Evidence, parts: Split | None) -> str:
     """Before, after, where and how often: what an engineer asks first."""
-    level, wear = belief.mean[j, 0], belief.wear[j]
+    level, wear = float(belief.level()[j]), belief.wear[j]
     std = math.exp(wear) * belief.wear_std[j]
-    return (
+    text = (
         f"Joint {j + 1}: friction at {belief.reference_speed_rad_s:g} rad/s and {belief.reference_temperature_c[j]:.1f} °C went from "
         f"{math.exp(level):.2f} to {math.exp(level + wear):.2f} N·m ({math.expm1(wear):+.1%} ± {std:.1%}), temperature "
-        f"taken out ({belief.mean[j, 1]:.2%}/K); {evidence.replays} replays on {evidence.days} days in a row agree."
+        f"taken out ({belief.slope[j]:.2%}/K); {evidence.replays} replays on {evidence.days} days in a row agree."
     )
+    if parts is None:
+        return text
+    return (
+        f"{text} Of the measured {math.expm1(parts.whole):+.1%}, temperature makes {math.expm1(parts.temperature):+.1%}, payload and "
+        f"context {math.expm1(parts.payload):+.1%}, wear {math.expm1(parts.wear):+.1%}, chance {math.expm1(parts.rest):+.1%}."
+    )
+
+
+def _trouble_text(condition: str, belief: Belief, j: int, evidence: Evidence) -> str:
+    T = belief.temperature_c[j]
+    said = {
+        TEMPERATURE_SENSOR: "does not tell its temperature" if not math.isfinite(T) else f"tells {T:.1f} °C",
+        DATA_QUALITY: "is not resolved, or scatters more than the filter believes",
+        OUTSIDE_RANGE: f"at {T:.1f} °C is outside the temperatures learnt so far",
+    }
+    return f"Joint {j + 1} {said[condition]}, in {evidence.replays} replays in a row."

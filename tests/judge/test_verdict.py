@@ -8,12 +8,13 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
 from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.belief import ORDINARY, RATE, WEAR, Belief
+from monitor.judge.belief import Belief
 from monitor.judge.drift import begin
 from monitor.judge.evidence import DriftSettings
 from monitor.judge.health import Health, HealthSettings, acknowledge, health_from_document, shelve
 from monitor.judge.temperature import TemperatureSettings
-from monitor.judge.verdict import judge
+from monitor.judge.track import ORDINARY, RATE, WEAR
+from monitor.judge.verdict import judge, stale, why_not_alerting
 
 SETTINGS = HealthSettings()
 
@@ -21,12 +22,13 @@ SETTINGS = HealthSettings()
 def believed(day: float, wear: dict[int, float] | None = None, std: float = 0.005, **changes: object) -> Belief:
     """A belief of that day: joint → fraction of wear, the others none; `std` of all."""
     fresh = begin("ur5", CONTEXT, Arm().replay(30.0), START_S, settings=DriftSettings(), laws=TemperatureSettings())
-    mean, cov = fresh.mean.copy(), np.zeros((6, 4, 4))
+    mean, cov = fresh.track.mean.copy(), np.zeros_like(fresh.track.cov)
     for joint, fraction in (wear or {}).items():
         mean[joint - 1, WEAR] = np.log1p(fraction)
     cov[:, WEAR, WEAR], cov[:, RATE, RATE] = std**2, 1e-8
-    standing = {"event": np.full(6, float(ORDINARY)), "inside_range": np.ones(6), "joint_replays": np.full(6, 50.0), "replays": 50}
-    return replace(fresh, at_unix_s=START_S + day * DAY_S, mean=mean, cov=cov, **{**standing, **changes})
+    track = replace(fresh.track, mean=mean, cov=cov, event=np.full(6, float(ORDINARY)), replays=np.full(6, 50.0))
+    standing = {"track": track, "inside_range": np.ones(6), "replays": 50}
+    return replace(fresh, at_unix_s=START_S + day * DAY_S, **{**standing, **changes})
 
 
 def through(days: list[Belief], health: Health | None = None) -> tuple[Health, list[tuple[int, str, int | None, str, str]]]:
@@ -70,11 +72,11 @@ def test_replays_outside_the_learnt_temperatures_count_for_nothing():
     cold = {"inside_range": np.zeros(6), "temperature_c": np.full(6, 8.0)}
     days = [believed(0, {3: 0.12}), *[believed(day, {3: 0.12}, **cold) for day in (1, 2, 3)]]
     health, told = through(days)
-    assert told == []
+    assert {condition for _, _, _, condition, _ in told} == {"outside_range"}
     assert health.joints[0].state == "OFF_SPEC"
     assert "8.0 °C" in health.joints[0].why
     _, told = through([believed(4, {3: 0.12}), believed(5, {3: 0.12})], health)
-    assert [step[0] for step in told] == [1]  # with the one of day 0 these are three
+    assert [step[0] for step in told if step[3] == "wear_rising"] == [1]  # with the one of day 0 these are three
 
 
 def test_an_unsure_rise_is_no_wear():
@@ -214,3 +216,44 @@ def test_thresholds_out_of_order_are_named(wrong, says):
     """Each with the key as it stands in the file."""
     with pytest.raises(BadConfiguration, match=says):
         HealthSettings(**wrong)
+
+
+def test_why_a_joint_is_not_alerting_is_said():
+    """Below the rise, not sure enough, replays too few: each in words; nothing left where the limit stands."""
+    health, _ = through([believed(day, {3: 0.008}) for day in range(4)])
+    reasons = " ".join(why_not_alerting(health, believed(4, {3: 0.008}), 3, SETTINGS))
+    assert "next is the advisory tier" in reasons
+    assert "1.6 of its standard deviations" in reasons
+    assert "below +1%" in reasons
+    health, _ = through([believed(day, {3: 0.40}) for day in range(3)])
+    assert why_not_alerting(health, believed(3, {3: 0.40}), 3, SETTINGS) == ()
+    health, _ = through([believed(day, {3: 0.06}) for day in range(3)])
+    assert any("P(more than 30%)" in reason for reason in why_not_alerting(health, believed(3, {3: 0.06}), 3, SETTINGS))
+
+
+def test_silence_is_stale_and_neither_good_nor_bad():
+    """A week without a replay that taught something: every joint; before the first replay as well."""
+    health, _ = through([believed(0), believed(1)])
+    assert stale(health, START_S + 5 * DAY_S, SETTINGS) == (False,) * 6
+    assert stale(health, START_S + 9 * DAY_S, SETTINGS) == (True,) * 6
+    assert health.state == "NORMAL"
+
+
+def test_a_change_is_split_into_what_makes_it():
+    """10 K colder and 10 % worn: the parts add up to the whole, and each is what it was made of."""
+    from synthetic_arm import History
+
+    from monitor.judge.verdict import split
+
+    history, dice = History(), np.random.default_rng(3)
+    for day in range(80):
+        T = (30.0 if day < 10 else 30.0 + 10.0 * dice.uniform(-1, 1)) if day < 79 else 20.0
+        history.add(day, Arm(seed=day, noise=0.003).replay(T, np.array([0, 0, 0.1 * (day > 60), 0, 0, 0])))
+    parts = split(history.last.belief, 2)
+    assert parts is not None
+    assert parts.whole == pytest.approx(parts.temperature + parts.payload + parts.wear + parts.rest, abs=1e-12)
+    fv, fc = 9.0 * np.exp(-0.015 * np.array([5.0, -5.0])) * 0.4, 7.0
+    assert parts.temperature == pytest.approx(np.log((fc + fv[1]) / (fc + fv[0])), abs=0.006)
+    assert parts.wear == pytest.approx(np.log(1.1), abs=0.01)
+    assert parts.payload == 0.0
+    assert abs(parts.rest) < 0.02

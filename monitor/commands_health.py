@@ -1,0 +1,114 @@
+"""The commands that judge series of recordings and thresholds: `assess` and `rehearse`."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from monitor.errors import BadInput
+
+if TYPE_CHECKING:
+    from monitor.series import Entry
+
+
+def assess(
+    files: Annotated[list[Path] | None, typer.Argument(metavar="[FILE…]", help="Recordings of one arm.", show_default=False)] = None,
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="The robot's TOML file: arm, gains, thresholds.")] = None,
+    robot: Annotated[str | None, typer.Option(help="Instead of --config: the model, e.g. ur5.", show_default=False)] = None,
+    mounting: Annotated[str | None, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = None,
+    columns: Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)] = None,
+    gains: Annotated[str | None, typer.Option(help="Joint torque per ampere [N·m/A], comma-separated.", show_default=False)] = None,
+    manifest: Annotated[Path | None, typer.Option(help="CSV: file, recorded_at[, payload_kg, mounting, note].", show_default=False)] = None,
+    interval: Annotated[str | None, typer.Option(help="Files say no time: they are so far apart, e.g. 1d.", show_default=False)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Judge a series of recordings in the order of their times, as the daemon would."""
+    import numpy as np
+
+    from monitor import offline
+    from monitor.assess import AssessSettings
+    from monitor.model.robot import Mounting
+    from monitor.series import Series, assess_series
+    from monitor.terminal import print_assessment
+    from monitor.terminal import status as status_line
+    from monitor.timestamps import outside
+
+    entries = _entries(files or [], manifest, interval)
+    joint_gains = None if gains is None else np.array(_figures(gains, "--gains"))
+    if config is not None:
+        if robot is not None:
+            raise BadInput("--config and --robot are both given; expected one of them")
+        from monitor.config import load
+
+        configuration = load(config)
+        arm, settings, standing = configuration.model, configuration.assess, configuration.mounting
+        if joint_gains is None and configuration.robot.gains_nm_per_a:
+            joint_gains = np.array(configuration.robot.gains_nm_per_a)
+    else:
+        arm, settings, standing = offline.arm(robot, None), AssessSettings(), Mounting()
+    if mounting is not None:
+        standing = Mounting.parse(mounting)
+    if joint_gains is not None and len(joint_gains) != arm.joints:
+        raise BadInput(f"--gains: {len(joint_gains)} figures; expected {arm.joints}, one a joint")
+    series = Series(entries=entries, robot=arm, mounting=standing, columns=columns, gains=joint_gains, settings=settings)
+    with status_line(f"judging {len(entries)} recordings of a {arm.name}"):
+        document = assess_series(series)
+    told: Any = outside(document)
+    if as_json:
+        typer.echo(json.dumps(told, ensure_ascii=False, allow_nan=False))
+    else:
+        print_assessment(told)
+
+
+def rehearse(
+    config: Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file: its thresholds are tried.", show_default=False)],
+    arms: Annotated[int, typer.Option(min=16, max=4000, help="Of the fleet on which nothing wears; a year each.")] = 96,
+    noise: Annotated[float, typer.Option(min=0.001, max=0.2, help="Friction from replay to replay, one σ, fraction.")] = 0.02,
+    seed: Annotated[int, typer.Option(help="The same seed, the same fleet.")] = 0,
+    plot: Annotated[Path | None, typer.Option(help="Days to detect against pace of wear: a .png or .html.", show_default=False)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Would these thresholds catch wear? A simulated fleet: false alarms a year, days to detect, coverage, remaining life."""
+    from monitor.config import load
+    from monitor.studies.rehearse import rehearse as play
+    from monitor.terminal import print_rehearsal
+    from monitor.terminal import status as status_line
+
+    configuration = load(config)
+    if configuration.model.joints != 6:
+        raise BadInput(f"rehearse: the fleet has six joints an arm; {configuration.robot.model} has {configuration.model.joints}")
+    if plot is not None:
+        from monitor.plots import check_target
+
+        check_target(plot)
+    with status_line(f"{arms} arms live a year each, some of them wear"):
+        document = play(configuration.assess, arms=arms, seed=seed, between_std=noise, robot=configuration.robot.model)
+    if plot is not None:
+        from monitor.plots import rehearsal_plot
+
+        rehearsal_plot(plot, document)
+    if as_json:
+        typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
+    else:
+        print_rehearsal(document)
+
+
+def _entries(files: list[Path], manifest: Path | None, interval: str | None) -> "list[Entry]":
+    from monitor.series import Entry, spaced
+    from monitor.series import manifest as read_manifest
+
+    if manifest is not None and (files or interval):
+        raise BadInput("--manifest names the files and their times; expected it alone, without FILE… and --interval")
+    if manifest is not None:
+        return read_manifest(manifest)
+    if not files:
+        raise BadInput("assess: no recording was given; expected FILE… or --manifest")
+    return spaced(files, interval) if interval is not None else [Entry(file) for file in files]
+
+
+def _figures(text: str, option: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise BadInput(f"{option} {text!r}: expected figures, one a joint, comma-separated") from None

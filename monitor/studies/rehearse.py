@@ -1,0 +1,367 @@
+"""Would these thresholds catch wear, and how often would they cry wolf? A simulated fleet through the filter and the tiers of `judge`.
+
+The same functions judge the daemon's one arm; here they run on the arrays of a whole fleet. Learning days are left out of every figure.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta, chi2
+
+from monitor.assess import AssessSettings
+from monitor.judge.follow import followed
+from monitor.judge.prognosis import remaining_life
+from monitor.judge.tiers import Counts, Grounds, grounds, nothing_counted
+from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot
+from monitor.recording import Array
+from monitor.studies.fleet import SCENARIOS, Day, Fleet, FleetSettings, Wear
+
+LEARNING_DAYS = 60
+DAYS_A_YEAR = 365.0
+COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
+"""Where there is a replay every day against one baseline: delays in days mean replays there."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Played:
+    """What the monitor said of a fleet; days count from the first replay, NaN is never."""
+
+    fleet: Fleet
+    days: int
+    tier_day: Array  # (A, J, 3) of the first rise to each tier after learning
+    falling_day: Array  # (A, J)
+    common_day: Array  # (A,)
+    covered: Array  # (A,) share of days and joints whose 90 % interval of friction at T0 held the truth
+    covered_worn: float  # the same of joints that wear, after the onset; NaN where none does
+    slope_error_per_k: Array  # (A, J) what temperature still does to friction after it was taken out
+    track: Track
+
+
+Watcher = Callable[[int, Day, Track, Array], None]
+"""Called after each day's replays: day, what happened, track, reference temperature (N,)."""
+
+
+def play(
+    settings: FleetSettings,
+    assess: AssessSettings,
+    wear: Wear | None = None,
+    *,
+    watch: Watcher | None = None,
+    learning: int = LEARNING_DAYS,
+) -> Played:
+    """A fleet's life, judged day by day."""
+    fleet = Fleet(settings, wear)
+    A, J = fleet.arms, fleet.joints
+    N = A * J
+    drift, laws = assess.drift, assess.temperature
+    track: Track | None = None
+    counts: Counts = nothing_counted(N, A)
+    last, slots = np.zeros(A), np.zeros(N, dtype=int)
+    tier_day, falling_day, common_day = np.full((N, 3), np.nan), np.full(N, np.nan), np.full(A, np.nan)
+    low, high, T0, settled = np.full(N, np.nan), np.full(N, np.nan), np.zeros(N), np.zeros(N)
+    covered, asked, worn_covered, worn_asked = np.zeros(N), np.zeros(N), 0.0, 0.0
+    sums = np.zeros((N, 5))
+    for day in range(settings.days):
+        now = fleet.morning(day)
+        seen, slot = now.seen, np.repeat(now.slot, J)
+        here = np.repeat(now.replayed, J)
+        if track is None:
+            fall, std = laws.viscous_fall_per_k, laws.viscous_fall_std_per_k
+            track = begun(seen, drift, fall_per_k=fall, fall_std_per_k=std, coulomb_std_per_k=laws.coulomb_fall_std_per_k)
+            T0 = track.origin_c.copy()
+        slot = np.where(here, slot, slots)
+        opened = np.repeat(now.opened, J)
+        if day and opened.any():
+            track = in_new_slot(track, slot, opened)
+        if np.any(slot != slots):
+            track = elsewhere(track, slot != slots)
+        slots = slot
+        days = np.repeat(np.where(now.replayed, day - last, 0.0), J)
+        last = np.where(now.replayed, day, last)
+        track = followed(at_pace(aged(track, days, J, drift), days), seen, slot, J, drift)
+
+        T = seen.temperature_c
+        inside = (low - laws.margin_k <= T) & (high + laws.margin_k >= T)
+        known = track.learnt_from & np.isfinite(T)
+        low, high = np.where(known, np.fmin(low, T), low), np.where(known, np.fmax(high, T), high)
+        settling = known & (settled < drift.settle_replays)
+        T0 = np.where(settling, T0 + (np.where(known, T, T0) - T0) / (settled + 1.0), T0)
+        settled = settled + settling
+        found: Grounds = grounds(
+            track.wear,
+            track.wear_std,
+            track.replays > 0,
+            track.learnt_from & inside,
+            np.full(N, float(day)),
+            track.agreeing,
+            track.cadence_days,
+            counts,
+            J,
+            assess.health,
+        )
+        counts = found.counts
+        if day >= learning:
+            for k in range(3):
+                tier_day[(found.raises >= k) & np.isnan(tier_day[:, k]), k] = day
+            falling_day[found.falls & np.isnan(falling_day)] = day
+            common_day[found.together & np.isnan(common_day)] = day
+            truth = np.log(fleet.torque(T0.reshape(A, J), np.exp(now.worn))).ravel()
+            mean, std_log = track.reference(T0, slot)
+            held = np.abs(truth - mean) < 1.645 * np.hypot(std_log, drift.between_floor)
+            covered, asked = covered + (held & here), asked + here
+            worn = (now.worn.ravel() > 0) & here
+            worn_covered, worn_asked = worn_covered + float((held & worn).sum()), worn_asked + float(worn.sum())
+            # what the temperature law leaves: truth at the true temperature against what the filter expects there, without its noise
+            expected = mean + _at(track, T, slot) - _at(track, T0, slot)
+            left = now.truth.ravel() - expected
+            use = known & inside & here
+            x, y = np.where(use, T - T0, 0.0), np.where(use, left, 0.0)
+            sums += np.stack([use, x, y, x * x, x * y], axis=1)
+        if watch:
+            watch(day, now, track, T0)
+    assert track is not None
+    n, sx, sy, sxx, sxy = sums.T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = (n * sxy - sx * sy) / (n * sxx - sx * sx)
+    return Played(
+        fleet=fleet,
+        days=settings.days - learning,
+        tier_day=tier_day.reshape(A, J, 3),
+        falling_day=falling_day.reshape(A, J),
+        common_day=common_day,
+        covered=covered.reshape(A, J).sum(axis=1) / np.maximum(asked.reshape(A, J).sum(axis=1), 1.0),
+        covered_worn=worn_covered / worn_asked if worn_asked else float("nan"),
+        slope_error_per_k=slope.reshape(A, J),
+        track=track,
+    )
+
+
+def _at(track: Track, T: Array, slot: Array) -> Array:
+    t = np.where(np.isfinite(T), T, track.origin_c)
+    return track.reference(t, slot)[0]
+
+
+# --- figures ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rate:
+    """Events in so many robot-years, and the one-sided 95 % upper bound of their rate (Garwood, 1936)."""
+
+    events: int
+    robot_years: float
+
+    @property
+    def per_year(self) -> float:
+        """As seen."""
+        return self.events / self.robot_years
+
+    @property
+    def at_most(self) -> float:
+        """95 %."""
+        return float(chi2.ppf(0.95, 2 * (self.events + 1))) / 2.0 / self.robot_years
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """How many of how many, and the one-sided 95 % bounds of the share (Clopper and Pearson, 1934)."""
+
+    hits: int
+    of: int
+
+    @property
+    def value(self) -> float:
+        """As seen."""
+        return self.hits / self.of if self.of else float("nan")
+
+    @property
+    def at_least(self) -> float:
+        """95 %."""
+        return float(beta.ppf(0.05, self.hits, self.of - self.hits + 1)) if self.hits else 0.0
+
+    @property
+    def at_most(self) -> float:
+        """95 %."""
+        return float(beta.ppf(0.95, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Delay:
+    """Days from the onset to the first tier, over the arms that had no alert before; infinite where it never came."""
+
+    arms: int
+    median_days: float
+    median_at_most: float  # one-sided 95 %, by order statistics
+    p90_days: float
+    within_30: Share
+    right_joint: Share  # of the arms in which anything was told
+    wear_tier_median_days: float
+
+
+def false_alarms(played: Played, scenario: str | None = None) -> Rate:
+    """Alerts of arms on which nothing wears: every joint's first rise to any tier, every fall, every common rise."""
+    mask = np.ones(played.fleet.arms, dtype=bool) if scenario is None else played.fleet.scenario == scenario
+    told = np.isfinite(played.tier_day[mask][:, :, 0]).sum() + np.isfinite(played.falling_day[mask]).sum()
+    told += np.isfinite(played.common_day[mask]).sum()
+    return Rate(events=int(told), robot_years=float(mask.sum() * played.days / DAYS_A_YEAR))
+
+
+def delay(played: Played, wear: Wear) -> Delay:
+    """How soon the worn joint was told."""
+    A = played.fleet.arms
+    joint = wear.joint.astype(int)
+    first = played.tier_day[:, :, 0]
+    own = first[np.arange(A), joint] - wear.onset_day
+    others = np.delete(np.where(np.isnan(first), np.inf, first), 0, axis=1) if first.shape[1] == 1 else _others(first, joint)
+    sound = ~(own < 0)  # a false alarm before the onset is counted there
+    days = np.where(np.isnan(own), np.inf, own + 1.0)[sound]
+    n = len(days)
+    ordered = np.sort(days)
+    rank = int(np.ceil(n / 2 + 1.645 * np.sqrt(n) / 2))
+    wear_days = (played.tier_day[:, :, 1][np.arange(A), joint] - wear.onset_day)[sound] + 1.0
+    told = np.isfinite(days)
+    wrong = (others[sound] >= wear.onset_day[sound]) & (others[sound] < wear.onset_day[sound] + days)
+    return Delay(
+        arms=n,
+        median_days=float(np.median(days)),
+        median_at_most=float(ordered[min(rank, n - 1)]),
+        p90_days=float(np.quantile(days, 0.9, method="higher")),
+        within_30=Share(hits=int((days <= 30).sum()), of=n),
+        right_joint=Share(hits=int((told & ~wrong).sum()), of=int(told.sum())),
+        wear_tier_median_days=float(np.median(np.where(np.isnan(wear_days), np.inf, wear_days))),
+    )
+
+
+def _others(first: Array, joint: np.ndarray) -> Array:
+    """(A,) the first alert of any other joint."""
+    other = np.where(np.arange(first.shape[1]) == joint[:, None], np.inf, np.where(np.isnan(first), np.inf, first))
+    soonest: Array = other.min(axis=1)
+    return soonest
+
+
+def onsets(arms: int, seed: int, *, step: float = 0.0, per_day: float = 0.0, latest: int = 300) -> Wear:
+    """One joint of each arm wears from a day between the end of learning and `latest` on."""
+    dice = np.random.default_rng(seed)
+    return Wear(
+        joint=dice.integers(0, 6, arms).astype(float),
+        onset_day=dice.integers(LEARNING_DAYS, latest, arms).astype(float),
+        step=np.full(arms, step),
+        per_day=np.full(arms, per_day),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Life:
+    """How good remaining useful life was, for arms that wear at a constant pace up to the limit."""
+
+    interval: Share  # P10–P90 held the truth, asked at half-life
+    alpha_lambda: Share  # P50 within 20 % of the truth at half-life
+    no_trend: int  # arms without an answer then
+
+
+def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float] = (0.10, 0.60), base: FleetSettings) -> Life:
+    """α-λ (Saxena et al., 2008) with α = 0.2 and coverage of P10–P90 at half-life; each arm asked once."""
+    dice = np.random.default_rng(seed)
+    pace = np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms)) / DAYS_A_YEAR
+    rise = assess.prognosis.limit_rise
+    wear = Wear(joint=dice.integers(0, 6, arms).astype(float), onset_day=np.full(arms, 60.0), step=np.zeros(arms), per_day=pace)
+    end = 60.0 + rise / pace
+    half = np.round(60.0 + 0.5 * rise / pace)
+    inside, near, none = [], [], 0
+
+    def watch(day: int, _: Day, track: Track, __: Array) -> None:
+        nonlocal none
+        for arm in np.flatnonzero(half == day):
+            n = arm * 6 + int(wear.joint[arm])
+            pair = np.ix_([WEAR, RATE], [WEAR, RATE])
+            told = remaining_life(
+                track.mean[n, [WEAR, RATE]],
+                track.cov[n][pair],
+                wear_walk_per_sqrt_day=assess.drift.wear_walk_per_sqrt_day,
+                settings=assess.prognosis,
+            )
+            truth = end[arm] - day
+            if told.p50_days is None or told.p10_days is None:
+                none += 1
+                near.append(False)
+                continue
+            near.append(abs(told.p50_days - truth) <= 0.2 * truth)
+            inside.append(told.p10_days <= truth <= (told.p90_days if told.p90_days is not None else np.inf))
+
+    settings = replace(base, arms=arms, days=int(half.max()) + 1, seed=seed, scenarios=COMPARABLE)
+    play(settings, assess, wear, watch=watch)
+    return Life(
+        interval=Share(hits=int(sum(inside)), of=len(inside)), alpha_lambda=Share(hits=int(sum(near)), of=len(near)), no_trend=none
+    )  # fmt: skip
+
+
+def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: float = 0.02, robot: str = "ur5") -> dict[str, Any]:
+    """False alarms, delays against pace, coverage and life quality, as one document."""
+    base = FleetSettings(
+        arms=arms, seed=seed, between_std=between_std, robot=robot, reference_speed_rad_s=assess.drift.reference_speed_rad_s
+    )  # fmt: skip
+    quiet = play(base, assess)
+    document: dict[str, Any] = {
+        "robot_years": arms * quiet.days / DAYS_A_YEAR,
+        "learning_days": LEARNING_DAYS,
+        "between_std": between_std,
+        "autocorrelation": base.autocorrelation,
+        "false_alarms": {name or "all": _rate(false_alarms(quiet, name)) for name in (None, *SCENARIOS)},
+        "false_wear_alerts": int(np.isfinite(quiet.tier_day[:, :, 1]).sum()),
+        "friction_interval_90": float(np.mean(quiet.covered)),
+        "slope_left_per_k": float(np.nanmedian(np.abs(quiet.slope_error_per_k))),
+        "detection": [],
+    }
+    few = max(arms // 3, 12)
+    for label, step, per_year in (
+        ("2 % step", 0.02, 0.0),
+        ("5 % step", 0.05, 0.0),
+        ("5 %/year", 0.0, 0.05),
+        ("10 %/year", 0.0, 0.10),
+        ("30 %/year", 0.0, 0.30),
+        ("100 %/year", 0.0, 1.00),
+    ):
+        wear = onsets(few, seed + 1, step=step, per_day=per_year / DAYS_A_YEAR)
+        days = 300 + (60 if step >= 0.05 else 250)
+        played = play(replace(base, arms=few, days=days, seed=seed + 2, scenarios=COMPARABLE), assess, wear)
+        told = delay(played, wear)
+        document["detection"].append(
+            {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": played.covered_worn}
+        )
+    lives = life(few, assess, seed=seed + 3, base=base)
+    document["remaining_life"] = {
+        "p10_p90_holds": _share(lives.interval),
+        "alpha_lambda_at_half_life": _share(lives.alpha_lambda),
+        "no_trend": lives.no_trend,
+    }
+    return document
+
+
+def detection_row(label: str, step: float, per_year: float, told: Delay, interval_90: float) -> dict[str, Any]:
+    """What was told of one kind of wear, as a document."""
+    return {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": interval_90}
+
+
+def _rate(rate: Rate) -> dict[str, float]:
+    return {"events": rate.events, "robot_years": rate.robot_years, "per_year": rate.per_year, "at_most": rate.at_most}
+
+
+def _share(share: Share) -> dict[str, float]:
+    return {"hits": share.hits, "of": share.of, "share": share.value, "at_least": share.at_least, "at_most": share.at_most}
+
+
+def _delay(told: Delay) -> dict[str, Any]:
+    def known(days: float) -> float | None:
+        return days if np.isfinite(days) else None
+
+    return {
+        "arms": told.arms,
+        "median_days": known(told.median_days),
+        "median_at_most_days": known(told.median_at_most),
+        "p90_days": known(told.p90_days),
+        "within_30_days": _share(told.within_30),
+        "right_joint": _share(told.right_joint),
+        "wear_tier_median_days": known(told.wear_tier_median_days),
+    }

@@ -1,0 +1,97 @@
+"""Weights that change without a word: a payload, a mounting, a gain; never wear."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import Arm, History
+
+from monitor.identify.caveats import Caveat
+from monitor.identify.identification import Identification
+from monitor.judge.contradiction import rigid_of
+from monitor.model.robot import load_robot
+
+UR5 = load_robot("ur5")
+
+
+def carrying(seen: Identification, mass_kg: float, gain: float = 1.0) -> Identification:
+    """The same arm with a mass 5 cm in front of its flange, its weights seen through a gain; rigid noise as identify's."""
+    standard = np.zeros(seen.combination.shape[1])
+    standard[65], standard[68] = mass_kg, 0.05 * mass_kg
+    rigid = rigid_of(seen)
+    values = seen.values + seen.combination @ standard
+    dice = np.random.default_rng(int(1e3 * seen.coulomb_nm[0]))
+    return replace(seen, values=np.where(rigid, gain * values, values) + 1e-3 * rigid * dice.normal(size=len(values)))
+
+
+def lived(days: int, **changed: float) -> History:
+    history, arm = History(), Arm(seed=1)
+    for day in range(days):
+        history.add(day, carrying(arm.replay(30.0), **{"mass_kg": 0.0}))
+    for day in range(days, days + 3):
+        # a payload raises the friction of loaded joints: what would look like wear
+        history.add(day, carrying(arm.replay(30.0, np.array([0, 0.12, 0.15, 0, 0, 0])), **{"mass_kg": 0.0, **changed}))
+    return history
+
+
+def test_an_undeclared_payload_is_named_and_is_no_wear():
+    """2.5 kg nobody declared: CHECK_FUNCTION from the first such replay, an alert from the second, no wear learnt meanwhile."""
+    history = lived(20, mass_kg=2.5)
+    assert history.health.state == "CHECK_FUNCTION"
+    assert [(day, joint, condition) for day, _, joint, condition, _ in history.told] == [(21, None, "payload_contradiction")]
+    [alert] = history.health.active_alerts
+    assert "about 2.5 kg more" in alert.text
+    assert np.all(np.abs(history.last.belief.wear) < 0.01)
+    assert history.last.belief.track.replays[1] == 20  # nothing learnt of the three
+
+
+def test_a_gain_that_changed_is_named_and_is_no_wear():
+    """Every weight 10 % larger: no mass at the flange does that."""
+    history = lived(20, gain=1.1)
+    assert {condition for _, _, _, condition, _ in history.told} == {"gain_contradiction"}
+    assert np.all(np.abs(history.last.belief.wear) < 0.01)
+
+
+def test_a_mounting_that_contradicts_gravity_is_no_wear():
+    """What identify says of gravity is believed at once."""
+    history, arm = History(), Arm(seed=1)
+    for day in range(12):
+        seen = arm.replay(30.0, 0.0 if day < 9 else 0.2)
+        history.add(day, replace(seen, caveats=(Caveat("mounting_contradiction", "gravity is 90° off"),)) if day >= 9 else seen)
+    assert {condition for _, _, _, condition, _ in history.told} == {"mounting_contradiction"}
+    assert history.health.state == "CHECK_FUNCTION"
+
+
+def test_wear_and_quiet_replays_contradict_nothing():
+    """Friction that rises by 20 % weighs nothing: no contradiction in 40 replays, and the wear is told."""
+    history, arm = History(), Arm(seed=1)
+    for day in range(40):
+        history.add(day, carrying(arm.replay(30.0, np.array([0, 0, 0.2 * (day > 25), 0, 0, 0])), 0.0))
+    assert {(joint, condition) for _, _, joint, condition, _ in history.told} == {(3, "sudden_step")}
+
+
+@pytest.mark.parametrize("payload", ["declared", "undeclared"])
+def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, payload):
+    """Real recordings in time order; the last carries about 2.6 kg: declared it opens a context, undeclared it is seen."""
+    from monitor.series import Series, assess_series, manifest
+
+    names = {
+        "ur-20_02_10-30sec_12harm": 10,
+        "ur-20_02_12-50sec_12harm": 12,
+        "ur-20_02_19_14harm50sec": 19,
+        "ur-20_02_19_14harm50secLoad": 20,
+    }
+    rows = [
+        f"{real_data / 'ur10e' / name}.csv,2020-02-{day}T12:00:00Z,{2.6 if 'Load' in name and payload == 'declared' else 0}"
+        for name, day in names.items()
+    ]
+    listed = tmp_path / "runs.csv"
+    listed.write_text("\n".join(["file,recorded_at,payload_kg", *rows]), "utf-8")
+    gains = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])
+    columns = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
+    document = assess_series(Series(entries=manifest(listed), robot=load_robot("ur10e"), columns=columns, gains=gains))
+    assert document["alerts"] == []
+    seen = "payload_contradiction" in {warning["code"] for warning in document["warnings"]}
+    assert seen == (payload == "undeclared")
+    assert document["health"]["arm"] == ("CHECK_FUNCTION" if seen else "NORMAL")
+    assert len(document["contexts"]) == (1 if seen else 2)
