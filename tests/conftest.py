@@ -23,13 +23,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time.
 
     A replay gives up when its targets come late, as it must, and on a machine with other work they do: such a test may try once more,
-    and says that it did.
+    and says that it did. Evidence (`soak`) may not: what it counts, it counts.
     """
     for item in items:
         place = item.path.relative_to(ROOT / "tests").as_posix()
         if place.startswith(REAL_TIME):
             item.add_marker(pytest.mark.xdist_group("real time"))
-        if place.startswith(ON_THE_WIRE):
+        if place.startswith(ON_THE_WIRE) and item.get_closest_marker("soak") is None:
             item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=2))
 
 
