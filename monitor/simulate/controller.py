@@ -189,16 +189,18 @@ class Controller:
     def _supervise(self) -> None:
         arm = self.arm
         if self.robot_mode == RobotMode.RUNNING and self.safety_mode == SafetyMode.NORMAL:
-            deviation = np.abs(self.reference.q - (arm.q + self._offset))
-            self._saturated_s = self._saturated_s + self.tick_s if (np.abs(arm.torque_nm) >= self.robot.max_torque_nm).any() else 0.0
-            if deviation.max() > DEVIATION_MAX_RAD:
+            seen = arm.q + self._offset if self._shifted else arm.q
+            deviation = np.abs(self.reference.q - seen)
+            saturated = True in (np.abs(arm.torque_nm) >= self.robot.max_torque_nm).tolist()
+            self._saturated_s = self._saturated_s + self.tick_s if saturated else 0.0
+            if max(deviation.tolist()) > DEVIATION_MAX_RAD:
                 joint = int(np.argmax(deviation)) + 1
                 self.protective_stop(f"joint {joint} is {deviation.max():.3f} rad from where it should be")
             elif self._saturated_s > SATURATED_MAX_S:
                 joint = int(np.argmax(np.abs(arm.torque_nm) / self.robot.max_torque_nm)) + 1
                 self.protective_stop(f"the drive of joint {joint} is at its torque limit")
-            elif (np.abs(arm.q + self._offset) > self._limit).any():
-                self.protective_stop(self.outside_limits(arm.q + self._offset))
+            elif True in (np.abs(seen) > self._limit).tolist():
+                self.protective_stop(self.outside_limits(seen))
         if self._standing and self.reference.at_rest and not np.any(np.abs(arm.qd) > STANDING_RAD_S):
             for stop in self._standing:
                 stop.stood_at_s = self.clock_s
@@ -296,7 +298,7 @@ class Controller:
         self._servo_goal, self._servo_goal_at_s = target, self.clock_s
         jump = np.abs(target - before)
         allowed = DEVIATION_MAX_RAD + self.robot.max_speed_rad_s * since_s
-        if (jump <= allowed).all():
+        if False not in (jump <= allowed).tolist():
             return ""
         joint = int(np.argmax(jump - allowed))
         return f"sudden change of the target of joint {joint + 1} by {jump[joint]:.3f} rad within {1000 * since_s:.0f} ms"

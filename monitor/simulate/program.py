@@ -8,6 +8,7 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,7 +40,7 @@ class ControlProgram:
         self._path = script.path
         self._writes = self._operation = 0
         self._last_refused = 0
-        self._packets: list[Array] = []
+        self._packets: list[list[float]] = []
         self._speed_l: Callable[[Array, float], None] | None = None
         self._progress(-1)
         self._set(0, READY)
@@ -76,7 +77,7 @@ class ControlProgram:
     def received(self) -> None:
         """A packet with the command register has come: every servoj target counts, not only the last of a tick."""
         if self._input(0) == SERVO_J and len(self._packets) < 16:
-            self._packets.append(np.array(self.vector()))
+            self._packets.append(self.vector())
 
     def step(self) -> bool:
         """One pass of the loop. False when the script has ended."""
@@ -111,7 +112,7 @@ class ControlProgram:
         self._controller.stop_program(f"runtime exception: {why}")
 
     # --- commands -----------------------------------------------------------------------------------------------
-    def _realtime(self, command: int, packets: list[Array]) -> None:
+    def _realtime(self, command: int, packets: list[list[float]]) -> None:
         controller, reference = self._controller, self._controller.reference
         if command in queries.REALTIME:
             queries.REALTIME[command](self)
@@ -119,10 +120,11 @@ class ControlProgram:
             return
         elif command in (SERVO_J, SERVO_L):
             time_s, lookahead_s, gain = self.vector(8, 3)
-            targets = packets or ([np.array(self.vector())] if reference.mode != "servo" or command == SERVO_L else [])
-            if not all(np.isfinite(target).all() for target in targets) or not all(map(math.isfinite, (time_s, lookahead_s, gain))):
+            told = packets or ([self.vector()] if reference.mode != "servo" or command == SERVO_L else [])
+            if not all(map(math.isfinite, (*chain.from_iterable(told), time_s, lookahead_s, gain))):
                 controller.protective_stop("servoj with a target that is not a number")
                 return
+            targets = [np.array(target) for target in told]
             if command == SERVO_L:
                 found = controller.inverse(targets[-1])
                 if found is None:

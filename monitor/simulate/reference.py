@@ -31,7 +31,10 @@ class Reference:
 
     def __init__(self, robot: Robot, q: Array, tick_s: float) -> None:
         self.q, self.qd, self.qdd = q.copy(), np.zeros_like(q), np.zeros_like(q)
-        self._max_speed = robot.max_speed_rad_s
+        self._max_speed, self._min_speed = robot.max_speed_rad_s, -robot.max_speed_rad_s
+        self._strongest = np.full_like(self.q, SERVO_MAX_RAD_S2)
+        self._half = np.full_like(self.q, 0.5)  # array · array takes numpy half as long as array · number at this size
+        self._pulls = np.zeros((4, len(self.q)))  # what the servo filter weighs: distance, target's speed, its acceleration, own speed
         self._tick_s = tick_s
         self._advance: Callable[[float], None] | None = None  # None: hold
         self._waiting: list[Array] = []  # servoj targets not yet taken
@@ -50,7 +53,7 @@ class Reference:
             return Target(self.q, self.qd, self.qdd)
         q, qd = self.q, self.qd
         self._advance(h)
-        return Target(0.5 * (q + self.q), 0.5 * (qd + self.qd), self.qdd)
+        return Target(self._half * (q + self.q), self._half * (qd + self.qd), self.qdd)
 
     def reset(self, q: Array) -> None:
         """Stand at q: after brakes or power-on."""
@@ -159,12 +162,14 @@ class Reference:
             between = count * spacing
             room = SPEED_CHANGE_MAX_RAD_S2 * between
             change = (target - self._goal) / between - self._between_qd
-            change = np.minimum(np.maximum(change, -room), room)
+            if float(change.max()) > room or float(change.min()) < -room:
+                change = np.minimum(np.maximum(change, -room), room)
             self._between_qd = self._between_qd + change
             self._goal_qdd = self._goal_qdd + ACCELERATION_TRUST * (change / between - self._goal_qdd)
             self._goal_qd = self._between_qd + (0.5 * between) * self._goal_qdd
             self._age_s = min(max(PHASE_KEEP * (self._age_s - between), -period), 2.0 * period)
         self._goal = target
+        self._pulls[1], self._pulls[2] = self._goal_qd, self._goal_qdd
 
     def _fitting(self, target: Array, spacing: float, arrived: int, late: int) -> int:
         """How many places on the newest target is: as many as arrived, unless the motion so far clearly says that some were skipped."""
@@ -183,16 +188,17 @@ class Reference:
             return
         self._age_s += h
         age = min(self._age_s, self._carry_s)
-        goal = self._goal + age * (self._goal_qd + (0.5 * age) * self._goal_qdd)
-        w = self._rate
-        if age == self._age_s:
-            pull = self._goal_qdd + 2.0 * w * (self._goal_qd + age * self._goal_qdd - self.qd) + w * w * (goal - self.q)
+        w, before = self._rate, self.qd
+        if age == self._age_s:  # g̈ + 2w·(ġ + a·g̈ − q̇) + w²·(g + a·ġ + a²/2·g̈ − q)
+            pulls, wa = self._pulls, w * age
+            pulls[0], pulls[3] = self._goal - self.q, before
+            pull = np.array((w * w, w * (2.0 + wa), 1.0 + wa * (2.0 + 0.5 * wa), -2.0 * w)).dot(pulls)
         else:  # no target any more: back to the last one
+            goal = self._goal + age * (self._goal_qd + (0.5 * age) * self._goal_qdd)
             away = max(0.0, 1.0 - (self._age_s - age) / STREAM_GAP_BACK_S)
             pull = BACK_RAD_S**2 * (self._goal + away * (goal - self._goal) - self.q) - 2.0 * BACK_RAD_S * self.qd
-        qdd = np.minimum(np.maximum(pull, -SERVO_MAX_RAD_S2), SERVO_MAX_RAD_S2)
-        qd = self.qd + h * qdd
-        self.glide(np.minimum(np.maximum(qd, -self._max_speed), self._max_speed), h)
+        qdd = np.minimum(np.maximum(pull, -self._strongest), self._strongest)
+        self.glide(np.minimum(np.maximum(before + h * qdd, self._min_speed), self._max_speed), h)
 
     def put(self, q: Array, qd: Array, qdd: Array) -> None:
         """Where a motion says that it is now, each (J,)."""

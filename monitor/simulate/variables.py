@@ -58,25 +58,25 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
     def constant(*values: float) -> Callable[[], Sequence[float]]:
         return lambda: values
 
-    def vector(read: Callable[[], Array]) -> Variable:
-        return Variable("VECTOR6D", lambda: read().tolist())
+    def vector(read: Callable[[], Sequence[float]]) -> Variable:
+        return Variable("VECTOR6D", read)
 
     none6 = Variable("VECTOR6D", constant(*[0.0] * 6))
     zero = Variable("DOUBLE", constant(0.0))
     gain = c.arm.gain_nm_per_a
     table = {
         "timestamp": Variable("DOUBLE", lambda: (c.clock_s,)),
-        "target_q": vector(lambda: c.reference.q),
-        "target_qd": vector(lambda: c.reference.qd),
-        "target_qdd": vector(lambda: c.reference.qdd),
-        "target_moment": vector(lambda: target_moment(c)),
-        "target_current": vector(lambda: target_moment(c) / gain),
-        "actual_q": vector(lambda: c.measured.q),
-        "actual_qd": vector(lambda: c.measured.qd),
-        "actual_current": vector(lambda: c.measured.current),
-        "actual_current_as_torque": vector(lambda: c.measured.current * gain),
-        "joint_control_output": vector(lambda: c.arm.torque_nm / gain),
-        "joint_temperatures": vector(lambda: c.measured.temperature_c),
+        "target_q": vector(lambda: c.reference.q.tolist()),
+        "target_qd": vector(lambda: c.reference.qd.tolist()),
+        "target_qdd": vector(lambda: c.reference.qdd.tolist()),
+        "target_moment": vector(lambda: target_moment(c).tolist()),
+        "target_current": vector(lambda: (target_moment(c) / gain).tolist()),
+        "actual_q": vector(lambda: c.measured.q.tolist()),
+        "actual_qd": vector(lambda: c.measured.qd.tolist()),
+        "actual_current": vector(lambda: c.measured.current.tolist()),
+        "actual_current_as_torque": vector(lambda: (c.measured.current * gain).tolist()),
+        "joint_control_output": vector(lambda: (c.arm.torque_nm / gain).tolist()),
+        "joint_temperatures": vector(lambda: c.measured.temperature_c.tolist()),
         "actual_joint_voltage": Variable("VECTOR6D", constant(*[SUPPLY_V] * 6)),
         "actual_TCP_pose": vector(lambda: pose.actual()[0]),
         "actual_TCP_speed": vector(lambda: pose.actual()[1]),
@@ -142,38 +142,39 @@ class Moments:
 
     def __init__(self, model: "pin.Model") -> None:
         self._model, self._data = model, model.createData()
-        self._of: tuple[int, int, int] | None = None
-        self._held: tuple[Array, ...] = ()  # keeps the arrays alive, so that an id is not given twice
+        self._of: tuple[Array, Array, Array] = (np.empty(0),) * 3
         self._moment: Array = np.zeros(model.nv)
 
     def at(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(J,) [N·m]."""
-        of = (id(q), id(qd), id(qdd))
-        if of != self._of:
+        of = self._of
+        if of[0] is not q or of[1] is not qd or of[2] is not qdd:
             self._moment = pin.rnea(self._model, self._data, q, qd, qdd).copy()
-            self._of, self._held = of, (q, qd, qdd)
+            self._of = (q, qd, qdd)
         return self._moment
 
 
 class _Poses:
-    """Pose (m, rotation vector) and speed of the tool in the base's frame, once a tick."""
+    """Pose (m, rotation vector) and speed of the tool in the base's frame, computed once for equal arguments."""
 
     def __init__(self, c: "Controller") -> None:
         self._c = c
-        self._known: dict[str, tuple[int, Array, Array]] = {}
+        nothing: tuple[Array, Array, Array] = (np.empty(0),) * 3
+        self._of = {"actual": nothing, "target": nothing}
+        self._known: dict[str, tuple[list[float], list[float]]] = {}
 
-    def actual(self) -> tuple[Array, Array]:
-        return self._of("actual", self._c.measured.q, self._c.measured.qd)
+    def actual(self) -> tuple[list[float], list[float]]:
+        return self._at("actual", self._c.measured.q, self._c.measured.qd)
 
-    def target(self) -> tuple[Array, Array]:
-        return self._of("target", self._c.reference.q, self._c.reference.qd)
+    def target(self) -> tuple[list[float], list[float]]:
+        return self._at("target", self._c.reference.q, self._c.reference.qd)
 
-    def _of(self, key: str, q: Array, qd: Array) -> tuple[Array, Array]:
-        known = self._known.get(key)
-        if known is None or known[0] != self._c.ticks:
-            pose = self._c.kinematics.pose(q)
-            known = self._known[key] = (self._c.ticks, pose, self._c.kinematics.speed(q, qd))
-        return known[1], known[2]
+    def _at(self, key: str, q: Array, qd: Array) -> tuple[list[float], list[float]]:
+        kinematics, of = self._c.kinematics, self._of[key]
+        if of[0] is not q or of[1] is not qd or of[2] is not kinematics.tool:
+            self._of[key] = (q, qd, kinematics.tool)
+            self._known[key] = kinematics.state(q, qd)
+        return self._known[key]
 
 
 def joint_mode(c: "Controller") -> int:
@@ -193,7 +194,4 @@ def safety_status_bits(c: "Controller") -> int:
 
 def supply_current(c: "Controller") -> float:
     """Of the whole arm at 48 V [A]: electronics, and what the drives turn into motion and heat."""
-    """Of the whole arm at 48 V [A]: electronics, and what the drives turn into motion and heat."""
-    mechanical_w = float(c.arm.torque_nm @ c.arm.qd)
-    copper_w = float(c.arm.thermal.winding_ohm @ (c.arm.torque_nm / c.arm.gain_nm_per_a) ** 2)
-    return ELECTRONICS_A + max(mechanical_w + copper_w, 0.0) / SUPPLY_V
+    return ELECTRONICS_A + max(c.arm.electric_w(), 0.0) / SUPPLY_V
