@@ -118,7 +118,8 @@ class Controller:
         self.declared_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)
         self.declared_gravity: Array = settings.mounting.gravity_in_base
         self.moments = Moments(self.arm.believed)
-        self._servo_goal: Array | None = None
+        self._servo_goal: Sequence[float] | None = None
+        self._max_speed: list[float] = robot.max_speed_rad_s.tolist()
         self._servo_goal_at_s = 0.0
         self._offset: Array = np.zeros(robot.joints)  # where the encoders' zeros have gone
         self._shifted = False
@@ -179,8 +180,8 @@ class Controller:
         held = held or (reference.at_rest and arm.stand(self.tick_s, self._seen(reference.step(self.tick_s))))
         if not held:
             h = self.tick_s / self._substeps
-            for _ in range(self._substeps):
-                arm.step(h, self._seen(reference.step(h)))
+            for target in reference.steps(h, self._substeps):
+                arm.step(h, self._seen(target))
         arm.settle(self.tick_s)
         self.measured = self.sensors.read(arm)
         self.history.append(self.measured.q)
@@ -290,18 +291,16 @@ class Controller:
             deceleration = min(deceleration * fastest / max(tool, 1e-3), STOP_MAX_RAD_S2)
         self.reference.stop(deceleration)
 
-    def sudden(self, target: Array) -> str:
+    def sudden(self, target: Sequence[float]) -> str:
         """Whether a servoj target lies further from the last than the arm could have gone since; says which joint, or nothing."""
         fresh = self.reference.mode == "servo" and self._servo_goal is not None
-        before = self._servo_goal if fresh and self._servo_goal is not None else self.reference.q
+        before = self._servo_goal if fresh and self._servo_goal is not None else self.reference.q.tolist()
         since_s = self.clock_s - self._servo_goal_at_s if fresh else self.tick_s
         self._servo_goal, self._servo_goal_at_s = target, self.clock_s
-        jump = np.abs(target - before)
-        allowed = DEVIATION_MAX_RAD + self.robot.max_speed_rad_s * since_s
-        if False not in (jump <= allowed).tolist():
-            return ""
-        joint = int(np.argmax(jump - allowed))
-        return f"sudden change of the target of joint {joint + 1} by {jump[joint]:.3f} rad within {1000 * since_s:.0f} ms"
+        for joint, (to, was, fastest) in enumerate(zip(target, before, self._max_speed, strict=True)):
+            if not abs(to - was) <= DEVIATION_MAX_RAD + fastest * since_s:
+                return f"sudden change of the target of joint {joint + 1} by {abs(to - was):.3f} rad within {1000 * since_s:.0f} ms"
+        return ""
 
     def inverse(self, pose: Array, near: Array | None = None) -> Array | None:
         """(J,) joint positions for the tool at a pose (6,), or None."""

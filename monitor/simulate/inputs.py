@@ -44,7 +44,7 @@ class Run(NamedTuple):
 
     kind: str  # "int", "double" or the variable's name
     at: int  # of the packet's values
-    count: int
+    width: int
     register: int = 0  # the first
 
 
@@ -69,8 +69,8 @@ def _runs(names: Sequence[str], widths: Sequence[int]) -> tuple[Run, ...]:
         kind, register, number = name[6:].partition("_register_")
         if not (name.startswith("input_") and register and kind in {"int", "double"}):
             runs.append(Run(name, at, width))
-        elif runs and runs[-1].kind == kind and runs[-1].register + runs[-1].count == int(number):
-            runs[-1] = runs[-1]._replace(count=runs[-1].count + 1)
+        elif runs and runs[-1].kind == kind and runs[-1].register + runs[-1].width == int(number):
+            runs[-1] = runs[-1]._replace(width=runs[-1].width + 1)
         else:
             runs.append(Run(kind, at, 1, int(number)))
         at += width
@@ -112,14 +112,14 @@ class Inputs:
 
     def write(self, written: Recipe, values: Sequence[float]) -> None:
         """Take over the values of one packet."""
-        for kind, at, count, register in written.runs:
+        for kind, at, width, register in written.runs:
             if kind == "double":
-                self.doubles[register : register + count] = values[at : at + count]
+                self.doubles[register : register + width] = values[at : at + width]
             elif kind == "int":
-                self.ints[register : register + count] = [int(value) for value in values[at : at + count]]
+                self.ints[register : register + width] = [int(value) for value in values[at : at + width]]
             else:
                 self.changed = True
-                self.others[kind] = values[at] if count == 1 else tuple(values[at : at + count])
+                self.others[kind] = values[at] if width == 1 else tuple(values[at : at + width])
 
 
 class Outputs:

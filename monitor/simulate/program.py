@@ -124,18 +124,17 @@ class ControlProgram:
             if not all(map(math.isfinite, (*chain.from_iterable(told), time_s, lookahead_s, gain))):
                 controller.protective_stop("servoj with a target that is not a number")
                 return
-            targets = [np.array(target) for target in told]
             if command == SERVO_L:
-                found = controller.inverse(targets[-1])
+                found = controller.inverse(np.array(told[-1]))
                 if found is None:
                     controller.protective_stop("servol: no joint positions for the target")
                     return
-                targets = [found]
-            why = controller.sudden(targets[-1]) if targets else ""
+                told = [found.tolist()]
+            why = controller.sudden(told[-1]) if told else ""
             if why:
                 controller.protective_stop(f"servoj: {why}")
                 return
-            reference.follow(targets, time_s, min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1]))
+            reference.follow(told, time_s, min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1]))
         elif command in (SPEED_J, SPEED_L):
             wanted, acceleration = np.array(self.vector()), self.vector(6, 1)[0]
             if not (np.isfinite(wanted).all() and math.isfinite(acceleration)):

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from monitor.simulate.inputs import Recipe, recipe
+from monitor.simulate.variables import joined
 
 if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
@@ -108,7 +109,7 @@ class RtdeSession:
         types = [variables[name].kind if name in variables else "NOT_FOUND" for name in names]
         known = bool(names) and "NOT_FOUND" not in types
         self._output = recipe(names, {name: variables[name].kind for name in names}) if known else None
-        self._reads = [variables[name].read for name in names] if known else []
+        self._reads = joined(variables[name] for name in names) if known else []
         self._layout = struct.Struct(DATA_HEAD.format + (self._output.layout.format[1:] if self._output is not None else ""))
         self._size = self._layout.size
         rate_hz = self._controller.settings.arm.rate_hz

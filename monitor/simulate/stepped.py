@@ -90,7 +90,7 @@ def _rows(controller: Controller, excitation: Excitation) -> Generator[None, Non
     rows = {name: np.empty((N, J)) for name in JOINT_SIGNALS} | {name: np.empty(N) for name in STATUS}
     reference, gain = controller.reference, controller.arm.gain_nm_per_a
     for i in range(N):
-        reference.follow([path.q[i]], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
+        reference.follow([path.q[i].tolist()], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
         for _ in range(ticks):
             controller.step()
         _still_playing(controller)

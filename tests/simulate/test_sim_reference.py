@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.model.robot import load_robot
-from monitor.simulate.reference import SERVO_MAX_RAD_S2, Reference
+from monitor.simulate.reference import Reference
+from monitor.simulate.servoj import SERVO_MAX_RAD_S2
 
 H = 0.002
 ZERO = np.zeros(6)
