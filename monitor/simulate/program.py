@@ -125,12 +125,12 @@ class ControlProgram:
                 controller.protective_stop("servoj with a target that is not a number")
                 return
             if command == SERVO_L:
-                found = controller.inverse(np.array(told[-1]))
+                found = controller.moves.inverse(np.array(told[-1]))
                 if found is None:
                     controller.protective_stop("servol: no joint positions for the target")
                     return
                 told = [found.tolist()]
-            why = controller.sudden(told[-1]) if told else ""
+            why = controller.moves.sudden(told[-1]) if told else ""
             if why:
                 controller.protective_stop(f"servoj: {why}")
                 return
@@ -158,17 +158,17 @@ class ControlProgram:
                 move = Move(
                     tuple(self.vector()), pose=command in (2, 3), straight=command in (3, 4), speed=speed, acceleration=acceleration
                 )
-                why = controller.start_move(move)
+                why = controller.moves.start(move)
                 if why:
                     self._raise(f"{'moveL' if move.straight else 'moveJ'}: {why}")
                 else:
                     self._motion(lambda: reference.at_rest, asynchronous=self._input(1) == 1)
             case 15 | 16:  # speedStop, servoStop; stopl of the latter is a joint deceleration here
                 straight = command == 15 and reference.mode == "speedl"
-                controller.start_stop(StopMotion(first if math.isfinite(first) else 10.0, straight))
+                controller.moves.stop(StopMotion(first if math.isfinite(first) else 10.0, straight))
                 self._motion(lambda: reference.at_rest, asynchronous=False)
             case 33 | 34:  # stopL, stopJ
-                controller.start_stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
+                controller.moves.stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
                 self._motion(lambda: reference.at_rest, asynchronous=self._input(1) == 1)
             case 45:  # movePath
                 playing = Player(self._path, controller, self._progress)
@@ -242,13 +242,13 @@ class Player:
                 return True
             match self._left.popleft():
                 case Move() as move:
-                    why = controller.start_move(move)
+                    why = controller.moves.start(move)
                     if why:
                         self._left.clear()
                         controller.stop_program(f"runtime exception: {why}")
                         return False
                 case StopMotion() as stop:
-                    controller.start_stop(stop)
+                    controller.moves.stop(stop)
                 case Write(register, value, whole):
                     if whole:
                         controller.output_ints[register] = int(value)

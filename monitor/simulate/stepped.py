@@ -10,7 +10,8 @@ import numpy as np
 from monitor.errors import BadInput, ReplayAborted
 from monitor.model.fourier import Excitation
 from monitor.recording import Array, Context, Recording
-from monitor.simulate.controller import Controller, SafetyMode
+from monitor.simulate.controller import Controller
+from monitor.simulate.modes import SafetyMode
 from monitor.simulate.variables import target_moment
 
 RATE_HZ = 125.0
