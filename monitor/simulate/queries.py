@@ -30,7 +30,7 @@ def _set_payload(p: "ControlProgram") -> Result:
     mass, *com = _finite("set_payload", p.vector(0, 4))
     controller = p.controller
     if not 0.0 <= mass <= 2.0 * controller.robot.payload_max_kg:
-        raise Impossible(f"set_payload: {mass:g} kg; expected 0 … {controller.robot.payload_max_kg:g}")
+        raise Impossible(f"set_payload: {mass:g} kg; expected 0 … {2.0 * controller.robot.payload_max_kg:g}")
     # a centre of mass at the flange itself means "as before" from 5.0 on, says the script
     before = controller.declared_payload[1:]
     keep = not any(com) and controller.settings.polyscope.major >= 5
