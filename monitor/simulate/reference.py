@@ -119,8 +119,7 @@ class Reference:
         self._stream.tell(targets, period, lookahead_s, gain)
 
     def _servo(self, h: float, n: int) -> list[Target]:
-        flat = self._stream.advance(h, n, self.q.tolist(), self.qd.tolist())
-        rows = np.array(flat).reshape(n + 1, 3, -1)
+        rows = self._stream.advance(h, n, self.q, self.qd)
         self.q, self.qd, self.qdd = rows[n]
         return [Target(*row) for row in rows[:n]]
 

@@ -9,7 +9,6 @@ times as much as its size at rest, and 1.1 to 1.7 times as much above 0.7 rad/s 
 """
 
 from dataclasses import dataclass, field
-from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -33,6 +32,8 @@ SPEED_STEP_RAD_S = 1e-6
 STANDSTILL_RAD_S = 1e-4
 TEMPERATURE_NOISE_K = 0.02
 TEMPERATURE_STEP_K = 1.0 / 16.0
+STEP = np.array([[POSITION_STEP_RAD], [SPEED_STEP_RAD_S], [CURRENT_STEP_A], [TEMPERATURE_STEP_K]])
+PER_STEP = 1.0 / STEP
 BLOCK = 256  # ticks of noise drawn at once
 GLITCH_EVERY = 32  # ticks between the wrong temperatures of a glitching sensor
 
@@ -71,6 +72,8 @@ class Sensors:
         self._still_a = np.interp(robot.max_torque_nm, *STILL_CURRENT_A)
         self._keep = SLOW_KEEP ** (tick_s / 0.008)
         self._slow = np.zeros(robot.joints)
+        self._one, self._ripple = np.ones(robot.joints), np.full(robot.joints, RIPPLE_PER_RAD_S)  # arrays: numpy is quicker with them
+        self._ripple_max, self._standstill = np.full(robot.joints, RIPPLE_MAX), np.full(robot.joints, STANDSTILL_RAD_S)
         self._block = np.empty((0, 4, robot.joints))
         self._next = 0
         self.faults = SensorFaults()
@@ -79,32 +82,29 @@ class Sensors:
         """One measurement of the present state."""
         if self._next >= len(self._block):
             self._draw()
-        noise = self._block[self._next].tolist()  # (4, J); plain numbers: at six joints quicker than arrays
+        noise = self._block[self._next]
         self._next += 1
-        torque, gain, motor = arm.measured_torque_nm().tolist(), arm.gain_nm_per_a.tolist(), arm.temperatures.motor_c.tolist()
-        q, qd, current, temperature = [], [], [], []
-        for at, speed, nm, nm_per_a, warm, on_q, on_qd, on_a, on_c in zip(
-            arm.q.tolist(), arm.qd.tolist(), torque, gain, motor, *noise, strict=True
-        ):
-            fast = abs(speed)
-            ampere = nm / nm_per_a + on_a * (1.0 + min(RIPPLE_PER_RAD_S * fast, RIPPLE_MAX))
-            q.append(POSITION_STEP_RAD * round((at + on_q) / POSITION_STEP_RAD))
-            qd.append(SPEED_STEP_RAD_S * round((speed + on_qd) / SPEED_STEP_RAD_S) if fast > STANDSTILL_RAD_S else 0.0)
-            current.append(CURRENT_STEP_A * round(ampere / CURRENT_STEP_A))
-            temperature.append(TEMPERATURE_STEP_K * round((warm + on_c) / TEMPERATURE_STEP_K))
-        measured = Measured(*np.array((q, qd, current, temperature)))
+        speed, seen = np.abs(arm.qd), np.empty(noise.shape)
+        seen[0], seen[1], seen[2], seen[3] = arm.q, arm.qd, arm.measured_torque_nm() / arm.gain_nm_per_a, arm.temperatures.motor_c
+        noise[2] *= self._one + np.minimum(self._ripple * speed, self._ripple_max)
+        seen += noise
+        seen *= PER_STEP
+        np.rint(seen, out=seen)
+        seen *= STEP
+        seen[1] *= speed > self._standstill
+        measured = Measured(*seen)
         return self._wrong(measured) if self.faults.any else measured
 
     def _draw(self) -> None:
         """The next block of noise, (BLOCK, 4, J): on position, speed, current, temperature, in their units."""
         white, push, on_q, on_qd, on_temperature = self._dice.standard_normal((BLOCK, 5, self._joints)).transpose(1, 0, 2)
-        keep = self._keep
-        pushes = ((1.0 - keep * keep) ** 0.5 * push).T.tolist()
-        slow = np.array(
-            [list(accumulate(p, lambda was, now: keep * was + now, initial=s)) for p, s in zip(pushes, self._slow, strict=True)]
-        )
-        slow = slow[:, 1:].T  # (BLOCK, J)
-        self._slow = slow[-1]
+        keep, slow = self._keep, (1.0 - self._keep**2) ** 0.5 * push
+        slow[0] += keep * self._slow
+        back = 1
+        while back < BLOCK:  # slowᵢ = keep·slowᵢ₋₁ + pushᵢ, by doubling the reach of each sum
+            slow[back:] += keep**back * slow[:-back].copy()
+            back *= 2
+        self._slow = slow[-1].copy()
         on_current = self.faults.noisy * self._still_a * ((1.0 - SLOW_SHARE) ** 0.5 * white + SLOW_SHARE**0.5 * slow)
         noise = (POSITION_NOISE_RAD * on_q, SPEED_NOISE_RAD_S * on_qd, on_current, TEMPERATURE_NOISE_K * on_temperature)
         self._block, self._next = np.stack(noise, axis=1), 0

@@ -1,11 +1,17 @@
-"""How this controller follows a stream of servoj targets, in plain numbers: at six joints they are quicker than arrays.
+"""How this controller follows a stream of servoj targets.
 
 How the manufacturer's servoj smooths its targets is not published. Here: the targets are carried on with their speed for a few
 milliseconds, and a critically damped second-order filter follows them, twice as fast as 1/lookahead and faster with more gain.
+Unless it meets a limit the filter is linear, so that all servo periods of a tick are one product of matrices.
 """
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from monitor.recording import Array
 
 SERVO_MAX_RAD_S2 = 30.0  # the filter never asks for more: twice what an excitation needs, about what the drives can give
 SPEED_CHANGE_MAX_RAD_S2 = 40.0  # faster changes of the targets' speed are jitter of the network
@@ -33,6 +39,7 @@ class Servoj:
         self._first = True  # no target has come yet
         self._age_s = math.inf  # of the newest target
         self._heard_s, self._heard = SPACING_PRIOR * period_s, SPACING_PRIOR
+        self._goals, self._rows, self._bound = np.zeros((3, len(q))), np.zeros((5, len(q))), np.zeros((0, len(q)))
 
     def tell(self, targets: Sequence[Vector], period_s: float, lookahead_s: float, gain: float) -> None:
         """The targets that arrived in this tick, oldest first, possibly none: those that come faster wait, and the newest counts."""
@@ -52,6 +59,7 @@ class Servoj:
         if self._first:  # has no speed
             self._between_qd, self._goal_qdd, self._first = [0.0] * len(target), [0.0] * len(target), False
             self._goal, self._age_s = list(target), 0.0
+            self._goals = np.array((self._goal, self._goal_qd, self._goal_qdd))
             return
         if self._age_s < STREAM_BURST * period:  # longer silence is no spacing
             self._heard_s = SPACING_KEEP * self._heard_s + self._age_s
@@ -69,6 +77,7 @@ class Servoj:
             self._goal_qd[j] = self._between_qd[j] + 0.5 * between * self._goal_qdd[j]
         self._age_s = min(max(PHASE_KEEP * (self._age_s - between), -period), 2.0 * period)
         self._goal = list(target)
+        self._goals = np.array((self._goal, self._goal_qd, self._goal_qdd))
 
     def _fitting(self, target: Vector, spacing: float, arrived: int, late: int) -> int:
         """How many places on the newest target is: as many as arrived, unless the motion so far clearly says that some were skipped."""
@@ -82,8 +91,28 @@ class Servoj:
         denied = miss(arrived) > FIT_CLEAR_RAD and miss(best) < FIT_BETTER * miss(arrived)
         return best if denied else arrived
 
-    def advance(self, h: float, n: int, q: list[float], qd: list[float]) -> list[float]:
-        """Take n steps of length h from q, q̇ (J,): per step the mean q, the mean q̇ and q̈; then q, q̇, q̈ at the end; flat, (n + 1)·3·J."""
+    def advance(self, h: float, n: int, q: Array, qd: Array) -> Array:
+        """Take n steps of length h from q, q̇ (J,): per step the mean q, the mean q̇ and q̈; last q, q̇, q̈ at the end: (n + 1, 3, J)."""
+        if not self._first and self._age_s + n * h <= self._carry_s:
+            a = self._age_s
+            rows = self._rows
+            rows[:3] = np.array(((1.0, a, 0.5 * a * a), (0.0, 1.0, a), (0.0, 0.0, 1.0))).dot(self._goals)  # (3, J): where the goal is now
+            rows[3], rows[4] = q, qd
+            ahead: Array = gains(self._rate, h, n).dot(rows)  # (3n + 3, J)
+            if b"\0" not in (np.abs(ahead) <= self._bounds(n)).tobytes():
+                self._age_s += n * h
+                return ahead.reshape(n + 1, 3, -1)
+        return np.array(self._step_by_step(h, n, q.tolist(), qd.tolist())).reshape(n + 1, 3, -1)
+
+    def _bounds(self, n: int) -> Array:
+        """(3n + 3, J) of what `advance` finds: none of q, of q̇ and q̈ the filter's."""
+        if len(self._bound) != 3 * (n + 1):
+            one = np.array([[math.inf] * len(self._goal), self._max_speed, [SERVO_MAX_RAD_S2] * len(self._goal)])  # (3, J)
+            self._bound = np.tile(one, (n + 1, 1))
+        return self._bound
+
+    def _step_by_step(self, h: float, n: int, q: list[float], qd: list[float]) -> list[float]:
+        """What `advance` finds, flat, with the limits."""
         flat: list[float] = []
         qdd = [0.0] * len(q)
         for _ in range(n):
@@ -97,9 +126,7 @@ class Servoj:
                 q[j] += h * mean
                 qdd[j] = (speed - before) / h
                 qd[j] = speed
-            flat += q_mean
-            flat += qd_mean
-            flat += qdd
+            flat += [*q_mean, *qd_mean, *qdd]
         return [*flat, *q, *qd, *qdd]
 
     def _wanted(self, h: float, q: list[float], qd: list[float]) -> list[float]:
@@ -115,3 +142,19 @@ class Servoj:
         away = max(0.0, 1.0 - (self._age_s - age) / STREAM_GAP_BACK_S)  # no target any more: back to the last one
         on_way = away * age
         return [BACK_RAD_S**2 * (g + on_way * (gd + 0.5 * age * gdd) - at) - 2.0 * BACK_RAD_S * speed for g, gd, gdd, at, speed in goals]
+
+
+@lru_cache(maxsize=64)
+def gains(rate: float, h: float, n: int) -> Array:
+    """(3n + 3, 5): what `advance` finds without limits, from g, ġ, g̈ now, q and q̇."""
+    rows = []
+    q, qd = np.eye(5)[3], np.eye(5)[4]  # each as weights of the five
+    for i in range(1, n + 1):
+        a = i * h
+        qdd = np.array([rate * rate, rate * (2.0 + rate * a), 1.0 + rate * a * (2.0 + 0.5 * rate * a), 0.0, 0.0])
+        qdd = qdd - rate * rate * q - 2.0 * rate * qd
+        speed = qd + h * qdd
+        mean = 0.5 * (qd + speed)
+        rows += [q + 0.5 * h * mean, mean, qdd]
+        q, qd = q + h * mean, speed
+    return np.array([*rows, q, qd, qdd])
