@@ -7,79 +7,40 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate import motions, primary
+from monitor.simulate import primary
 from monitor.simulate.faults import Place
 from monitor.simulate.inputs import REGISTERS, Inputs, Outputs, Recipe
-from monitor.simulate.kinematics import Kinematics, se3
+from monitor.simulate.kinematics import Kinematics
 from monitor.simulate.life import Life
+from monitor.simulate.limits import Limits
+from monitor.simulate.modes import RobotMode, Runtime, SafetyMode, Stop
+from monitor.simulate.moves import PROGRAM_STOP_RAD_S2, Moves
 from monitor.simulate.physics import Arm, Target, arm_model
 from monitor.simulate.program import ControlProgram, SteppedProgram, StepsProgram
 from monitor.simulate.reference import Reference
 from monitor.simulate.scenario import Scenario
-from monitor.simulate.scripts import ControlScript, Immediate, Move, Refused, Steps, StopMotion, parse
+from monitor.simulate.scripts import ControlScript, Immediate, Refused, Steps, parse
 from monitor.simulate.sensors import Sensors
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.thermal import Temperatures
+from monitor.simulate.truth import truth
 from monitor.simulate.variables import Moments, Variable, output_variables
 
 log = logging.getLogger(__name__)
 
 SUBSTEP_S = 0.002  # servo and integration; the e-Series' own tick
-PROGRAM_STOP_RAD_S2 = 15.0  # an arm at 2 rad/s stands after 0.13 s
 PROTECTIVE_STOP_RAD_S2 = 25.0
 UNLOCK_AFTER_S = 5.0
-DEVIATION_MAX_RAD = 0.15  # following error at which the controller protects the arm
-SATURATED_MAX_S = 0.1  # drives at their limit for so long: something blocks the arm
 STANDING_RAD_S = 0.01  # slower is the servo's settling, by microradians
-LIMIT_MARGIN_RAD = 1e-6
 LOG_LENGTH = 200
 LIFE_S = 1.0  # how often the room and the scenario's events are looked at
-LEAP_S = 600.0  # at once, when life is made to pass; the room hardly changes meanwhile
 PROGRAM_NAME = "rtde_control"
 HISTORY_TICKS = 1024  # measured positions kept for get_actual_joint_positions_history
-STOP_MAX_RAD_S2 = 40.0  # of a stopl with the tool near an axis
-
-
-class RobotMode(IntEnum):
-    """As RTDE numbers them."""
-
-    POWER_OFF = 3
-    POWER_ON = 4
-    IDLE = 5
-    RUNNING = 7
-
-
-class SafetyMode(IntEnum):
-    """As RTDE numbers them."""
-
-    NORMAL = 1
-    PROTECTIVE_STOP = 3
-    ROBOT_EMERGENCY_STOP = 7
-
-
-class Runtime(IntEnum):
-    """As RTDE numbers them."""
-
-    STOPPED = 1
-    PLAYING = 2
-    PAUSED = 4
-
-
-@dataclass(slots=True)
-class Stop:
-    """One stop of a program or of the arm, on the controller's clock."""
-
-    at_s: float
-    kind: str  # "watchdog" | "protective_stop" | "emergency_stop" | "program_stop" | "program_end"
-    reason: str
-    stood_at_s: float | None = None  # when the arm had come to rest
 
 
 class Controller:
@@ -90,7 +51,7 @@ class Controller:
         robot = settings.arm
         self.settings, self.robot, self.tick_s = settings, robot, settings.tick_s
         self._substeps = max(1, round(self.tick_s / SUBSTEP_S))
-        self._limit = robot.max_position_rad + LIMIT_MARGIN_RAD
+        self.limits = Limits(robot, self.tick_s)
         self.arm = Arm(
             robot,
             q=np.array(settings.home_rad),
@@ -107,9 +68,9 @@ class Controller:
             self.arm = before.arm
             self.arm.brake()
         self.kinematics = Kinematics(robot)
-        self.waypoint: Array | None = None  # pose that the last move goes to
         self.history: deque[Array] = deque([self.arm.q], maxlen=HISTORY_TICKS)
         self.reference = Reference(robot, self.arm.q, self.tick_s)
+        self.moves = Moves(self)
         self.sensors = Sensors(robot, settings.seed, self.tick_s)
         self.sensors.louder(settings.current_noise)
         self.measured = self.sensors.read(self.arm)
@@ -119,8 +80,6 @@ class Controller:
         self.declared_gravity: Array = settings.mounting.gravity_in_base
         self.moments = Moments(self.arm.believed)
         self.digital_inputs = 0  # bits 0–7 standard, 8–15 configurable, 16–17 tool
-        self._servo_goal: Array | None = None
-        self._servo_goal_at_s = 0.0
         self._offset: Array = np.zeros(robot.joints)  # where the encoders' zeros have gone
         self._shifted = False
         self.ticks = 0
@@ -134,7 +93,6 @@ class Controller:
         self.refused_scripts: deque[str] = deque(maxlen=LOG_LENGTH)
         self.watchdog_trips = self.odd_inputs = self.scripts_started = 0
         self._protected_at_s = -math.inf
-        self._saturated_s = 0.0
         self._standing: list[Stop] = []  # stops whose standstill is still to come
         self.life = Life(settings.scenario or Scenario())
         self._life_every = max(1, round(LIFE_S / self.tick_s))
@@ -163,12 +121,17 @@ class Controller:
         """Uptime of the controller: RTDE's timestamp."""
         return self.ticks * self.tick_s + self._leapt_s
 
+    @property
+    def lived_s(self) -> float:
+        """By the arm, since its scenario began; a controller may have been killed meanwhile."""
+        return self._life_began_s + self.clock_s
+
     # --- one tick -----------------------------------------------------------------------------------------------
     def step(self) -> None:
         """Advance by one control period."""
         self.ticks += 1
         if self.ticks % self._life_every == 0:
-            self.life.pass_to(self._life_began_s + self.clock_s, self)
+            self.life.pass_to(self.lived_s, self)
         if self._watched is not None and self.clock_s - self._fed_at_s > self._watchdog_s:
             self.watchdog_trips += 1
             self.stop_program(f"{self._watched} was not received for {self._watchdog_s:.3g} s", kind="watchdog")
@@ -180,27 +143,20 @@ class Controller:
         held = held or (reference.at_rest and arm.stand(self.tick_s, self._seen(reference.step(self.tick_s))))
         if not held:
             h = self.tick_s / self._substeps
-            for _ in range(self._substeps):
-                arm.step(h, self._seen(reference.step(h)))
+            for target in reference.steps(h, self._substeps):
+                arm.step(h, self._seen(target))
         arm.settle(self.tick_s)
         self.measured = self.sensors.read(arm)
         self.history.append(self.measured.q)
         self._supervise()
 
     def _supervise(self) -> None:
-        arm = self.arm
         if self.robot_mode == RobotMode.RUNNING and self.safety_mode == SafetyMode.NORMAL:
-            deviation = np.abs(self.reference.q - (arm.q + self._offset))
-            self._saturated_s = self._saturated_s + self.tick_s if (np.abs(arm.torque_nm) >= self.robot.max_torque_nm).any() else 0.0
-            if deviation.max() > DEVIATION_MAX_RAD:
-                joint = int(np.argmax(deviation)) + 1
-                self.protective_stop(f"joint {joint} is {deviation.max():.3f} rad from where it should be")
-            elif self._saturated_s > SATURATED_MAX_S:
-                joint = int(np.argmax(np.abs(arm.torque_nm) / self.robot.max_torque_nm)) + 1
-                self.protective_stop(f"the drive of joint {joint} is at its torque limit")
-            elif (np.abs(arm.q + self._offset) > self._limit).any():
-                self.protective_stop(self.outside_limits(arm.q + self._offset))
-        if self._standing and self.reference.at_rest and not np.any(np.abs(arm.qd) > STANDING_RAD_S):
+            seen = self.arm.q + self._offset if self._shifted else self.arm.q
+            why = self.limits.broken(self.reference.q, seen, self.arm.torque_nm)
+            if why:
+                self.protective_stop(why)
+        if self._standing and self.standing:
             for stop in self._standing:
                 stop.stood_at_s = self.clock_s
             self._standing = []
@@ -243,68 +199,6 @@ class Controller:
                 self.program = StepsProgram(script, self)
         self.runtime = Runtime.PLAYING
         self.messages.append(primary.key(self, "PROGRAM_XXX_STARTED", PROGRAM_NAME))
-
-    # --- motions ------------------------------------------------------------------------------------------------
-    def start_move(self, move: Move) -> str:
-        """Movej or movel; says why it cannot be made, or nothing."""
-        target = np.array(move.target)
-        if target.shape != self.arm.q.shape or not np.isfinite(target).all():
-            return f"the target is not {self.robot.joints} finite numbers"
-        if not (0.0 < move.speed < math.inf and 0.0 < move.acceleration < math.inf):
-            return f"speed {move.speed:g} and acceleration {move.acceleration:g} must be positive"
-        q = self.inverse(target) if move.pose else target
-        if q is None:
-            return f"no joint positions for the tool at {target.round(4).tolist()}"
-        why = self.outside_limits(q)
-        if why:
-            return why
-        goal = se3(target) if move.pose else self.kinematics.at(target)
-        if not move.straight:
-            self.reference.move(q, move.speed, move.acceleration)
-        elif self.reference.qd.any():  # a line begins at rest
-
-            def then() -> None:
-                wrong = self._line(goal, move)
-                if wrong:
-                    self.stop_program(f"runtime exception: movel: {wrong}")
-
-            self.reference.stop(PROGRAM_STOP_RAD_S2, then)
-        else:
-            why = self._line(goal, move)
-        self.waypoint = self.kinematics.pose(q)
-        return why
-
-    def _line(self, goal: Any, move: Move) -> str:
-        why = motions.line(self.reference, self.kinematics, goal, move.speed, move.acceleration, self.robot.max_speed_rad_s)
-        if why:
-            self.reference.hold()
-        return why
-
-    def start_stop(self, stop: StopMotion) -> None:
-        """stopj, or stopl: the joints decelerate together, so that the tool does it with this many m/s²."""
-        deceleration = stop.deceleration
-        fastest = float(np.max(np.abs(self.reference.qd)))
-        if stop.straight and fastest > 0.0:
-            tool = float(np.linalg.norm(self.kinematics.speed(self.reference.q, self.reference.qd)[:3]))
-            deceleration = min(deceleration * fastest / max(tool, 1e-3), STOP_MAX_RAD_S2)
-        self.reference.stop(deceleration)
-
-    def sudden(self, target: Array) -> str:
-        """Whether a servoj target lies further from the last than the arm could have gone since; says which joint, or nothing."""
-        fresh = self.reference.mode == "servo" and self._servo_goal is not None
-        before = self._servo_goal if fresh and self._servo_goal is not None else self.reference.q
-        since_s = self.clock_s - self._servo_goal_at_s if fresh else self.tick_s
-        self._servo_goal, self._servo_goal_at_s = target, self.clock_s
-        jump = np.abs(target - before)
-        allowed = DEVIATION_MAX_RAD + self.robot.max_speed_rad_s * since_s
-        if (jump <= allowed).all():
-            return ""
-        joint = int(np.argmax(jump - allowed))
-        return f"sudden change of the target of joint {joint + 1} by {jump[joint]:.3f} rad within {1000 * since_s:.0f} ms"
-
-    def inverse(self, pose: Array, near: Array | None = None) -> Array | None:
-        """(J,) joint positions for the tool at a pose (6,), or None."""
-        return self.kinematics.inverse(se3(pose), self.reference.q if near is None else near)
 
     def declare(self, *, payload: tuple[float, ...] | None = None, gravity: Array | None = None) -> None:
         """What a program tells the controller of payload and mounting: it reckons with that, whatever the arm really carries."""
@@ -369,12 +263,6 @@ class Controller:
         """Drives on and no safety stop."""
         return not self._not_ready()
 
-    def outside_limits(self, q: Array) -> str:
-        """Which joint is beyond its range, or nothing."""
-        beyond = np.abs(q) > self._limit
-        joint = int(np.argmax(beyond))
-        return f"joint {joint + 1} at {q[joint]:.3f} rad is beyond ±{self.robot.max_position_rad[joint]:.3f}" if beyond.any() else ""
-
     # --- safety -------------------------------------------------------------------------------------------------
     def protective_stop(self, reason: str, *, runtime: str | None = None) -> None:
         """Halt the arm; the program pauses, stops or plays on, as `runtime` says or else the settings."""
@@ -395,7 +283,8 @@ class Controller:
         """End a protective stop, 5 s after it began at the earliest."""
         if self.safety_mode != SafetyMode.PROTECTIVE_STOP or self.clock_s - self._protected_at_s < UNLOCK_AFTER_S:
             return False
-        self.safety_mode, self._saturated_s = SafetyMode.NORMAL, 0.0
+        self.safety_mode = SafetyMode.NORMAL
+        self.limits.forget()
         self.reference.reset(self.arm.q + self._offset)
         return True
 
@@ -447,16 +336,8 @@ class Controller:
         """Let hours of the arm's life pass at once; says why not, or nothing. What is not given is the scenario's."""
         if self.program is not None:
             return "a program is running"
-        left_s = 3600.0 * hours
-        while left_s > 1e-6:
-            now_s = self._life_began_s + self.clock_s
-            self.life.pass_to(now_s, self, ambient_c=ambient_c)
-            slice_s = min(LEAP_S, left_s, max(self.life.next_event_s - now_s, 1e-3))
-            share = self.life.duty(now_s) if duty is None else duty
-            self.arm.live(slice_s / 3600.0, self.arm.ambient_c, share)
+        for slice_s in self.life.leap(self, 3600.0 * hours, ambient_c, duty):
             self._leapt_s += slice_s
-            left_s -= slice_s
-        self.life.pass_to(self._life_began_s + self.clock_s, self, ambient_c=ambient_c)
         self.measured = self.sensors.read(self.arm)
         return ""
 
@@ -478,43 +359,16 @@ class Controller:
         fraction = others.get("speed_slider_fraction", 1.0) if others.get("speed_slider_mask") else 1.0
         return min(max(float(fraction), 0.0), 1.0) if isinstance(fraction, (int, float)) and math.isfinite(fraction) else 1.0
 
+    @property
+    def standing(self) -> bool:
+        """Nothing is asked for, and the arm has come to rest."""
+        return self.reference.at_rest and not np.any(np.abs(self.arm.qd) > STANDING_RAD_S)
+
+    @property
+    def watchdog_s(self) -> float | None:
+        """How long the watched input may be silent; None where none is watched."""
+        return None if self._watched is None else self._watchdog_s
+
     def truth(self) -> dict[str, Any]:
         """What tests compare with: nothing of it is on the robot's own wire."""
-        arm, law = self.arm, self.arm.law
-        return {
-            "robot": self.robot.name,
-            "clock_s": self.clock_s,
-            "q": arm.q.tolist(),
-            "qd": arm.qd.tolist(),
-            "torque_nm": arm.torque_nm.tolist(),
-            "motor_temperature_c": arm.temperatures.motor_c.tolist(),
-            "grease_temperature_c": arm.temperatures.grease_c.tolist(),
-            "ambient_c": arm.ambient_c,
-            "lived_days": self.life.lived_s / 86_400.0,
-            "scenario": self.life.scenario.name,
-            "happened": self.life.happened[-50:],
-            "joint_serials": self.joint_serials,
-            "mounting_rad": list(arm.mounting.angles_rad),
-            "declared_payload_kg": self.declared_payload[0],
-            "wear_coulomb": arm.wear.coulomb.tolist(),
-            "wear_viscous": arm.wear.viscous.tolist(),
-            "wear_per_revolution": arm.wear.per_revolution.tolist(),
-            "revolutions": arm.wear.revolutions.tolist(),
-            "payload_kg": arm.payload_kg,
-            "drive_gain_nm_per_a": arm.gain_nm_per_a.tolist(),
-            "rotor_kg_m2": arm.rotor_kg_m2.tolist(),
-            "friction_law": {name: getattr(law, name).tolist() for name in law.__dataclass_fields__},
-            "robot_mode": int(self.robot_mode),
-            "safety_mode": int(self.safety_mode),
-            "runtime_state": int(self.runtime),
-            "reference_mode": self.reference.mode,
-            "standing": self.reference.at_rest and not np.any(np.abs(arm.qd) > STANDING_RAD_S),
-            "program": type(self.program).__name__ if self.program else None,
-            "scripts_started": self.scripts_started,
-            "stops": [asdict(stop) for stop in self.stops],
-            "watchdog_trips": self.watchdog_trips,
-            "watchdog_s": None if self._watched is None else self._watchdog_s,
-            "refused_commands": list(self.refused_commands),
-            "refused_scripts": list(self.refused_scripts),
-            "odd_inputs": self.odd_inputs,
-        }
+        return truth(self)

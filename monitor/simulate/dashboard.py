@@ -3,7 +3,7 @@
 import re
 from typing import TYPE_CHECKING
 
-from monitor.simulate.controller import RobotMode, Runtime, SafetyMode
+from monitor.simulate.modes import RobotMode, Runtime, SafetyMode
 
 if TYPE_CHECKING:
     from monitor.simulate.controller import Controller

@@ -39,19 +39,42 @@ INPUT_TYPES = {
 }
 
 
+class Run(NamedTuple):
+    """Neighbours in a packet that go to neighbouring registers; or one other variable, by its name."""
+
+    kind: str  # "int", "double" or the variable's name
+    at: int  # of the packet's values
+    width: int
+    register: int = 0  # the first
+
+
 class Recipe(NamedTuple):
     """Variables of one packet, in order."""
 
     names: tuple[str, ...]
     layout: struct.Struct
-    widths: tuple[int, ...]  # values per variable
+    runs: tuple[Run, ...]
 
 
 def recipe(names: Sequence[str], types: dict[str, str]) -> Recipe:
     """Layout of known names."""
     codes = [FORMAT[types[name]] for name in names]
-    widths = tuple(int(code[:-1] or 1) for code in codes)
-    return Recipe(tuple(names), struct.Struct(">" + "".join(codes)), widths)
+    return Recipe(tuple(names), struct.Struct(">" + "".join(codes)), _runs(names, [int(code[:-1] or 1) for code in codes]))
+
+
+def _runs(names: Sequence[str], widths: Sequence[int]) -> tuple[Run, ...]:
+    runs: list[Run] = []
+    at = 0
+    for name, width in zip(names, widths, strict=True):
+        kind, register, number = name[6:].partition("_register_")
+        if not (name.startswith("input_") and register and kind in {"int", "double"}):
+            runs.append(Run(name, at, width))
+        elif runs and runs[-1].kind == kind and runs[-1].register + runs[-1].width == int(number):
+            runs[-1] = runs[-1]._replace(width=runs[-1].width + 1)
+        else:
+            runs.append(Run(kind, at, 1, int(number)))
+        at += width
+    return tuple(runs)
 
 
 class Inputs:
@@ -89,16 +112,14 @@ class Inputs:
 
     def write(self, written: Recipe, values: Sequence[float]) -> None:
         """Take over the values of one packet."""
-        at = 0
-        for name, width in zip(written.names, written.widths, strict=True):
-            if name.startswith("input_double_register_"):
-                self.doubles[int(name[22:])] = float(values[at])
-            elif name.startswith("input_int_register_"):
-                self.ints[int(name[19:])] = int(values[at])
+        for kind, at, width, register in written.runs:
+            if kind == "double":
+                self.doubles[register : register + width] = values[at : at + width]
+            elif kind == "int":
+                self.ints[register : register + width] = [int(value) for value in values[at : at + width]]
             else:
                 self.changed = True
-                self.others[name] = values[at] if width == 1 else tuple(values[at : at + width])
-            at += width
+                self.others[kind] = values[at] if width == 1 else tuple(values[at : at + width])
 
 
 class Outputs:

@@ -61,6 +61,19 @@ class Kinematics:
         """(6,)."""
         return pose_of(self.at(q, tool))
 
+    def state(self, q: Array, qd: Array) -> tuple[list[float], list[float]]:
+        """Pose and speed of the tool, 6 each: what `pose` and `speed` say, in one pass for what asks every tick."""
+        model, data, tool = self._model, self._data, self.tool
+        pin.forwardKinematics(model, data, q, qd)
+        flange = pin.updateFramePlacement(model, data, self._frame)
+        speed = pin.getFrameVelocity(model, data, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        linear, angular = speed.linear, speed.angular
+        if tool is not NO_TOOL:
+            arm = flange.rotation @ tool[:3]
+            linear = linear + np.cross(angular, arm)
+            flange = flange * se3(tool)
+        return [*flange.translation.tolist(), *pin.log3(flange.rotation).tolist()], [*linear.tolist(), *angular.tolist()]
+
     def jacobian(self, q: Array) -> Array:
         """(6, J) q̇ → velocity of the tool's point and of its rotation, both along the base's axes."""
         J = pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)

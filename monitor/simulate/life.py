@@ -1,6 +1,7 @@
 """A scenario, lived: as the arm's life passes, its events happen and the room warms and cools; the same in real time and stepped."""
 
 from collections import deque
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
 
 WEAR_QUOTED_AT_RAD_S = 1.0  # "5 % a month" is meant of the friction at this speed, at 25 °C without load
-SLICE_S = 600.0  # of a leap: as the arm's own
+LEAP_S = 600.0  # at once, when life is made to pass; the room hardly changes meanwhile
 
 
 class Life:
@@ -39,6 +40,18 @@ class Life:
             controller.arm.ambient_c = ambient_c
         elif room is not None:
             controller.arm.ambient_c = room.at(self.scenario.started_s + lived_s)
+
+    def leap(self, controller: "Controller", seconds: float, ambient_c: float | None, duty: float | None) -> Iterator[float]:
+        """Let so much pass without motion, slice by slice, for the controller to count; what is not given is the scenario's."""
+        while seconds > 1e-6:
+            now_s = controller.lived_s
+            self.pass_to(now_s, controller, ambient_c=ambient_c)
+            slice_s = min(LEAP_S, seconds, max(self.next_event_s - now_s, 1e-3))
+            arm = controller.arm
+            arm.live(slice_s / 3600.0, arm.ambient_c, self.duty(now_s) if duty is None else duty)
+            yield slice_s
+            seconds -= slice_s
+        self.pass_to(controller.lived_s, controller, ambient_c=ambient_c)
 
     def duty(self, lived_s: float) -> float:
         """Of the job that the scenario describes, at this moment."""

@@ -62,6 +62,12 @@ class Arm:
         self.gain_nm_per_a = drive_gain(robot)
         self.rotor_kg_m2 = ROTOR_KG_M2_PER_NM * robot.max_torque_nm
         self._copper = self.thermal.winding_ohm / self.gain_nm_per_a**2  # W per (N·m)²
+        # arrays where a number would do: numpy takes twice as long over array·number as over array·array at this size
+        self._half, self._one = np.full(J, 0.5), np.ones(J)
+        self._integral_top = np.full(J, SERVO_INTEGRAL_MAX_RAD_S)
+        self._stiffness, self._damping = np.full(J, SERVO_RAD_S**2), np.full(J, 2.0 * SERVO_RAD_S)
+        self._patience = np.full(J, SERVO_INTEGRAL_PER_S)
+        self._stribeck, self._smooth = np.full(J, -1.0 / STRIBECK_RAD_S**2), np.full(J, SMOOTH_SPEED_RAD_S**2)
 
         self.q, self.qd = q.astype(float), np.zeros(J)
         self.qdd = np.zeros(J)
@@ -75,6 +81,7 @@ class Arm:
         self._now, self._sums = np.zeros((2, 4, J))  # friction work, torque², travel, load·travel: rates, and what they add up to
         self._integral = np.zeros(J)
         self._slide = np.zeros(J)  # −1, 0, 1: how each joint slid in the last step
+        self._sliding = False  # all of them
         self.mounting, self.payload_kg, self.payload_com_m = mounting or Mounting(), payload_kg, tuple(payload_com_m)
         self.carry()
         self.torque_nm = pin.nonLinearEffects(self.model, self._data, self.q, self.qd).copy()  # the servo has been holding it
@@ -118,7 +125,7 @@ class Arm:
 
     def stand(self, h: float, target: Target) -> bool:
         """A step of any length of an arm that friction holds, exact because nothing moves; False, and no step, if it would move."""
-        if self._slide.any() or self.qd.any():
+        if self._sliding or self._slide.any() or self.qd.any():
             return False
         q = self.q
         if self._rest_of is not q:
@@ -127,7 +134,7 @@ class Arm:
         n = self._rest_n
         given, integral = self._servo(h, target, self._rest_M, n, q, self.qd)
         held = given - n
-        if (np.abs(held) > (1.0 + self.law.stiction) * (self._grip_nm + self._grip_load * np.abs(n))).any():
+        if True in (np.abs(held) > (1.0 + self.law.stiction) * (self._grip_nm + self._grip_load * np.abs(n))).tolist():
             return False
         if integral is not None:
             self._integral = integral
@@ -137,14 +144,14 @@ class Arm:
 
     def _servo(self, h: float, target: Target, M: Array, n: Array, q_m: Array, v_m: Array) -> tuple[Array, Array | None]:
         error = target.q - q_m
-        integral = np.minimum(np.maximum(self._integral + h * error, -SERVO_INTEGRAL_MAX_RAD_S), SERVO_INTEGRAL_MAX_RAD_S)
-        wanted = SERVO_RAD_S**2 * (error + SERVO_INTEGRAL_PER_S * integral) + (2.0 * SERVO_RAD_S) * (target.qd - v_m) + target.qdd
+        integral = np.minimum(np.maximum(self._integral + h * error, -self._integral_top), self._integral_top)
+        wanted = self._stiffness * (error + self._patience * integral) + self._damping * (target.qd - v_m) + target.qdd
         if self._believed_differs:
             M = pin.crba(self.believed, self._believed_data, q_m)
             n = pin.nonLinearEffects(self.believed, self._believed_data, q_m, v_m)
         limit = self.robot.max_torque_nm
-        asked = M @ wanted + n
-        if (np.abs(asked) > limit).any():
+        asked = M.dot(wanted) + n
+        if True in (np.abs(asked) > limit).tolist():
             return np.minimum(np.maximum(asked, -limit), limit), None  # at the limit an integral would only wind up
         return asked, integral
 
@@ -160,11 +167,12 @@ class Arm:
         self.torque_nm = np.zeros_like(self.qd)
         self.torque_before_nm = self.torque_nm
         self._integral = np.zeros_like(self.qd)
-        self._slide = np.zeros_like(self.qd)
+        self._slide, self._sliding = np.zeros_like(self.qd), False
 
     def _middle(self, h: float) -> tuple[Array, Array, Array, Array]:
-        q_m = self.q + (0.5 * h) * self.qd
-        v_m = self.qd + (0.5 * h) * self.qdd
+        half = h * self._half
+        q_m = self.q + half * self.qd
+        v_m = self.qd + half * self.qdd
         M: Array = pin.crba(self.model, self._data, q_m)
         n: Array = pin.nonLinearEffects(self.model, self._data, q_m, v_m)
         return M, n.copy(), q_m, v_m
@@ -173,23 +181,23 @@ class Arm:
         v, law = self.qd, self.law
         load = self.load_nm = self.torque_nm - self.friction_nm - self.rotor_kg_m2 * self.qdd  # of the step before
         speed2 = v * v
-        D = (1.0 + law.stiction * np.exp(speed2 * (-1.0 / STRIBECK_RAD_S**2))) * (self._grip_nm + self._grip_load * np.abs(load))
-        half = (0.5 * h) * self._thin * (law.concave_nm * (speed2 + SMOOTH_SPEED_RAD_S**2) ** self._power + law.linear_nm_s_per_rad)
+        D = (self._one + law.stiction * np.exp(speed2 * self._stribeck)) * (self._grip_nm + self._grip_load * np.abs(load))
+        half = h * (self._half_concave * (speed2 + self._smooth) ** self._power + self._half_linear)
         A = M.copy(order="F")
         A.flat[:: len(v) + 1] += half
         free = torque - n
-        after = self._slide_or_stick(A, M @ v - half * v + h * free, h * D)
+        after = self._slide_or_stick(A, M.dot(v) - half * v + h * free, h * D)
         self.qdd = (after - v) / h
-        self.friction_nm = free - M @ self.qdd
+        self.friction_nm = free - M.dot(self.qdd)
         self.q, self.qd = q_m + (0.5 * h) * after, after
         self.torque_before_nm, self.torque_nm = self.torque_nm, torque
 
     def _slide_or_stick(self, A: Array, b: Array, D: Array) -> Array:
         """The only v with A·v = b − s, |s| ≤ D, s = D·sign(v) where v ≠ 0, by principal pivoting from the last step's pattern."""
         z = self._slide
-        if z.all():  # all joints slide: nearly always, they go on sliding
+        if self._sliding:  # nearly always, they go on sliding
             v: Array = dposv(A, b - D * z)[1]
-            if (v * z > 0.0).all():
+            if min((v * z).tolist()) > 0.0:
                 return v
         for attempt in range(64):
             stuck = z == 0.0
@@ -206,7 +214,7 @@ class Arm:
             if attempt > 6:  # Murty's rule, one at a time, cannot cycle
                 wrong[int(np.argmax(wrong)) + 1 :] = False
             z = np.where(wrong, right, z)
-        self._slide = z
+        self._slide, self._sliding = z, bool(z.all())
         result: Array = np.where(z == 0.0, 0.0, v)
         return result
 
@@ -215,7 +223,8 @@ class Arm:
         none = np.zeros_like(self.qd)
         self._grip_nm = self.law.dry(none, self.temperatures.grease_c, self.wear.coulomb)
         self._grip_load = self.wear.coulomb * self.law.load_factor
-        self._thin = self.wear.viscous * np.exp(-self.law.viscous_per_k * (self.temperatures.grease_c - REFERENCE_C))
+        thin = self.wear.viscous * np.exp(-self.law.viscous_per_k * (self.temperatures.grease_c - REFERENCE_C))
+        self._half_concave, self._half_linear = 0.5 * thin * self.law.concave_nm, 0.5 * thin * self.law.linear_nm_s_per_rad
         self._power = 0.5 * (self.law.exponent - 1.0)
 
     # --- heat and wear ------------------------------------------------------------------------------------------
@@ -294,8 +303,13 @@ class Arm:
     # --- truth --------------------------------------------------------------------------------------------------
     def measured_torque_nm(self) -> Array:
         """(J,) drive torque now: the last two steps' carried on to the end of the last."""
-        result: Array = 1.5 * self.torque_nm - 0.5 * self.torque_before_nm
+        result: Array = self.torque_nm + self._half * (self.torque_nm - self.torque_before_nm)
         return result
+
+    def electric_w(self) -> float:
+        """What all drives take now: motion, and loss in the windings."""
+        torque = self.torque_nm
+        return float(torque.dot(self.qd) + (self._copper * torque).dot(torque))
 
     def gravity_nm(self) -> Array:
         """(J,) what holds the arm up where it is."""

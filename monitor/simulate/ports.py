@@ -67,9 +67,10 @@ class Ports:
         if faults.late_share and now_s >= self._held_until_s and self._dice.random() < faults.late_share:
             self._held_until_s = now_s + faults.late_s
         hold = now_s < self._held_until_s
+        made: dict[tuple[str, ...], bytes] = {}
         for port in list(self.open["rtde"]):
             if isinstance(port, RtdePort):
-                port.publish(tick, now_s, hold=hold)
+                port.publish(tick, now_s, made, hold=hold)
 
     def drop(self, service: str, *, reset: bool) -> int:
         """Close the connections of one service or of `all`, with FIN or RST; how many there were."""
@@ -163,7 +164,7 @@ class RtdePort(Port):
             if transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
                 transport.abort()  # asks and never reads
 
-    def publish(self, tick: int, now_s: float, *, hold: bool) -> None:
+    def publish(self, tick: int, now_s: float, made: dict[tuple[str, ...], bytes], *, hold: bool) -> None:
         """The data packet of this tick, or none while the client does not read."""
         transport = self.writable
         if transport is None:
@@ -176,7 +177,7 @@ class RtdePort(Port):
                 transport.abort()
             return
         self._deaf_since_s = None
-        packet = self._session.output(tick)
+        packet = self._session.output(tick, made)
         if hold and packet is not None:
             self._held.append(packet)
             return

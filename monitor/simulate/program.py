@@ -8,6 +8,7 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,7 +40,7 @@ class ControlProgram:
         self._path = script.path
         self._writes = self._operation = 0
         self._last_refused = 0
-        self._packets: list[Array] = []
+        self._packets: list[list[float]] = []
         self._speed_l: Callable[[Array, float], None] | None = None
         self._progress(-1)
         self._set(0, READY)
@@ -76,7 +77,7 @@ class ControlProgram:
     def received(self) -> None:
         """A packet with the command register has come: every servoj target counts, not only the last of a tick."""
         if self._input(0) == SERVO_J and len(self._packets) < 16:
-            self._packets.append(np.array(self.vector()))
+            self._packets.append(self.vector())
 
     def step(self) -> bool:
         """One pass of the loop. False when the script has ended."""
@@ -111,7 +112,7 @@ class ControlProgram:
         self._controller.stop_program(f"runtime exception: {why}")
 
     # --- commands -----------------------------------------------------------------------------------------------
-    def _realtime(self, command: int, packets: list[Array]) -> None:
+    def _realtime(self, command: int, packets: list[list[float]]) -> None:
         controller, reference = self._controller, self._controller.reference
         if command in queries.REALTIME:
             queries.REALTIME[command](self)
@@ -119,21 +120,21 @@ class ControlProgram:
             return
         elif command in (SERVO_J, SERVO_L):
             time_s, lookahead_s, gain = self.vector(8, 3)
-            targets = packets or ([np.array(self.vector())] if reference.mode != "servo" or command == SERVO_L else [])
-            if not all(np.isfinite(target).all() for target in targets) or not all(map(math.isfinite, (time_s, lookahead_s, gain))):
+            told = packets or ([self.vector()] if reference.mode != "servo" or command == SERVO_L else [])
+            if not all(map(math.isfinite, (*chain.from_iterable(told), time_s, lookahead_s, gain))):
                 controller.protective_stop("servoj with a target that is not a number")
                 return
             if command == SERVO_L:
-                found = controller.inverse(targets[-1])
+                found = controller.moves.inverse(np.array(told[-1]))
                 if found is None:
                     controller.protective_stop("servol: no joint positions for the target")
                     return
-                targets = [found]
-            why = controller.sudden(targets[-1]) if targets else ""
+                told = [found.tolist()]
+            why = controller.moves.sudden(told[-1]) if told else ""
             if why:
                 controller.protective_stop(f"servoj: {why}")
                 return
-            reference.follow(targets, time_s, min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1]))
+            reference.follow(told, time_s, min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1]))
         elif command in (SPEED_J, SPEED_L):
             wanted, acceleration = np.array(self.vector()), self.vector(6, 1)[0]
             if not (np.isfinite(wanted).all() and math.isfinite(acceleration)):
@@ -157,17 +158,17 @@ class ControlProgram:
                 move = Move(
                     tuple(self.vector()), pose=command in (2, 3), straight=command in (3, 4), speed=speed, acceleration=acceleration
                 )
-                why = controller.start_move(move)
+                why = controller.moves.start(move)
                 if why:
                     self._raise(f"{'moveL' if move.straight else 'moveJ'}: {why}")
                 else:
                     self._motion(lambda: reference.at_rest, asynchronous=self._input(1) == 1)
             case 15 | 16:  # speedStop, servoStop; stopl of the latter is a joint deceleration here
                 straight = command == 15 and reference.mode == "speedl"
-                controller.start_stop(StopMotion(first if math.isfinite(first) else 10.0, straight))
+                controller.moves.stop(StopMotion(first if math.isfinite(first) else 10.0, straight))
                 self._motion(lambda: reference.at_rest, asynchronous=False)
             case 33 | 34:  # stopL, stopJ
-                controller.start_stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
+                controller.moves.stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
                 self._motion(lambda: reference.at_rest, asynchronous=self._input(1) == 1)
             case 45:  # movePath
                 playing = Player(self._path, controller, self._progress)
@@ -241,13 +242,13 @@ class Player:
                 return True
             match self._left.popleft():
                 case Move() as move:
-                    why = controller.start_move(move)
+                    why = controller.moves.start(move)
                     if why:
                         self._left.clear()
                         controller.stop_program(f"runtime exception: {why}")
                         return False
                 case StopMotion() as stop:
-                    controller.start_stop(stop)
+                    controller.moves.stop(stop)
                 case Write(register, value, whole):
                     if whole:
                         controller.output_ints[register] = int(value)

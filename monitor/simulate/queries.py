@@ -30,7 +30,7 @@ def _set_payload(p: "ControlProgram") -> Result:
     mass, *com = _finite("set_payload", p.vector(0, 4))
     controller = p.controller
     if not 0.0 <= mass <= 2.0 * controller.robot.payload_max_kg:
-        raise Impossible(f"set_payload: {mass:g} kg; expected 0 … {controller.robot.payload_max_kg:g}")
+        raise Impossible(f"set_payload: {mass:g} kg; expected 0 … {2.0 * controller.robot.payload_max_kg:g}")
     # a centre of mass at the flange itself means "as before" from 5.0 on, says the script
     before = controller.declared_payload[1:]
     keep = not any(com) and controller.settings.polyscope.major >= 5
@@ -54,12 +54,12 @@ def _set_gravity(p: "ControlProgram") -> Result:
 
 def _pose_within(p: "ControlProgram") -> Result:
     pose = np.array(p.vector())
-    return bool(np.isfinite(pose).all()) and p.controller.inverse(pose) is not None
+    return bool(np.isfinite(pose).all()) and p.controller.moves.inverse(pose) is not None
 
 
 def _joints_within(p: "ControlProgram") -> Result:
     q = np.array(p.vector())
-    return bool(np.isfinite(q).all()) and not p.controller.outside_limits(q)
+    return bool(np.isfinite(q).all()) and not p.controller.limits.outside(q)
 
 
 def _steady(p: "ControlProgram") -> Result:
@@ -68,7 +68,7 @@ def _steady(p: "ControlProgram") -> Result:
 
 def _inverse(p: "ControlProgram", near: Array | None = None) -> Array:
     pose = _finite("get_inverse_kin", p.vector())
-    found = p.controller.inverse(pose, near)
+    found = p.controller.moves.inverse(pose, near)
     if found is None:
         raise Impossible(f"get_inverse_kin: no joint positions for {pose.round(4).tolist()}")
     return found
@@ -108,7 +108,9 @@ def _tcp_offset(p: "ControlProgram") -> Result:
 
 
 def _waypoint(p: "ControlProgram") -> Result:
-    return p.controller.waypoint if p.controller.waypoint is not None else p.controller.kinematics.pose(p.controller.reference.q)
+    return (
+        p.controller.moves.waypoint if p.controller.moves.waypoint is not None else p.controller.kinematics.pose(p.controller.reference.q)
+    )
 
 
 def _pose_trans(p: "ControlProgram") -> Result:

@@ -1,29 +1,14 @@
-"""Reference: what the controller asks of the joints at every servo period: hold, follow servoj, speedj, movej, stop.
-
-How the manufacturer's servoj smooths its targets is not published. Here: the targets are carried on with their speed for a few
-milliseconds, and a critically damped second-order filter follows them, twice as fast as 1/lookahead and faster with more gain.
-"""
+"""Reference: what the controller asks of the joints at every servo period: hold, follow servoj, speedj, movej, stop."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from monitor.model.robot import Robot
 from monitor.recording import Array
 from monitor.simulate.physics import Target
-
-SERVO_MAX_RAD_S2 = 30.0  # the filter never asks for more: twice what an excitation needs, about what the drives can give
-SPEED_CHANGE_MAX_RAD_S2 = 40.0  # faster changes of the targets' speed are jitter of the network
-ACCELERATION_TRUST = 0.5  # share of each newly seen acceleration: two targets of memory
-STREAM_BURST = 8  # targets, or periods of silence, that are still put in order
-FIT_CLEAR_RAD, FIT_BETTER = 1e-3, 0.25  # at low speed every place fits, and a wrong one would confirm itself
-SPACING_PRIOR, SPACING_KEEP = 5.0, 0.98  # the spacing of targets is learnt over some fifty
-SPACING_NOMINAL = 0.15  # and is the one that servoj was told if it is so near
-PHASE_KEEP = 0.9  # a stream's place in time is forgotten in ten targets
-STREAM_GAP_PERIODS = 2.0  # so much longer the motion is carried on when a target is late
-BACK_RAD_S = 20.0  # how briskly: 1 rad/s is braked with 20–30 rad/s²
-STREAM_GAP_BACK_S = 0.1  # and in this time it goes back to the last target if none comes
+from monitor.simulate.servoj import Servoj, Vector
 
 
 class Reference:
@@ -32,9 +17,9 @@ class Reference:
     def __init__(self, robot: Robot, q: Array, tick_s: float) -> None:
         self.q, self.qd, self.qdd = q.copy(), np.zeros_like(q), np.zeros_like(q)
         self._max_speed = robot.max_speed_rad_s
+        self._half = np.full_like(self.q, 0.5)  # array · array takes numpy half as long as array · number at this size
         self._tick_s = tick_s
-        self._advance: Callable[[float], None] | None = None  # None: hold
-        self._waiting: list[Array] = []  # servoj targets not yet taken
+        self._advance: Callable[[float], object] | None = None  # None: hold
         self._then: Callable[[], None] | None = None
         self.mode = "hold"
         self.pace = 1.0  # of the speed slider: moves go so much slower; servoj, speedj and stops do not
@@ -44,13 +29,17 @@ class Reference:
         """Nothing is being asked for but to stand; servoj and speedj count as motion even at zero speed."""
         return self._advance is None
 
+    def steps(self, h: float, n: int) -> list[Target]:
+        """Go on n times by h; the mean over each step, where the servo evaluates it."""
+        return self._servo(h, n) if self.mode == "servo" else [self.step(h) for _ in range(n)]
+
     def step(self, h: float) -> Target:
-        """Go on by h; the mean over the step, where the servo evaluates it."""
+        """Go on by h; the mean over the step."""
         if self._advance is None:
             return Target(self.q, self.qd, self.qdd)
         q, qd = self.q, self.qd
         self._advance(h)
-        return Target(0.5 * (q + self.q), 0.5 * (qd + self.qd), self.qdd)
+        return Target(self._half * (q + self.q), self._half * (qd + self.qd), self.qdd)
 
     def reset(self, q: Array) -> None:
         """Stand at q: after brakes or power-on."""
@@ -121,78 +110,18 @@ class Reference:
 
         self.begin("speed", advance)
 
-    def follow(self, targets: list[Array], time_s: float, lookahead_s: float, gain: float) -> None:
-        """servoj: the targets that arrived in this tick, oldest first, possibly none.
-
-        One call of servoj lasts `time_s`: targets that come faster wait, and the newest counts.
-        """
+    def follow(self, targets: Sequence[Vector], time_s: float, lookahead_s: float, gain: float) -> None:
+        """servoj: the targets (J,) that arrived in this tick, oldest first, possibly none; one call of servoj lasts `time_s`."""
         period = time_s if time_s > 0.0 else self._tick_s
         if self.mode != "servo":
-            self._goal, self._between_qd, self._goal_qdd = self.q.copy(), self.qd.copy(), np.zeros_like(self.q)
-            self._goal_qd, self._age_s, self._first, self._waiting = self.qd.copy(), math.inf, True, []
-            self._heard_s, self._heard = SPACING_PRIOR * period, SPACING_PRIOR
-            self.begin("servo", self._servo)
-        self._carry_s = period * (1.0 + STREAM_GAP_PERIODS)
-        self._rate = 2.0 / lookahead_s * math.sqrt(gain / 500.0)
-        self._waiting = [*self._waiting, *targets][-STREAM_BURST:]
-        if self._waiting and self._age_s > period - 0.75 * self._tick_s:
-            self._take(self._waiting[-1], len(self._waiting), period)
-            self._waiting = []
+            self._stream = Servoj(self.q.tolist(), self.qd.tolist(), period, self._tick_s, self._max_speed.tolist())
+            self.begin("servo", lambda h: self._servo(h, 1))
+        self._stream.tell(targets, period, lookahead_s, gain)
 
-    def _take(self, target: Array, arrived: int, period: float) -> None:
-        """The newest target: its speed from the one before, and its place in time.
-
-        The network makes targets late and bunches them, so their place follows from how many came and how far apart they come
-        on the average; where some were never sent, from where the motion so far expects them.
-        """
-        if self._first:  # has no speed
-            self._between_qd, self._goal_qdd, self._first = np.zeros_like(target), np.zeros_like(target), False
-            self._age_s = 0.0
-        else:
-            if self._age_s < STREAM_BURST * period:  # longer silence is no spacing
-                self._heard_s = SPACING_KEEP * self._heard_s + self._age_s
-                self._heard = SPACING_KEEP * self._heard + arrived
-            spacing = self._heard_s / self._heard
-            spacing = period if abs(spacing / period - 1.0) < SPACING_NOMINAL else spacing
-            late = round(self._age_s / spacing) - arrived
-            count = arrived if late <= 0 else self._fitting(target, spacing, arrived, min(late, STREAM_BURST))
-            between = count * spacing
-            room = SPEED_CHANGE_MAX_RAD_S2 * between
-            change = (target - self._goal) / between - self._between_qd
-            change = np.minimum(np.maximum(change, -room), room)
-            self._between_qd = self._between_qd + change
-            self._goal_qdd = self._goal_qdd + ACCELERATION_TRUST * (change / between - self._goal_qdd)
-            self._goal_qd = self._between_qd + (0.5 * between) * self._goal_qdd
-            self._age_s = min(max(PHASE_KEEP * (self._age_s - between), -period), 2.0 * period)
-        self._goal = target
-
-    def _fitting(self, target: Array, spacing: float, arrived: int, late: int) -> int:
-        """How many places on the newest target is: as many as arrived, unless the motion so far clearly says that some were skipped."""
-
-        def miss(count: int) -> float:
-            t = count * spacing
-            return float(np.linalg.norm(target - self._goal - t * (self._goal_qd + (0.5 * t) * self._goal_qdd)))
-
-        best = min(range(arrived, arrived + late + 1), key=miss)
-        denied = miss(arrived) > FIT_CLEAR_RAD and miss(best) < FIT_BETTER * miss(arrived)
-        return best if denied else arrived
-
-    def _servo(self, h: float) -> None:
-        if self._first:
-            self.glide(self.qd * 0.5, h)  # no target has come yet
-            return
-        self._age_s += h
-        age = min(self._age_s, self._carry_s)
-        goal = self._goal + age * (self._goal_qd + (0.5 * age) * self._goal_qdd)
-        w = self._rate
-        if age == self._age_s:
-            pull = self._goal_qdd + 2.0 * w * (self._goal_qd + age * self._goal_qdd - self.qd) + w * w * (goal - self.q)
-        else:  # no target any more: back to the last one
-            away = max(0.0, 1.0 - (self._age_s - age) / STREAM_GAP_BACK_S)
-            pull = BACK_RAD_S**2 * (self._goal + away * (goal - self._goal) - self.q) - 2.0 * BACK_RAD_S * self.qd
-        qdd = np.minimum(np.maximum(pull, -SERVO_MAX_RAD_S2), SERVO_MAX_RAD_S2)
-        qd = self.qd + h * qdd
-        self.glide(np.minimum(np.maximum(qd, -self._max_speed), self._max_speed), h)
+    def _servo(self, h: float, n: int) -> list[Target]:
+        rows = self._stream.advance(h, n, self.q, self.qd)
+        self.q, self.qd, self.qdd = rows[n]
+        return [Target(*row) for row in rows[:n]]
 
     def put(self, q: Array, qd: Array, qdd: Array) -> None:
         """Where a motion says that it is now, each (J,)."""
@@ -204,7 +133,7 @@ class Reference:
         self.qdd = (qd - self.qd) / h
         self.qd = qd
 
-    def begin(self, mode: str, advance: Callable[[float], None]) -> None:
+    def begin(self, mode: str, advance: Callable[[float], object]) -> None:
         """Another motion: `advance(h)` is called every h until `hold`."""
         self.mode, self._advance, self._then = mode, advance, None
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from monitor.simulate.inputs import Recipe, recipe
+from monitor.simulate.variables import joined
 
 if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
@@ -18,6 +19,7 @@ log = logging.getLogger(__name__)
 
 NAMES_MAX_BYTES = 2048  # of a list of names, as documented
 INPUT_RECIPES_MAX = 255
+DATA_HEAD = struct.Struct(">HBB")  # length, type, recipe
 
 Read = Callable[[], Sequence[float]]
 
@@ -34,6 +36,7 @@ class RtdeSession:
         self._buffer = b""
         self._reads: list[Read] = []
         self._output: Recipe | None = None
+        self._layout, self._size = DATA_HEAD, DATA_HEAD.size  # of the data packet: head, recipe 1, values
         self._every = 1  # ticks per packet
         self._inputs: list[Recipe] = []
         self.started = False
@@ -55,14 +58,17 @@ class RtdeSession:
             replies += self._answer(kind, payload)
         return replies
 
-    def output(self, tick: int) -> bytes | None:
-        """The data packet due in this tick, if any."""
+    def output(self, tick: int, made: dict[tuple[str, ...], bytes]) -> bytes | None:
+        """The data packet due in this tick, if any; `made` holds what other connections have had made of this very tick."""
         if not self.started or self._output is None or tick % self._every:
             return None
-        values: list[float] = []
-        for read in self._reads:
-            values.extend(read())
-        return _packet(85, b"\x01" + self._output.layout.pack(*values))
+        packet = made.get(self._output.names)
+        if packet is None:
+            values: list[float] = [self._size, 85, 1]
+            for read in self._reads:
+                values += read()
+            packet = made[self._output.names] = self._layout.pack(*values)
+        return packet
 
     def close(self) -> None:
         """The connection ended: its inputs are free again."""
@@ -103,7 +109,9 @@ class RtdeSession:
         types = [variables[name].kind if name in variables else "NOT_FOUND" for name in names]
         known = bool(names) and "NOT_FOUND" not in types
         self._output = recipe(names, {name: variables[name].kind for name in names}) if known else None
-        self._reads = [variables[name].read for name in names] if known else []
+        self._reads = joined(variables[name] for name in names) if known else []
+        self._layout = struct.Struct(DATA_HEAD.format + (self._output.layout.format[1:] if self._output is not None else ""))
+        self._size = self._layout.size
         rate_hz = self._controller.settings.arm.rate_hz
         wanted_hz = min(max(frequency_hz, 1.0), rate_hz) if math.isfinite(frequency_hz) else rate_hz
         self._every = int(rate_hz / wanted_hz + 1e-9)

@@ -57,6 +57,11 @@ class SensorFaults:
     noisy: float = 1.0  # factor on the noise of all currents
     offset_rad: Array | None = None  # encoder minus truth
 
+    @property
+    def any(self) -> bool:
+        """Whether anything is wrong that `Sensors` does not see to when it draws its noise."""
+        return bool(self.glitch_c or self.stuck_a) or self.frozen_c is not None or self.offset_rad is not None
+
 
 class Sensors:
     """Reads an arm; deterministic from the seed."""
@@ -67,6 +72,8 @@ class Sensors:
         self._still_a = np.interp(robot.max_torque_nm, *STILL_CURRENT_A)
         self._keep = SLOW_KEEP ** (tick_s / 0.008)
         self._slow = np.zeros(robot.joints)
+        self._one, self._ripple = np.ones(robot.joints), np.full(robot.joints, RIPPLE_PER_RAD_S)  # arrays: numpy is quicker with them
+        self._ripple_max, self._standstill = np.full(robot.joints, RIPPLE_MAX), np.full(robot.joints, STANDSTILL_RAD_S)
         self._block = np.empty((0, 4, robot.joints))
         self._next = 0
         self.faults = SensorFaults()
@@ -77,24 +84,27 @@ class Sensors:
             self._draw()
         noise = self._block[self._next]
         self._next += 1
-        speed = np.abs(arm.qd)
-        seen = np.empty_like(noise)
+        speed, seen = np.abs(arm.qd), np.empty(noise.shape)
         seen[0], seen[1], seen[2], seen[3] = arm.q, arm.qd, arm.measured_torque_nm() / arm.gain_nm_per_a, arm.temperatures.motor_c
-        noise[2] *= 1.0 + np.minimum(RIPPLE_PER_RAD_S * speed, RIPPLE_MAX)
+        noise[2] *= self._one + np.minimum(self._ripple * speed, self._ripple_max)
         seen += noise
         seen *= PER_STEP
         np.rint(seen, out=seen)
         seen *= STEP
-        seen[1] *= speed > STANDSTILL_RAD_S
+        seen[1] *= speed > self._standstill
         measured = Measured(*seen)
-        return self._wrong(measured)
+        return self._wrong(measured) if self.faults.any else measured
 
     def _draw(self) -> None:
         """The next block of noise, (BLOCK, 4, J): on position, speed, current, temperature, in their units."""
         white, push, on_q, on_qd, on_temperature = self._dice.standard_normal((BLOCK, 5, self._joints)).transpose(1, 0, 2)
-        keep, slow = self._keep, np.empty_like(push)
-        for i in range(BLOCK):
-            self._slow = slow[i] = keep * self._slow + (1.0 - keep * keep) ** 0.5 * push[i]
+        keep, slow = self._keep, (1.0 - self._keep**2) ** 0.5 * push
+        slow[0] += keep * self._slow
+        back = 1
+        while back < BLOCK:  # slowᵢ = keep·slowᵢ₋₁ + pushᵢ, by doubling the reach of each sum
+            slow[back:] += keep**back * slow[:-back].copy()
+            back *= 2
+        self._slow = slow[-1].copy()
         on_current = self.faults.noisy * self._still_a * ((1.0 - SLOW_SHARE) ** 0.5 * white + SLOW_SHARE**0.5 * slow)
         noise = (POSITION_NOISE_RAD * on_q, SPEED_NOISE_RAD_S * on_qd, on_current, TEMPERATURE_NOISE_K * on_temperature)
         self._block, self._next = np.stack(noise, axis=1), 0

@@ -13,8 +13,9 @@ from functools import partial
 
 from monitor.errors import BadInput
 from monitor.simulate.commands import LINE_MAX_BYTES, Commands
-from monitor.simulate.controller import Controller, RobotMode
+from monitor.simulate.controller import Controller
 from monitor.simulate.faults import SERVICES, Place
+from monitor.simulate.modes import RobotMode
 from monitor.simulate.ports import DashboardPort, Port, Ports, RtdePort, StatePort
 from monitor.simulate.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORTS, SimulateSettings
 from monitor.simulate.timer import expirations, periodic_timer

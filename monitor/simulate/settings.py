@@ -64,7 +64,8 @@ class SimulateSettings:
         if rates is not None and (len(rates) != robot.joints or not all(0.0 <= rate < math.inf for rate in rates)):
             raise BadInput(f"simulate: wear_per_revolution = {self.wear_per_revolution!r}; expected {robot.joints} numbers, none negative")
         if not 0.0 <= self.payload_kg <= 2.0 * robot.payload_max_kg:
-            raise BadInput(f"simulate: payload_kg = {self.payload_kg:g}; expected 0 … {robot.payload_max_kg:g} for a {self.robot}")
+            most = f"{2.0 * robot.payload_max_kg:g} for a {self.robot}, twice its rated payload"
+            raise BadInput(f"simulate: payload_kg = {self.payload_kg:g}; expected 0 … {most}")
         if not -20.0 <= self.ambient_c <= 60.0:
             raise BadInput(f"simulate: ambient_c = {self.ambient_c:g}; expected −20 … 60 °C")
         if self.protective_runtime not in {"paused", "stopped", "playing"}:

@@ -10,7 +10,8 @@ import numpy as np
 from monitor.errors import BadInput, ReplayAborted
 from monitor.model.fourier import Excitation
 from monitor.recording import Array, Context, Recording
-from monitor.simulate.controller import Controller, SafetyMode
+from monitor.simulate.controller import Controller
+from monitor.simulate.modes import SafetyMode
 from monitor.simulate.variables import target_moment
 
 RATE_HZ = 125.0
@@ -90,7 +91,7 @@ def _rows(controller: Controller, excitation: Excitation) -> Generator[None, Non
     rows = {name: np.empty((N, J)) for name in JOINT_SIGNALS} | {name: np.empty(N) for name in STATUS}
     reference, gain = controller.reference, controller.arm.gain_nm_per_a
     for i in range(N):
-        reference.follow([path.q[i]], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
+        reference.follow([path.q[i].tolist()], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
         for _ in range(ticks):
             controller.step()
         _still_playing(controller)

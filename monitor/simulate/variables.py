@@ -1,6 +1,9 @@
 """Output variables of the RTDE interface: name, type and where the value comes from."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import groupby
+from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -46,6 +49,37 @@ class Variable(NamedTuple):
 
     kind: str
     read: Callable[[], Sequence[float]]
+    never_changes: bool = False
+    register: tuple[list[int] | list[float], int] | None = None  # where it is read from, if it is one
+
+
+def joined(variables: Iterable[Variable]) -> list[Callable[[], Sequence[float]]]:
+    """Readers of these in order: what never changes and neighbouring registers are read together."""
+    readers: list[Callable[[], Sequence[float]]] = []
+    for _, group in groupby(_places(variables), key=lambda place: place[0]):
+        run = [variable for _, variable in group]
+        first = run[0]
+        if len(run) == 1:
+            readers.append(first.read)
+        elif first.register is None:
+            readers.append(_constant(*(value for variable in run for value in variable.read())))
+        else:
+            readers.append(partial(itemgetter(slice(first.register[1], first.register[1] + len(run))), first.register[0]))
+    return readers
+
+
+def _places(variables: Iterable[Variable]) -> Iterator[tuple[object, Variable]]:
+    """Each with what it shares with those that it can be read together with."""
+    for i, variable in enumerate(variables):
+        if variable.register is not None:
+            values, at = variable.register
+            yield (id(values), at - i), variable
+        else:
+            yield ("never changes" if variable.never_changes else i), variable
+
+
+def _constant(*values: float) -> Callable[[], Sequence[float]]:
+    return lambda: values
 
 
 def output_variables(c: "Controller") -> dict[str, Variable]:
@@ -55,14 +89,14 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
     """
     pose = _Poses(c)
 
-    def constant(*values: float) -> Callable[[], Sequence[float]]:
-        return lambda: values
+    def constant(kind: str, *values: float) -> Variable:
+        return Variable(kind, _constant(*values), never_changes=True)
 
     def vector(read: Callable[[], Array]) -> Variable:
         return Variable("VECTOR6D", lambda: read().tolist())
 
-    none6 = Variable("VECTOR6D", constant(*[0.0] * 6))
-    zero = Variable("DOUBLE", constant(0.0))
+    none6 = constant("VECTOR6D", *[0.0] * 6)
+    zero = constant("DOUBLE", 0.0)
     gain = c.arm.gain_nm_per_a
     table = {
         "timestamp": Variable("DOUBLE", lambda: (c.clock_s,)),
@@ -77,11 +111,11 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "actual_current_as_torque": vector(lambda: c.measured.current * gain),
         "joint_control_output": vector(lambda: c.arm.torque_nm / gain),
         "joint_temperatures": vector(lambda: c.measured.temperature_c),
-        "actual_joint_voltage": Variable("VECTOR6D", constant(*[SUPPLY_V] * 6)),
-        "actual_TCP_pose": vector(lambda: pose.actual()[0]),
-        "actual_TCP_speed": vector(lambda: pose.actual()[1]),
-        "target_TCP_pose": vector(lambda: pose.target()[0]),
-        "target_TCP_speed": vector(lambda: pose.target()[1]),
+        "actual_joint_voltage": constant("VECTOR6D", *[SUPPLY_V] * 6),
+        "actual_TCP_pose": Variable("VECTOR6D", lambda: pose.actual()[0]),
+        "actual_TCP_speed": Variable("VECTOR6D", lambda: pose.actual()[1]),
+        "target_TCP_pose": Variable("VECTOR6D", lambda: pose.target()[0]),
+        "target_TCP_speed": Variable("VECTOR6D", lambda: pose.target()[1]),
         "actual_TCP_force": none6,
         "ft_raw_wrench": none6,
         "payload_inertia": none6,
@@ -92,7 +126,7 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "runtime_state": Variable("UINT32", lambda: (int(c.runtime),)),
         "robot_status_bits": Variable("UINT32", lambda: (robot_status_bits(c),)),
         "safety_status_bits": Variable("UINT32", lambda: (safety_status_bits(c),)),
-        "actual_execution_time": Variable("DOUBLE", constant(1e3 * c.tick_s / 4)),
+        "actual_execution_time": constant("DOUBLE", 1e3 * c.tick_s / 4),
         "speed_scaling": Variable("DOUBLE", lambda: (c.speed_fraction,)),
         "target_speed_fraction": Variable("DOUBLE", lambda: (c.speed_fraction,)),
         "actual_momentum": zero,
@@ -100,8 +134,8 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "joint_position_deviation_ratio": zero,
         "collision_detection_ratio": zero,
         "tool_temperature": Variable("DOUBLE", lambda: (c.arm.ambient_c,)),
-        "actual_main_voltage": Variable("DOUBLE", constant(SUPPLY_V)),
-        "actual_robot_voltage": Variable("DOUBLE", constant(SUPPLY_V)),
+        "actual_main_voltage": constant("DOUBLE", SUPPLY_V),
+        "actual_robot_voltage": constant("DOUBLE", SUPPLY_V),
         "actual_robot_current": Variable("DOUBLE", lambda: (supply_current(c),)),
         "actual_tool_accelerometer": Variable("VECTOR3D", lambda: pose.accelerometer().tolist()),
         "payload": Variable("DOUBLE", lambda: c.declared_payload[:1]),
@@ -114,20 +148,24 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "elbow_position": Variable("VECTOR3D", lambda: c.kinematics.elbow(c.measured.q).tolist()),
         "elbow_velocity": Variable("VECTOR3D", lambda: c.kinematics.elbow_speed(c.measured.q, c.measured.qd).tolist()),
         "actual_current_window": Variable("VECTOR6D", (0.1 * c.robot.max_torque_nm / gain).tolist),
-        **{name: Variable(kind, constant(*[0] * (1 if kind != "VECTOR6D" else 6))) for name, kind in NOT_MODELLED.items()},
-        **{f"output_bit_register_{i}": Variable("BOOL", constant(False)) for i in range(128)},
-        **{f"input_bit_register_{i}": Variable("BOOL", constant(False)) for i in range(64)},
+        **{name: constant(kind, *[0] * (1 if kind != "VECTOR6D" else 6)) for name, kind in NOT_MODELLED.items()},
+        **{f"output_bit_register_{i}": constant("BOOL", False) for i in range(128)},
+        **{f"input_bit_register_{i}": constant("BOOL", False) for i in range(64)},
         **{
             name: Variable(kind, lambda name=name: (c.inputs.others.get(name, 0),))  # type: ignore[misc,arg-type]
             for name, kind in INPUT_TYPES.items()
             if name.startswith("input_bit")
         },
     }
+
+    def register(kind: str, values: list[int] | list[float], i: int) -> Variable:
+        return Variable(kind, lambda: (values[i],), register=(values, i))
+
     for i in range(REGISTERS):
-        table[f"output_int_register_{i}"] = Variable("INT32", lambda i=i: (c.output_ints[i],))  # type: ignore[misc]
-        table[f"output_double_register_{i}"] = Variable("DOUBLE", lambda i=i: (c.output_doubles[i],))  # type: ignore[misc]
+        table[f"output_int_register_{i}"] = register("INT32", c.output_ints, i)
+        table[f"output_double_register_{i}"] = register("DOUBLE", c.output_doubles, i)
         for name, source in ((f"input_int_register_{i}", c.inputs.ints), (f"input_double_register_{i}", c.inputs.doubles)):
-            table[name] = Variable(INPUT_TYPES[name], lambda i=i, source=source: (source[i],))  # type: ignore[misc]
+            table[name] = register(INPUT_TYPES[name], source, i)
     return table
 
 
@@ -142,43 +180,44 @@ class Moments:
 
     def __init__(self, model: "pin.Model") -> None:
         self._model, self._data = model, model.createData()
-        self._of: tuple[int, int, int] | None = None
-        self._held: tuple[Array, ...] = ()  # keeps the arrays alive, so that an id is not given twice
+        self._of: tuple[Array, Array, Array] = (np.empty(0),) * 3
         self._moment: Array = np.zeros(model.nv)
 
     def at(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(J,) [N·m]."""
-        of = (id(q), id(qd), id(qdd))
-        if of != self._of:
+        of = self._of
+        if of[0] is not q or of[1] is not qd or of[2] is not qdd:
             self._moment = pin.rnea(self._model, self._data, q, qd, qdd).copy()
-            self._of, self._held = of, (q, qd, qdd)
+            self._of = (q, qd, qdd)
         return self._moment
 
 
 class _Poses:
-    """Pose (m, rotation vector) and speed of the tool in the base's frame, once a tick."""
+    """Pose (m, rotation vector) and speed of the tool in the base's frame, computed once for equal arguments."""
 
     def __init__(self, c: "Controller") -> None:
         self._c = c
-        self._known: dict[str, tuple[int, Array, Array]] = {}
+        nothing: tuple[Array, Array, Array] = (np.empty(0),) * 3
+        self._of = {"actual": nothing, "target": nothing}
+        self._known: dict[str, tuple[list[float], list[float]]] = {}
 
-    def actual(self) -> tuple[Array, Array]:
-        return self._of("actual", self._c.measured.q, self._c.measured.qd)
+    def actual(self) -> tuple[list[float], list[float]]:
+        return self._at("actual", self._c.measured.q, self._c.measured.qd)
 
-    def target(self) -> tuple[Array, Array]:
-        return self._of("target", self._c.reference.q, self._c.reference.qd)
+    def target(self) -> tuple[list[float], list[float]]:
+        return self._at("target", self._c.reference.q, self._c.reference.qd)
 
     def accelerometer(self) -> Array:
         """(3,) of the flange at rest [m/s²]: what holds it against gravity, as a real arm's reads; its own acceleration is not modelled."""
         upwards: Array = -self._c.kinematics.flange(self._c.arm.q).rotation.T @ self._c.arm.mounting.gravity_in_base
         return upwards
 
-    def _of(self, key: str, q: Array, qd: Array) -> tuple[Array, Array]:
-        known = self._known.get(key)
-        if known is None or known[0] != self._c.ticks:
-            pose = self._c.kinematics.pose(q)
-            known = self._known[key] = (self._c.ticks, pose, self._c.kinematics.speed(q, qd))
-        return known[1], known[2]
+    def _at(self, key: str, q: Array, qd: Array) -> tuple[list[float], list[float]]:
+        kinematics, of = self._c.kinematics, self._of[key]
+        if of[0] is not q or of[1] is not qd or of[2] is not kinematics.tool:
+            self._of[key] = (q, qd, kinematics.tool)
+            self._known[key] = kinematics.state(q, qd)
+        return self._known[key]
 
 
 def joint_mode(c: "Controller") -> int:
@@ -198,7 +237,4 @@ def safety_status_bits(c: "Controller") -> int:
 
 def supply_current(c: "Controller") -> float:
     """Of the whole arm at 48 V [A]: electronics, and what the drives turn into motion and heat."""
-    """Of the whole arm at 48 V [A]: electronics, and what the drives turn into motion and heat."""
-    mechanical_w = float(c.arm.torque_nm @ c.arm.qd)
-    copper_w = float(c.arm.thermal.winding_ohm @ (c.arm.torque_nm / c.arm.gain_nm_per_a) ** 2)
-    return ELECTRONICS_A + max(mechanical_w + copper_w, 0.0) / SUPPLY_V
+    return ELECTRONICS_A + max(c.arm.electric_w(), 0.0) / SUPPLY_V

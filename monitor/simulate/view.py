@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from monitor.errors import MonitorError, RobotUnreachable
+from monitor.errors import BadInput, MonitorError, RobotUnreachable
 from monitor.simulate.remote import Remote
 
 PERIOD_S = 0.25
@@ -68,7 +68,7 @@ def watch(host: str, port: int, seconds: float | None = None) -> None:
 def simulate_and_watch(arguments: list[str], host: str, port: int, seconds: float | None = None) -> None:
     """A simulator in a process of its own, shown until Ctrl-C; it ends with the view.
 
-    Raises MonitorError with what the simulator said where it does not start.
+    Raises BadInput where its arguments or ports are wrong, MonitorError where it does not start for another reason, as it said.
     """
     command = [sys.executable, "-m", "monitor.simulate", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -76,7 +76,8 @@ def simulate_and_watch(arguments: list[str], host: str, port: int, seconds: floa
         assert process.stdout is not None
         if not process.stdout.readline():
             said = process.communicate(timeout=START_S)[1].strip()
-            raise MonitorError(said or f"the simulator ended with code {process.returncode}")
+            wrong = BadInput if process.returncode == BadInput.exit_code else MonitorError
+            raise wrong(said or f"the simulator ended with code {process.returncode}")
         watch(host, port, seconds)
     except KeyboardInterrupt:
         pass

@@ -1,13 +1,13 @@
 """What the simulated controller costs: its process's time on a core, idle and with clients, and how fast it is without a wire.
 
-`python -m tests.bench.simulator`; the figures are shares of one core, from the kernel's account of the simulator's process.
+`python -m tests.bench.simulator`; the figures are shares of one core, from the kernel's account of the simulator's process. Physics
+is what `Arm` does (servo loop, motion, heat, wear); all else counts as beyond it: reference, program, sensors, supervision, wire.
 """
 
-import os
+import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -34,39 +34,69 @@ c.servoStop()
 """
 
 
-def core_s(process: subprocess.Popen[str]) -> float:
-    """Seconds of a core that a process has used."""
-    fields = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+METERED = """
+import functools, runpy, signal, sys, time
+from monitor.simulate.physics import Arm
+spent = 0.0
+def metered(method):
+    @functools.wraps(method)
+    def call(*given):
+        global spent
+        began = time.thread_time()
+        try:
+            return method(*given)
+        finally:
+            spent += time.thread_time() - began
+    return call
+for name in ("step", "stand", "settle"):
+    setattr(Arm, name, metered(getattr(Arm, name)))
+signal.signal(signal.SIGUSR1, lambda *_: print(time.monotonic(), time.process_time(), spent, flush=True))
+sys.argv = ["monitor.simulate", *sys.argv[1:]]
+runpy.run_module("monitor.simulate", run_name="__main__")
+"""
 
 
-def share(process: subprocess.Popen[str], seconds: float) -> float:
-    """Of one core, over the next seconds [%]."""
-    before, began = core_s(process), time.monotonic()
-    time.sleep(seconds)
-    return 100.0 * (core_s(process) - before) / (time.monotonic() - began)
+class Metered:
+    """A simulator in a process of its own, whose time is divided into physics and the rest."""
+
+    def __init__(self, robot: str) -> None:
+        command = [sys.executable, "-c", METERED, "--robot", robot, "--bind", ADDRESS]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self._said()
+
+    def _said(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline()
+
+    def _spent(self) -> np.ndarray:
+        self.process.send_signal(signal.SIGUSR1)
+        return np.array([float(word) for word in self._said().split()])
+
+    def share(self, seconds: float) -> tuple[float, float]:
+        """Of one core over the next seconds: physics, and all else [%]."""
+        before = self._spent()
+        time.sleep(seconds)
+        wall, core, physics = self._spent() - before
+        return 100.0 * physics / wall, 100.0 * (core - physics) / wall
 
 
-def on_the_wire(robot: str, hz: float) -> tuple[float, float]:
-    """Idle, and while ur-rtde receives everything and streams servoJ at this rate [% of a core]."""
-    command = [sys.executable, "-m", "monitor.simulate", "--robot", robot, "--bind", ADDRESS]
-    simulator = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    clients = None
+def on_the_wire(robot: str, hz: float) -> tuple[float, float, float]:
+    """Idle; and physics and all else while ur-rtde receives everything and streams servoJ at this rate [% of a core]."""
+    simulator, clients = Metered(robot), None
     try:
-        assert simulator.stdout is not None
-        simulator.stdout.readline()
-        idle = share(simulator, SECONDS)
-        clients = subprocess.Popen([sys.executable, "-c", CLIENTS, ADDRESS, str(hz), str(SECONDS + 3)], stdout=subprocess.PIPE, text=True)
+        idle = sum(simulator.share(SECONDS))
+        clients = subprocess.Popen([sys.executable, "-c", CLIENTS, ADDRESS, str(hz), str(SECONDS + 5)], stdout=subprocess.PIPE, text=True)
         assert clients.stdout is not None
         while "streaming" not in clients.stdout.readline():
             pass
-        return idle, share(simulator, SECONDS)
+        time.sleep(1.0)
+        return idle, *simulator.share(SECONDS)
     finally:
         if clients is not None:
             clients.kill()
             clients.communicate()
-        simulator.terminate()
-        simulator.communicate()
+        simulator.process.terminate()
+        simulator.process.communicate()
 
 
 def stepped(robot: str, *, moving: bool) -> float:
@@ -85,11 +115,11 @@ def stepped(robot: str, *, moving: bool) -> float:
 
 def main() -> None:
     """A line a robot."""
-    print(f"{'robot':<8}{'at rest':>14}{'moving':>14}{'idle':>10}{'receive+control':>18}")
+    print(f"{'robot':<8}{'at rest':>14}{'moving':>14}{'idle':>10}{'receive+control: physics':>28}{'beyond':>10}")
     for robot, hz in (("ur5", 125.0), ("ur5e", 125.0), ("ur5e", 500.0)):
         rest, moving = stepped(robot, moving=False), stepped(robot, moving=True)
-        idle, busy = on_the_wire(robot, hz)
-        print(f"{robot:<8}{rest:>8.0f} × rt{moving:>10.0f} × rt{idle:>8.1f} %{busy:>9.1f} % at {hz:.0f} Hz")
+        idle, physics, beyond = on_the_wire(robot, hz)
+        print(f"{robot:<8}{rest:>8.0f} × rt{moving:>10.0f} × rt{idle:>8.1f} %{physics:>26.1f} %{beyond:>8.1f} % at {hz:.0f} Hz")
 
 
 if __name__ == "__main__":

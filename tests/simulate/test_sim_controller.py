@@ -8,8 +8,9 @@ from test_sim_scripts import CONTROL
 
 from monitor.errors import BadInput
 from monitor.simulate import dashboard
-from monitor.simulate.controller import Controller, RobotMode, Runtime, SafetyMode
+from monitor.simulate.controller import Controller
 from monitor.simulate.inputs import INPUT_TYPES, recipe
+from monitor.simulate.modes import RobotMode, Runtime, SafetyMode
 from monitor.simulate.settings import SimulateSettings
 
 DOUBLES = [f"input_double_register_{i}" for i in range(11)]

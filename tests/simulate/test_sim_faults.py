@@ -13,8 +13,9 @@ from test_sim_wire import DASHBOARD, result_of
 
 from monitor.errors import BadInput
 from monitor.simulate import faults
-from monitor.simulate.controller import Controller, Runtime, SafetyMode
+from monitor.simulate.controller import Controller
 from monitor.simulate.faults import FAULTS, Place, inject, parse
+from monitor.simulate.modes import Runtime, SafetyMode
 from monitor.simulate.settings import SimulateSettings
 
 PORTS = {"rtde": 30004, "dashboard": 29999, "primary": 30001, "secondary": 30002, "realtime": 30003}

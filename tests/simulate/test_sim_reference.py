@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.model.robot import load_robot
-from monitor.simulate.reference import SERVO_MAX_RAD_S2, Reference
+from monitor.simulate.reference import Reference
+from monitor.simulate.servoj import SERVO_MAX_RAD_S2, Servoj
 
 H = 0.002
 ZERO = np.zeros(6)
@@ -130,3 +131,22 @@ def test_a_distant_target_is_approached_within_the_limits():
     assert np.abs(speeds).max() <= load_robot("ur5").max_speed_rad_s[0] + 1e-9
     assert np.abs(np.diff(speeds, axis=0)).max() <= SERVO_MAX_RAD_S2 * H * (1 + 1e-9)
     assert np.allclose(reference.q, 3.0, atol=1e-3)
+
+
+@pytest.mark.parametrize(("age_ticks", "n"), [(0, 1), (0, 4), (1, 4), (3, 2)])
+def test_a_tick_at_once_is_the_tick_step_by_step(age_ticks, n):
+    """The product of matrices and the loop with limits, while no limit is met: the same to rounding (10⁻¹⁰ of radians per second²)."""
+    once, slowly = (Servoj([0.1] * 6, [0.0] * 6, 0.008, 0.008, [3.0] * 6) for _ in range(2))
+    q, qd = np.full(6, 0.1), np.zeros(6)
+    for k in range(4):
+        for stream in (once, slowly):
+            stream.tell([[0.1 + 1e-5 * j * k * k for j in range(6)]], 0.008, 0.03, 500.0)
+        if k < 3:
+            once.advance(0.002, 4, q, qd)
+            *_, (q, qd, _) = np.array(slowly._step_by_step(0.002, 4, q.tolist(), qd.tolist())).reshape(-1, 3, 6)
+    for _ in range(age_ticks):
+        once.advance(0.002, 1, q, qd)
+        slowly._step_by_step(0.002, 1, q.tolist(), qd.tolist())
+    expected = np.array(slowly._step_by_step(0.002, n, q.tolist(), qd.tolist())).reshape(-1, 3, 6)
+    assert np.abs(once.advance(0.002, n, q, qd) - expected).max() < 1e-10
+    assert np.abs(expected[-1, 2]).max() > 1e-3  # it did move

@@ -37,13 +37,13 @@ def test_data_start_pause_and_the_first_packet(session, controller):
     """O, S, U, P: timestamp 1.0 after 125 ticks, robot mode 7."""
     request = bytes.fromhex("0020 4f 405f400000000000") + b"timestamp,robot_mode,"  # ur-rtde ends its lists with a comma
     assert session.feed(request) == bytes.fromhex("0010 4f 01") + b"DOUBLE,INT32"
-    assert session.output(controller.ticks) is None  # not before START
+    assert session.output(controller.ticks, {}) is None  # not before START
     assert session.feed(bytes.fromhex("0003 53")) == bytes.fromhex("0004 53 01")
     for _ in range(125):
         controller.step()
-    assert session.output(controller.ticks) == bytes.fromhex("0010 55 01 3ff0000000000000 00000007")
+    assert session.output(controller.ticks, {}) == bytes.fromhex("0010 55 01 3ff0000000000000 00000007")
     assert session.feed(bytes.fromhex("0003 50")) == bytes.fromhex("0004 50 01")
-    assert session.output(controller.ticks) is None
+    assert session.output(controller.ticks, {}) is None
 
 
 def test_an_unknown_output_is_not_found_and_start_is_refused(session):
@@ -111,7 +111,7 @@ def test_the_rate_is_clamped_and_divides_the_tick(controller):
         session = RtdeSession(controller, 1)
         session.feed(bytes.fromhex("0014 4f") + bytes.fromhex(bits) + b"timestamp")
         session.feed(bytes.fromhex("0003 53"))
-        assert sum(session.output(tick) is not None for tick in range(250)) == 250 // expected
+        assert sum(session.output(tick, {}) is not None for tick in range(250)) == 250 // expected
 
 
 @given(junk=st.binary(max_size=400))

@@ -9,8 +9,9 @@ from test_sim_controller import Pendant
 
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, load_robot, robot_names
-from monitor.simulate.controller import Controller, SafetyMode
+from monitor.simulate.controller import Controller
 from monitor.simulate.launch import announcement, settings_from
+from monitor.simulate.modes import SafetyMode
 from monitor.simulate.scenario import DAY_S, HOUR_S, Event, Scenario, Work, load_scenario, scenario_from_document, scenario_names
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay

@@ -433,6 +433,15 @@ def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
     assert "running" in shown
 
 
+def test_a_view_of_an_address_in_use_says_so(spawn):
+    """One line and exit 2, as without the view."""
+    command = [sys.executable, "-m", "monitor", "simulate", "--bind", spawn().address, "--view"]
+    second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert second.returncode == 2, second.stderr
+    assert "in use" in second.stderr
+    assert len(second.stderr.strip().splitlines()) == 1
+
+
 def _answers(address: str) -> bool:
     try:
         Remote(address).close()
