@@ -28,7 +28,8 @@ end = time.monotonic() + seconds
 while time.monotonic() < end:
     t = c.initPeriod()
     swing = 0.3 * (1 - math.cos(2 * (r.getTimestamp() - begun)))
-    c.servoJ([s + swing for s in start], 0, 0, 1 / hz, 0.03, 500)
+    if not c.servoJ([s + swing for s in start], 0, 0, 1 / hz, 0.03, 500):
+        sys.exit('the control program ended')
     c.waitPeriod(t)
 c.servoStop()
 """
@@ -90,7 +91,10 @@ def on_the_wire(robot: str, hz: float) -> tuple[float, float, float]:
         while "streaming" not in clients.stdout.readline():
             pass
         time.sleep(1.0)
-        return idle, *simulator.share(SECONDS)
+        found = idle, *simulator.share(SECONDS)
+        if clients.poll() is not None:
+            raise SystemExit(f"{robot}: the client ended before the measurement did: this machine is too busy, targets came late")
+        return found
     finally:
         if clients is not None:
             clients.kill()
