@@ -369,6 +369,7 @@ def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> di
     import numpy as np
 
     from monitor.judge.compensation import model_from_document
+    from monitor.judge.document import plain
     from monitor.publish.answers import torque_answer
     from monitor.store import Store
 
@@ -379,7 +380,8 @@ def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> di
         raise BadInput(f"{configuration.state_directory}: no replay has been assessed yet, so there is no model")
     temperatures = [row.get("temperature_c") for row in newest]
     present = None if None in temperatures or not newest else np.array(temperatures)
-    return torque_answer(model_from_document(state.model), configuration.model, present, request)
+    answer: dict[str, Any] = plain(torque_answer(model_from_document(state.model), configuration.model, present, request))
+    return answer
 
 
 @app.command()
