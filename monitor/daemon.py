@@ -23,6 +23,7 @@ from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.compensation import CompensatedModel, model_from_document
 from monitor.judge.document import plain
 from monitor.judge.health import Alert, Health, acknowledge, health_from_document, shelve
+from monitor.judge.predictor import prepared
 from monitor.model.fourier import Excitation
 from monitor.publish.answers import torque_answer
 from monitor.publish.bus import Answer, Bus
@@ -86,6 +87,7 @@ class Daemon:
             self._belief = belief_from_document(state.belief)
             self._health = health_from_document(state.health)
             self._model = model_from_document(state.model)
+            prepared(self._model, self._robot)
         before = {row.id for row in self._store.ledger(states=("started",))}
         waiting = self._store.repair(self._now())
         for row in self._store.ledger(states=("aborted",)):
@@ -202,6 +204,7 @@ class Daemon:
             self._say_event(event)
 
     def _hold(self, outcome: Assessment) -> None:
+        prepared(outcome.model, self._robot)  # here, so that nobody who asks waits for it
         self._belief, self._health, self._model = outcome.belief, outcome.health, outcome.model
         if outcome.identification.temperature_c is not None:
             self.present_temperature_c = outcome.identification.temperature_c
@@ -263,9 +266,10 @@ class Daemon:
     # --- what is asked ---------------------------------------------------------------------------
 
     def _answer_torque(self, request: Any) -> dict[str, Any]:
-        if self._model is None:
+        model = self._model  # one read: a replay may put another in its place meanwhile
+        if model is None:
             raise BadInput("torque: there is no model yet; it comes with the first replay that is assessed")
-        return torque_answer(self._model, self._robot, self.present_temperature_c, request)
+        return torque_answer(model, self._robot, self.present_temperature_c, request)
 
     def _answer_history(self, parameters: Any) -> dict[str, Any]:
         asked = history_question(parameters, self._robot.joints)
@@ -329,10 +333,11 @@ class Daemon:
     def live(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> None:
         """Say predicted against measured torque of the arm's present motion; all (J,)."""
         self.present_temperature_c = temperature_c
-        if self._model is None:
+        model = self._model
+        if model is None:
             return
         gains = np.array(self.configuration.robot.gains_nm_per_a or self._robot.drive_gain_nm_per_a)
-        predicted = self._model.torque(self._robot, q[None], qd[None], qdd[None], temperature_c[None])
+        predicted = model.torque(self._robot, q[None], qd[None], qdd[None], temperature_c[None])
         measured = current * gains
         known = bool(np.all(np.isfinite(measured)))
         self.say_live(
@@ -346,7 +351,7 @@ class Daemon:
                 "measured_nm": measured.tolist() if known else None,
                 "residual_nm": (measured - predicted.torque[0]).tolist() if known else None,
                 "extrapolated": predicted.extrapolated[0].tolist(),
-                "model_revision": self._model.revision,
+                "model_revision": model.revision,
             }
         )
 

@@ -5,13 +5,15 @@ parameters are a regrouped set, no arm of its own: a link may have no mass but a
 So every link gets a point mass at its frame's origin, and the torque of those masses alone is taken off again.
 """
 
+import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.model.friction import smooth_sign
+from monitor.model.friction import SIGN_SPEED_RAD_S, smooth_sign
 from monitor.model.regressor import ROTOR
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
 from monitor.recording import Array
@@ -33,6 +35,16 @@ class TorquePrediction(NamedTuple):
     friction: Array
     std: Array
     extrapolated: np.ndarray  # (N, J) the temperature is outside what was learnt
+
+
+class Sample(NamedTuple):
+    """The same of one sample, as plain numbers: J each."""
+
+    torque: list[float]
+    rigid: list[float]
+    friction: list[float]
+    std: list[float]
+    extrapolated: list[bool]
 
 
 class Predictor:
@@ -59,6 +71,10 @@ class Predictor:
         low, high = model.viscous.range_c.T
         self._range_c = low - model.viscous.margin_k, high + model.viscous.margin_k
         self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
+        per_joint = (self._reference_c, self._level, self._slope, self._floor, *self._var)  # (2, 1, J) each
+        whole = (self._correlation, self._wear_var, self._rest_var, *self._range_c, self._unknown)  # (J,) each
+        figures = [part[k, 0].tolist() for k in (0, 1) for part in per_joint] + [part.tolist() for part in whole]
+        self._figures = list(zip(*figures, strict=True))  # J tuples
 
     def torque(self, q: Array, qd: Array, qdd: Array, temperature_c: Array) -> TorquePrediction:
         """Everything at states q, qd, qdd (N, J) [rad, rad/s, rad/s²] and temperatures (N, J) or (J,), finite and of these shapes."""
@@ -79,16 +95,39 @@ class Predictor:
             outside = np.broadcast_to(outside, q.shape)
         return TorquePrediction(rigid + friction, rigid, friction, np.sqrt(total), outside)
 
+    def sample(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], temperature_c: Sequence[float]) -> Sample:
+        """`torque` of one sample, J finite figures each. The same formulas on plain numbers: a tenth of the time of arrays of six."""
+        rigid = self._rigid.sample(q, qd, qdd)
+        torque, friction, stds, outside = [], [], [], []
+        for rest, v, T, figures in zip(rigid, qd, temperature_c, self._figures, strict=True):
+            rc, lc, sc, fc, c0, c1, c2, rv, lv, sv, fv, v0, v1, v2, correlation, wear_var, rest_var, low, high, unknown = figures
+            s = math.tanh(v / SIGN_SPEED_RAD_S)
+            t = T - rc
+            var_c = max(c0 + (c1 + c2 * t) * t, 0.0) * s * s  # what is unknown is NaN, and stays so
+            rubs = max(lc + sc * t, fc) * s
+            t = T - rv
+            var_v = max(v0 + (v1 + v2 * t) * t, 0.0) * v * v
+            rubs += max(lv + sv * t, fv) * v
+            torque.append(rest + rubs)
+            friction.append(rubs)
+            stds.append(math.sqrt(var_c + var_v + correlation * math.sqrt(var_c * var_v) + rubs * rubs * wear_var + rest_var))
+            outside.append(unknown or not low <= T <= high)
+        return Sample(torque, rigid, friction, stds, outside)
+
 
 class _Rigid:
     """Torque of links and rotors with given standard parameters, by recursive Newton–Euler."""
 
     def __init__(self, robot: Robot, mounting: Mounting, columns: tuple[int, ...], values: Array) -> None:
+        import pinocchio as pin  # 0.2 s: only where torque is asked for
+
         J = robot.joints
+        self._rnea = pin.rnea
         parameters = np.zeros(PER_JOINT * J)
         parameters[list(columns)] = values
         blocks = parameters.reshape(J, PER_JOINT)
         self._rotor = blocks[:, ROTOR]  # (J,)
+        self._rotors = self._rotor.tolist()
         masses = blocks[:, 0]
         more = next(mass for mass in POINT_MASSES_KG if np.all(np.abs(masses + mass) >= LEAST_MASS_KG))
         points = np.zeros((J, INERTIAL))
@@ -98,17 +137,22 @@ class _Rigid:
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(N, J) [N·m]."""
-        import pinocchio as pin
-
         # one call holds the interpreter's lock from its beginning until its result is copied: threads may share the workspace
-        (whole, points), (of_whole, of_points) = (self._with, self._points), self._data
+        rnea, (whole, points), (of_whole, of_points) = self._rnea, (self._with, self._points), self._data
         torque = np.empty_like(q)
         for n in range(len(q)):
             state = q[n], qd[n], qdd[n]
-            torque[n] = pin.rnea(whole, of_whole, *state)
-            torque[n] -= pin.rnea(points, of_points, *state)
+            torque[n] = rnea(whole, of_whole, *state)
+            torque[n] -= rnea(points, of_points, *state)
         torque += qdd * self._rotor
         return torque
+
+    def sample(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> list[float]:
+        """J figures [N·m]."""
+        state = np.array(q, float), np.array(qd, float), np.array(qdd, float)
+        whole = self._rnea(self._with, self._data[0], *state).tolist()
+        points = self._rnea(self._points, self._data[1], *state).tolist()
+        return [all_of_it - point + rotor * a for all_of_it, point, rotor, a in zip(whole, points, self._rotors, qdd, strict=True)]
 
 
 def _arm(robot: Robot, mounting: Mounting, blocks: Array) -> "pinocchio.Model":

@@ -24,11 +24,15 @@ _PARTS = ("torque_nm", "rigid_nm", "friction_nm", "std_nm", "extrapolated", "tem
 
 
 def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | None, request: Mapping[str, Any]) -> dict[str, Any]:
-    """The `torque` query: temperature-corrected joint torque of one sample or of N, as arrays in the shape of the question.
+    """The `torque` query: temperature-corrected joint torque of one sample or of N, as arrays or lists in the shape of the question.
 
     `q`, `qd` [rad, rad/s] are asked for; `qdd` [rad/s²] is 0 where not given, `temperature_c` the present one. Raises
     BadInput saying which argument is wrong, and how.
     """
+    predictor = prepared(model, robot)
+    if (flat := _one_sample(request, temperature_c, robot.joints)) is not None:
+        return {**dict(zip(_PARTS, (*predictor.sample(*flat), flat[3]), strict=True)), "model_revision": model.revision}
+    request = {name: value for name, value in request.items() if value is not None}
     for name in request:
         if name not in RANGES:
             raise BadInput(f"torque: unknown argument {name!r}; known are {', '.join(sorted(RANGES))}")
@@ -45,10 +49,29 @@ def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | 
         raise BadInput("torque: temperature_c is missing, and the arm's present temperatures are not known; give one figure a joint [°C]")
     if not ((state >= _LOW) & (state <= _HIGH)).all():
         raise BadInput(f"torque: {_outside(state)}")
-    predicted = prepared(model, robot).torque(*state)
+    predicted = predictor.torque(*state)
     single = not isinstance(request["q"][0], list)
     parts = (part[0] if single else part for part in (*predicted, state[3]))
     return {**dict(zip(_PARTS, parts, strict=True)), "model_revision": model.revision}
+
+
+def _one_sample(request: Mapping[str, Any], temperature_c: Array | None, joints: int) -> list[list[float]] | None:
+    """q, qd, qdd, temperature where they are plainly one good sample, as nearly always; None where a closer look is due."""
+    told = []
+    for name, (low, high) in RANGES.items():
+        value = request.get(name)
+        if value is None:
+            if name == "qdd":
+                value = [0.0] * joints
+            elif name == "temperature_c" and temperature_c is not None:
+                value = temperature_c.tolist()
+        if not (type(value) is list and len(value) == joints and _NUMBERS.issuperset(map(type, value))):
+            return None
+        for figure in value:
+            if not low <= figure <= high:
+                return None
+        told.append(value)
+    return told if request.keys() <= RANGES.keys() else None
 
 
 def _rows(request: Mapping[str, Any], name: str, joints: int) -> Array:

@@ -157,7 +157,10 @@ def main() -> None:
         torque, empty = alternate(questions(None), arguments.rounds)
         for name, share, asked in (("p50", 50, 1.5), ("p99", 99, 2.0)):
             a, b = (1000.0 * float(np.percentile(times, share)) for times in (torque, empty))
-            print(f"one sample, {name}: torque {a:.3f} ms, empty queryable {b:.3f} ms, ratio {a / b:.2f} (at most {asked} is asked)", flush=True)
+            print(
+                f"one sample, {name}: torque {a:.3f} ms, empty queryable {b:.3f} ms, ratio {a / b:.2f} (at most {asked} is asked)",
+                flush=True,
+            )
         batch, nothing = alternate(questions(1000), 40)
         a, b = (1000.0 * float(np.median(times)) for times in (batch, nothing))
         print(f"1000 samples as JSON, p50: torque {a:.1f} ms, empty queryable {b:.1f} ms (at most 40 ms is asked)", flush=True)
