@@ -30,6 +30,8 @@ ROOT = "joint-monitor/v1"
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
 LONGEST_PARAMETERS = 1000
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
+PATIENCE_US = 500_000  # only who is megabytes behind is waited for, then cut off; it may come back and ask
+_WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _ID = re.compile(r"[a-z0-9_-]+\Z")
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
@@ -99,6 +101,8 @@ def session_config(
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,  # leaves files behind after kill −9
     }
+    if mode != "client":
+        values[_WAIT_BEFORE_CLOSE] = PATIENCE_US  # with one who does not read; Zenoh's 5 s each would be everybody's
     if not wait_for_peer:
         values |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
     for key, value in values.items():
