@@ -100,6 +100,7 @@ def session_config(
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,  # leaves files behind after kill −9
+        "connect/retry": {"period_init_ms": 250, "period_max_ms": 2000, "period_increase_factor": 2},  # back soon after a router's restart
     }
     if mode != "client":
         values[_WAIT_BEFORE_CLOSE] = PATIENCE_US  # with one who does not read; Zenoh's 5 s each would be everybody's
