@@ -24,6 +24,7 @@ from monitor.publish.documents import (
     Health,
     History,
     HistoryRow,
+    Info,
     Model,
     ReplayRequest,
     Request,
@@ -88,6 +89,10 @@ class Client:
     def health(self) -> Health:
         """NE 107 states of arm and joints. Raises BusError where no daemon answers for this robot."""
         return Health.model_validate(self._one("health").document)
+
+    def info(self) -> Info:
+        """Who watches this robot, with what, and since when. Raises BusError where no daemon answers for it."""
+        return Info.model_validate(self._one("info").document)
 
     def model(self) -> Model:
         """The temperature-compensated model. Raises BusError where there is none yet."""

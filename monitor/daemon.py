@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from monitor import __version__
 from monitor.assess import Assessment, Rejected, alert_document, assess
 from monitor.config import Configuration
 from monitor.errors import BadInput, MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.files import read_recording, write_recording
+from monitor.identity import info
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.compensation import CompensatedModel, model_from_document
 from monitor.judge.document import plain
@@ -30,6 +30,7 @@ from monitor.publish.bus import Answer, Bus
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
+from monitor.publish.told import health_told
 from monitor.recording import Array, Context, Recording
 from monitor.store import Event, LedgerRow, Store
 from monitor.timestamps import outside, rfc3339
@@ -55,6 +56,7 @@ class Daemon:
         self._now = now
         self._play = play
         self._robot = configuration.model
+        self._started_at_unix_s = now()
         self._one_at_a_time = threading.Lock()
         self._belief: Belief | None = None
         self._health: Health | None = None
@@ -196,7 +198,10 @@ class Daemon:
             model=outcome.model.as_document(),
             events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
         )
+        known = self._belief.context if self._belief else None
         self._hold(outcome)
+        if known is None or (known.serial, known.firmware) != (outcome.belief.context.serial, outcome.belief.context.firmware):
+            self._say_info()
         for joint in outcome.friction:
             self._say(f"joint/{joint.joint}/friction", "friction", plain(joint))
         self._say_state()
@@ -218,8 +223,11 @@ class Daemon:
 
     def say_health(self) -> None:
         """Overall and per-joint state; also while nothing is known yet."""
-        document = {"state": None, "joints": [], "alerts": []} if self._health is None else self._health.as_document()
-        self._say("health", "health", {**document, "next_replay_due_unix_s": self._next_due_unix_s, "said_at_unix_s": self._now()})
+        self._say(
+            "health",
+            "health",
+            {**health_told(self._health), "next_replay_due_unix_s": self._next_due_unix_s, "said_at_unix_s": self._now()},
+        )
 
     def say_replay(self, document: dict[str, Any]) -> None:
         """What is going to happen to the arm, or has: for the cell's own programs."""
@@ -248,16 +256,12 @@ class Daemon:
     def _say_event(self, event: Event) -> None:
         self.bus.event(_event_document(event), done=lambda: self._store.published(event.seq))
 
+    def _say_info(self) -> None:
+        context = self._belief.context if self._belief else None
+        self._say("info", "info", info(self.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
+
     def _say_everything(self) -> None:
-        configuration = self.configuration
-        info = {
-            "robot": dataclasses.asdict(configuration.robot),
-            "version": __version__,
-            "host": socket.gethostname(),
-            "trajectory_digest": configuration.excitation.digest,
-            "started_at_unix_s": self._now(),
-        }
-        self._say("info", "info", info)
+        self._say_info()
         newest = self._store.friction(limit=self._robot.joints)
         for document in newest:
             self._say(f"joint/{document['joint']}/friction", "friction", {key: value for key, value in document.items() if key != "replay"})

@@ -8,11 +8,13 @@ from pathlib import Path
 import jsonschema
 import pytest
 import zenoh
+from undeclared import undeclared
 
 from monitor.client import Client
 from monitor.config import find_excitation, from_document
 from monitor.daemon import Daemon
 from monitor.errors import BadInput
+from monitor.identity import digest
 from monitor.judge.health import Alert
 from monitor.publish.bus import session_config
 from monitor.publish.documents import KINDS, schema
@@ -87,6 +89,7 @@ def test_everything_that_is_said_and_answered_is_what_its_schema_promises(cell):
     raise_alert(daemon, arm.clock_unix_s)
     import numpy as np
 
+    daemon.say_replay({"state": "announced", "replay": 4, "robot": "ur5", "moves_at_unix_s": arm.clock_unix_s, "duration_s": 10.0})
     daemon.live(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
     asked = {
         "torque": {"q": [0.1] * 6, "qd": [0.5] * 6},
@@ -107,9 +110,43 @@ def test_everything_that_is_said_and_answered_is_what_its_schema_promises(cell):
             kind = str(answer.encoding).removeprefix("application/json;joint-monitor.").removesuffix(".v1")
             document = json.loads(answer.payload.to_bytes())
             jsonschema.validate(document, schema(kind), format_checker=jsonschema.FormatChecker())
-            KINDS[kind].model_validate(document)
+            assert undeclared(KINDS[kind].model_validate(document)) == []
             seen.add(kind)
-    assert seen == {"info", "health", "friction", "alert", "model", "torque", "torque-live", "answer", "history", "events", "error"}
+    told = {"info", "health", "friction", "alert", "model", "replay", "torque", "torque-live", "answer", "history", "events", "error"}
+    assert seen == told
+
+
+def test_a_client_reads_the_health_of_an_arm_with_an_alert(cell):
+    """The alert stands in it whole, and nothing of the judge's running counts does."""
+    daemon, _, arm, endpoint = cell
+    raise_alert(daemon, arm.clock_unix_s)
+    daemon.say_health()
+    with Client(endpoint, "lab", "cell-1") as client:
+        health = client.health()
+    assert [(alert.joint, alert.active) for alert in health.alerts] == [(3, True)]
+    assert health.joints[0].model_dump().keys() == {"joint", "state", "why", "since"}
+
+
+def test_info_says_which_settings_are_in_force_and_since_when(cell):
+    """Serial and firmware of the controller that was heard, boot of the host, versions, and a digest that any setting changes."""
+    daemon, _, arm, endpoint = cell
+    with Client(endpoint, "lab", "cell-1") as client:
+        info = client.info()
+    assert info.started_at.timestamp() == START_UNIX_S
+    assert info.boot_id == Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    assert info.mounting == "ground"
+    assert {"python", "numpy", "ur-rtde", "eclipse-zenoh"} <= info.versions.keys()
+    assert info.firmware == arm.recording.context.firmware
+    configuration = daemon.configuration
+    assert info.configuration_digest == digest(configuration)
+    assert digest(replace(configuration, path=Path("elsewhere.toml"))) == info.configuration_digest
+    for changed in (
+        replace(configuration, bus=replace(configuration.bus, live_rate_hz=7.0)),
+        replace(configuration, robot=replace(configuration.robot, payload_kg=1.0)),
+        replace(configuration, excitation=replace(configuration.excitation, repetitions=7)),
+        replace(configuration, replay=replace(configuration.replay, cell=None)),
+    ):
+        assert digest(changed) != info.configuration_digest
 
 
 def test_an_alert_is_acknowledged_and_shelved_by_name_and_stays_so_through_a_restart(cell, tmp_path):
