@@ -40,7 +40,7 @@ def digest(configuration: Configuration) -> str:
     """16 hexadecimal digits of every setting in force, defaults included; where the file lies and how it is laid out do not count."""
     settings = {field.name: getattr(configuration, field.name) for field in dataclasses.fields(configuration)}
     del settings["path"], settings["excitation"]
-    told = plain(settings) | {"trajectory": configuration.excitation.digest}
+    told = plain(settings) | {"trajectory": configuration.excitation.digest, "repetitions": configuration.excitation.repetitions}
     told["replay"].pop("cell", None)
     told["replay"]["cell"] = configuration.replay.cell.digest if configuration.replay.cell else None
     for name in ("zenoh", "client_zenoh"):  # what is in these files is Zenoh's; where they lie differs from host to host
