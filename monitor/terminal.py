@@ -354,6 +354,14 @@ def print_conditions(title: str, found: list[tuple[str, str, str]]) -> None:
     print(f"the arm may not move: {', '.join(failed)}" if failed else "the arm may move")  # noqa: T201
 
 
+def print_bus(found: list[dict[str, Any]]) -> None:
+    """How far one gets on the bus, and what to do where it is not far enough."""
+    console = Console(width=None if sys.stdout.isatty() else 140, highlight=False)
+    for row in found:
+        word = "[green]ok[/]" if row["cause"] == "reached" else f"[bold yellow]{row['cause']}[/]"
+        console.print(f"bus, {row['who']} at {escape(row['endpoint'])}: {word}: {escape(row['told'])}")
+
+
 def print_assessment(document: dict[str, Any]) -> None:
     """A series of recordings, judged: what is believed now, and every alert with its reasons."""
     console = Console()
