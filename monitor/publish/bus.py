@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import orjson
@@ -89,8 +90,9 @@ def session_config(
 ) -> zenoh.Config:
     """Zenoh's configuration without scouting: we speak only to the endpoints that we were told.
 
-    zenoh_file : path of a JSON5 configuration for all else (TLS, authentication, access control), or nothing; `${CREDENTIALS_DIRECTORY}`
-    in it is where the service manager put the secrets. Raises BadInput where it cannot be read or is no Zenoh configuration.
+    zenoh_file : path of a JSON5 configuration for all else (TLS, authentication, access control), or nothing;
+    `${CREDENTIALS_DIRECTORY}` in it is where the service manager put the secrets, `${CREDENTIAL:name}` one of them.
+    Raises BadInput where it cannot be read or is no Zenoh configuration.
     """
     config = _from_file(zenoh_file) if zenoh_file else zenoh.Config()
     values: dict[str, Any] = {
@@ -111,17 +113,30 @@ def session_config(
     return config
 
 
+def _with_credentials(path: str, text: str) -> str:
+    """`${CREDENTIALS_DIRECTORY}` as the folder that the service manager made, `${CREDENTIAL:name}` as what one of its files holds."""
+    if "${CREDENTIAL" not in text:
+        return text
+    folder = os.environ.get("CREDENTIALS_DIRECTORY")
+    if not folder:
+        raise BadInput(f"{path}: asks for $CREDENTIALS_DIRECTORY, which the service manager sets (LoadCredential=); it is not set here")
+
+    def secret(match: re.Match[str]) -> str:
+        try:
+            return json.dumps((Path(folder) / match.group(1)).read_text("utf-8").rstrip("\n"))[1:-1]
+        except (OSError, UnicodeDecodeError):
+            raise BadInput(f"{path}: the credential {match.group(1)!r} cannot be read below $CREDENTIALS_DIRECTORY") from None
+
+    return re.sub(r"\$\{CREDENTIAL:([\w.-]+)\}", secret, text.replace("${CREDENTIALS_DIRECTORY}", folder))
+
+
 def _from_file(path: str) -> zenoh.Config:
     try:
         with open(path, encoding="utf-8") as file:
             text = file.read()
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path}: cannot be read: {error}") from None
-    if "${CREDENTIALS_DIRECTORY}" in text:
-        credentials = os.environ.get("CREDENTIALS_DIRECTORY")
-        if not credentials:
-            raise BadInput(f"{path}: asks for $CREDENTIALS_DIRECTORY, which the service manager sets (LoadCredential=); it is not set here")
-        text = text.replace("${CREDENTIALS_DIRECTORY}", credentials)
+    text = _with_credentials(path, text)
     try:
         return zenoh.Config.from_json5(text)
     except zenoh.ZError as error:
