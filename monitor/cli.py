@@ -391,16 +391,16 @@ def watch(
     as_json: JsonOption = False,
 ) -> None:
     """Follow what the daemon says: last values first, then live, until Ctrl-C."""
-    from monitor.terminal import told
+    from monitor.terminal_watch import Teller
 
-    configuration = _load(config)
+    configuration, teller = _load(config), Teller()
     with _client(configuration) as client:
         try:
             for message in client.watch(keys):
                 if as_json:
                     typer.echo(json.dumps({"key": message.key, "document": message.document}, ensure_ascii=False))
                 else:
-                    typer.echo(told(message.key, message.document))
+                    teller.tell(message.key, message.document)
         except KeyboardInterrupt:
             return
 

@@ -167,7 +167,7 @@ class Client:
             if log is not None:
                 log.begin(with_last=with_last)
             if with_last:
-                yield from self.get(selector)
+                yield from self._last(selector)
             while not until():
                 try:
                     message = arrived.get(timeout=0.2)  # in slices, so that Ctrl-C and `until` are heard
@@ -185,9 +185,13 @@ class Client:
             subscriber.undeclare()
             alive.undeclare()
 
+    def _last(self, selector: str) -> list[Message]:
+        """Last values; `event` is a log and has none: what is answered there is a page of it."""
+        return [message for message in self.get(selector) if message.key != "event"]
+
     def _again(self, selector: str) -> list[Message]:
         try:
-            return self.get(selector)
+            return self._last(selector)
         except BusError:  # gone again: its return will be told as well
             return []
 

@@ -280,6 +280,20 @@ def test_a_watcher_that_was_away_is_told_what_it_missed_once_and_in_order(cell, 
     assert seen == [first + 1, first + 2, first + 3, first + 4]
 
 
+def test_a_watcher_of_event_alone_is_told_transitions_and_nothing_else(cell):
+    """The answer to a question about the log is no transition."""
+    daemon, _, arm, endpoint = cell
+    raise_alert(daemon, arm.clock_unix_s)
+    with Client(endpoint, "lab", "cell-1") as client:
+        watch = client.watch("event")
+        later = threading.Timer(0.5, raise_alert, (daemon, arm.clock_unix_s, 5))
+        later.start()
+        message = next(watch)
+        watch.close()
+        later.join()
+    assert (message.document["joint"], message.document["kind"]) == (5, "raised")
+
+
 def _document(daemon: Daemon, joint: int) -> dict:
     from monitor.assess import alert_document
 
