@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-import zenoh
 
 from monitor.assess import Assessment, Rejected, alert_document, assess
 from monitor.config import Configuration
@@ -26,7 +25,7 @@ from monitor.judge.health import Alert, Health, acknowledge, health_from_documen
 from monitor.judge.predictor import prepared
 from monitor.model.fourier import Excitation
 from monitor.publish.answers import torque_answer
-from monitor.publish.bus import Answer, Bus
+from monitor.publish.bus import Answer, Bus, log_refusals
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
@@ -381,8 +380,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     from monitor.acquire.listen import Listener, ListenSettings
     from monitor.motion import move
 
-    # whom Zenoh did not let in is told in the journal
-    zenoh.init_log_from_env_or("warn,zenoh::net::routing::interceptor=info")
+    log_refusals()
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(configuration.state_directory))
 

@@ -10,6 +10,7 @@ import logging
 import os
 import queue
 import re
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -141,6 +142,23 @@ def _from_file(path: str) -> zenoh.Config:
         return zenoh.Config.from_json5(text)
     except zenoh.ZError as error:
         raise BadInput(f"{path}: is no Zenoh configuration: {str(error).split(' at /')[0]}") from None
+
+
+# who connects and by which name, whom access control does not know, whose certificate or password is wrong; of the rest only warnings
+_TOLD_BY_ZENOH = (
+    "warn,zenoh::net::routing::hat::peer=error,zenoh::net::routing::interceptor=info,zenoh_link_tls=debug,"
+    "zenoh_transport::unicast::establishment::accept=debug"
+)
+
+
+def log_refusals() -> None:
+    """Let Zenoh say on standard output, from where the journal takes it, who was let in and who was not; RUST_LOG says otherwise.
+
+    Once in a process, before its first session.
+    """
+    if not sys.stdout.isatty():
+        os.environ.setdefault("NO_COLOR", "1")
+    zenoh.init_log_from_env_or(_TOLD_BY_ZENOH)
 
 
 @cache
