@@ -369,6 +369,7 @@ def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> di
     import numpy as np
 
     from monitor.judge.compensation import model_from_document
+    from monitor.judge.document import plain
     from monitor.publish.answers import torque_answer
     from monitor.store import Store
 
@@ -379,7 +380,8 @@ def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> di
         raise BadInput(f"{configuration.state_directory}: no replay has been assessed yet, so there is no model")
     temperatures = [row.get("temperature_c") for row in newest]
     present = None if None in temperatures or not newest else np.array(temperatures)
-    return torque_answer(model_from_document(state.model), configuration.model, present, request)
+    answer: dict[str, Any] = plain(torque_answer(model_from_document(state.model), configuration.model, present, request))
+    return answer
 
 
 @app.command()
@@ -389,16 +391,16 @@ def watch(
     as_json: JsonOption = False,
 ) -> None:
     """Follow what the daemon says: last values first, then live, until Ctrl-C."""
-    from monitor.terminal import told
+    from monitor.terminal_watch import Teller
 
-    configuration = _load(config)
+    configuration, teller = _load(config), Teller()
     with _client(configuration) as client:
         try:
             for message in client.watch(keys):
                 if as_json:
                     typer.echo(json.dumps({"key": message.key, "document": message.document}, ensure_ascii=False))
                 else:
-                    typer.echo(told(message.key, message.document))
+                    teller.tell(message.key, message.document)
         except KeyboardInterrupt:
             return
 

@@ -24,6 +24,7 @@ from monitor.publish.documents import (
     Health,
     History,
     HistoryRow,
+    Info,
     Model,
     ReplayRequest,
     Request,
@@ -88,6 +89,10 @@ class Client:
     def health(self) -> Health:
         """NE 107 states of arm and joints. Raises BusError where no daemon answers for this robot."""
         return Health.model_validate(self._one("health").document)
+
+    def info(self) -> Info:
+        """Who watches this robot, with what, and since when. Raises BusError where no daemon answers for it."""
+        return Info.model_validate(self._one("info").document)
 
     def model(self) -> Model:
         """The temperature-compensated model. Raises BusError where there is none yet."""
@@ -162,7 +167,7 @@ class Client:
             if log is not None:
                 log.begin(with_last=with_last)
             if with_last:
-                yield from self.get(selector)
+                yield from self._last(selector)
             while not until():
                 try:
                     message = arrived.get(timeout=0.2)  # in slices, so that Ctrl-C and `until` are heard
@@ -180,9 +185,13 @@ class Client:
             subscriber.undeclare()
             alive.undeclare()
 
+    def _last(self, selector: str) -> list[Message]:
+        """Last values; `event` is a log and has none: what is answered there is a page of it."""
+        return [message for message in self.get(selector) if message.key != "event"]
+
     def _again(self, selector: str) -> list[Message]:
         try:
-            return self.get(selector)
+            return self._last(selector)
         except BusError:  # gone again: its return will be told as well
             return []
 

@@ -36,13 +36,15 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     with _asking(configuration) as ask:
         found = look(configuration, ask=ask)
     may = all(condition.holds for condition in found)
+    bus = _reached(configuration)
     if as_json:
         told = [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.told} for each in found]
-        _print_json({"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "conditions": told})
+        _print_json({"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "conditions": told, "bus": bus})
     else:
-        from monitor.terminal import print_conditions
+        from monitor.terminal import print_bus, print_conditions
 
         print_conditions(f"{configuration.robot.id} at {configuration.robot.host}", [(each.name, each.word, each.told) for each in found])
+        print_bus(bus)
     if not may:
         raise typer.Exit(EXIT_NOT_NOW)
 
@@ -162,6 +164,16 @@ def allow(
         typer.echo(f"{configuration.robot.id}: {stop['at']}  {stop['told']}")
     if waiting:
         typer.echo(f"allowed by {by.strip()}: {why.strip()}")
+
+
+def _reached(configuration: "Configuration") -> list[dict[str, Any]]:
+    """How far daemon and commands get on the bus; the daemon's own way where it connects to a router."""
+    from monitor.publish.reach import reach
+
+    bus, prefix = configuration.bus, configuration.key_prefix
+    found = [reach(endpoint, prefix, who="daemon", zenoh_file=bus.zenoh, answers=False) for endpoint in bus.connect]
+    found.append(reach((bus.connect or bus.listen)[0], prefix, who="commands", zenoh_file=bus.client_zenoh))
+    return [{"who": each.who, "endpoint": each.endpoint, "cause": each.cause, "told": each.told} for each in found]
 
 
 @contextmanager

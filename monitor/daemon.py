@@ -12,28 +12,31 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-import zenoh
 
-from monitor import __version__
 from monitor.assess import Assessment, Rejected, alert_document, assess
 from monitor.config import Configuration
 from monitor.errors import BadInput, MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.files import read_recording, write_recording
+from monitor.identity import info
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.compensation import CompensatedModel, model_from_document
 from monitor.judge.document import plain
 from monitor.judge.health import Alert, Health, acknowledge, health_from_document, shelve
 from monitor.model.fourier import Excitation
 from monitor.publish.answers import torque_answer
-from monitor.publish.bus import Answer, Bus
+from monitor.publish.bus import Answer, Bus, log_refusals
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
+from monitor.publish.live import LiveTorque
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
+from monitor.publish.told import health_told
 from monitor.recording import Array, Context, Recording
 from monitor.store import Event, LedgerRow, Store
 from monitor.timestamps import outside, rfc3339
 
 log = logging.getLogger(__name__)
+
+LONGEST_PAUSE_S = 0.5  # the main loop's: the link to the arm is looked at so often, however seldom its torque is told
 
 Play = Callable[[Excitation, Context, Callable[[], bool]], Recording]
 """How a replay is had: excitation, context, should_stop → Recording. Raises MotionRefused, RobotUnreachable, ReplayAborted."""
@@ -54,10 +57,12 @@ class Daemon:
         self._now = now
         self._play = play
         self._robot = configuration.model
+        self._started_at_unix_s = now()
         self._one_at_a_time = threading.Lock()
         self._belief: Belief | None = None
         self._health: Health | None = None
         self._model: CompensatedModel | None = None
+        self._live: LiveTorque | None = None
         self._next_due_unix_s: float | None = None
         self._judging = threading.Lock()  # health changes by a replay's verdict and by people's words, and by one at a time
         self.wanted: Callable[[], None] | None = None  # how a replay that somebody asks for is scheduled
@@ -86,6 +91,7 @@ class Daemon:
             self._belief = belief_from_document(state.belief)
             self._health = health_from_document(state.health)
             self._model = model_from_document(state.model)
+            self._live = LiveTorque(self._model, self._robot, self._gains, self._last_recording())
         before = {row.id for row in self._store.ledger(states=("started",))}
         waiting = self._store.repair(self._now())
         for row in self._store.ledger(states=("aborted",)):
@@ -164,7 +170,6 @@ class Daemon:
 
     def _assess_alone(self, ledger_id: int, recording: Recording) -> None:
         configuration = self.configuration
-        gains = configuration.robot.gains_nm_per_a
         try:
             outcome = assess(
                 recording,
@@ -172,7 +177,7 @@ class Daemon:
                 mounting=configuration.mounting,
                 belief=self._belief,
                 health=self._health,
-                gains=np.array(gains) if gains else None,
+                gains=self._gains,
                 settings=configuration.assess,
             )
         except BadInput as error:
@@ -194,15 +199,33 @@ class Daemon:
             model=outcome.model.as_document(),
             events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
         )
-        self._hold(outcome)
+        known = self._belief.context if self._belief else None
+        self._hold(outcome, recording)
+        if known is None or (known.serial, known.firmware) != (outcome.belief.context.serial, outcome.belief.context.firmware):
+            self._say_info()
         for joint in outcome.friction:
             self._say(f"joint/{joint.joint}/friction", "friction", plain(joint))
         self._say_state()
         for event in events:
             self._say_event(event)
 
-    def _hold(self, outcome: Assessment) -> None:
-        self._belief, self._health, self._model = outcome.belief, outcome.health, outcome.model
+    def _last_recording(self) -> Recording | None:
+        """Of the last replay that was assessed; None where it is kept no longer."""
+        assessed = self._store.ledger(states=("assessed",), limit=1)
+        try:
+            return read_recording(self._store.recording_path(assessed[0].id)) if assessed else None
+        except BadInput as error:
+            log.warning("live torque: its noise is not known until the next replay: %s", error)
+            return None
+
+    @property
+    def _gains(self) -> Array | None:
+        gains = self.configuration.robot.gains_nm_per_a
+        return np.array(gains) if gains else None
+
+    def _hold(self, outcome: Assessment, recording: Recording) -> None:
+        live = LiveTorque(outcome.model, self._robot, self._gains, recording)  # prepares the model too: nobody who asks waits for it
+        self._belief, self._health, self._model, self._live = outcome.belief, outcome.health, outcome.model, live
         if outcome.identification.temperature_c is not None:
             self.present_temperature_c = outcome.identification.temperature_c
 
@@ -215,8 +238,11 @@ class Daemon:
 
     def say_health(self) -> None:
         """Overall and per-joint state; also while nothing is known yet."""
-        document = {"state": None, "joints": [], "alerts": []} if self._health is None else self._health.as_document()
-        self._say("health", "health", {**document, "next_replay_due_unix_s": self._next_due_unix_s, "said_at_unix_s": self._now()})
+        self._say(
+            "health",
+            "health",
+            {**health_told(self._health), "next_replay_due_unix_s": self._next_due_unix_s, "said_at_unix_s": self._now()},
+        )
 
     def say_replay(self, document: dict[str, Any]) -> None:
         """What is going to happen to the arm, or has: for the cell's own programs."""
@@ -245,16 +271,12 @@ class Daemon:
     def _say_event(self, event: Event) -> None:
         self.bus.event(_event_document(event), done=lambda: self._store.published(event.seq))
 
+    def _say_info(self) -> None:
+        context = self._belief.context if self._belief else None
+        self._say("info", "info", info(self.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
+
     def _say_everything(self) -> None:
-        configuration = self.configuration
-        info = {
-            "robot": dataclasses.asdict(configuration.robot),
-            "version": __version__,
-            "host": socket.gethostname(),
-            "trajectory_digest": configuration.excitation.digest,
-            "started_at_unix_s": self._now(),
-        }
-        self._say("info", "info", info)
+        self._say_info()
         newest = self._store.friction(limit=self._robot.joints)
         for document in newest:
             self._say(f"joint/{document['joint']}/friction", "friction", {key: value for key, value in document.items() if key != "replay"})
@@ -263,9 +285,10 @@ class Daemon:
     # --- what is asked ---------------------------------------------------------------------------
 
     def _answer_torque(self, request: Any) -> dict[str, Any]:
-        if self._model is None:
+        model = self._model  # one read: a replay may put another in its place meanwhile
+        if model is None:
             raise BadInput("torque: there is no model yet; it comes with the first replay that is assessed")
-        return torque_answer(self._model, self._robot, self.present_temperature_c, request)
+        return torque_answer(model, self._robot, self.present_temperature_c, request)
 
     def _answer_history(self, parameters: Any) -> dict[str, Any]:
         asked = history_question(parameters, self._robot.joints)
@@ -329,26 +352,8 @@ class Daemon:
     def live(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> None:
         """Say predicted against measured torque of the arm's present motion; all (J,)."""
         self.present_temperature_c = temperature_c
-        if self._model is None:
-            return
-        gains = np.array(self.configuration.robot.gains_nm_per_a or self._robot.drive_gain_nm_per_a)
-        predicted = self._model.torque(self._robot, q[None], qd[None], qdd[None], temperature_c[None])
-        measured = current * gains
-        known = bool(np.all(np.isfinite(measured)))
-        self.say_live(
-            {
-                "at": rfc3339(self._now()),
-                "q_rad": q.tolist(),
-                "qd_rad_s": qd.tolist(),
-                "temperature_c": temperature_c.tolist(),
-                "predicted_nm": predicted.torque[0].tolist(),
-                "std_nm": predicted.std[0].tolist(),
-                "measured_nm": measured.tolist() if known else None,
-                "residual_nm": (measured - predicted.torque[0]).tolist() if known else None,
-                "extrapolated": predicted.extrapolated[0].tolist(),
-                "model_revision": self._model.revision,
-            }
-        )
+        if self._live is not None:
+            self.say_live({"at": rfc3339(self._now()), **self._live.document(q, qd, qdd, current, temperature_c)})
 
 
 def _event_document(event: Event) -> dict[str, Any]:
@@ -372,8 +377,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     from monitor.acquire.listen import Listener, ListenSettings
     from monitor.motion import move
 
-    # whom Zenoh did not let in is told in the journal
-    zenoh.init_log_from_env_or("warn,zenoh::net::routing::interceptor=info")
+    log_refusals()
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(configuration.state_directory))
 
@@ -453,9 +457,12 @@ def _listen(daemon: Daemon, listener: Any) -> None:
     """Main loop: live predictions from what is heard; one line when the arm is lost, one when it is back."""
     said_health = time.monotonic()
     trouble: str | None = None
-    while not daemon.stopping.wait(0.5 / daemon.configuration.bus.live_rate_hz):
+    period_s = 1.0 / daemon.configuration.bus.live_rate_hz
+    live_due = said_health
+    while not daemon.stopping.wait(min(0.5 * period_s, LONGEST_PAUSE_S)):
         fresh = listener.poll()
-        if fresh:
+        if fresh and (now := time.monotonic()) >= live_due - 0.25 * period_s:  # a row may come a little early, and is not left out for it
+            live_due = max(live_due + period_s, now)
             state = fresh[-1]
             daemon.live(state.q, state.qd, state.target_qdd, state.current, state.temperature_c)
         daemon.bus.robot_alive(listener.reachable)

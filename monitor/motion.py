@@ -25,6 +25,7 @@ from monitor.model.fourier import Excitation
 from monitor.publish.permit import Answer
 from monitor.recording import Context, Recording
 from monitor.store import Store
+from monitor.timestamps import outside
 
 log = logging.getLogger(__name__)
 
@@ -104,7 +105,9 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
 
 def _permit(ask: AskAnswer) -> Ask:
     def asking(about: Mapping[str, Any], timeout_s: float) -> Permit | None:
-        answer = ask(about, timeout_s)
+        told = outside(dict(about))
+        assert isinstance(told, dict)
+        answer = ask(told, timeout_s)
         return None if answer is None else Permit(answer.allowed, answer.told)
 
     return asking

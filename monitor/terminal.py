@@ -1,6 +1,5 @@
 """What people see on a terminal: tables, progress, one line a message. Progress goes to standard error, results to standard output."""
 
-import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,14 +11,14 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRe
 from rich.table import Table
 from rich.text import Text
 
-_STATE_STYLE = {
+STATE_STYLE = {
     "NORMAL": "green",
     "CHECK_FUNCTION": "yellow",
     "OFF_SPEC": "yellow",
     "MAINTENANCE_REQUIRED": "bold magenta",
     "FAILURE": "bold red",
 }
-_TIER_STYLE = {"advisory": "yellow", "wear": "bold magenta", "limit": "bold red", "cleared": "green"}
+TIER_STYLE = {"advisory": "yellow", "wear": "bold magenta", "limit": "bold red", "cleared": "green"}
 
 
 @contextmanager
@@ -62,28 +61,6 @@ def search_progress(title: str, budget: int) -> Iterator[Callable[[int, float], 
         yield show
 
 
-def told(key: str, document: dict[str, Any]) -> str:
-    """One line for one document of the bus."""
-    if key == "health":
-        joints = " ".join(f"J{joint['joint']}:{joint['state']}" for joint in document.get("joints", []))
-        return f"health  {document.get('state') or 'UNKNOWN: no replay has been assessed yet'}  {joints}"
-    if key.startswith("alert/"):
-        return f"{key}  {'ACTIVE' if document.get('active') else 'cleared'}  {document.get('text', '')}"
-    if key == "event":
-        return f"event {document.get('seq')}  {document.get('kind')}  {document.get('text', '')}"
-    if key.endswith("/friction"):
-        return f"{key}  {_friction_line(document)}"
-    text = json.dumps(document, ensure_ascii=False)
-    return f"{key}  {text if len(text) <= 160 else text[:159] + '…'}"
-
-
-def _friction_line(document: dict[str, Any]) -> str:
-    return (
-        f"fc {document['coulomb_nm']:.2f} Nm  fv {document['viscous_nm_s_per_rad']:.2f} Nm·s/rad  "
-        f"at {_number(document.get('temperature_c'), '.1f')} °C  wear {100 * document['wear']:+.1f} ± {100 * document['wear_std']:.1f} %"
-    )
-
-
 def _number(value: float | None, form: str) -> str:
     return "–" if value is None else format(value, form)
 
@@ -104,7 +81,7 @@ def print_alerts(alerts: list[dict[str, Any]]) -> None:
     for alert in alerts:
         place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
         state = alert["tier"] if alert["active"] else "cleared"
-        console.print(f"[bold]{place}/{alert['condition']}[/] [{_TIER_STYLE.get(state, 'white')}]{state}[/] since {alert['raised_at']}")
+        console.print(f"[bold]{place}/{alert['condition']}[/] [{TIER_STYLE.get(state, 'white')}]{state}[/] since {alert['raised_at']}")
         console.print(f"  {alert['text']}")
         console.print(f"  do: {alert['action']}")
         if alert["acknowledged_at"]:
@@ -130,7 +107,7 @@ def print_status(document: dict[str, Any]) -> None:
             state = states.get(row["joint"], "")
             table.add_row(
                 str(row["joint"]),
-                f"[{_STATE_STYLE.get(state, 'white')}]{state}",
+                f"[{STATE_STYLE.get(state, 'white')}]{state}",
                 _number(row.get("temperature_c"), ".1f"),
                 f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
                 f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",
@@ -352,6 +329,14 @@ def print_conditions(title: str, found: list[tuple[str, str, str]]) -> None:
     Console(width=None if sys.stdout.isatty() else 140).print(table)
     failed = [name for name, word, _ in found if word == "NO"]
     print(f"the arm may not move: {', '.join(failed)}" if failed else "the arm may move")  # noqa: T201
+
+
+def print_bus(found: list[dict[str, Any]]) -> None:
+    """How far one gets on the bus, and what to do where it is not far enough."""
+    console = Console(width=None if sys.stdout.isatty() else 140, highlight=False)
+    for row in found:
+        word = "[green]ok[/]" if row["cause"] == "reached" else f"[bold yellow]{row['cause']}[/]"
+        console.print(f"bus, {row['who']} at {escape(row['endpoint'])}: {word}: {escape(row['told'])}")
 
 
 def print_assessment(document: dict[str, Any]) -> None:

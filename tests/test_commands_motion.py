@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+import zenoh
 from typer.testing import CliRunner
 
 from monitor.cli import app
@@ -82,6 +83,18 @@ def test_check_looks_and_neither_uploads_nor_moves_anything(remote, config):
     assert after["scripts_started"] == before["scripts_started"]
     assert after["q"] == pytest.approx(before["q"], abs=1e-5)  # rad: an arm held by friction does not creep
     assert len(after["stops"]) == len(before["stops"])
+
+
+def test_check_says_how_far_one_gets_on_the_bus(remote, config, free_port):
+    """Nobody there is no obstacle to a motion, and is said with what to do; a router without a daemon is another thing."""
+    path = config()
+    done = run("check", "--config", path)
+    assert done.returncode == 0
+    assert f"bus, commands at tcp/127.0.0.1:{free_port}: nobody: nobody listens there" in " ".join(done.stdout.split())
+    router = zenoh.open(session_config(mode="router", listen=(f"tcp/127.0.0.1:{free_port}",)))
+    with router:
+        found = json.loads(CliRunner().invoke(app, ["check", "--config", str(path), "--json"]).stdout)["bus"]
+    assert [(row["who"], row["cause"]) for row in found] == [("commands", "nothing_said")]
 
 
 @pytest.mark.parametrize(

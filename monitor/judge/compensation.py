@@ -4,7 +4,7 @@ torque = Y·p (rigid and rotor) + [fc(T)·s(q̇) + fv(T)·q̇]·e^w, with wear w
 """
 
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,21 +12,11 @@ from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief
 from monitor.judge.document import array, entry, plain
+from monitor.judge.predictor import TorquePrediction, prepared
 from monitor.judge.temperature import Line, Valued, line_from_document
-from monitor.model.friction import smooth_sign
-from monitor.model.regressor import friction_columns, regressor
+from monitor.model.regressor import friction_columns
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
-
-
-class TorquePrediction(NamedTuple):
-    """Joint torque and what it is made of, (N, J) each [N·m]; `std` is NaN where a joint's friction was never identified."""
-
-    torque: Array
-    rigid: Array
-    friction: Array
-    std: Array
-    extrapolated: np.ndarray  # (N, J) the temperature is outside what was learnt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,8 +55,7 @@ class CompensatedModel:
         q, qd, qdd : (N, J) or (J,) [rad, rad/s, rad/s²]; temperature_c : (N, J) or (J,), None for the reference temperature.
         Raises BadInput for another robot, shapes that do not fit, or values that are not finite.
         """
-        if robot.name != self.robot:
-            raise BadInput(f"the model is of {self.robot}, the robot is {robot.name}")
+        predictor = prepared(self, robot)
         T = self.viscous.reference_c if temperature_c is None else np.asarray(temperature_c, dtype=float)
         q, qd, qdd = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, qd, qdd))
         for name, x in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", np.atleast_2d(T))):
@@ -74,17 +63,7 @@ class CompensatedModel:
                 raise BadInput(f"{name} has shape {x.shape}; expected ({len(q)}, {self.joints}) like q, or ({self.joints},)")
             if not np.all(np.isfinite(x)):
                 raise BadInput(f"{name} holds values that are not finite")
-
-        rigid = regressor(robot, self.mounting, q, qd, qdd)[:, :, list(self.columns)] @ self.values  # (N, J, R)·(R,) → (N, J)
-        fc, fv = self.coulomb_at(T), self.viscous_at(T)
-        s = smooth_sign(qd)
-        known = np.isfinite(fc.value) & np.isfinite(fv.value)
-        friction = np.where(known, fc.value * s + fv.value * qd, 0.0)  # (N, J)
-        of_fc, of_fv = np.abs(s) * fc.std, np.abs(qd) * fv.std
-        var = of_fc**2 + of_fv**2 + 2.0 * self.friction_correlation * of_fc * of_fv + (friction * self.wear_std) ** 2
-        std = np.where(known, np.sqrt(var + self.residual_rms_nm**2), np.nan)
-        extrapolated = np.broadcast_to(fv.extrapolated | ~known, q.shape)
-        return TorquePrediction(rigid + friction, rigid, friction, std, extrapolated)
+        return predictor.torque(q, qd, qdd, T)
 
     def as_document(self) -> dict[str, Any]:
         """Plain JSON; `model_from_document` is its inverse."""

@@ -10,11 +10,15 @@ import logging
 import os
 import queue
 import re
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import orjson
 import zenoh
 
 from monitor.errors import BadInput, BusError
@@ -28,6 +32,8 @@ ROOT = "joint-monitor/v1"
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
 LONGEST_PARAMETERS = 1000
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
+PATIENCE_US = 500_000  # only who is megabytes behind is waited for, then cut off; it may come back and ask
+_WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _ID = re.compile(r"[a-z0-9_-]+\Z")
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
@@ -85,8 +91,9 @@ def session_config(
 ) -> zenoh.Config:
     """Zenoh's configuration without scouting: we speak only to the endpoints that we were told.
 
-    zenoh_file : path of a JSON5 configuration for all else (TLS, authentication, access control), or nothing; `${CREDENTIALS_DIRECTORY}`
-    in it is where the service manager put the secrets. Raises BadInput where it cannot be read or is no Zenoh configuration.
+    zenoh_file : path of a JSON5 configuration for all else (TLS, authentication, access control), or nothing;
+    `${CREDENTIALS_DIRECTORY}` in it is where the service manager put the secrets, `${CREDENTIAL:name}` one of them.
+    Raises BadInput where it cannot be read or is no Zenoh configuration.
     """
     config = _from_file(zenoh_file) if zenoh_file else zenoh.Config()
     values: dict[str, Any] = {
@@ -96,12 +103,32 @@ def session_config(
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,  # leaves files behind after kill −9
+        "connect/retry": {"period_init_ms": 250, "period_max_ms": 2000, "period_increase_factor": 2},  # back soon after a router's restart
     }
+    if mode != "client":
+        values[_WAIT_BEFORE_CLOSE] = PATIENCE_US  # with one who does not read; Zenoh's 5 s each would be everybody's
     if not wait_for_peer:
         values |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _with_credentials(path: str, text: str) -> str:
+    """`${CREDENTIALS_DIRECTORY}` as the folder that the service manager made, `${CREDENTIAL:name}` as what one of its files holds."""
+    if "${CREDENTIAL" not in text:
+        return text
+    folder = os.environ.get("CREDENTIALS_DIRECTORY")
+    if not folder:
+        raise BadInput(f"{path}: asks for $CREDENTIALS_DIRECTORY, which the service manager sets (LoadCredential=); it is not set here")
+
+    def secret(match: re.Match[str]) -> str:
+        try:
+            return json.dumps((Path(folder) / match.group(1)).read_text("utf-8").rstrip("\n"))[1:-1]
+        except (OSError, UnicodeDecodeError):
+            raise BadInput(f"{path}: the credential {match.group(1)!r} cannot be read below $CREDENTIALS_DIRECTORY") from None
+
+    return re.sub(r"\$\{CREDENTIAL:([\w.-]+)\}", secret, text.replace("${CREDENTIALS_DIRECTORY}", folder))
 
 
 def _from_file(path: str) -> zenoh.Config:
@@ -110,17 +137,31 @@ def _from_file(path: str) -> zenoh.Config:
             text = file.read()
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path}: cannot be read: {error}") from None
-    if "${CREDENTIALS_DIRECTORY}" in text:
-        credentials = os.environ.get("CREDENTIALS_DIRECTORY")
-        if not credentials:
-            raise BadInput(f"{path}: asks for $CREDENTIALS_DIRECTORY, which the service manager sets (LoadCredential=); it is not set here")
-        text = text.replace("${CREDENTIALS_DIRECTORY}", credentials)
+    text = _with_credentials(path, text)
     try:
         return zenoh.Config.from_json5(text)
     except zenoh.ZError as error:
         raise BadInput(f"{path}: is no Zenoh configuration: {str(error).split(' at /')[0]}") from None
 
 
+# who connects and by which name, whom access control does not know, whose certificate or password is wrong; of the rest only warnings
+_TOLD_BY_ZENOH = (
+    "warn,zenoh::net::routing::hat::peer=error,zenoh::net::routing::interceptor=info,zenoh_link_tls=debug,"
+    "zenoh_transport::unicast::establishment::accept=debug"
+)
+
+
+def log_refusals() -> None:
+    """Let Zenoh say on standard output, from where the journal takes it, who was let in and who was not; RUST_LOG says otherwise.
+
+    Once in a process, before its first session.
+    """
+    if not sys.stdout.isatty():
+        os.environ.setdefault("NO_COLOR", "1")
+    zenoh.init_log_from_env_or(_TOLD_BY_ZENOH)
+
+
+@cache
 def encoding(kind: str) -> zenoh.Encoding:
     """The encoding that names the kind of document, `application/json;joint-monitor.<kind>.v1`."""
     return zenoh.Encoding(f"application/json;joint-monitor.{kind}.v1")
@@ -149,7 +190,7 @@ class Bus:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             raise BusError(f"Zenoh cannot open {', '.join(settings.listen) or 'a session'}: {str(error).split(' at /')[0]}") from None
-        self._inbox: queue.Queue[zenoh.Query | None] = queue.Queue(QUEUE_LENGTH)
+        self._inbox: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()  # the quickest; its length is kept by hand
         self._queryable = self._session.declare_queryable(f"{key_prefix}/**", self._hand_over, complete=True)
         self._alive = self._session.liveliness().declare_token(f"{key_prefix}/alive/monitor")
         self._robot_alive: zenoh.LivelinessToken | None = None
@@ -204,7 +245,7 @@ class Bus:
         """What is answered to a plain `get`: documents by key below the prefix."""
         with self._lock:
             known = dict(self._last)
-        return {key: json.loads(payload) for key, (_, payload) in known.items()}
+        return {key: orjson.loads(payload) for key, (_, payload) in known.items()}
 
     def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> "PermitAnswer | None":
         """Ask whoever answers `permit/replay`; None where nobody does in that time."""
@@ -247,9 +288,9 @@ class Bus:
 
     def _hand_over(self, query: zenoh.Query) -> None:
         # on Zenoh's own thread: hand over at once, for a slow answer here would block the whole link
-        try:
-            self._inbox.put_nowait(query)
-        except queue.Full:
+        if self._inbox.qsize() < QUEUE_LENGTH:
+            self._inbox.put(query)
+        else:
             with query:
                 _refuse(query, f"busy: {QUEUE_LENGTH} queries are waiting; ask again later")
 
@@ -270,7 +311,7 @@ class Bus:
         if key in self._answers:  # only the exact key: a wildcard must never make anything happen
             answer = self._answers[key]
             about = _payload(query, key) if answer.payload else _parameters(query, key)
-            query.reply(asked, _encode(answer.about(about)), encoding=encoding(answer.kind))
+            query.reply(query.key_expr, _encode(answer.about(about)), encoding=encoding(answer.kind))
             return
         with self._lock:
             known = list(self._last.items())
@@ -281,11 +322,12 @@ class Bus:
 
 
 def _encode(document: Mapping[str, Any]) -> bytes:
-    return json.dumps(document, allow_nan=False, ensure_ascii=False).encode()
+    """JSON; arrays as lists, what is not finite as null: unknown."""
+    return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
 def _refuse(query: zenoh.Query, why: str) -> None:
-    query.reply_err(json.dumps({"error": why}).encode(), encoding=encoding("error"))
+    query.reply_err(_encode({"error": why}), encoding=encoding("error"))
 
 
 def _parameters(query: zenoh.Query, key: str) -> Mapping[str, str]:
@@ -302,15 +344,9 @@ def _payload(query: zenoh.Query, key: str) -> Mapping[str, Any]:
     if len(payload) > LARGEST_QUERY_BYTES:
         raise BadInput(f"{key}: the payload has {len(payload)} bytes; at most {LARGEST_QUERY_BYTES} are read")
     try:
-        document = json.loads(payload.to_bytes(), parse_constant=_no_number)
-    except RecursionError:
-        raise BadInput(f"{key}: the payload is nested too deeply; expected a JSON object") from None
-    except ValueError as error:
+        document = orjson.loads(payload.to_bytes())
+    except orjson.JSONDecodeError as error:
         raise BadInput(f"{key}: the payload is not JSON: {error}") from None
     if not isinstance(document, dict):
         raise BadInput(f"{key}: the payload is {type(document).__name__}; expected a JSON object")
     return document
-
-
-def _no_number(word: str) -> float:
-    raise ValueError(f"{word} is no JSON number")

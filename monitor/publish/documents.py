@@ -34,15 +34,17 @@ class Request(BaseModel):
 class Info(Document):
     """Who watches which arm, and since when."""
 
-    robot: dict[str, Any]
+    robot: dict[str, Any] = Field(description="the section [robot] of its configuration")
     version: str
     host: str
     trajectory_digest: str
-    started_at: datetime
-    boot_id: str | None = None
-    configuration_digest: str | None = None
-    serial: str | None = None
+    started_at: datetime = Field(description="of the monitor")
+    boot_id: str | None = Field(default=None, description="another one after every boot of the host")
+    configuration_digest: str | None = Field(default=None, description="of every setting in force")
+    serial: str | None = Field(default=None, description="as the controller said it with the last replay, else as configured")
+    firmware: str | None = None
     mounting: str | None = None
+    versions: dict[str, str] = Field(default_factory=dict, description="of Python and of the packages that matter")
 
 
 class JointState(Document):
@@ -52,6 +54,16 @@ class JointState(Document):
     state: State
     why: str
     since: datetime
+
+
+class Split(Document):
+    """What a change of friction torque is made of, each as a logarithm: they add up to the whole."""
+
+    whole: Number = Field(description="from the mean of the first replays to the last one, nothing taken out")
+    temperature: Number
+    payload: Number = Field(description="what another context made of it")
+    wear: Number
+    rest: Number = Field(description="of this replay: noise")
 
 
 class Alert(Document):
@@ -68,6 +80,8 @@ class Alert(Document):
     probability: Number
     text: str
     action: str
+    severity: str = "low"
+    split: Split | None = None
     acknowledged_at: datetime | None = None
     acknowledged_by: str | None = None
     acknowledged_why: str | None = None
@@ -96,6 +110,7 @@ class RemainingLife(Document):
     p50_days: Maybe
     p90_days: Maybe
     verdict: str
+    before_service_probability: Fraction = Field(default=0.0, description="that the limit is met before the next service")
 
 
 class Friction(Document):
@@ -223,6 +238,38 @@ class ReplayRequest(Request):
     why: Why = ""
 
 
+class Replay(Document):
+    """What is going to happen to the arm, or has: for people nearby and for the cell's own programs."""
+
+    state: str = Field(description="announced, then ended")
+    said_at: datetime
+    replay: int | None = None
+    robot: str | None = None
+    moves_at: datetime | None = None
+    trajectory_digest: str | None = None
+    duration_s: Maybe = None
+    time_scale: Maybe = None
+    verdict: str | None = Field(default=None, description="assessed, rejected, skipped or aborted")
+    reason: str | None = None
+
+
+class Permit(Document):
+    """The question `permit/replay`: may the arm move now?"""
+
+    robot: str
+    moves_at: datetime
+    trajectory_digest: str
+    duration_s: Number
+    time_scale: Number
+
+
+class PermitAnswer(Document):
+    """What the cell's own program answers; anything else is a no."""
+
+    allow: bool
+    why: str = "no reason given"
+
+
 class Answer(Document):
     """Answer to a command: done, and what it made of it; a refusal is an error reply."""
 
@@ -252,6 +299,9 @@ KINDS: dict[str, type[BaseModel]] = {
     "ack-request": AckRequest,
     "shelve-request": ShelveRequest,
     "replay-request": ReplayRequest,
+    "replay": Replay,
+    "permit": Permit,
+    "permit-answer": PermitAnswer,
     "answer": Answer,
     "error": Error,
 }

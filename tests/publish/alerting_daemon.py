@@ -1,6 +1,6 @@
-"""A daemon whose alerts never rest, for the tests of restarts: `python alerting_daemon.py DIRECTORY ENDPOINT STATE_JSON`.
+"""A daemon whose alerts never rest, for the tests of restarts: `python alerting_daemon.py DIRECTORY ENDPOINT [quiet]`.
 
-Ten times a second one transition: committed to the store, then said; whoever kills it in between loses nothing.
+Ten times a second one transition, or none: committed to the store, then said; whoever kills it in between loses nothing.
 """
 
 import sys
@@ -42,7 +42,7 @@ def main() -> None:
             if store.state() is None:
                 daemon.perform(1.0e9)
             print("up", flush=True)
-            while not stop.wait(PERIOD_S):
+            while not stop.wait(None if sys.argv[3:] == ["quiet"] else PERIOD_S):
                 number += 1
                 joint = number % 6 + 1
                 alert = Alert(

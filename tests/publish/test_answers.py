@@ -1,6 +1,8 @@
 """The torque query: right numbers out, wrong requests named."""
 
 import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -113,3 +115,44 @@ def test_any_json_is_answered_or_refused(q, qd, temperature_c):
     except BadInput:
         return
     assert np.shape(answer["torque_nm"])[-1] == 6
+
+
+FIGURES = {"q": 6.0, "qd": 3.0, "qdd": 20.0, "temperature_c": 35.0}
+
+
+@given(st.data())
+def test_one_sample_and_rows_say_the_same(data):
+    """Plain numbers for one sample, arrays for many: two ways to the same figures, to the rounding of sums of ten terms."""
+    state = {name: data.draw(st.lists(st.floats(-span, span), min_size=6, max_size=6)) for name, span in FIGURES.items()}
+    one = torque_answer(MODEL, UR5, None, state)
+    (many,) = [torque_answer(MODEL, UR5, None, {name: [value] for name, value in state.items()})]
+    for name in ("torque_nm", "rigid_nm", "friction_nm", "std_nm"):
+        assert one[name] == pytest.approx(many[name][0], rel=1e-9, abs=1e-9)
+    assert list(one["extrapolated"]) == list(many["extrapolated"][0])
+
+
+def test_threads_that_ask_at_once_get_their_own_answer():
+    """The workspace of the dynamics is shared by the threads that answer; none ever sees another's figures."""
+    draw = np.random.default_rng(1)
+    questions = [{name: draw.uniform(-1, 1, 6).tolist() for name in FIGURES} for _ in range(4)]
+    alone = [ask(**question)["torque_nm"] for question in questions]
+
+    def keep_asking(n: int) -> bool:
+        return all(ask(**questions[n])["torque_nm"] == alone[n] for _ in range(2000))
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)  # threads take turns as often as they can
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            assert all(pool.map(keep_asking, range(4)))
+    finally:
+        sys.setswitchinterval(before)
+
+
+def test_null_is_an_argument_that_is_not_given():
+    """As the schema allows: acceleration 0, present temperatures."""
+    present = np.full(6, 30.0)
+    for rows in ([STATE["q"]] * 2, STATE["q"]):
+        asked = {"q": rows, "qd": STATE["qd"], "qdd": None, "temperature_c": None}
+        given = {"q": rows, "qd": STATE["qd"], "qdd": [0.0] * 6, "temperature_c": [30.0] * 6}
+        assert np.array_equal(torque_answer(MODEL, UR5, present, asked)["torque_nm"], torque_answer(MODEL, UR5, None, given)["torque_nm"])

@@ -144,6 +144,85 @@ def test_through_the_router_of_the_example(etc, free_port):
         router.wait()
 
 
+def test_users_and_passwords_from_credentials(etc, tmp_path, free_port, monkeypatch):
+    """The shipped example with passwords: maintenance acts, a viewer looks, a wrong password and none at all get nothing."""
+    users = {"monitor": "m0nitor", "viewer": 'look "only"', "maintenance": "grease"}
+    endpoint, called = f"tls/127.0.0.1:{free_port}", []
+
+    def credentials(who: str, password: str) -> None:
+        folder = tmp_path / who
+        folder.mkdir(exist_ok=True)
+        (folder / "zenoh-users").write_text("".join(f"{name}:{word}\n" for name, word in users.items()))
+        (folder / "zenoh-password").write_text(f"{password}\n")
+        monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(folder))
+
+    text = (etc / "maintenance-password.json5").read_text("utf-8")
+    (etc / "viewer-password.json5").write_text(text.replace('"maintenance"', '"viewer"'), "utf-8")
+    credentials("monitor", users["monitor"])
+    answers = {"cmd/ack": Answer("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
+    settings = BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon-passwords.json5"))
+    with Bus(settings, prefix("lab", "cell-1"), answers) as bus:
+        bus.publish("health", "health", {"state": "NORMAL"})
+        for who, done in (("maintenance", [{"done": "acknowledged"}]), ("viewer", [])):
+            credentials(who, users[who])
+            with client(etc, endpoint, f"{who}-password") as session:
+                assert session.get("health")[0].document == {"state": "NORMAL"}
+                assert [message.document for message in session.get("cmd/ack", {"by": who})] == done
+        credentials("eve", "guessed")
+        for name in ("maintenance-password", "anonymous"):
+            (etc / "anonymous.json5").write_text(text.replace("auth:", "// auth:"), "utf-8")
+            with pytest.raises(BusError):
+                client(etc, endpoint, name)
+    assert called == [{"by": "maintenance"}]
+    (tmp_path / "eve" / "zenoh-password").unlink()
+    with pytest.raises(BadInput, match="the credential 'zenoh-password' cannot be read"):
+        client(etc, endpoint, "maintenance-password")
+
+
+LOGGING = """
+import sys
+from monitor.publish.bus import Bus, BusSettings, log_refusals, prefix
+log_refusals()
+with Bus(BusSettings(listen=(sys.argv[1],), zenoh=sys.argv[2]), prefix("lab", "cell-1")):
+    print("up", flush=True)
+    sys.stdin.readline()
+"""
+
+
+@pytest.mark.parametrize(
+    ("daemon", "who", "words"),
+    [
+        ("daemon", "guest", ["127.0.0.1", "Common Name: guest", "did not match any configured ACL subject"]),
+        ("daemon", "forger", ["invalid peer certificate: UnknownIssuer"]),
+        ("daemon-passwords", "maintenance-password", ["Invalid password"]),
+    ],
+)
+def test_whoever_is_refused_is_logged(etc, tmp_path, free_port, monkeypatch, daemon, who, words):
+    """As `run` does it: who connected, and that he was not let in, in the daemon's output without escape sequences."""
+    (tmp_path / "zenoh-users").write_text("maintenance:grease\n")
+    (tmp_path / "zenoh-password").write_text("guessed\n")
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(DEPLOY.parents[1]))
+    endpoint = f"tls/127.0.0.1:{free_port}"
+    command = [sys.executable, "-c", LOGGING, endpoint, str(etc / f"{daemon}.json5")]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        while process.stdout.readline() != "up\n":
+            assert process.poll() is None
+        try:
+            with client(etc, endpoint, who) as session:
+                assert session.get("**") == []
+        except BusError:
+            assert who != "guest"
+        said, _ = process.communicate("\n", timeout=30.0)
+    finally:
+        process.kill()
+        process.wait()
+    for word in words:
+        assert word in said
+    assert "\x1b" not in said
+
+
 def test_credentials_come_from_the_service_manager(etc, tmp_path, free_port, monkeypatch):
     """`${CREDENTIALS_DIRECTORY}` is replaced; unset, it is named."""
     text = (etc / "daemon.json5").read_text("utf-8").replace(str(etc / "tls"), "${CREDENTIALS_DIRECTORY}")

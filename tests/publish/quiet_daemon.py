@@ -1,0 +1,44 @@
+"""A daemon with one replay behind it that waits for questions: `python quiet_daemon.py DIRECTORY ENDPOINT`.
+
+A line on standard input ends it; it then says how many transitions its history holds, and how often a replay was asked for.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from monitor.config import from_document
+from monitor.daemon import Daemon
+from monitor.simulate.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+from monitor.store import Store
+
+
+def play(excitation, context, should_stop):
+    recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(excitation, repetitions=1))
+    return replace(recording, context=replace(context, firmware=recording.context.firmware))
+
+
+def main() -> None:
+    directory, endpoint = Path(sys.argv[1]), sys.argv[2]
+    document = {
+        "robot": {"model": "ur5", "site": "lab", "id": "cell-1"},
+        "replay": {"allow_motion": True},
+        "store": {"directory": str(directory)},
+        "bus": {"listen": [endpoint]},
+    }
+    wanted = []
+    with (
+        Store.open(directory) as store,
+        Daemon(from_document(document, directory / "cell.toml"), store, now=lambda: 1.0e9, play=play) as daemon,
+    ):
+        daemon.perform(1.0e9)
+        daemon.wanted = lambda: wanted.append(1)
+        print("up", flush=True)
+        sys.stdin.readline()
+        seen = store.event_range()
+    print(f"down {seen[1] if seen else 0} {len(wanted)}", flush=True)
+
+
+main()

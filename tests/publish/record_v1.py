@@ -1,0 +1,98 @@
+"""Record what today's daemon says, one document of every kind: `python tests/publish/record_v1.py NAME` fills recorded_v1/NAME/.
+
+Kept for ever: readers of v1 must go on to read them. The arm is simulated, the host's name replaced.
+"""
+
+import json
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import zenoh
+
+from monitor.assess import alert_document
+from monitor.config import from_document
+from monitor.daemon import Daemon
+from monitor.judge.health import Alert
+from monitor.publish.bus import session_config
+from monitor.publish.documents import KINDS, schema
+from monitor.simulate.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+from monitor.store import Store
+
+ENDPOINT = "tcp/127.0.88.4:7452"
+PREFIX = "joint-monitor/v1/lab/cell-1"
+START_UNIX_S = 1_767_582_000.0
+ASKED = {
+    "torque": {"q": [0.1] * 6, "qd": [0.5] * 6},
+    "cmd/ack": {"joint": 3, "condition": "wear_rising", "by": "ada", "why": "grease is ordered"},
+    "cmd/shelve": {"joint": 3, "condition": "wear_rising", "by": "ada", "hours": 2.0},
+    "cmd/replay": {"by": "ada"},
+    "history?limit=2": None,
+    "event": None,
+}
+
+
+def play(excitation, context, should_stop):
+    recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(excitation, repetitions=1))
+    return replace(recording, context=replace(context, firmware=recording.context.firmware))
+
+
+def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
+    """Key and sample or answer of everything that a daemon with one replay and one alert says."""
+    document = {
+        "robot": {"model": "ur5", "site": "lab", "id": "cell-1"},
+        "store": {"directory": str(folder / "history")},
+        "bus": {"listen": [ENDPOINT]},
+    }
+    said = []
+    with (
+        Store.open(folder / "history") as store,
+        Daemon(from_document(document, folder / "cell.toml"), store, now=lambda: START_UNIX_S, play=play) as daemon,
+        zenoh.open(session_config(mode="client", connect=(ENDPOINT,))) as session,
+    ):
+        events = session.declare_subscriber(f"{PREFIX}/event", zenoh.handlers.FifoChannel(16))
+        daemon.perform(START_UNIX_S)
+        alert = Alert(
+            joint=3, condition="wear_rising", tier="wear", raised_at_unix_s=START_UNIX_S, updated_at_unix_s=START_UNIX_S,
+            change=0.06, probability=0.99, text="Joint 3: friction rose", action="inspect",
+        )  # fmt: skip
+        daemon._health = replace(daemon._health, alerts=(alert,))
+        numbered = store.revise(daemon._health.as_document(), [{"kind": "raised", **alert_document(alert)}], START_UNIX_S)
+        daemon._say_alert(alert)
+        daemon._say_event(numbered[0])
+        daemon.live(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
+        daemon.say_health()
+        said.append(("event", events.recv()))
+        said += [(str(reply.ok.key_expr).removeprefix(f"{PREFIX}/"), reply.ok) for reply in session.get(f"{PREFIX}/**", timeout=5.0)]
+        for key, payload in ASKED.items():
+            (reply,) = session.get(f"{PREFIX}/{key}", payload=None if payload is None else json.dumps(payload), timeout=5.0)
+            said.append((key, reply.ok or reply.err))
+    return said
+
+
+def main() -> None:
+    """One file a document, and the schemas of the day."""
+    into = Path(__file__).parent / "recorded_v1" / sys.argv[1]
+    into.mkdir(parents=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for key, sample in spoken(Path(folder)):
+            kind = str(sample.encoding).removeprefix("application/json;joint-monitor.").removesuffix(".v1")
+            if kind == "friction" and not key.startswith("joint/1/"):
+                continue
+            document = json.loads(sample.payload.to_bytes())
+            if kind == "info":
+                document |= {"host": "monitor-1"} | ({"boot_id": "0" * 32} if "boot_id" in document else {})
+            path = into / f"{kind}{key.replace('/', '-').split('?')[0].join(('.', ''))}.json"
+            path.write_text(json.dumps({"key": key, "kind": kind, "document": document}, ensure_ascii=False) + "\n", "utf-8")
+    for key, payload in ASKED.items():
+        if payload is not None:
+            kind = {"torque": "torque"}.get(key, key.removeprefix("cmd/")) + "-request"
+            (into / f"{kind}.json").write_text(json.dumps({"key": key, "kind": kind, "document": payload}) + "\n", "utf-8")
+    (into / "schemas.json").write_text(json.dumps({kind: schema(kind) for kind in KINDS}, sort_keys=True) + "\n", "utf-8")
+
+
+main()

@@ -1,0 +1,153 @@
+"""Programs of other people: the README's examples as they stand, and what `watch` says to a terminal, to a pipe and as JSON."""
+
+import json
+import os
+import pty
+import re
+import select
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from rich.text import Text
+
+from monitor.publish.bus import Answer, Bus, BusSettings, prefix
+from monitor.terminal_watch import line
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text("utf-8")
+SECTION = README[README.index("## Ask and listen") :]
+RECORDED = Path(__file__).parent / "recorded_v1" / "2026-11-21"
+
+
+def document(kind: str) -> dict:
+    (path,) = RECORDED.glob(f"{kind}.*.json")
+    return json.loads(path.read_text("utf-8"))["document"]
+
+
+@pytest.fixture
+def cell(tmp_path, free_port):
+    """A bus that says and answers what a daemon recorded, a configuration that finds it, and `joint-monitor` on the path."""
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    config = (ROOT / "config" / "simulated.toml").read_text("utf-8") + f'\n[bus]\nlisten = ["{endpoint}"]\n'
+    assert "[bus]" not in (ROOT / "config" / "simulated.toml").read_text("utf-8")
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "simulated.toml").write_text(config, "utf-8")
+    script = tmp_path / "joint-monitor"
+    script.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m monitor "$@"\n')
+    script.chmod(0o755)
+    answers = {"torque": Answer("torque", lambda _: document("torque")), "event": Answer("events", lambda _: EVENTS, payload=False)}
+    with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "sim-1"), answers) as bus:
+        bus.publish("health", "health", document("health"))
+        bus.publish("alert/j3/wear_rising", "alert", document("alert"))
+        stop, number = threading.Event(), [3]
+
+        def speak() -> None:
+            while not stop.wait(0.2):
+                number[0] += 1
+                bus.publish("alert/j3/wear_rising", "alert", document("alert"))
+                bus.event(document("event") | {"seq": number[0]})
+
+        speaker = threading.Thread(target=speak)
+        speaker.start()
+        try:
+            yield tmp_path, endpoint
+        finally:
+            stop.set()
+            speaker.join()
+
+
+EVENTS = {"events": [], "first_kept": 1, "last": 3}
+
+
+def first_lines(command: list[str], count: int, folder: Path, **more: object) -> list[str]:
+    """The first lines of a program that would go on for ever."""
+    environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder, env=environment, start_new_session=True, **more)
+    try:
+        return [process.stdout.readline() for _ in range(count)]
+    finally:
+        os.killpg(process.pid, 9)
+        process.communicate()
+
+
+def block(language: str, holds: str) -> str:
+    (found,) = [text for text in re.findall(rf"```{language}\n(.*?)```", SECTION, re.DOTALL) if holds in text]
+    return found
+
+
+def test_the_plain_zenoh_example_runs_as_it_stands(cell):
+    """Nothing of ours in it: a torque, then the texts of alerts; only the endpoint is the test's."""
+    folder, endpoint = cell
+    text = block("python", "import json, zenoh\n\nconfig")
+    assert len([row for row in text.splitlines() if row]) <= 12
+    (folder / "plain.py").write_text(text.replace("tcp/127.0.0.1:7447", endpoint), "utf-8")
+    torque, *alerts = first_lines([sys.executable, "-u", "plain.py"], 3, folder)
+    assert json.loads(torque) == document("torque")["torque_nm"]
+    assert alerts == ["joint-monitor/v1/lab/sim-1/alert/j3/wear_rising Joint 3: friction rose\n"] * 2
+
+
+def test_the_jq_example_runs_as_it_stands(cell):
+    """Last values first, then live."""
+    if shutil.which("jq") is None:
+        pytest.skip("jq is not installed: apt-get install jq")
+    told = first_lines(["sh", "-c", block("sh", "jq")], 2, cell[0])
+    assert told == ["alert/j3/wear_rising: Joint 3: friction rose inspect\n"] * 2
+
+
+def test_the_node_example_runs_as_it_stands(cell):
+    """Transitions in another language."""
+    if shutil.which("node") is None:
+        pytest.skip("Node is not installed: apt-get install nodejs")
+    (cell[0] / "watch.mjs").write_text(block("js", "spawn"), "utf-8")
+    told = first_lines(["node", "watch.mjs"], 2, cell[0])
+    numbers = [int(row.split()[0]) for row in told]
+    assert numbers[1] == numbers[0] + 1
+    assert told[0].endswith(" raised 3 wear_rising Joint 3: friction rose\n")
+
+
+def test_watch_is_coloured_on_a_terminal_and_plain_in_a_pipe(cell):
+    """The same line twice: with escape sequences where a person looks, without where a program reads."""
+    folder, _ = cell
+    command = ["joint-monitor", "watch", "--config", "config/simulated.toml", "--keys", "health"]
+    (plain,) = first_lines(command, 1, folder)
+    assert plain.startswith("health  NORMAL  J1 NORMAL")
+    master, slave = pty.openpty()
+    environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "TERM": "xterm-256color", "COLUMNS": "200"}
+    environment.pop("NO_COLOR", None)
+    process = subprocess.Popen(command, stdout=slave, stderr=slave, cwd=folder, env=environment, start_new_session=True)
+    os.close(slave)
+    try:
+        seen, deadline = b"", time.monotonic() + 60.0
+        while b"\n" not in seen and time.monotonic() < deadline:
+            if select.select([master], [], [], 1.0)[0]:
+                seen += os.read(master, 4096)
+    finally:
+        os.killpg(process.pid, 9)
+        process.wait()
+        os.close(master)
+    coloured = seen.decode().splitlines()[0]
+    assert "\x1b[32mNORMAL" in coloured
+    assert Text.from_ansi(coloured).plain.rstrip() == plain.rstrip()
+
+
+@pytest.mark.parametrize("path", sorted(RECORDED.glob("*.*.json")), ids=lambda path: path.stem)
+def test_whatever_is_said_is_one_line_and_streams_have_words(path):
+    """Of every recorded document; only answers to questions, which nobody watches, are JSON."""
+    recorded = json.loads(path.read_text("utf-8"))
+    told = line(recorded["key"], recorded["document"]).plain
+    assert "\n" not in told
+    assert len(told) < 400
+    if recorded["kind"] in ("health", "alert", "event", "friction", "torque-live", "info", "model", "replay"):
+        assert "{" not in told
+
+
+@pytest.mark.parametrize("key", ["health", "alert/j1/x", "event", "joint/1/friction", "torque/live", "info", "model", "replay", "new/kind"])
+@pytest.mark.parametrize("strange", [{}, {"state": 1, "joints": [{}]}, {"text": None, "active": 1, "tier": []}, {"predicted_nm": ["x"]}])
+def test_a_document_that_is_not_as_expected_is_still_shown(key, strange):
+    """A watch never ends over what somebody says."""
+    assert key in line(key, strange).plain

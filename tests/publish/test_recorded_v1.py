@@ -1,0 +1,99 @@
+"""Documents and schemas that daemons of the past wrote, held against today's readers: within v1 fields are only added."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+from undeclared import undeclared
+
+from monitor.publish.documents import KINDS, Request, schema
+
+RECORDED = Path(__file__).parent / "recorded_v1"
+DOCUMENTS = sorted(path for path in RECORDED.glob("*/*.json") if path.name != "schemas.json")
+SCHEMAS = sorted(RECORDED.glob("*/schemas.json"))
+
+
+def name(path: Path) -> str:
+    return f"{path.parent.name}/{path.stem}"
+
+
+def broken(before: dict, after: dict, *, asked: bool) -> list[str]:
+    """What a schema of before has that one of after has not, or demands otherwise; `asked`: it is a request.
+
+    A reader of before must find every field that was always there; a request of before must still be accepted.
+    """
+    found = []
+    for title, old in {"": before, **before.get("$defs", {})}.items():
+        new = after if not title else after.get("$defs", {}).get(title)
+        if new is None:
+            found.append(f"{title} is gone")
+            continue
+        for field, kind in old.get("properties", {}).items():
+            if field not in new.get("properties", {}):
+                found.append(f"{title}.{field} is gone")
+            elif not asked and not set(types(kind)) >= set(types(new["properties"][field])):
+                found.append(f"{title}.{field} was {types(kind)}, is {types(new['properties'][field])}")
+            elif asked and not set(types(kind)) <= set(types(new["properties"][field])):
+                found.append(f"{title}.{field} took {types(kind)}, takes {types(new['properties'][field])}")
+        was, now = set(old.get("required", ())), set(new.get("required", ()))
+        lost = now - was if asked else was - now
+        found += [f"{title}.{field} is {'now asked for' if asked else 'no longer sure to be there'}" for field in sorted(lost)]
+    return found
+
+
+def types(kind: dict) -> list[str]:
+    """The JSON types that a property may have, references by name."""
+    if "anyOf" in kind:
+        return sorted(one for part in kind["anyOf"] for one in types(part))
+    if "$ref" in kind:
+        return [kind["$ref"]]
+    if kind.get("type") == "array":
+        return [f"array of {' or '.join(types(kind.get('items', {})))}"]
+    return [str(kind.get("type", "anything"))]
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=name)
+def test_a_recorded_document_is_read_by_todays_types_and_valid_by_todays_schema(path):
+    """Every field of it still has its name, and reads back as it was written."""
+    recorded = json.loads(path.read_text("utf-8"))
+    kind, document = recorded["kind"], recorded["document"]
+    jsonschema.validate(document, schema(kind), format_checker=jsonschema.FormatChecker())
+    read = KINDS[kind].model_validate(document)
+    assert undeclared(read) == []
+    assert read.model_dump(mode="json", exclude_unset=True) == document
+
+
+def test_every_published_kind_is_recorded():
+    """A new kind is recorded with the daemon that first says it; a permit's question and answer are the cell's."""
+    recorded = {json.loads(path.read_text("utf-8"))["kind"] for path in DOCUMENTS}
+    assert set(KINDS) - recorded <= {"permit", "permit-answer"}
+
+
+@pytest.mark.parametrize("path", SCHEMAS, ids=name)
+def test_todays_schemas_keep_what_those_of_before_promised(path):
+    """No field gone, none of another type, none that readers relied on left out, none that requests must newly carry."""
+    before = json.loads(path.read_text("utf-8"))
+    assert set(before) <= set(KINDS)
+    for kind, old in before.items():
+        assert broken(old, schema(kind), asked=issubclass(KINDS[kind], Request)) == [], kind
+
+
+def test_a_field_that_is_renamed_removed_or_newly_asked_for_is_found():
+    """The comparison itself, on an alert and on a request that were tampered with; an addition is none."""
+    alert, request = schema("alert"), schema("ack-request")
+    added = json.loads(json.dumps(alert))
+    added["properties"]["more"] = {"type": "string"}
+    assert broken(alert, added, asked=False) == []
+    renamed = json.loads(json.dumps(alert))
+    renamed["properties"]["told"] = renamed["properties"].pop("text")
+    assert broken(alert, renamed, asked=False) == [".text is gone"]
+    loose = json.loads(json.dumps(alert))
+    loose["required"].remove("active")
+    assert broken(alert, loose, asked=False) == [".active is no longer sure to be there"]
+    other = json.loads(json.dumps(alert))
+    other["properties"]["change"] = {"type": "string"}
+    assert broken(alert, other, asked=False) == [".change was ['number'], is ['string']"]
+    demanding = json.loads(json.dumps(request))
+    demanding["required"].append("why")
+    assert broken(request, demanding, asked=True) == [".why is now asked for"]
