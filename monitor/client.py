@@ -186,8 +186,8 @@ class Client:
             alive.undeclare()
 
     def _last(self, selector: str) -> list[Message]:
-        """Last values; `event` is a log and has none: what is answered there is a page of it."""
-        return [message for message in self.get(selector) if message.key != "event"]
+        """Last values in the order of their keys; `event` is a log and has none: what is answered there is a page of it."""
+        return sorted((message for message in self.get(selector) if message.key != "event"), key=lambda message: message.key)
 
     def _again(self, selector: str) -> list[Message]:
         try:

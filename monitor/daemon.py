@@ -377,7 +377,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     from monitor.acquire.listen import Listener, ListenSettings
     from monitor.motion import move
 
-    log_refusals()
+    log_refusals(configuration.bus)
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(configuration.state_directory))
 

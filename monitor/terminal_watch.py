@@ -82,7 +82,7 @@ def _live(key: str, document: Document) -> Text:
             std = document["std_nm"][j]
             told.append(f" {residual[j]:+.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
         told.append("  ")
-    return told.append("Nm: predicted, and measured beyond it" if residual is not None else "Nm: predicted", "dim")
+    return told.append("Nm: predicted, and measured − predicted" if residual is not None else "Nm: predicted", "dim")
 
 
 def _info(key: str, document: Document) -> Text:

@@ -151,14 +151,14 @@ _TOLD_BY_ZENOH = (
 )
 
 
-def log_refusals() -> None:
+def log_refusals(settings: BusSettings) -> None:
     """Let Zenoh say on standard output, from where the journal takes it, who was let in and who was not; RUST_LOG says otherwise.
 
-    Once in a process, before its first session.
+    Once in a process, before its first session. Where no Zenoh configuration says who may, only warnings are told: nobody is refused.
     """
     if not sys.stdout.isatty():
         os.environ.setdefault("NO_COLOR", "1")
-    zenoh.init_log_from_env_or(_TOLD_BY_ZENOH)
+    zenoh.init_log_from_env_or(_TOLD_BY_ZENOH if settings.zenoh else "warn,zenoh::net::routing::hat::peer=error")
 
 
 @cache

@@ -182,8 +182,9 @@ def test_users_and_passwords_from_credentials(etc, tmp_path, free_port, monkeypa
 LOGGING = """
 import sys
 from monitor.publish.bus import Bus, BusSettings, log_refusals, prefix
-log_refusals()
-with Bus(BusSettings(listen=(sys.argv[1],), zenoh=sys.argv[2]), prefix("lab", "cell-1")):
+settings = BusSettings(listen=(sys.argv[1],), zenoh=sys.argv[2])
+log_refusals(settings)
+with Bus(settings, prefix("lab", "cell-1")):
     print("up", flush=True)
     sys.stdin.readline()
 """
