@@ -77,14 +77,16 @@ def run(
 ) -> None:
     """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong."""
     from monitor.daemon import serve
+    from monitor.service import log_as_a_service
 
-    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(levelname)s %(name)s %(message)s")
-    logging.getLogger("apscheduler").setLevel(logging.WARNING)
     try:
         configuration = _load(config)
     except BadConfiguration as error:
         typer.echo(f"joint-monitor: {error}", err=True)
         raise typer.Exit(EXIT_CONFIG) from None
+    log_as_a_service(configuration.robot.site, configuration.robot.id)
+    for name in configuration.overrides:
+        logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
     serve(configuration, replay_now=now)
 
 
