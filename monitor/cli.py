@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor import __version__, commands_bus, commands_health, commands_motion
+from monitor import __version__, commands_bus, commands_health, commands_history, commands_motion
 from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
@@ -411,6 +411,7 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     from monitor.store import Store
     from monitor.terminal import print_status
     from monitor.timestamps import outside, rfc3339
+    from monitor.upkeep import said
 
     configuration = _load(config)
     with Store.reader(configuration.state_directory) as store:
@@ -422,6 +423,7 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
         "model_revision": state.revision if state else 0,
         "health": outside(state.health) if state else None,
         "friction": outside(newest),
+        "monitor": said(configuration.state_directory),
         "ledger": [
             {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
             for row in ledger
@@ -445,8 +447,12 @@ for _command in (
     commands_motion.replay,
     commands_motion.record,
     commands_motion.allow,
+    commands_history.schedule,
+    commands_history.history,
+    commands_history.export,
 ):
     app.command()(_command)
+app.command(name="import")(commands_history.import_)
 
 
 @app.command()

@@ -213,6 +213,21 @@ class Store:
             )
             return int(cursor.lastrowid or 0) if cursor.rowcount else None
 
+    def claim_import(self, recorded_at_unix_s: float, at_unix_s: float) -> int | None:
+        """Enter a recording made elsewhere as started, under the time when it was made; None where the ledger knows that time already.
+
+        An import that was cut short is taken up again.
+        """
+        with self._transaction() as db:
+            again = db.execute(
+                "UPDATE ledger SET state = 'started', reason = NULL, ended_at_unix_s = NULL "
+                "WHERE window_unix_s = ? AND kind = 'imported' AND state = 'aborted' RETURNING id",
+                (float(recorded_at_unix_s),),
+            ).fetchone()
+            if again is not None:
+                return int(again[0])
+        return self.claim(recorded_at_unix_s, "imported", at_unix_s)
+
     def recording_path(self, ledger_id: int) -> Path:
         """Where the recording of a window belongs; the name alone leads back to the ledger."""
         return self.recordings / f"replay-{ledger_id:06d}.parquet"
