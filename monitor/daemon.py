@@ -30,6 +30,7 @@ from monitor.publish.bus import Answer, Bus
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
+from monitor.recompute import rewind
 from monitor.recording import Array, Context, Recording
 from monitor.reload import reloaded
 from monitor.service import Heartbeats, Watchdog, notify, reloading
@@ -117,6 +118,16 @@ class Daemon:
             for row in waiting[:at_most]:
                 self._assess_stored(row.id)
                 self.busy()
+
+    def rewind(self) -> bool:
+        """Take back what was learnt in a future that a wrong clock made up; False where the recordings to do so are gone."""
+        with self._one_at_a_time, self._judging:
+            known = rewind(self._store, self._now())
+            if known is not None:
+                self._held = known
+        if known is not None:
+            self._say_everything()
+        return known is not None
 
     def __exit__(self, *_: object) -> None:
         self.stopping.set()

@@ -27,6 +27,7 @@ SEEN_JUMP_S = 60.0  # the clock against the monotonic one between two ticks
 DOUBTED_JUMP_S = 86_400.0  # forward by more: nothing moves for a while, for somebody may set it right again
 DOUBT_S = 3600.0
 _WATCHED, _RUNNING, _NOT_BEFORE = "schedule_watched_until", "arm_running_until", "schedule_not_before"
+_FORWARD = "clock_was_set_forward_at"  # what it said before a jump that was doubted
 
 
 class Performer(Protocol):
@@ -42,6 +43,9 @@ class Performer(Protocol):
 
     def mend(self) -> None:
         """Finish what a failing disk left half-way."""
+
+    def rewind(self) -> bool:
+        """Take back what was learnt in a future that a wrong clock made up; whether it could be."""
 
     def next_due(self, unix_s: float | None) -> None:
         """Say when the next window opens."""
@@ -207,12 +211,21 @@ class Mover:
                 self._next_look = 0.0
                 log.warning("the host's clock was set by %+.0f s, to %s", jump, rfc3339(now))
                 if jump > DOUBTED_JUMP_S:
+                    self._store.set_note(_FORWARD, repr(self._last[0]))
                     self._doubt_until = monotonic + DOUBT_S
                     told = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
                     self._troubles.found("clock", told)
                 elif jump < 0:
                     self._doubt_until = 0.0
+        before = self._store.note(_FORWARD) if self._last is None or now < self._last[0] else None
         self._last = (now, monotonic)
+        # back where it was before it was set forward: that future was made up. Set back without having been forward, it is the past
+        if before and float(before) <= now < max(self._watched, self._store.newest_unix_s() or 0.0) - DOUBTED_JUMP_S:
+            self._store.set_note(_FORWARD, "")
+            if self._daemon.rewind():
+                log.warning("the clock is back from the future: what was learnt there is taken back")
+            else:
+                self._troubles.found("rewind", "replays dated in the future cannot be taken back: older recordings are gone")
 
 
 def too_little_room(store: Store, least_free_mb: float) -> str | None:

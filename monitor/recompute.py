@@ -1,5 +1,6 @@
 """Every past verdict once more, from the recordings that the store has kept: identical, or what changed it is said."""
 
+import math
 from collections import deque
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, get_args, get_origin, get_type_hints
@@ -102,6 +103,33 @@ def _again(store: Store, verdict: Verdict, held: Held) -> tuple[Assessment | Non
     except BadInput as error:
         return None, f"cannot be assessed any more: {error}"
     return (None, f"is rejected now: {outcome.reason}") if isinstance(outcome, Rejected) else (outcome, "")
+
+
+def rewind(store: Store, now_unix_s: float) -> Held | None:
+    """Take back what was learnt while the clock was in the future: those replays become rejected, windows skipped then open again.
+
+    Returns what is held true without them; None, and nothing is changed, where the recordings to find that out are gone.
+    """
+    verdicts = [verdict for verdict in store.verdicts() if verdict.recorded_at_unix_s <= now_unix_s]
+    known, start = Held(), 0
+    for k in range(len(verdicts) - 2, -1, -1):  # one at least is judged again: a checkpoint holds no model
+        if (kept := store.checkpoint(verdicts[k].ledger_id)) is not None:
+            known, start = Held(belief=belief_from_document(kept[0]), health=health_from_document(kept[1])), k + 1
+            break
+    words = [event for event in store.events() if event.ledger_id is None]
+    since = verdicts[start - 1].judged_at_unix_s if start else -math.inf
+    for verdict in verdicts[start:]:
+        told = [event for event in words if since <= event.at_unix_s < verdict.judged_at_unix_s]
+        outcome, _ = _again(store, verdict, _with_words(known, told))
+        if outcome is None:
+            return None
+        known = Held(belief=outcome.belief, health=outcome.health, model=outcome.model)
+        since = verdict.judged_at_unix_s
+    documents = None
+    if known.belief is not None and known.health is not None and known.model is not None:
+        documents = (known.belief.as_document(), known.health.as_document(), known.model.as_document())
+    store.take_back(now_unix_s, documents)
+    return known
 
 
 def _with_words(held: Held, events: list[Event]) -> Held:

@@ -494,6 +494,24 @@ class Store:
         with self._transaction() as db:
             db.execute("UPDATE event SET published = 1 WHERE seq = ?", (seq,))
 
+    def take_back(self, after_unix_s: float, held: tuple[Mapping[str, Any], Mapping[str, Any], Mapping[str, Any]] | None) -> None:
+        """Replays dated later were dated by a wrong clock: rejected, their verdicts removed; belief, health and model as they are without.
+
+        Windows that were skipped then may open once more when their time comes; one in which an arm moved never does.
+        """
+        reason = "dated in the future by a clock that was wrong"
+        with self._transaction() as db:
+            later = [row[0] for row in db.execute("SELECT ledger_id FROM assessment WHERE recorded_at_unix_s > ?", (after_unix_s,))]
+            for ledger_id in later:
+                for name in ("friction", "checkpoint", "assessment"):
+                    db.execute(f"DELETE FROM {name} WHERE ledger_id = ?", (ledger_id,))  # noqa: S608 - fixed names
+                db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason, ledger_id))
+            db.execute("DELETE FROM ledger WHERE state = 'skipped' AND window_unix_s > ?", (after_unix_s,))
+            if held is None:
+                db.execute("DELETE FROM state")
+            else:
+                db.execute("UPDATE state SET revision = revision + 1, belief = ?, health = ?, model = ?", tuple(map(_text, held)))
+
     # --- upkeep -----------------------------------------------------------------------------
 
     def note(self, key: str) -> str | None:

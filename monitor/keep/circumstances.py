@@ -48,7 +48,7 @@ def processor_family() -> str:
     """
     import numpy as np
 
-    simd = np.show_config(mode="dicts").get("SIMD Extensions", {})
+    simd: Any = np.show_config(mode="dicts").get("SIMD Extensions", {})
     found = [str(name) for key in ("baseline", "found") for name in simd.get(key, [])]
     return " ".join((platform.machine(), *found[-3:]))
 

@@ -123,10 +123,10 @@ class Machine:
         self._cgroup = base / f"joint-monitor-test-{os.getpid()}-{time.monotonic_ns()}"
         self._cgroup.mkdir()
         procs = self._cgroup / "cgroup.procs"
+        into_cgroup = ["sh", "-c", 'echo 0 > "$1"; shift; exec "$@"', "enter", str(procs)]
         namespaces = ["--mount", "--pid", "--fork", "--kill-child=SIGKILL", "--cgroup", "--ipc", "--uts", "--net", "--mount-proc"]
         self._process = subprocess.Popen(
-            ["unshare", *namespaces, "sh", "-c", BOOT, "boot", str(self._folder)],
-            preexec_fn=lambda: procs.write_text("0"),
+            [*into_cgroup, "unshare", *namespaces, "sh", "-c", BOOT, "boot", str(self._folder)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
