@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import orjson
+
 from monitor.errors import StoreError
 from monitor.keep.backup import HISTORY, Restored, back_up, lost, restore
 from monitor.keep.retention import Kept, to_let_go
@@ -464,7 +466,10 @@ class Store:
             rows = whole or self._rows(
                 "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id = ?1 ORDER BY joint", (cut,)
             )
-        told = [{**json.loads(text), "replay": replay, "recorded_at_unix_s": at, "joint": number} for replay, number, at, text in rows]
+        # one text and one parse: several times faster than one a row, and five years of a joint are 7300
+        told: list[dict[str, Any]] = orjson.loads(f"[{','.join([row[3] for row in rows])}]")
+        for document, (replay, number, at, _) in zip(told, rows, strict=True):
+            document.update(replay=replay, recorded_at_unix_s=at, joint=number)
         return told, (int(rows[-1][0]) if more else None)
 
     # --- events -----------------------------------------------------------------------------
