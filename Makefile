@@ -8,7 +8,7 @@ WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test card lint bench soak excitations clean
+.PHONY: help demo test card lint bench soak excitations install uninstall clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -45,6 +45,30 @@ excitations: $(STAMP) ## design config/excitation anew, each with its proof: the
 	for robot in $(MODELS); do for mounting in ground ceiling wall; do \
 		$(BIN)/joint-monitor design --robot $$robot --mounting $$mounting --seed 1 --evaluations 3000 --speed-limit 2.2 --flange-speed-limit 1.5 \
 			-o config/excitation/$$robot-$$mounting.json || exit; done; done
+
+# A service for this machine. Again is an upgrade: history and configuration stay where they are, and the history is migrated by the next start.
+PREFIX ?= /opt/joint-monitor
+SYSTEM ?= /usr/local/lib
+INTO := $(DESTDIR)$(PREFIX)
+install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor), unit and user in place; as root
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }
+	$(PYTHON) -m venv $(INTO)
+	$(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade .
+	@# a package is built elsewhere than it will lie
+	test -z "$(DESTDIR)" || grep -lI "$(INTO)" $(INTO)/bin/* $(INTO)/pyvenv.cfg | xargs sed -i 's#$(INTO)#$(PREFIX)#g'
+	install -d $(DESTDIR)$(SYSTEM)/systemd/system $(DESTDIR)$(SYSTEM)/sysusers.d $(DESTDIR)$(SYSTEM)/tmpfiles.d $(DESTDIR)/etc/joint-monitor
+	sed 's#/opt/joint-monitor/#$(PREFIX)/#g' deploy/joint-monitor@.service > $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service
+	install -m 644 deploy/joint-monitor.sysusers $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf
+	install -m 644 deploy/joint-monitor.tmpfiles $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
+	test -n "$(DESTDIR)" || { systemd-sysusers && systemd-tmpfiles --create && systemctl daemon-reload; }
+	@echo "installed; now write $(DESTDIR)/etc/joint-monitor/NAME.toml and: systemctl enable --now joint-monitor@NAME"
+
+uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monitor and /var/lib/joint-monitor stay
+	test -n "$(DESTDIR)" || systemctl disable --now 'joint-monitor@*.service' 2>/dev/null || true
+	rm -rf $(INTO)
+	rm -f $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service
+	rm -f $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
+	test -n "$(DESTDIR)" || systemctl daemon-reload
 
 clean: ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

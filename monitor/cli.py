@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor import __version__, commands_bus, commands_health, commands_motion
+from monitor import __version__, commands_bus, commands_health, commands_history, commands_motion
 from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
@@ -77,14 +77,16 @@ def run(
 ) -> None:
     """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong."""
     from monitor.daemon import serve
+    from monitor.service import log_as_a_service
 
-    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(levelname)s %(name)s %(message)s")
-    logging.getLogger("apscheduler").setLevel(logging.WARNING)
     try:
         configuration = _load(config)
     except BadConfiguration as error:
         typer.echo(f"joint-monitor: {error}", err=True)
         raise typer.Exit(EXIT_CONFIG) from None
+    log_as_a_service(configuration.robot.site, configuration.robot.id)
+    for name in configuration.overrides:
+        logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
     serve(configuration, replay_now=now)
 
 
@@ -411,6 +413,7 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     from monitor.store import Store
     from monitor.terminal import print_status
     from monitor.timestamps import outside, rfc3339
+    from monitor.upkeep import said
 
     configuration = _load(config)
     with Store.reader(configuration.state_directory) as store:
@@ -422,6 +425,7 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
         "model_revision": state.revision if state else 0,
         "health": outside(state.health) if state else None,
         "friction": outside(newest),
+        "monitor": said(configuration.state_directory),
         "ledger": [
             {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
             for row in ledger
@@ -445,8 +449,12 @@ for _command in (
     commands_motion.replay,
     commands_motion.record,
     commands_motion.allow,
+    commands_history.schedule,
+    commands_history.history,
+    commands_history.export,
 ):
     app.command()(_command)
+app.command(name="import")(commands_history.import_)
 
 
 @app.command()

@@ -2,14 +2,13 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from monitor.errors import BadInput
 
-if TYPE_CHECKING:
-    from monitor.series import Entry
+EXIT_DIFFERENT = 3  # assess --from-store: a verdict came out otherwise
 
 
 def assess(
@@ -21,20 +20,25 @@ def assess(
     gains: Annotated[str | None, typer.Option(help="Joint torque per ampere [N·m/A], comma-separated.", show_default=False)] = None,
     manifest: Annotated[Path | None, typer.Option(help="CSV: file, recorded_at[, payload_kg, mounting, note].", show_default=False)] = None,
     interval: Annotated[str | None, typer.Option(help="Files say no time: they are so far apart, e.g. 1d.", show_default=False)] = None,
+    from_store: Annotated[bool, typer.Option("--from-store", help="Every past verdict of --config's history once more.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
 ) -> None:
-    """Judge a series of recordings in the order of their times, as the daemon would."""
+    """Judge a series of recordings in the order of their times, as the daemon would. Exit 3: --from-store found a verdict that differs."""
+    if from_store:
+        given = (files, robot, mounting, columns, gains, manifest, interval)
+        _from_store(config, others=any(value is not None for value in given), as_json=as_json)
+        return
     import numpy as np
 
     from monitor import offline
     from monitor.assess import AssessSettings
     from monitor.model.robot import Mounting
-    from monitor.series import Series, assess_series
+    from monitor.series import Series, assess_series, given_entries
     from monitor.terminal import print_assessment
     from monitor.terminal import status as status_line
     from monitor.timestamps import outside
 
-    entries = _entries(files or [], manifest, interval)
+    entries = given_entries(files or [], manifest, interval)
     joint_gains = None if gains is None else np.array(_figures(gains, "--gains"))
     if config is not None:
         if robot is not None:
@@ -94,17 +98,29 @@ def rehearse(
         print_rehearsal(document)
 
 
-def _entries(files: list[Path], manifest: Path | None, interval: str | None) -> "list[Entry]":
-    from monitor.series import Entry, spaced
-    from monitor.series import manifest as read_manifest
+def _from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
+    from monitor.config import load
+    from monitor.recompute import recompute
+    from monitor.store import Store
+    from monitor.terminal import status as status_line
 
-    if manifest is not None and (files or interval):
-        raise BadInput("--manifest names the files and their times; expected it alone, without FILE… and --interval")
-    if manifest is not None:
-        return read_manifest(manifest)
-    if not files:
-        raise BadInput("assess: no recording was given; expected FILE… or --manifest")
-    return spaced(files, interval) if interval is not None else [Entry(file) for file in files]
+    if config is None or others:
+        raise BadInput("--from-store takes recordings and settings from a history: expected --config, and nothing else beside it")
+    with Store.reader(load(config).state_directory) as store, status_line("every past verdict once more"):
+        document = recompute(store)
+    if as_json:
+        typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo(
+            f"{document['assessments']} verdicts: {document['identical']} come out the same to the last bit, "
+            f"{document['different']} differ, {document['not_recomputable']} cannot be recomputed"
+        )
+        for line in document["changed_since"]:
+            typer.echo(f"  changed since: {line}")
+        for each in document["differing"]:
+            typer.echo(f"  replay {each['replay']}: {'; '.join(each['differs'][:3])}")
+    if document["different"]:
+        raise typer.Exit(EXIT_DIFFERENT)
 
 
 def _figures(text: str, option: str) -> list[float]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor.errors import BadInput, ReplayAborted
+from monitor.errors import BadInput, ReplayAborted, StoreError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,24 +28,36 @@ JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on sta
 
 
 def check(config: ConfigOption, as_json: JsonOption = False) -> None:
-    """May the arm move now? Every condition by name; receive-only, nothing is uploaded or moved. Exit 3: something speaks against it."""
+    """May the service run, and the arm move, now? Every condition by name; nothing is moved. Exit 3: something speaks against it."""
+    from monitor.acquire.conditions import Condition
     from monitor.config import load
     from monitor.motion import look
+    from monitor.selfcheck import service_conditions
 
     configuration = load(config)
+    service = service_conditions(configuration)
     with _asking(configuration) as ask:
-        found = look(configuration, ask=ask)
+        try:
+            found = look(configuration, ask=ask)
+        except StoreError as error:  # without its history nobody knows whether a stop waits for a person
+            found = (Condition(name="previous_stop", holds=False, told=str(error)),)
     may = all(condition.holds for condition in found)
     bus = _reached(configuration)
     if as_json:
-        told = [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.told} for each in found]
-        _print_json({"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "conditions": told, "bus": bus})
+        told, ours = (
+            [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.told} for each in part]
+            for part in (found, service)
+        )
+        may_run = all(condition.holds for condition in service)
+        about = {"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "may_run": may_run}
+        _print_json(about | {"service": ours, "conditions": told, "bus": bus})
     else:
         from monitor.terminal import print_bus, print_conditions
 
-        print_conditions(f"{configuration.robot.id} at {configuration.robot.host}", [(each.name, each.word, each.told) for each in found])
+        rows = [(each.name, each.word, each.told) for each in (*service, *found)]
+        print_conditions(f"{configuration.robot.id} at {configuration.robot.host}", rows)
         print_bus(bus)
-    if not may:
+    if not (may and all(condition.holds for condition in service)):
         raise typer.Exit(EXIT_NOT_NOW)
 
 

@@ -3,8 +3,9 @@
 import dataclasses
 import difflib
 import json
-import re
+import os
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -22,6 +23,8 @@ from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.publish.bus import BusSettings, prefix
 from monitor.publish.metrics import MetricsSettings
 from monitor.recording import Context
+from monitor.schedule import ScheduleSettings
+from monitor.sources import PREFIX, overridden, placed, with_credentials, without_secrets
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,18 +43,14 @@ class RobotSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ScheduleSettings:
-    """When to replay. Times are UTC."""
-
-    cron: str = "0 3 * * *"  # minute hour day month weekday
-    grace_s: Annotated[float, between(1.0, 86400.0)] = 600.0  # a window missed by more is skipped, and said so
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StoreSettings:
     """Where the history lives."""
 
     directory: str = "var/joint-monitor"  # relative to the configuration file
+    backups: Annotated[int, between(1, 365)] = 14  # of so many days the newest backup is kept
+    recordings_days: Annotated[float, between(0.0, 36500.0)] = 1825.0  # older ones are let go of; their verdicts stay; 0: none is
+    recordings_gb: Annotated[float, between(0.0, 1e6)] = 20.0  # the oldest beyond this are let go of; 0: none is
+    least_free_mb: Annotated[float, between(1.0, 1e6)] = 500.0  # with less left on the disk nothing is replayed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +73,7 @@ class Configuration:
     metrics: MetricsSettings
     assess: AssessSettings
     excitation: Excitation
+    overrides: tuple[str, ...] = ()  # variables of the environment that stand in for the file
 
     @property
     def model(self) -> Robot:
@@ -108,18 +108,37 @@ class Configuration:
         )
 
 
-def load(path: Path) -> Configuration:
-    """Read and check one configuration.
+def load(path: Path, environment: Mapping[str, str] | None = None) -> Configuration:
+    """Read and check one configuration; variables JOINT_MONITOR__SECTION__KEY stand in for what the file says.
 
-    Raises BadConfiguration that lists every mistake with its key.
+    environment : os.environ where not given. Raises BadConfiguration that lists every mistake with its line and key.
     """
+    environment = os.environ if environment is None else environment
     try:
-        document = tomllib.loads(path.read_text("utf-8"))
+        text = path.read_text("utf-8")
+        document = tomllib.loads(text)
     except OSError as error:
         raise BadConfiguration(f"{path}: cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadConfiguration(f"{path}: not TOML: {error}") from None
-    return from_document(document, path)
+    mistakes: list[str] = []
+    secrets: dict[str, str] = {}
+    overrides = overridden(document, environment, mistakes)
+    document = with_credentials(document, environment.get("CREDENTIALS_DIRECTORY"), mistakes, secrets)
+    configuration = _from_document(document, path, mistakes)
+    if configuration is None:
+        told = [placed(without_secrets(_by_variable(mistake, overrides), secrets), path, text) for mistake in mistakes]
+        raise BadConfiguration(told[0] if len(told) == 1 else "\n  ".join((f"{path}: {len(told)} mistakes", *told)))
+    return dataclasses.replace(configuration, overrides=tuple(overrides))
+
+
+def _by_variable(mistake: str, overrides: Sequence[str]) -> str:
+    """A mistake in a key that a variable of the environment has set is the variable's."""
+    for name in overrides:
+        key = ".".join(name.removeprefix(PREFIX).lower().split("__"))
+        if mistake.startswith((f"{key}:", f"{key} =")):
+            return f"environment {name}: {mistake}"
+    return mistake
 
 
 def from_document(document: dict[str, Any], path: Path) -> Configuration:
@@ -127,8 +146,15 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
 
     Raises BadConfiguration that lists every mistake with its key.
     """
-    document = {name: dict(section) if isinstance(section, dict) else section for name, section in document.items()}
     mistakes: list[str] = []
+    configuration = _from_document(document, path, mistakes)
+    if configuration is None:
+        raise BadConfiguration(f"{path}: " + "; ".join(mistakes))
+    return configuration
+
+
+def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) -> Configuration | None:
+    document = {name: dict(section) if isinstance(section, dict) else section for name, section in document.items()}
     sections: dict[str, Any] = {}
     rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
     rooms["metrics"] = MetricsSettings
@@ -165,8 +191,6 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
             mistakes.append("robot.gains_nm_per_a: expected one positive figure for each of 6 joints")
     if sections["store"] and ("\0" in sections["store"].directory or not sections["store"].directory.strip()):
         mistakes.append(f"store.directory = {sections['store'].directory!r}: expected the path of a folder")
-    if sections["schedule"]:
-        _checked(mistakes, "schedule.cron", lambda: _check_cron(sections["schedule"].cron))
     if repetitions is not None and excitation is not None:
         if isinstance(repetitions, int) and not isinstance(repetitions, bool) and repetitions >= 1:
             excitation = dataclasses.replace(excitation, repetitions=repetitions)
@@ -189,7 +213,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
                 mistakes.append(f"bus.{name}: {path.parent / value} does not exist")
             bus = dataclasses.replace(bus, **{name: str((path.parent / value).resolve())})
     if mistakes:
-        raise BadConfiguration(f"{path}: " + "; ".join(mistakes))
+        return None
     assess = AssessSettings(method=sections["assess"].method, **{name: sections[name] for name in _assess_sections()})
     assert excitation is not None  # or there would be a mistake
     return Configuration(
@@ -289,7 +313,9 @@ def _section(name: str, cls: type, value: Any, mistakes: list[str]) -> Any:
             else:
                 mistakes.append(f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}")
     except (BadInput, ValueError) as error:  # a room may refuse a figure, or a combination, that its type allows
-        mistakes.append(f"[{name}] {error}")
+        said = str(error)
+        # a room that names its key itself is not told its section twice
+        mistakes.append(said if said.startswith(f"{name}.") else f"[{name}] {said}")
     return None
 
 
@@ -349,12 +375,3 @@ def _checked(mistakes: list[str], key: str, make: Any) -> Any:
     except BadInput as error:
         mistakes.append(f"{key}: {error}")
         return None
-
-
-def _check_cron(expression: str) -> None:
-    from apscheduler.triggers.cron import CronTrigger
-
-    try:
-        CronTrigger.from_crontab(expression, timezone="UTC")
-    except ValueError as error:
-        raise BadInput(f"{re.sub(r'[.]$', '', str(error))}; expected five fields, e.g. '0 3 * * *' for 03:00 UTC every day") from None

@@ -2,9 +2,7 @@
 
 import dataclasses
 import logging
-import os
 import signal
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -13,16 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from monitor.assess import Assessment, Rejected, alert_document, assess
-from monitor.config import Configuration
-from monitor.errors import BadInput, MotionRefused, ReplayAborted, RobotUnreachable
+from monitor.acquire.state import ROBOT_MODE_RUNNING
+from monitor.assess import Rejected, alert_document
+from monitor.chronicle import Held, adopt_orphans, enter_stored, held, now_held
+from monitor.config import Configuration, load
+from monitor.errors import BadConfiguration, BadInput, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.files import read_recording, write_recording
 from monitor.identity import info
-from monitor.judge.belief import Belief, belief_from_document
-from monitor.judge.compensation import CompensatedModel, model_from_document
+from monitor.judge.compensation import CompensatedModel
 from monitor.judge.document import plain
-from monitor.judge.health import Alert, Health, acknowledge, health_from_document, shelve
+from monitor.judge.health import Alert, Health, acknowledge, shelve
 from monitor.model.fourier import Excitation
+from monitor.mover import Mover
 from monitor.publish.answers import torque_answer
 from monitor.publish.bus import Answer, Bus, log_refusals
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
@@ -30,13 +30,23 @@ from monitor.publish.live import LiveTorque
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
 from monitor.publish.told import health_told
+from monitor.recompute import rewind
 from monitor.recording import Array, Context, Recording
+from monitor.reload import reloaded
+from monitor.service import Heartbeats, Watchdog, notify, reloading
 from monitor.store import Event, LedgerRow, Store
 from monitor.timestamps import outside, rfc3339
+from monitor.troubles import Troubles
+from monitor.upkeep import Upkeep
 
 log = logging.getLogger(__name__)
 
 LONGEST_PAUSE_S = 0.5  # the main loop's: the link to the arm is looked at so often, however seldom its torque is told
+AT_START = 3  # recordings that wait are assessed before the service is ready; more of them, after a restored history, in peace
+PATIENCE_S = 90.0  # with a worker that does not say it is alive: an upload, a permit, an assessment on a busy machine are shorter
+MONITOR_PERIOD_S = 10.0
+STORE_RESTORED = "store_restored"
+OWN_ACTIONS = {STORE_RESTORED: "Look at the disk, and at what set-aside file and backups say; then acknowledge this."}
 
 Play = Callable[[Excitation, Context, Callable[[], bool]], Recording]
 """How a replay is had: excitation, context, should_stop → Recording. Raises MotionRefused, RobotUnreachable, ReplayAborted."""
@@ -59,13 +69,13 @@ class Daemon:
         self._robot = configuration.model
         self._started_at_unix_s = now()
         self._one_at_a_time = threading.Lock()
-        self._belief: Belief | None = None
-        self._health: Health | None = None
-        self._model: CompensatedModel | None = None
+        self._held = Held()
         self._live: LiveTorque | None = None
         self._next_due_unix_s: float | None = None
         self._judging = threading.Lock()  # health changes by a replay's verdict and by people's words, and by one at a time
         self.wanted: Callable[[], None] | None = None  # how a replay that somebody asks for is scheduled
+        self.pull_forward: Callable[[float], None] | None = None  # production looked odd at that time: the next replay may come sooner
+        self.on_busy: Callable[[], None] | None = None  # told often while a replay is under way, or its assessment
         answers = {
             "torque": Answer("torque", self._answer_torque),
             "history": Answer("history", self._answer_history, payload=False),
@@ -86,31 +96,78 @@ class Daemon:
         return self
 
     def _take_up(self) -> None:
-        state = self._store.state()
-        if state is not None:
-            self._belief = belief_from_document(state.belief)
-            self._health = health_from_document(state.health)
-            self._model = model_from_document(state.model)
-            self._live = LiveTorque(self._model, self._robot, self._gains, self._last_recording())
-        before = {row.id for row in self._store.ledger(states=("started",))}
-        waiting = self._store.repair(self._now())
-        for row in self._store.ledger(states=("aborted",)):
-            if row.id in before:
-                log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason)
-        for row in waiting:
-            self._assess_stored(row)
+        self._held = held(self._store)
+        self._prepare_live()
+        restored = self._store.restored
+        if restored is not None:
+            log.error("%s", restored.told)
+            adopted = adopt_orphans(self._store, self._now())
+            if adopted:
+                log.warning("%d recordings that the restored history does not know wait for their assessment", adopted)
+        self.mend(at_most=AT_START)
+        if restored is not None:
+            self._raise_own(STORE_RESTORED, restored.told)
         self._say_everything()
         for event in self._store.events(unpublished=True):
             self._say_event(event)
+
+    def mend(self, at_most: int | None = None) -> None:
+        """Finish what a crash, or a disk that took no more, left half-way: aborted, or assessed now. Raises StoreError."""
+        with self._one_at_a_time:
+            before = {row.id for row in self._store.ledger(states=("started",))}
+            waiting = self._store.repair(self._now())
+            for row in self._store.ledger(states=("aborted",), limit=len(before) + 1) if before else ():
+                if row.id in before:
+                    log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason, extra={"replay": row.id, "verdict": "aborted"})
+            for row in waiting[:at_most]:
+                self._assess_stored(row.id)
+                self.busy()
+
+    def rewind(self) -> bool:
+        """Take back what was learnt in a future that a wrong clock made up; False where the recordings to do so are gone."""
+        with self._one_at_a_time, self._judging:
+            known = rewind(self._store, self._now())
+            if known is not None:
+                self._held = known
+                self._prepare_live()
+        if known is not None:
+            self._say_everything()
+        return known is not None
 
     def __exit__(self, *_: object) -> None:
         self.stopping.set()
         self.bus.close()
 
+    def busy(self) -> None:
+        """Whoever works through this daemon is alive; the service hands in who is told."""
+        if self.on_busy is not None:
+            self.on_busy()
+
+    def _should_stop(self) -> bool:
+        self.busy()
+        return self.stopping.is_set()
+
     @property
     def model(self) -> CompensatedModel | None:
         """What is known of the arm's torque now."""
-        return self._model
+        return self._held.model
+
+    @property
+    def health_state(self) -> str | None:
+        """NE 107 state of the arm; None until a replay has been assessed."""
+        return None if self._health is None else self._health.state
+
+    @property
+    def _health(self) -> Health | None:
+        return self._held.health
+
+    @_health.setter
+    def _health(self, health: Health) -> None:
+        self._held = dataclasses.replace(self._held, health=health)
+
+    @property
+    def _model(self) -> CompensatedModel | None:
+        return self._held.model
 
     # --- one replay ------------------------------------------------------------------------------
 
@@ -123,13 +180,17 @@ class Daemon:
             ledger_id = self._store.claim(window_unix_s, kind, self._now())
             if ledger_id is None:
                 return None
+            for waiting in self._store.repair(self._now(), but=ledger_id):
+                self._assess_stored(waiting.id)  # in time order: an older one could not be learnt from afterwards
             self._perform(ledger_id)
-            (row,) = self._store.ledger(limit=1)
+            row = self._store.row(ledger_id)
             self.say_replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
             if row.state == "assessed" and self._health is not None:
-                log.info("replay=%d verdict=assessed health=%s why=%r", row.id, self._health.state, self._health.why)
+                state, why = self._health.state, self._health.why
+                log.info("replay=%d verdict=assessed health=%s why=%r", row.id, state, why, extra={"replay": row.id, "verdict": "assessed"})
             else:
-                log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason)
+                told = {"replay": row.id, "verdict": row.state}
+                log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason, extra=told)
             return row
 
     def skip(self, window_unix_s: float, reason: str) -> None:
@@ -142,7 +203,7 @@ class Daemon:
 
     def _perform(self, ledger_id: int) -> None:
         try:
-            recording = self._play(self.configuration.excitation, self.configuration.context, self.stopping.is_set)
+            recording = self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
         except (MotionRefused, RobotUnreachable) as error:
             self._store.end(ledger_id, "skipped", str(error), self._now())
             return
@@ -152,62 +213,39 @@ class Daemon:
             return
         # the host's clock, not the controller's, dates a recording; a study's clock is its host's
         recording = dataclasses.replace(recording, context=dataclasses.replace(recording.context, recorded_at_unix_s=self._now()))
-        write_recording(self._store.recording_path(ledger_id), recording)
+        path = self._store.recording_path(ledger_id)
+        try:
+            write_recording(path, dataclasses.replace(recording, source=path.name))
+        except StoreError as error:
+            self._store.end(ledger_id, "aborted", str(error), self._now())
+            return
         self._store.recorded(ledger_id)
-        self._assess(ledger_id, recording)
+        self._assess_stored(ledger_id)  # what was written, not what was measured: so a recomputation sees the very same
 
-    def _assess_stored(self, row: LedgerRow) -> None:
-        try:
-            recording = read_recording(self._store.recording_path(row.id))
-        except BadInput as error:
-            self._store.end(row.id, "rejected", str(error), self._now())
-            return
-        self._assess(row.id, recording)
-
-    def _assess(self, ledger_id: int, recording: Recording) -> None:
+    def _assess_stored(self, ledger_id: int) -> None:
         with self._judging:
-            self._assess_alone(ledger_id, recording)
-
-    def _assess_alone(self, ledger_id: int, recording: Recording) -> None:
-        configuration = self.configuration
-        try:
-            outcome = assess(
-                recording,
-                robot=self._robot,
-                mounting=configuration.mounting,
-                belief=self._belief,
-                health=self._health,
-                gains=self._gains,
-                settings=configuration.assess,
-            )
-        except BadInput as error:
-            outcome = Rejected(str(error))
-        except Exception as error:  # a fault of ours in one recording must not end the service, now and at every start
-            log.exception("replay=%d cannot be assessed", ledger_id)
-            outcome = Rejected(f"internal: {type(error).__name__}: {error}")
-        if isinstance(outcome, Rejected):
-            self._store.end(ledger_id, "rejected", outcome.reason, self._now())
-            return
-        events = self._store.commit(
-            ledger_id,
-            at_unix_s=self._now(),
-            recorded_at_unix_s=recording.context.recorded_at_unix_s or self._now(),
-            assessment=outcome.as_document(),
-            friction=[plain(joint) for joint in outcome.friction],
-            belief=outcome.belief.as_document(),
-            health=outcome.health.as_document(),
-            model=outcome.model.as_document(),
-            events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
-        )
-        known = self._belief.context if self._belief else None
-        self._hold(outcome, recording)
-        if known is None or (known.serial, known.firmware) != (outcome.belief.context.serial, outcome.belief.context.firmware):
+            entered = enter_stored(self._store, self.configuration, self._held, ledger_id, self._now)
+            if isinstance(entered.outcome, Rejected):
+                return
+            known = self._held.belief.context if self._held.belief else None
+            self._held = now_held(self._held, entered)
+            self._prepare_live()
+        self.busy()
+        if entered.outcome.identification.temperature_c is not None:
+            self.present_temperature_c = entered.outcome.identification.temperature_c
+        context = entered.outcome.belief.context
+        if known is None or (known.serial, known.firmware) != (context.serial, context.firmware):
             self._say_info()
-        for joint in outcome.friction:
+        for joint in entered.outcome.friction:
             self._say(f"joint/{joint.joint}/friction", "friction", plain(joint))
         self._say_state()
-        for event in events:
+        for event in entered.events:
             self._say_event(event)
+
+    def _prepare_live(self) -> None:
+        """Beforehand, for the model that is held now: nobody who asks waits for it."""
+        if self._held.model is not None:
+            self._live = LiveTorque(self._held.model, self._robot, self._gains, self._last_recording())
 
     def _last_recording(self) -> Recording | None:
         """Of the last replay that was assessed; None where it is kept no longer."""
@@ -223,12 +261,6 @@ class Daemon:
         gains = self.configuration.robot.gains_nm_per_a
         return np.array(gains) if gains else None
 
-    def _hold(self, outcome: Assessment, recording: Recording) -> None:
-        live = LiveTorque(outcome.model, self._robot, self._gains, recording)  # prepares the model too: nobody who asks waits for it
-        self._belief, self._health, self._model, self._live = outcome.belief, outcome.health, outcome.model, live
-        if outcome.identification.temperature_c is not None:
-            self.present_temperature_c = outcome.identification.temperature_c
-
     # --- what is said ----------------------------------------------------------------------------
 
     def next_due(self, unix_s: float | None) -> None:
@@ -243,6 +275,10 @@ class Daemon:
             "health",
             {**health_told(self._health), "next_replay_due_unix_s": self._next_due_unix_s, "said_at_unix_s": self._now()},
         )
+
+    def say_monitor(self, document: dict[str, Any], *, done: Callable[[], None] | None = None) -> None:
+        """How the monitor itself is."""
+        self._say("monitor", "monitor", document, done=done)
 
     def say_replay(self, document: dict[str, Any]) -> None:
         """What is going to happen to the arm, or has: for the cell's own programs."""
@@ -272,7 +308,7 @@ class Daemon:
         self.bus.event(_event_document(event), done=lambda: self._store.published(event.seq))
 
     def _say_info(self) -> None:
-        context = self._belief.context if self._belief else None
+        context = self._held.belief.context if self._held.belief else None
         self._say("info", "info", info(self.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
 
     def _say_everything(self) -> None:
@@ -295,7 +331,9 @@ class Daemon:
         rows, following = self._store.history(
             joint=asked.joint, from_unix_s=asked.from_unix_s, to_unix_s=asked.to_unix_s, after=asked.after, limit=asked.limit
         )
-        return {"rows": outside(rows), "next": following}
+        for row in rows:  # their one time; five years of them are asked for at once
+            row["recorded_at"] = rfc3339(row.pop("recorded_at_unix_s"))
+        return {"rows": rows, "next": following}
 
     def _answer_event(self, parameters: Any) -> dict[str, Any]:
         after = events_after(parameters)
@@ -337,6 +375,37 @@ class Daemon:
         log.info("alert=%s/%s %s by=%r why=%r", asked.joint or "arm", asked.condition, kind, asked.by, asked.why)
         return {"done": kind, "alert": outside(alert_document(alert))}
 
+    def _raise_own(self, condition: str, text: str) -> None:
+        """An alert of the arm that the monitor raises about itself; kept by the judge, and cleared once it has been acknowledged."""
+        with self._judging:
+            if self._health is None:
+                return  # there is no history that could be in doubt
+            at = self._now()
+            alert = Alert(
+                joint=None, condition=condition, tier="advisory", raised_at_unix_s=at, updated_at_unix_s=at, change=0.0, probability=1.0,
+                text=text, action=OWN_ACTIONS[condition],
+            )  # fmt: skip
+            self._revise_own("raised", alert, at)
+
+    def clear_own(self) -> None:
+        """What the monitor raised about itself is over once a person has seen it."""
+        with self._judging:
+            at = self._now()
+            for alert in self._health.active_alerts if self._health else ():
+                if alert.condition in OWN_ACTIONS and alert.acknowledged_at_unix_s is not None:
+                    self._revise_own("cleared", dataclasses.replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at), at)
+
+    def _revise_own(self, kind: str, alert: Alert, at: float) -> None:
+        assert self._health is not None
+        others = tuple(other for other in self._health.alerts if other.key != alert.key)
+        health = dataclasses.replace(self._health, alerts=(*others, alert))
+        events = self._store.revise(health.as_document(), [{"kind": kind, **alert_document(alert)}], at)
+        self._health = health
+        self._say_alert(alert)
+        self.say_health()
+        for event in events:
+            self._say_event(event)
+
     def _answer_replay(self, payload: Any) -> dict[str, Any]:
         asked = request(ReplayRequest, "cmd/replay", payload)
         if self.configuration.replay.allow_motion is not True:
@@ -363,17 +432,12 @@ def _event_document(event: Event) -> dict[str, Any]:
 
 
 def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
-    """Run until SIGTERM or SIGINT. A moving arm is stopped first.
+    """Run until SIGTERM or SIGINT; SIGHUP reads the configuration again. A moving arm is stopped first.
 
     `replay_now` asks for one replay at the start, whatever the schedule says.
 
-    Raises StoreError or BusError where the daemon cannot start.
+    Raises StoreError or BusError where the daemon cannot start, StoreError where the history was found damaged while it ran.
     """
-    from apscheduler.events import EVENT_JOB_MISSED
-    from apscheduler.executors.pool import ThreadPoolExecutor
-    from apscheduler.schedulers.background import BackgroundScheduler
-    from apscheduler.triggers.cron import CronTrigger
-
     from monitor.acquire.listen import Listener, ListenSettings
     from monitor.motion import move
 
@@ -384,7 +448,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
             (row,) = store.ledger(limit=1)
             return move(
-                configuration,
+                daemon.configuration,
                 store,
                 excitation,
                 context,
@@ -398,89 +462,128 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
-        for number in (signal.SIGTERM, signal.SIGINT):
+        hangup = threading.Event()
+        for number, event in ((signal.SIGTERM, daemon.stopping), (signal.SIGINT, daemon.stopping), (signal.SIGHUP, hangup)):
             # from another thread: the main one may hold the event's own lock at the moment of the signal
-            signal.signal(number, lambda *_: threading.Thread(target=daemon.stopping.set, daemon=True).start())
+            signal.signal(number, lambda *_, event=event: threading.Thread(target=event.set, daemon=True).start())
 
-        # one worker that lives as long as the scheduler: a replay's child must not outlive the thread that started it
-        scheduler = BackgroundScheduler(timezone="UTC", executors={"default": ThreadPoolExecutor(1)})
-        trigger = CronTrigger.from_crontab(configuration.schedule.cron, timezone="UTC")
-
-        def window() -> None:
-            # the job may run late by up to the grace: its window is the last one at or before now
-            daemon.perform(_last_fire(trigger, time.time(), configuration.schedule.grace_s))
-            due = job.next_run_time
-            daemon.next_due(due.timestamp() if due else None)
-
-        job = scheduler.add_job(
-            window, trigger, id="replay", coalesce=True, max_instances=1, misfire_grace_time=int(configuration.schedule.grace_s)
-        )
-        scheduler.add_listener(
-            lambda event: daemon.skip(event.scheduled_run_time.timestamp(), "missed: the monitor or its host was not running"),
-            EVENT_JOB_MISSED,
-        )
-
-        def wanted() -> None:
-            scheduler.add_job(lambda: daemon.perform(time.time(), "requested"), id="wanted", misfire_grace_time=None, replace_existing=True)
-
-        daemon.wanted = wanted
+        heartbeats, troubles = Heartbeats(), Troubles(time.time)
+        mover = Mover(daemon, store, troubles)
+        upkeep = Upkeep(store, lambda: daemon.configuration.store, troubles, time.time)
+        daemon.wanted, daemon.pull_forward = mover.want, mover.evidence
+        daemon.on_busy = lambda: heartbeats.beat("replays", PATIENCE_S)
         if replay_now:
-            wanted()
-        scheduler.start()
-        stack.callback(scheduler.shutdown, wait=True)
-        daemon.next_due(job.next_run_time.timestamp())
+            mover.want()
+        workers = [
+            # one thread that lives as long as the service: a replay's child must not outlive the thread that started it
+            threading.Thread(target=mover.run, args=(daemon.stopping, daemon.busy), name="replays"),
+            threading.Thread(target=upkeep.run, args=(daemon.stopping, lambda: heartbeats.beat("upkeep", 10 * PATIENCE_S)), name="upkeep"),
+        ]
+        for worker in workers:
+            worker.start()
+            stack.callback(worker.join)
+        stack.callback(daemon.stopping.set)
 
         listener = Listener(ListenSettings(host=configuration.robot.host, rate_hz=max(1.0, configuration.bus.live_rate_hz)))
         listener.start()
         stack.callback(listener.stop)
         notify("READY=1")
-        log.info("watching robot=%s host=%s next=%s", configuration.robot.id, configuration.robot.host, job.next_run_time)
-        stack.callback(notify, "STOPPING=1")
-        _listen(daemon, listener)
+        upcoming = mover.coming(1)
+        following = rfc3339(upcoming[0].opens_unix_s) if upcoming else "never"
+        log.info("watching robot=%s host=%s next=%s", configuration.robot.id, configuration.robot.host, following)
+        stack.callback(notify, "STOPPING=1\nSTATUS=stopping")
+        _watch(daemon, listener, mover, upkeep, troubles, heartbeats, hangup)
         log.info("stopping")
+        if upkeep.damaged is not None:
+            raise StoreError(f"{store.directory}: the history was found damaged: {upkeep.damaged}; the next start restores it")
 
 
-def _last_fire(trigger: Any, now_unix_s: float, grace_s: float) -> float:
-    """The newest window of a schedule at or before now; now itself where there was none within the grace."""
-    from datetime import UTC, datetime, timedelta
-
-    now = datetime.fromtimestamp(now_unix_s, tz=UTC)
-    at = trigger.get_next_fire_time(None, now - timedelta(seconds=grace_s + 1.0))
-    newest = None
-    while at is not None and at <= now:
-        newest = at
-        at = trigger.get_next_fire_time(at, at + timedelta(microseconds=1))
-    return newest.timestamp() if newest is not None else now_unix_s
-
-
-def _listen(daemon: Daemon, listener: Any) -> None:
-    """Main loop: live predictions from what is heard; one line when the arm is lost, one when it is back."""
-    said_health = time.monotonic()
-    trouble: str | None = None
-    period_s = 1.0 / daemon.configuration.bus.live_rate_hz
-    live_due = said_health
-    while not daemon.stopping.wait(min(0.5 * period_s, LONGEST_PAUSE_S)):
+def _watch(
+    daemon: Daemon,
+    listener: Any,
+    mover: Mover,
+    upkeep: Upkeep,
+    troubles: Troubles,
+    heartbeats: Heartbeats,
+    hangup: threading.Event,
+) -> None:
+    """Main loop: live predictions from what is heard; how the arm and the monitor are; the watchdog, while everybody is alive."""
+    watchdog = Watchdog(heartbeats)
+    said_health = said_monitor = live_due = 0.0
+    while not daemon.stopping.wait(min(0.5 / daemon.configuration.bus.live_rate_hz, LONGEST_PAUSE_S)) and upkeep.damaged is None:
+        period_s = 1.0 / daemon.configuration.bus.live_rate_hz
         fresh = listener.poll()
         if fresh and (now := time.monotonic()) >= live_due - 0.25 * period_s:  # a row may come a little early, and is not left out for it
             live_due = max(live_due + period_s, now)
             state = fresh[-1]
             daemon.live(state.q, state.qd, state.target_qdd, state.current, state.temperature_c)
         daemon.bus.robot_alive(listener.reachable)
-        if listener.trouble != trouble:
-            if listener.trouble is None:
-                log.info("robot=%s heard again", daemon.configuration.robot.id)
-            elif trouble is None:
-                log.warning("robot=%s cannot be heard: %s", daemon.configuration.robot.id, listener.trouble)
-            trouble = listener.trouble
-        if time.monotonic() - said_health >= daemon.configuration.bus.health_period_s:
-            said_health = time.monotonic()
+        state = listener.latest()
+        mover.heard(
+            listener.reachable and state is not None and state.robot_mode == ROBOT_MODE_RUNNING,
+            None if state is None or not listener.reachable else tuple(state.temperature_c.tolist()),
+        )
+        troubles.said("arm", listener.trouble)
+        if hangup.is_set():
+            hangup.clear()
+            reload(daemon, mover, upkeep)
+        now = time.monotonic()
+        if now - said_health >= daemon.configuration.bus.health_period_s or not said_health:
+            said_health = now
+            daemon.clear_own()
             daemon.say_health()
+        if now - said_monitor >= MONITOR_PERIOD_S or not said_monitor:
+            said_monitor = now
+            try:
+                document = upkeep.document(_known(daemon, listener, mover, heartbeats))
+            except StoreError as error:
+                troubles.found("store", str(error))
+            else:
+                # the sender's heartbeat is that this document leaves
+                daemon.say_monitor(document, done=lambda: heartbeats.beat("bus", PATIENCE_S))
+                upkeep.write(document)
+                notify(f"STATUS={status_line(daemon.health_state, document)}")
+        watchdog.look()
 
 
-def notify(message: str) -> None:
-    """Tell the service manager, where there is one (sd_notify(3))."""
-    address = os.environ.get("NOTIFY_SOCKET")
-    if not address:
-        return
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
-        channel.sendto(message.encode(), "\0" + address[1:] if address.startswith("@") else address)
+def _known(daemon: Daemon, listener: Any, mover: Mover, heartbeats: Heartbeats) -> dict[str, Any]:
+    """What the monitor's own document says beside what upkeep knows."""
+    upcoming = mover.coming(1)
+    return {
+        "next_replay_due_unix_s": upcoming[0].opens_unix_s if upcoming else None,
+        "next_replay_why": upcoming[0].why if upcoming else None,
+        "lag_s": mover.lag_s,
+        "arm": {"heard": listener.reachable, "trouble": listener.trouble},
+        "bus": daemon.bus.lengths(),
+        "workers": heartbeats.ages_s(),
+        "overrides": list(daemon.configuration.overrides),
+    }
+
+
+def reload(daemon: Daemon, mover: Mover, upkeep: Upkeep) -> None:
+    """SIGHUP: the configuration once more; all of it is right, or nothing of it is taken."""
+    reloading()
+    try:
+        found = reloaded(daemon.configuration, load(daemon.configuration.path))
+    except BadConfiguration as error:
+        log.error("reload refused, the old configuration stays: %s", error)
+        upkeep.reload = {"at_unix_s": time.time(), "done": False, "told": str(error), "waiting": []}
+    else:
+        daemon.configuration = found.configuration
+        mover.reconsider()
+        log.info("reloaded: %s", found.told)
+        upkeep.reload = {"at_unix_s": time.time(), "done": True, "told": found.told, "waiting": list(found.waiting)}
+    notify("READY=1")
+
+
+def status_line(health: str | None, document: dict[str, Any]) -> str:
+    """What `systemctl status` shows."""
+    last, due = document["last_replay"], document["next_replay_due_unix_s"]
+    parts = [
+        health or "no replay assessed yet",
+        f"last replay {last['replay']} {last['state']}" if last else "no replay yet",
+        f"next {rfc3339(due)}" if due else "none scheduled",
+        "arm heard" if document["arm"]["heard"] else "arm not heard",
+    ]
+    parts += [f"{trouble['name']}: {trouble['text']}" for trouble in document["troubles"] if trouble["name"] != "arm"]
+    return "; ".join(parts).replace("\n", " ")[:500]

@@ -110,16 +110,12 @@ def assess_series(series: Series) -> dict[str, Any]:
 
     Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
     """
-    dated = sorted((_read(series, entry) for entry in series.entries), key=lambda pair: pair[0].context.recorded_at_unix_s or 0.0)
-    for (one, _), (other, _) in pairwise(dated):
-        if one.context.recorded_at_unix_s == other.context.recorded_at_unix_s:
-            raise BadInput(f"{one.source} and {other.source} were recorded at the same time; expected one recording at a time")
     last: Assessment | None = None
     friction: list[dict[str, Any]] = []
     files: list[dict[str, Any]] = []
     alerts: dict[tuple[int | None, str], dict[str, Any]] = {}
     warnings: list[dict[str, Any]] = []
-    for recording, mounting in dated:
+    for recording, mounting in dated(series):
         outcome = assess(
             recording,
             robot=series.robot,
@@ -154,6 +150,29 @@ def assess_series(series: Series) -> dict[str, Any]:
         "contexts": plain(last.belief.contexts),
         "warnings": warnings,
     }
+
+
+def given_entries(files: Sequence[Path], manifest_file: Path | None, interval: str | None) -> list[Entry]:
+    """Which recordings a command was given, and what is declared of them. Raises BadInput."""
+    if manifest_file is not None and (files or interval):
+        raise BadInput("--manifest names the files and their times; expected it alone, without FILE… and --interval")
+    if manifest_file is not None:
+        return manifest(manifest_file)
+    if not files:
+        raise BadInput("no recording was given; expected FILE… or --manifest")
+    return spaced(files, interval) if interval is not None else [Entry(file) for file in files]
+
+
+def dated(series: Series) -> list[tuple[Recording, Mounting]]:
+    """The recordings with what is declared of them and their mountings, in time order.
+
+    Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
+    """
+    found = sorted((_read(series, entry) for entry in series.entries), key=lambda pair: pair[0].context.recorded_at_unix_s or 0.0)
+    for (one, _), (other, _) in pairwise(found):
+        if one.context.recorded_at_unix_s == other.context.recorded_at_unix_s:
+            raise BadInput(f"{one.source} and {other.source} were recorded at the same time; expected one recording at a time")
+    return found
 
 
 def _read(series: Series, entry: Entry) -> tuple[Recording, Mounting]:

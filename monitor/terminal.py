@@ -121,6 +121,8 @@ def print_status(document: dict[str, Any]) -> None:
             console.print(
                 f"[bold]{'arm' if alert['joint'] is None else 'J' + str(alert['joint'])} {alert['condition']}[/]: {alert['text']}"
             )
+    if document.get("monitor"):
+        console.print(monitor_line(document["monitor"]), highlight=False, markup=False)
     for row in document["ledger"]:
         console.print(
             f"  replay {row['replay']}  {row['window']}  {row['state']}{'  ' + row['reason'] if row['reason'] else ''}", highlight=False
@@ -398,3 +400,43 @@ def print_rehearsal(document: dict[str, Any]) -> None:
         f"{100 * life['alpha_lambda_at_half_life']['share']:.0f} %",
         highlight=False,
     )
+
+
+def monitor_line(document: dict[str, Any]) -> str:
+    """How the monitor itself was when it last said so."""
+    store = document["store"]
+    free = "unknown" if store["free_bytes"] is None else f"{store['free_bytes'] / 1e9:.1f} GB"
+    lines = [
+        f"monitor {document['version']} at {document['said_at']}: next replay {document['next_replay_due'] or 'none'}; "
+        f"backup {store['last_backup_at'] or 'none yet'}; {free} free"
+    ]
+    lines += [f"  since {trouble['since']} {trouble['name']}: {trouble['text']}" for trouble in document["troubles"]]
+    if document.get("reload"):
+        reload = document["reload"]
+        lines.append(f"  configuration {'reloaded' if reload['done'] else 'NOT reloaded'} at {reload['at']}: {reload['told']}")
+    return "\n".join(lines)
+
+
+def print_history(rows: list[dict[str, Any]], left_out: int) -> None:
+    """The `history` command's table."""
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    if not rows:
+        console.print("no replay has been assessed in that time")
+        return
+    table = Table()
+    for title in ("recorded", "replay", "joint", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "F at v*, T0 [Nm]", "wear [%]"):
+        table.add_column(title, justify="left" if title == "recorded" else "right")
+    for row in rows:
+        table.add_row(
+            row["recorded_at"],
+            str(row["replay"]),
+            str(row["joint"]),
+            _number(row.get("temperature_c"), ".1f"),
+            _pair(row.get("coulomb_nm"), row.get("coulomb_std_nm")),
+            _pair(row.get("viscous_nm_s_per_rad"), row.get("viscous_std_nm_s_per_rad")),
+            _pair(row.get("reference_torque_nm"), row.get("reference_torque_std_nm")),
+            f"{100 * row['wear']:+.1f} ± {100 * row['wear_std']:.1f}",
+        )
+    console.print(table)
+    if left_out:
+        console.print(f"{left_out} earlier rows are left out: --limit, --from, --to, --joint", highlight=False)

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 def rfc3339(unix_s: float) -> str:
     """2026-11-21T03:00:00Z, to the second."""
-    return datetime.fromtimestamp(round(unix_s), tz=UTC).isoformat().replace("+00:00", "Z")
+    return f"{datetime.fromtimestamp(round(unix_s), tz=UTC).replace(tzinfo=None).isoformat()}Z"
 
 
 def outside(document: object) -> object:
@@ -13,12 +13,12 @@ def outside(document: object) -> object:
     if isinstance(document, dict):
         told: dict[str, object] = {}
         for key, value in document.items():
-            if key.endswith("_unix_s") and isinstance(value, int | float):
-                told[key.removesuffix("_unix_s")] = rfc3339(value)
-            elif key.endswith("_unix_s") and value is None:
-                told[key.removesuffix("_unix_s")] = None
-            else:
+            if key[-7:] == "_unix_s" and (value is None or isinstance(value, int | float)):
+                told[key[:-7]] = None if value is None else rfc3339(value)
+            elif isinstance(value, dict | list | tuple):
                 told[key] = outside(value)
+            else:
+                told[key] = value  # no call for each of the 100 000 numbers of five years
         return told
     if isinstance(document, list | tuple):
         return [outside(value) for value in document]

@@ -175,3 +175,113 @@ def test_a_directory_that_no_folder_can_be_is_refused():
     """NUL, or nothing at all."""
     for directory in ("a\0b", "  "):
         assert "store.directory" in refusal(store={"directory": directory})
+
+
+# --- where a setting comes from, and where a mistake is ------------------------------------------------------------------
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "cell.toml"
+    path.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n' + text)
+    return path
+
+
+def test_every_mistake_is_told_with_its_file_and_line(tmp_path: Path):
+    """All of them at once: a key, a section, a figure that the room refuses, a key of a nested table, one that is missing has no line."""
+    path = written(
+        tmp_path, '[replay]\nallow_moton = true\ngain = 5.0\n[helth]\n[identify.signals]\n  cutof_hz = 3.0\n[schedule]\ncron = "noon"\n'
+    )
+    path.write_text(path.read_text().replace('site = "lab"\n', ""))
+    with pytest.raises(BadConfiguration) as refused:
+        load(path, {})
+    lines = str(refused.value).splitlines()
+    assert lines[0].endswith("5 mistakes")
+    told = "\n".join(lines[1:])
+    for part in (
+        f"{path}:5: replay.allow_moton: unknown key (did you mean allow_motion?)",
+        f"{path}:7: [helth]: unknown section (did you mean health?)",
+        f"{path}:9: identify.signals.cutof_hz: unknown key (did you mean cutoff_hz?)",
+        f"{path}:11: schedule.cron = 'noon'",
+        "robot.site: missing",
+    ):
+        assert part in told, (part, told)
+
+
+def test_a_variable_of_the_environment_stands_in_for_a_key_and_is_blamed_for_its_mistakes(tmp_path: Path):
+    """As in TOML; what is no TOML is text. Told at the start, so that nobody looks for it in the file."""
+    path = written(tmp_path, '[schedule]\ncron = "0 3 * * *"\n')
+    environment = {
+        "JOINT_MONITOR__SCHEDULE__CRON": "30 4 * * *",
+        "JOINT_MONITOR__ROBOT__PAYLOAD_KG": "1.5",
+        "JOINT_MONITOR__IDENTIFY__SIGNALS__CUTOFF_HZ": "7.5",
+        "JOINT_MONITOR__ROBOT__HOST": "127.0.0.3",
+        "JOINT_MONITOR_DATA": "/somewhere/else",
+    }
+    loaded = load(path, environment)
+    assert (loaded.schedule.cron, loaded.robot.payload_kg, loaded.robot.host) == ("30 4 * * *", 1.5, "127.0.0.3")
+    assert loaded.assess.identify.signals.cutoff_hz == 7.5
+    assert set(loaded.overrides) == set(environment) - {"JOINT_MONITOR_DATA"}
+    assert load(path, {}).overrides == ()
+    with pytest.raises(BadConfiguration) as refused:
+        load(path, {"JOINT_MONITOR__SCHEDULE__GRACE_S": "soon", "JOINT_MONITOR__CRON": "x", "JOINT_MONITOR__SCHEDULE__CORN": "1"})
+    told = str(refused.value)
+    assert "environment JOINT_MONITOR__SCHEDULE__GRACE_S: schedule.grace_s" in told
+    assert "environment JOINT_MONITOR__CRON: expected JOINT_MONITOR__SECTION__KEY" in told
+    assert "environment JOINT_MONITOR__SCHEDULE__CORN: schedule.corn: unknown key (did you mean cron?)" in told
+
+
+def test_only_the_boolean_true_lets_an_arm_move_from_the_environment_too(tmp_path: Path):
+    """`yes` and `1` are mistakes there as in the file."""
+    path = written(tmp_path, "")
+    assert load(path, {"JOINT_MONITOR__REPLAY__ALLOW_MOTION": "true"}).replay.allow_motion is True
+    for word in ("yes", "1", "True"):
+        with pytest.raises(BadConfiguration, match="allow_motion"):
+            load(path, {"JOINT_MONITOR__REPLAY__ALLOW_MOTION": word})
+
+
+def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_told(tmp_path: Path):
+    """Read from $CREDENTIALS_DIRECTORY; a wrong value is refused without being shown; one that is not there is named."""
+    (tmp_path / "secrets").mkdir()
+    (tmp_path / "secrets" / "who").write_text("hunter-2\n")
+    path = written(tmp_path, "")
+    path.write_text(path.read_text().replace('"cell-1"', '"credential:who"'))
+    environment = {"CREDENTIALS_DIRECTORY": str(tmp_path / "secrets")}
+    assert load(path, environment).robot.id == "hunter-2"
+    (tmp_path / "secrets" / "who").write_text("Hunter Two")
+    with pytest.raises(BadConfiguration, match="the credential who") as refused:
+        load(path, environment)
+    assert "Hunter" not in str(refused.value)
+    for environment, said in (({}, "CREDENTIALS_DIRECTORY is not set"), ({"CREDENTIALS_DIRECTORY": str(tmp_path)}, "cannot be read")):
+        with pytest.raises(BadConfiguration, match=said):
+            load(path, environment)
+    path.write_text(path.read_text().replace("credential:who", "credential:../../etc/passwd"))
+    with pytest.raises(BadConfiguration, match="the name of a file"):
+        load(path, {"CREDENTIALS_DIRECTORY": str(tmp_path)})
+
+
+def test_a_reload_takes_what_can_change_and_names_what_waits_for_a_restart(tmp_path: Path):
+    """Thresholds, schedule, guards, payload at once; sockets, files, identity and the speed that a belief refers to, later."""
+    from monitor.reload import reloaded
+
+    old = load(written(tmp_path, ""), {})
+    new = load(
+        written(
+            tmp_path,
+            '[schedule]\ncron = "0 5 * * *"\n[health]\nwear_rise = 0.08\n[bus]\nlive_rate_hz = 2.0\n'
+            '[store]\ndirectory = "elsewhere"\nbackups = 3\n'
+            "[drift]\nreference_speed_rad_s = 0.5\nresolution = 0.2\n[replay]\nallow_motion = true\n",
+        ),
+        {"JOINT_MONITOR__ROBOT__PAYLOAD_KG": "2.0", "JOINT_MONITOR__ROBOT__HOST": "127.0.0.9"},
+    )
+    found = reloaded(old, new)
+    assert found.changed == (
+        "drift.resolution", "health.wear_rise", "replay.allow_motion", "robot.payload_kg", "schedule.cron", "store.backups",
+    )  # fmt: skip
+    assert found.waiting == ("bus.live_rate_hz", "drift.reference_speed_rad_s", "robot.host", "store.directory")
+    merged = found.configuration
+    assert (merged.schedule.cron, merged.robot.payload_kg, merged.robot.host) == ("0 5 * * *", 2.0, "127.0.0.1")
+    assert merged.replay.host == "127.0.0.1"
+    assert merged.replay.allow_motion is True
+    assert merged.assess.drift == dataclasses.replace(old.assess.drift, resolution=0.2)
+    assert merged.state_directory == old.state_directory
+    assert reloaded(old, old).told == "nothing has changed"

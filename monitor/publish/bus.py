@@ -247,6 +247,10 @@ class Bus:
             known = dict(self._last)
         return {key: orjson.loads(payload) for key, (_, payload) in known.items()}
 
+    def lengths(self) -> dict[str, int]:
+        """What waits to be sent and to be answered, and what was dropped so far."""
+        return {"to_send": self._outbox.qsize(), "to_answer": self._inbox.qsize(), "dropped": self.dropped}
+
     def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> "PermitAnswer | None":
         """Ask whoever answers `permit/replay`; None where nobody does in that time."""
         from monitor.publish.permit import asked

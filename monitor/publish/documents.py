@@ -216,6 +216,46 @@ class History(Document):
     next: int | None
 
 
+class Trouble(Document):
+    """Something is wrong with the monitor itself, and since when."""
+
+    name: str = Field(description="disk, clock, clock_behind, store, backup, retention, arm, fault, …")
+    since: datetime
+    text: str
+
+
+class LastReplay(Document):
+    """The newest window of the ledger."""
+
+    replay: int
+    window: datetime
+    state: str
+    reason: str | None
+    ended_at: datetime | None
+
+
+class Monitor(Document):
+    """How the monitor itself is: every ten seconds."""
+
+    version: str
+    programs: dict[str, Any]
+    started_at: datetime
+    uptime_s: Number
+    said_at: datetime
+    troubles: list[Trouble]
+    last_replay: LastReplay | None
+    next_replay_due: datetime | None
+    next_replay_why: str | None
+    lag_s: Maybe = Field(description="of the last scheduled replay, from the opening of its window")
+    arm: dict[str, Any]
+    bus: dict[str, int] = Field(description="documents and queries that wait, and documents dropped since the start")
+    store: dict[str, Any]
+    process: dict[str, Any]
+    workers: dict[str, Number] = Field(description="seconds since each was last known to be alive")
+    reload: dict[str, Any] | None
+    overrides: list[str]
+
+
 class AckRequest(Request):
     """An alert has been seen, by whom and why it may wait."""
 
@@ -296,6 +336,7 @@ KINDS: dict[str, type[BaseModel]] = {
     "torque": Torque,
     "torque-live": TorqueLive,
     "history": History,
+    "monitor": Monitor,
     "ack-request": AckRequest,
     "shelve-request": ShelveRequest,
     "replay-request": ReplayRequest,

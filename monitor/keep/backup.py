@@ -1,0 +1,159 @@
+"""Backups of the history, and what happens when it is damaged: set aside, never deleted; the newest good backup takes its place."""
+
+import os
+import re
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from monitor.errors import StoreError
+
+HISTORY = "history.sqlite"
+_NAME = re.compile(r"history-(\d{8}T\d{6}Z)\.sqlite\Z")
+_STAMP = "%Y%m%dT%H%M%SZ"
+
+
+class Restored(NamedTuple):
+    """What became of a damaged history."""
+
+    why: str  # what was wrong with it
+    set_aside: Path  # where it lies now
+    backup: Path | None  # what took its place; None: there was no good one, and a new history begins
+    at_unix_s: float
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        source = (
+            f"the backup {self.backup.name}" if self.backup else "nothing: there was no good backup; recordings on disk are judged anew"
+        )
+        return f"the history was damaged ({self.why}) and was replaced by {source}; it was kept as {self.set_aside.name}"
+
+
+def fault(path: Path) -> str | None:
+    """What is damaged in a database file; None where it is sound.
+
+    Raises StoreError where it cannot be read for another reason: a lock, permissions, the disk.
+    """
+    try:
+        # not read-only: after a power cut there may be a log without its index, and only a writer may make that anew
+        with closing(sqlite3.connect(f"file:{path}?mode=rw", uri=True, isolation_level=None, timeout=2.0)) as connection:
+            said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+    except sqlite3.DatabaseError as error:
+        if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
+            raise StoreError(f"{path}: {error}") from None
+        return str(error)
+    return None if said == "ok" else str(said).splitlines()[0]
+
+
+def lost(directory: Path) -> str | None:
+    """What makes the history in a directory unusable, damage or nothing left of it though there were backups; None where it is sound.
+
+    Raises StoreError as `fault`.
+    """
+    path = directory / HISTORY
+    if not path.is_file():
+        return None  # a new one, or a person has moved it away to begin anew
+    if path.stat().st_size == 0 and backups(directory):
+        return "the file is empty, though there are backups of it"
+    return fault(path)
+
+
+def back_up(directory: Path, keep: int) -> Path:
+    """A copy of the history as it is at one moment, checked, whole or not at all; of each of the newest `keep` days the newest is kept.
+
+    Writers go on meanwhile. Raises StoreError where the disk does not take it, or the copy is damaged, which the history then is too.
+    """
+    folder = directory / "backups"
+    target = folder / f"history-{datetime.now(UTC).strftime(_STAMP)}.sqlite"
+    temporary = folder / f".{target.name}.tmp"
+    try:
+        folder.mkdir(exist_ok=True)
+        for leftover in folder.glob(".*.tmp*"):
+            leftover.unlink()
+        with (
+            closing(sqlite3.connect(f"file:{directory / HISTORY}?mode=ro", uri=True)) as source,
+            closing(sqlite3.connect(temporary)) as copy,
+        ):
+            source.backup(copy)
+            copy.execute("PRAGMA journal_mode = DELETE")  # one file, readable where nothing can be written
+        wrong = fault(temporary)
+        if wrong is not None:
+            raise StoreError(f"{directory / HISTORY}: damaged: its backup says {wrong}")
+        settle(temporary, target)
+    except (OSError, sqlite3.Error) as error:
+        raise StoreError(f"{target}: the backup cannot be written: {error}") from None
+    finally:
+        with suppress(OSError):  # where it was renamed there is none, and another error is the one to tell
+            temporary.unlink()
+    _prune(folder, keep)
+    return target
+
+
+def backups(directory: Path) -> list[Path]:
+    """The backups, newest first."""
+    folder = directory / "backups"
+    return sorted((path for path in folder.glob("history-*.sqlite") if _NAME.match(path.name)), reverse=True) if folder.is_dir() else []
+
+
+def made_at_unix_s(backup: Path) -> float:
+    """When a backup was made, from its name."""
+    match = _NAME.match(backup.name)
+    return datetime.strptime(match[1], _STAMP).replace(tzinfo=UTC).timestamp() if match else 0.0
+
+
+def restore(directory: Path, why: str) -> Restored:
+    """Set the damaged history aside and put the newest good backup in its place.
+
+    Raises StoreError where the disk does not take it.
+    """
+    at = time.time()
+    stamp = datetime.fromtimestamp(at, tz=UTC).strftime(_STAMP)
+    aside = directory / f"damaged-{stamp}.sqlite"
+    good = next((path for path in backups(directory) if fault(path) is None), None)
+    try:
+        for suffix in ("-wal", "-shm"):  # pages that belong to the damaged file, and to no other
+            with suppress(FileNotFoundError):
+                os.replace(directory / f"{HISTORY}{suffix}", f"{aside}{suffix}")
+        os.replace(directory / HISTORY, aside)
+        if good is not None:
+            temporary = directory / f".{HISTORY}.tmp"
+            temporary.write_bytes(good.read_bytes())
+            settle(temporary, directory / HISTORY)
+    except OSError as error:
+        raise StoreError(f"{directory / HISTORY}: damaged ({why}), and cannot be replaced: {error}") from None
+    return Restored(why, aside, good, at)
+
+
+def settle(temporary: Path, target: Path) -> None:
+    """A complete file under its name, also after a power cut: fsync, rename, fsync of the folder."""
+    _fsync(temporary)
+    os.replace(temporary, target)
+    _fsync(target.parent)
+
+
+def _fsync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _prune(folder: Path, keep: int) -> None:
+    days: set[str] = set()
+    for path in _newest_first(folder):
+        day = path.name[8:16]
+        if day in days or len(days) >= keep:
+            with suppress(OSError):  # the next backup tries again
+                path.unlink()
+        days.add(day)
+
+
+def _newest_first(folder: Path) -> Iterator[Path]:
+    yield from sorted(folder.glob("history-*.sqlite"), reverse=True)

@@ -1,0 +1,104 @@
+"""The history's schema: one step a version, each applied once, in one transaction."""
+
+import sqlite3
+from pathlib import Path
+
+from monitor.errors import StoreError
+
+SCHEMA_VERSION = 3
+MIGRATIONS: dict[int, str] = {
+    1: """
+    CREATE TABLE ledger (
+        id INTEGER PRIMARY KEY,
+        window_unix_s REAL NOT NULL UNIQUE,       -- the window that the schedule named: never replayed twice
+        kind TEXT NOT NULL CHECK (kind IN ('scheduled', 'requested', 'imported')),
+        state TEXT NOT NULL CHECK (state IN ('started', 'recorded', 'assessed', 'rejected', 'aborted', 'skipped')),
+        started_at_unix_s REAL NOT NULL,
+        ended_at_unix_s REAL,
+        reason TEXT,
+        recording TEXT                            -- file name below recordings/
+    ) STRICT;
+    CREATE TABLE assessment (
+        ledger_id INTEGER PRIMARY KEY REFERENCES ledger (id),
+        recorded_at_unix_s REAL NOT NULL,
+        document TEXT NOT NULL
+    ) STRICT;
+    CREATE TABLE friction (
+        ledger_id INTEGER NOT NULL REFERENCES ledger (id),
+        joint INTEGER NOT NULL CHECK (joint >= 1),
+        recorded_at_unix_s REAL NOT NULL,
+        document TEXT NOT NULL,
+        PRIMARY KEY (ledger_id, joint)
+    ) STRICT;
+    CREATE INDEX friction_by_joint ON friction (joint, recorded_at_unix_s);
+    CREATE TABLE state (
+        id INTEGER PRIMARY KEY CHECK (id = 1),
+        revision INTEGER NOT NULL,
+        belief TEXT NOT NULL,
+        health TEXT NOT NULL,
+        model TEXT NOT NULL
+    ) STRICT;
+    CREATE TABLE event (
+        seq INTEGER PRIMARY KEY AUTOINCREMENT,
+        ledger_id INTEGER REFERENCES ledger (id),
+        at_unix_s REAL NOT NULL,
+        document TEXT NOT NULL,
+        published INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    """,
+    2: """
+    CREATE TABLE stop (                           -- a replay that ended in a way that a person must look at
+        id INTEGER PRIMARY KEY,
+        ledger_id INTEGER REFERENCES ledger (id), -- none: `joint-monitor replay`, beside the schedule
+        at_unix_s REAL NOT NULL,
+        cause TEXT NOT NULL,
+        reason TEXT NOT NULL,
+        allowed_at_unix_s REAL,                   -- since when the arm may move again
+        allowed_by TEXT,
+        allowed_why TEXT
+    ) STRICT;
+    CREATE TABLE first_pass (                     -- which arm, in which circumstances, has been along its trajectory slowly
+        id INTEGER PRIMARY KEY,
+        at_unix_s REAL NOT NULL,
+        circumstances TEXT NOT NULL,              -- digest
+        document TEXT NOT NULL
+    ) STRICT;
+    """,
+    3: """
+    ALTER TABLE ledger ADD COLUMN removed_at_unix_s REAL;      -- when retention let go of the recording
+    CREATE TABLE circumstance (                   -- programs, processor and settings that verdicts were made with, each once
+        digest TEXT PRIMARY KEY,
+        document TEXT NOT NULL
+    ) STRICT;
+    ALTER TABLE assessment ADD COLUMN made_with TEXT REFERENCES circumstance (digest);
+    CREATE TABLE checkpoint (                     -- belief and health after this assessment: where a recomputation may begin
+        ledger_id INTEGER PRIMARY KEY REFERENCES ledger (id),
+        belief BLOB NOT NULL,
+        health BLOB NOT NULL
+    ) STRICT;
+    CREATE TABLE note (                           -- small facts that must survive a restart
+        key TEXT PRIMARY KEY,
+        value TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX friction_of_joint ON friction (joint, ledger_id);
+    CREATE INDEX ledger_by_state ON ledger (state);
+    CREATE INDEX ledger_by_start ON ledger (started_at_unix_s);
+    """,
+}
+
+
+def check_version(connection: sqlite3.Connection, directory: Path) -> None:
+    """Raises StoreError where the file is older than this program: a reader must not change it."""
+    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    if version < SCHEMA_VERSION:
+        raise StoreError(f"{directory}: written by an older joint-monitor (schema {version}); start `joint-monitor run` once to renew it")
+
+
+def migrate(connection: sqlite3.Connection, directory: Path) -> None:
+    """Bring a file of any earlier version to this one. Raises StoreError where it is newer."""
+    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    if version > SCHEMA_VERSION:
+        raise StoreError(f"{directory}: written by a newer joint-monitor (schema {version}; this one knows {SCHEMA_VERSION})")
+    for step in range(version + 1, SCHEMA_VERSION + 1):
+        # executescript commits what is open, so the transaction is part of the script
+        connection.executescript(f"BEGIN;{MIGRATIONS[step]};PRAGMA user_version = {step};COMMIT;")

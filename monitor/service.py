@@ -1,0 +1,158 @@
+"""A service among others: what the service manager and its journal are told (sd_notify(3), systemd.journal-fields(7)).
+
+Plain datagrams, no library. Where there is no service manager, nothing is said and nothing fails.
+"""
+
+import logging
+import os
+import socket
+import struct
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+
+JOURNAL = "/run/systemd/journal/socket"
+FIELDS = ("robot", "replay", "verdict", "window", "alert", "trouble")  # of a record's `extra`: JOINT_MONITOR_REPLAY=17, …
+
+
+def notify(message: str) -> None:
+    """Tell the service manager, where there is one."""
+    address = os.environ.get("NOTIFY_SOCKET")
+    if not address:
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel, suppress(OSError):  # a manager that restarts is no reason to end
+        channel.sendto(message.encode(), "\0" + address[1:] if address.startswith("@") else address)
+
+
+def reloading() -> None:
+    """A reload begins; READY=1 ends it."""
+    notify(f"RELOADING=1\nMONOTONIC_USEC={time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000}")
+
+
+class Heartbeats:
+    """Who of the workers was alive when, by the monotonic clock."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._seen: dict[str, tuple[float, float]] = {}  # when last, how patient we are
+
+    def beat(self, worker: str, within_s: float) -> None:
+        """A worker is alive, and will say so again within that time."""
+        with self._lock:
+            self._seen[worker] = (time.monotonic(), within_s)
+
+    def late(self) -> list[str]:
+        """Those who have not said so in time, each with how long."""
+        now = time.monotonic()
+        with self._lock:
+            return [f"{worker} for {now - at:.0f} s" for worker, (at, within_s) in self._seen.items() if now - at > within_s]
+
+    def ages_s(self) -> dict[str, float]:
+        """Since each of them was last seen alive."""
+        now = time.monotonic()
+        with self._lock:
+            return {worker: round(now - at, 1) for worker, (at, _) in self._seen.items()}
+
+
+class Watchdog:
+    """Tells the service manager that we are alive, and only while every worker is: a daemon that hangs is ended and started again."""
+
+    def __init__(self, heartbeats: Heartbeats) -> None:
+        self._heartbeats = heartbeats
+        self._every_s = watchdog_s() / 3.0
+        self._kicked = 0.0
+        self._late = False
+
+    def look(self) -> None:
+        """Call it often, from the main loop: that one's own heartbeat is this call."""
+        late = self._heartbeats.late()
+        if late and not self._late:
+            log.error("not alive: %s; the service manager is not told that all is well any more", ", ".join(late))
+        elif self._late and not late:
+            log.info("all workers are alive again")
+        self._late = bool(late)
+        if self._every_s and not late and time.monotonic() - self._kicked >= self._every_s:
+            self._kicked = time.monotonic()
+            notify("WATCHDOG=1")
+
+
+def watchdog_s() -> float:
+    """The service manager's patience with this process; 0 where it does not watch."""
+    if os.environ.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
+        return 0.0
+    text = os.environ.get("WATCHDOG_USEC", "")
+    return int(text) / 1e6 if text.isascii() and text.isdigit() else 0.0
+
+
+class JournalHandler(logging.Handler):
+    """Records with their fields, so that `journalctl JOINT_MONITOR_REPLAY=17` finds them."""
+
+    def __init__(self, about: Mapping[str, str], address: str = JOURNAL) -> None:
+        """`about` goes with every record, e.g. {"JOINT_MONITOR_ROBOT": "cell-1"}. Raises OSError where there is no journal."""
+        super().__init__()
+        self._about = dict(about)
+        self._channel = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._channel.connect(address)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """One datagram; what the journal does not take is lost, as on a full disk."""
+        fields = {
+            "MESSAGE": self.format(record),
+            "PRIORITY": str(_priority(record.levelno)),
+            "SYSLOG_IDENTIFIER": "joint-monitor",
+            "LOGGER": record.name,
+            "CODE_FILE": record.pathname,
+            "CODE_LINE": str(record.lineno),
+            "CODE_FUNC": record.funcName or "",
+            **self._about,
+        }
+        for name in FIELDS:
+            value = getattr(record, name, None)
+            if value is not None:
+                fields[f"JOINT_MONITOR_{name.upper()}"] = str(value)
+        with suppress(OSError):
+            self._channel.send(b"".join(_field(name, value) for name, value in fields.items()))
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._channel.close()
+        super().close()
+
+
+def _field(name: str, value: str) -> bytes:
+    data = value.encode(errors="replace")
+    if b"\n" in data:
+        return name.encode() + b"\n" + struct.pack("<Q", len(data)) + data + b"\n"
+    return name.encode() + b"=" + data + b"\n"
+
+
+def _priority(level: int) -> int:
+    """syslog's, from logging's."""
+    return next(priority for least, priority in ((50, 2), (40, 3), (30, 4), (20, 6), (0, 7)) if level >= least)
+
+
+def to_the_journal() -> bool:
+    """Whether our standard error is the journal's."""
+    stream = os.environ.get("JOURNAL_STREAM", "")
+    try:
+        about = os.fstat(2)
+    except OSError:
+        return False
+    return stream == f"{about.st_dev}:{about.st_ino}"
+
+
+def log_as_a_service(site: str, robot: str) -> None:
+    """The log, where somebody reads it: the journal with its fields where standard error is the journal's, else standard error."""
+    handler: logging.Handler | None = None
+    if to_the_journal():
+        with suppress(OSError):
+            handler = JournalHandler({"JOINT_MONITOR_SITE": site, "JOINT_MONITOR_ROBOT": robot})
+    if handler is None:
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(logging.Formatter("%(levelname)s %(name)s %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+
+
+log = logging.getLogger(__name__)

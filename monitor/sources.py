@@ -1,0 +1,107 @@
+"""Where a setting comes from: the line of a TOML file, the environment, a secret that the service manager hands over."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+PREFIX = "JOINT_MONITOR__"  # JOINT_MONITOR__SCHEDULE__CRON="0 4 * * *"
+CREDENTIAL = "credential:"  # token = "credential:page-token": the file page-token in $CREDENTIALS_DIRECTORY
+_HEADER = re.compile(r"\s*\[\s*([A-Za-z0-9_.\-\s\"']+?)\s*\]\s*(#.*)?$")
+_KEY = re.compile(r"\s*([A-Za-z0-9_\-.\"']+)\s*=")
+_PLACE = re.compile(r"\[(?P<section>[\w.-]+)\](?: \w+: (?P<key>\w+))?|(?P<dotted>[\w-]+(?:\.[\w-]+)+|[\w-]+)(?=[:\s])")
+
+
+def overridden(document: dict[str, Any], environment: Mapping[str, str], mistakes: list[str]) -> list[str]:
+    """Put what the environment says in place of what the file says. Returns the names of the variables; a wrong one is a mistake."""
+    used = []
+    for name in sorted(environment):
+        if not name.startswith(PREFIX):
+            continue
+        keys = [key.lower() for key in name.removeprefix(PREFIX).split("__")]
+        if len(keys) < 2 or not all(keys):
+            mistakes.append(f"environment {name}: expected {PREFIX}SECTION__KEY, e.g. {PREFIX}SCHEDULE__CRON")
+            continue
+        table = document
+        for key in keys[:-1]:
+            below = table.setdefault(key, {})
+            if not isinstance(below, dict):
+                mistakes.append(f"environment {name}: {key} is no table")
+                break
+            table = below
+        else:
+            table[keys[-1]] = _value(environment[name])
+            used.append(name)
+    return used
+
+
+def _value(text: str) -> Any:
+    """As in TOML; what is no TOML is text, so that nobody must quote twice."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def with_credentials(document: Any, directory: str | None, mistakes: list[str], secrets: dict[str, str], place: str = "") -> Any:
+    """The same document with every `credential:NAME` read; `secrets` learns what must not be told, by its name."""
+    if isinstance(document, dict):
+        return {
+            key: with_credentials(value, directory, mistakes, secrets, f"{place}.{key}" if place else str(key))
+            for key, value in document.items()
+        }
+    if not (isinstance(document, str) and document.startswith(CREDENTIAL)):
+        return document
+    name = document.removeprefix(CREDENTIAL)
+    if not re.fullmatch(r"[A-Za-z0-9_.-]+", name) or name in {".", ".."}:
+        mistakes.append(f"{place}: {document!r}: expected {CREDENTIAL}NAME, the name of a file in $CREDENTIALS_DIRECTORY")
+    elif not directory:
+        mistakes.append(f"{place}: asks for the credential {name}, and $CREDENTIALS_DIRECTORY is not set; the service manager sets it")
+    else:
+        try:
+            secret = (Path(directory) / name).read_text("utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            mistakes.append(f"{place}: the credential {name} cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}")
+        else:
+            secrets[name] = secret
+            return secret
+    return document
+
+
+def without_secrets(text: str, secrets: Mapping[str, str]) -> str:
+    """The same text with every secret's name in its place."""
+    for name, secret in secrets.items():
+        if secret:
+            text = text.replace(secret, f"(the credential {name})")
+    return text
+
+
+def placed(mistake: str, path: Path, text: str) -> str:
+    """A mistake with the file and, where it stands in it, the line before it."""
+    if mistake.startswith("environment "):
+        return mistake
+    match = _PLACE.match(mistake)
+    number = None
+    if match is not None:
+        keys = (match["dotted"] or ".".join(part for part in (match["section"], match["key"]) if part)).split(".")
+        number = line_of(text, keys)
+    return f"{path}:{number}: {mistake}" if number else f"{path}: {mistake}"
+
+
+def line_of(text: str, keys: list[str]) -> int | None:
+    """The line of a TOML file on which a key is set, else on which its table begins; None where neither stands in it."""
+    section: list[str] = []
+    table = None
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            section = _parts(header[1])
+            if section == keys or (section == keys[: len(section)] and table is None):
+                table = number
+        elif (key := _KEY.match(line)) and [*section, *_parts(key[1])] == keys:
+            return number
+    return table
+
+
+def _parts(dotted: str) -> list[str]:
+    return [part.strip().strip("\"'") for part in dotted.split(".")]
