@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor import __version__, commands_bus, commands_health, commands_motion
+from monitor import __version__, commands_bus, commands_health, commands_motion, commands_reports
 from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
@@ -443,6 +443,7 @@ for _command in (
     commands_motion.replay,
     commands_motion.record,
     commands_motion.allow,
+    commands_reports.reproduce,
 ):
     app.command()(_command)
 
