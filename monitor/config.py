@@ -19,6 +19,7 @@ from monitor.design.cell import Cell, cell_from_document, plain_cell
 from monitor.errors import BadConfiguration, BadInput
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, Robot, load_robot
+from monitor.page.settings import PageSettings
 from monitor.publish.bus import BusSettings, prefix
 from monitor.publish.metrics import MetricsSettings
 from monitor.recording import Context
@@ -72,6 +73,7 @@ class Configuration:
     replay: ReplaySettings
     bus: BusSettings
     metrics: MetricsSettings
+    page: PageSettings
     assess: AssessSettings
     excitation: Excitation
 
@@ -131,7 +133,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
     mistakes: list[str] = []
     sections: dict[str, Any] = {}
     rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
-    rooms["metrics"] = MetricsSettings
+    rooms |= {"metrics": MetricsSettings, "page": PageSettings}
     rooms |= _assess_sections() | {"assess": _FlowSettings}
     names = [*rooms, "replay"]
     for unknown in [name for name in document if name not in names]:
@@ -200,6 +202,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
         replay=sections["replay"],
         bus=bus,
         metrics=sections["metrics"],
+        page=sections["page"],
         assess=assess,
         excitation=excitation,
     )

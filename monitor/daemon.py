@@ -24,6 +24,7 @@ from monitor.judge.compensation import CompensatedModel, model_from_document
 from monitor.judge.document import plain
 from monitor.judge.health import Alert, Health, acknowledge, health_from_document, shelve
 from monitor.model.fourier import Excitation
+from monitor.page.served import page
 from monitor.publish.answers import torque_answer
 from monitor.publish.bus import Answer, Bus
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
@@ -394,6 +395,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
+        stack.enter_context(page(configuration, daemon.bus, store))
         for number in (signal.SIGTERM, signal.SIGINT):
             # from another thread: the main one may hold the event's own lock at the moment of the signal
             signal.signal(number, lambda *_: threading.Thread(target=daemon.stopping.set, daemon=True).start())

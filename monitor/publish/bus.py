@@ -206,6 +206,15 @@ class Bus:
             known = dict(self._last)
         return {key: json.loads(payload) for key, (_, payload) in known.items()}
 
+    def last_payloads(self) -> dict[str, bytes]:
+        """The same as they were sent: a payload is a new object only where something new was said."""
+        with self._lock:
+            return {key: payload for key, (_, payload) in self._last.items()}
+
+    def ask(self, key: str, about: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What a query on a key below the prefix is answered, for who is in this process. Raises BadInput as the error reply would say."""
+        return self._answers[key].about(about)
+
     def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> "PermitAnswer | None":
         """Ask whoever answers `permit/replay`; None where nobody does in that time."""
         from monitor.publish.permit import asked

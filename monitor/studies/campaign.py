@@ -4,6 +4,7 @@ The simulator's physics is stepped faster than real time; what is identified fro
 replays of the warm-up the arm plays on: the heat of that is computed from the last replay's own losses, not replayed.
 """
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -161,8 +162,10 @@ def campaign(name: str, settings: CampaignSettings, show: Show) -> Campaign:
 
 
 def _designed(robot: Robot, mounting: str, settings: CampaignSettings, *, random: bool = False) -> Excitation:
-    """By the paper's criterion, cond(Ȳ_B), or pseudo-random under the same limits."""
-    task = Task(robot=robot, mounting=Mounting.parse(mounting), objective="condition", repetitions=settings.repetitions)
+    """By the paper's criterion, cond(Ȳ_B), or pseudo-random; |q̇| ≤ π and |q̈| ≤ 5.5π as there."""
+    task = Task(
+        robot=robot, mounting=Mounting.parse(mounting), objective="condition", repetitions=settings.repetitions, speed_limit_rad_s=math.pi
+    )
     seed = settings.seed + 2  # with seed 0 of the campaign the UR3's search leaves the first valley it meets
     excitation, _ = design(task, software=f"joint-monitor {__version__}", seed=seed, evaluations=settings.evaluations, random=random)
     return excitation
