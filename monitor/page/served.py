@@ -23,7 +23,7 @@ def page(configuration: Any, bus: Ask, store: Past) -> AbstractContextManager[An
 
 def about(configuration: Any) -> dict[str, Any]:
     """Who it is, and the arm's geometry for its drawing."""
-    who, arm = configuration.robot, configuration.model
+    who, arm, health = configuration.robot, configuration.model, configuration.assess.health
     return {
         "robot": {
             "site": who.site,
@@ -34,6 +34,10 @@ def about(configuration: Any) -> dict[str, Any]:
             "tool": who.tool,
         },
         "schedule": configuration.schedule.cron,
+        "levels": [
+            {"name": "wear tier", "rise": health.wear_rise, "state": "MAINTENANCE_REQUIRED"},
+            {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},
+        ],
         "arm": {
             "links": list(arm.link_names),
             "a_m": arm.a_m.tolist(),

@@ -15,6 +15,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from importlib.resources import files
 from typing import Any
+from urllib.parse import parse_qs
 
 import uvicorn
 from starlette.applications import Starlette
@@ -82,6 +83,8 @@ class PageServer:
             timeout_graceful_shutdown=1,
             h11_max_incomplete_event_size=16_384,
         )
+        # what strangers send must not fill the journal
+        logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
         self._thread.start()
@@ -163,10 +166,10 @@ class _App:
 
     async def _enter(self, request: Request) -> Response:
         body = await _body(request)
-        given = body.removeprefix(b"token=") if body is not None else b""
+        given = parse_qs((body or b"").decode("utf-8", "replace")).get("token", [""])[0].strip()
         if not (self._host_is_ours(request) and self._same_origin(request)):
             return _finished(Response("not from here", status_code=403))
-        if self._token is None or not secrets.compare_digest(given, self._token.encode()):
+        if self._token is None or not secrets.compare_digest(given.encode(), self._token.encode()):
             await asyncio.sleep(PATIENCE_S)
             return _finished(Response(self._login.replace("hidden", "", 1), status_code=401, media_type="text/html"))
         now = time.monotonic()

@@ -15,7 +15,7 @@ class PageSettings:
     """The status page; off until an address is given."""
 
     listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:8420"; empty: no page
-    token_file: str = ""  # holds the token to ask for; needed where HOST is no loopback address; ${CREDENTIALS_DIRECTORY} is known
+    token_file: str = ""  # holds the token to ask for; needed beyond loopback; ${CREDENTIALS_DIRECTORY} is known
 
     def __post_init__(self) -> None:
         """Raises BadInput where this is no address, or an open one without a token."""
@@ -24,7 +24,7 @@ class PageSettings:
         self.address()
         if not self.loopback and not self.token_file:
             raise BadInput(
-                f"page: listen = {self.listen!r} is open to the network; expected token_file beside it, or a loopback address 127.0.0.1:PORT"
+                f"page: listen = {self.listen!r} is open to the network; expected token_file beside it, or a loopback 127.0.0.1:PORT"
             )
 
     def address(self) -> tuple[str, int]:

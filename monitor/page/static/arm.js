@@ -2,7 +2,7 @@
 "use strict";
 const ArmDrawing = (() => {
   const SVG = "http://www.w3.org/2000/svg";
-  const AZIMUTH = (-58 * Math.PI) / 180, ELEVATION = (16 * Math.PI) / 180;
+  const AZIMUTH = (-70 * Math.PI) / 180, ELEVATION = (14 * Math.PI) / 180;
   const times = (A, B) => A.map((row) => B[0].map((_, k) => row.reduce((sum, a, i) => sum + a * B[i][k], 0)));
   const apply = (A, v) => A.map((row) => row.reduce((sum, a, i) => sum + a * v[i], 0));
 
@@ -44,12 +44,13 @@ const ArmDrawing = (() => {
       const reach = arm.a_m.slice(1).concat(arm.d_m.slice(1)).reduce((sum, x) => sum + Math.abs(x), 0);
       const up = arm.base[2][2] >= -0.5 ? 1 : -1;
       this.unit = reach / 100;
-      const foot = up > 0 ? [-0.95 * reach, -1.12 * reach - arm.d_m[0]] : [-0.95 * reach, -0.12 * reach];
-      svg.setAttribute("viewBox", `${foot[0]} ${foot[1]} ${1.9 * reach} ${1.28 * reach + arm.d_m[0]}`);
+      const foot = up > 0 ? [-0.8 * reach, -1.06 * reach - arm.d_m[0]] : [-0.8 * reach, -0.12 * reach];
+      svg.setAttribute("viewBox", `${foot[0]} ${foot[1]} ${1.6 * reach} ${1.2 * reach + arm.d_m[0]}`);
       const u = this.unit;
       element("ellipse", { class: "ground", cx: 0, cy: 0, rx: 24 * u, ry: 7 * u, "stroke-width": 0.6 * u }, svg);
+      element("rect", { class: "foot", x: -9 * u, y: up > 0 ? -4 * u : 0, width: 18 * u, height: 4 * u, rx: 1.4 * u }, svg);
       this.edges = []; this.links = [];
-      const thick = arm.max_torque_nm.map((torque) => (5 + 6.5 * Math.sqrt(torque / Math.max(...arm.max_torque_nm))) * u);
+      const thick = arm.max_torque_nm.map((torque) => (6 + 7.5 * Math.sqrt(torque / Math.max(...arm.max_torque_nm))) * u);
       arm.links.forEach((_, i) => this.edges.push(element("polyline", { class: "edge", "stroke-width": thick[i] + 1.2 * u }, svg)));
       arm.links.forEach((_, i) => this.links.push(element("polyline", { class: "link", "stroke-width": thick[i] }, svg)));
       this.tool = element("circle", { class: "tool", r: 2 * u }, svg);

@@ -8,7 +8,7 @@ const Charts = (() => {
     const stroke = css("--dim"), grid = { stroke: css("--line"), width: 1 }, ticks = { stroke: css("--line"), width: 1, size: 4 };
     const font = "12px system-ui, sans-serif";
     return [
-      { stroke, grid, ticks, font, label: x, labelSize: x ? 18 : 0, labelFont: font, size: 30, ...(xValues ? { values: xValues } : {}) },
+      { stroke, grid, ticks, font, label: x, labelSize: x ? 18 : 0, labelFont: font, size: x ? 30 : 44, ...(xValues ? { values: xValues } : {}) },
       { stroke, grid, ticks, font, label: y, labelSize: 18, labelFont: font, size: 52 },
     ];
   }
@@ -43,12 +43,12 @@ const Charts = (() => {
       place.replaceChildren(told);
     }
 
-    wear(times, own, joint) {
+    wear(times, own, joint, tiers) {
       if (!times.length || !own) return this.empty("wear", "No replay has been assessed yet.");
       const percent = own.wear.map((w) => (w == null ? null : 100 * w));
       const side = (sign) => own.wear.map((w, k) => (w == null ? null : 100 * (w + sign * 2 * own.wear_std[k])));
       const top = Math.max(6, ...side(1).filter((x) => x != null)), low = Math.min(-3, ...side(-1).filter((x) => x != null));
-      const levels = { hooks: { draw: [(u) => this.levels(u, [[5, "wear tier 5 %", "--maint"], [30, "limit 30 %", "--fail"]])] } };
+      const levels = { hooks: { draw: [(u) => this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${name} ${+(100 * rise).toFixed(2)} %`, state === "FAILURE" ? "--fail" : "--maint"]))] } };
       this.draw("wear", {
         scales: { y: { range: [low * 1.1, top * 1.12] } },
         axes: axes("", "change [%]"),
@@ -68,6 +68,7 @@ const Charts = (() => {
     levels(u, all) {
       const { ctx, bbox } = u;
       ctx.save();
+      ctx.textAlign = "left"; ctx.textBaseline = "alphabetic";
       ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
       for (const [value, text, colour] of all) {
         const y = u.valToPos(value, "y", true);
@@ -118,7 +119,7 @@ const Charts = (() => {
 
     sample(document_) {
       const at = Date.now() / 1000;
-      this.live.push({ at, ...document_ });
+      this.live.push({ ...document_, at });
       while (this.live.length && this.live[0].at < at - SECONDS) this.live.shift();
     }
 
@@ -130,11 +131,10 @@ const Charts = (() => {
       const side = (sign) => all.map((one, k) => (one.std_nm[j] == null ? predicted[k] : predicted[k] + sign * 2 * one.std_nm[j]));
       const data = [x, predicted, measured, side(1), side(-1)];
       const plot = this.plots.torque;
-      const now = x[x.length - 1];
-      if (plot && plot.joint === joint) { plot.setData(data, false); plot.batch(() => { plot.setScale("x", { min: now - SECONDS, max: now }); }); }
+      if (plot && plot.joint === joint) plot.setData(data);
       else {
         this.draw("torque", {
-          scales: { x: { min: now - SECONDS, max: now }, y: { range: (_, low, high) => { const room = Math.max(0.15 * (high - low), 0.3); return [low - room, high + room]; } } },
+          scales: { x: { range: (_, low, high) => [high - SECONDS, high] }, y: { range: (_, low, high) => { const room = Math.max(0.15 * (high - low), 0.3); return [low - room, high + room]; } } },
           axes: axes("", "torque [Nm]"),
           bands: [{ series: [3, 4], fill: css("--band") }],
           series: [{}, { label: "predicted", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(2, " Nm") },

@@ -19,18 +19,21 @@ const make = (tag, text, attributes = {}) => {
 const chip = (state) => {
   const [letter, words] = STATES[state] || STATES.null;
   const made = make("span", null, { class: "chip", "data-state": String(state) });
-  made.append(make("i", letter, { "aria-hidden": "true" }), words);
+  made.append(make("i", letter, { "aria-hidden": "true" }), make("span", words, { class: "words" }));
   return made;
 };
 const number = (value, digits = 1) => (value == null ? "–" : value.toFixed(digits));
-const percent = (value, digits = 1) => (value == null ? "–" : `${value >= 0 ? "+" : "−"}${Math.abs(100 * value).toFixed(digits)} %`);
+const percent = (value, digits = 1) => (value == null ? "–" : `${signed(100 * value, digits)} %`);
+const signed = (value, digits = 1) => { const text = Math.abs(value).toFixed(digits); return Number(text) === 0 ? text : `${value > 0 ? "+" : "−"}${text}`; };
 const moment = (text, seconds = false) => {
   if (!text) return "–";
   const at = new Date(text);
   return at.toLocaleString(undefined, { year: "numeric", month: "short", day: "numeric", hour: "2-digit", minute: "2-digit", ...(seconds ? { second: "2-digit" } : {}) });
 };
-const timed = (tag, text) => make(tag, moment(text), text ? { title: text } : {});
+const brief = (text) => new Date(text).toLocaleString(undefined, { month: "short", day: "numeric", hour: "2-digit", minute: "2-digit" });
+const timed = (tag, text) => make(tag, text ? brief(text) : "–", text ? { title: text, class: "time" } : {});
 const words = (condition) => condition.replaceAll("_", " ").replace(/^./, (letter) => letter.toUpperCase());
+const spoken = (why) => (why || "").replace(/\b[a-z]+(_[a-z]+)+\b/g, (word) => word.replaceAll("_", " "));
 const place = (joint) => (joint == null ? "The arm" : `Joint ${joint}`);
 function life(row) {
   const left = row && row.remaining_life;
@@ -56,7 +59,7 @@ function verdict() {
   const health = values.health || { state: null };
   const state = $("state");
   state.replaceWith(Object.assign(chip(health.state), { id: "state" }));
-  $("why").textContent = health.why || "No replay has been assessed yet.";
+  $("why").textContent = spoken(health.why) || "No replay has been assessed yet.";
   $("since").textContent = health.since ? `since ${moment(health.since)}; said ${moment(health.said_at)}` : "";
   $("due").textContent = moment(health.next_replay_due);
   $("revision").textContent = values.model ? String(values.model.revision) : "0";
@@ -87,10 +90,10 @@ function joints() {
     const row = body.rows[j - 1], own = friction(j), state = stateOf(j);
     row.cells[1].replaceChildren(chip(state.state));
     row.cells[1].title = state.why || "";
-    row.cells[2].textContent = own ? `${percent(own.wear)} ± ${(100 * own.wear_std).toFixed(1)}` : "–";
-    row.cells[3].textContent = own ? `${percent(30 * own.wear_rate_per_day)} a month` : "–";
+    row.cells[2].textContent = own ? `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)}` : "–";
+    row.cells[3].textContent = own ? signed(3000 * own.wear_rate_per_day) : "–";
     row.cells[4].textContent = life(own);
-    row.cells[5].textContent = own ? `${number(own.temperature_c)} °C` : "–";
+    row.cells[5].textContent = own ? number(own.temperature_c) : "–";
     row.classList.toggle("on", j === chosen);
   }
 }
@@ -173,19 +176,19 @@ function figures() {
   const own = friction(chosen), state = stateOf(chosen);
   $("which").textContent = String(chosen);
   $("link-name").textContent = about.arm.links[chosen - 1].replaceAll("_", " ");
-  const rows = [["State", chip(state.state)], ["Remaining life to the limit", life(own)]];
+  const rows = [["State", chip(state.state)], ["Life left to the limit", life(own)]];
   if (own) {
     rows.push(
-      ["Wear", `${percent(own.wear)} ± ${(100 * own.wear_std).toFixed(1)} %`],
-      ["Pace", `${percent(30 * own.wear_rate_per_day, 2)} ± ${(3000 * own.wear_rate_std_per_day).toFixed(2)} a month`],
+      ["Wear", `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)} %`],
+      ["Pace", `${signed(3000 * own.wear_rate_per_day)} ± ${(3000 * own.wear_rate_std_per_day).toFixed(1)} % a month`],
       [`Friction at ${own.reference_speed_rad_s} rad/s, ${own.reference_temperature_c.toFixed(1)} °C`, `${number(own.reference_torque_nm, 2)} ± ${number(own.reference_torque_std_nm, 2)} Nm`],
       ["Coulomb fc", `${number(own.coulomb_nm, 2)} ± ${number(own.coulomb_std_nm, 2)} Nm`],
       ["Viscous fv", `${number(own.viscous_nm_s_per_rad, 2)} ± ${number(own.viscous_std_nm_s_per_rad, 2)} Nm·s/rad`],
-      ["Temperature in the last replay", `${number(own.temperature_c)} °C`],
+      ["Temperature, last replay", `${number(own.temperature_c)} °C`],
     );
-    if (own.remaining_life.before_service_probability != null) rows.push(["Limit before the next service", `${number(100 * own.remaining_life.before_service_probability, 0)} %`]);
+    if (own.remaining_life.before_service_probability != null) rows.push(["Limit before next service", `${number(100 * own.remaining_life.before_service_probability, 0)} %`]);
   }
-  rows.push(["Why", state.why || "–"]);
+  rows.push(["Why", spoken(state.why) || "–"]);
   $("figures").replaceChildren(...rows.map(([term, value]) => {
     const pair = make("div"), told = make("dd");
     told.append(value);
@@ -197,7 +200,7 @@ function figures() {
 function detail() {
   figures();
   const own = past.joints[String(chosen)];
-  charts.wear(past.t, own, chosen);
+  charts.wear(past.t, own, chosen, about.levels);
   charts.law(own, values.model, chosen);
   charts.torque(chosen);
   for (let j = 1; j <= count(); j++) {
