@@ -443,6 +443,7 @@ for _command in (
     commands_motion.replay,
     commands_motion.record,
     commands_motion.allow,
+    commands_reports.report,
     commands_reports.reproduce,
 ):
     app.command()(_command)

@@ -3,7 +3,10 @@
 import html
 import io
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+
+from monitor.errors import BadInput
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +27,7 @@ thead { display: table-header-group }
 th { text-align: left; font-weight: 600; border-bottom: 1pt solid #555; padding: .8mm 2mm; vertical-align: bottom }
 td { border-bottom: .4pt solid #d5d9de; padding: .8mm 2mm; vertical-align: top }
 tr { break-inside: avoid }
+td:first-child { white-space: nowrap }
 .n { text-align: right; white-space: nowrap }
 th.n { white-space: normal }
 figure { margin: 3mm 0 5mm; break-inside: avoid }
@@ -52,6 +56,14 @@ class Column(NamedTuple):
 
     title: str
     figures: bool = True
+
+
+def check_page(path: Path) -> None:
+    """Raises BadInput unless a page can be written there; asked before the work is done."""
+    if path.suffix.lower() not in {".html", ".htm"}:
+        raise BadInput(f"-o {path}: expected a name that ends in .html")
+    if path.is_dir() or not path.parent.is_dir():
+        raise BadInput(f"-o {path}: expected the name of a file in a folder that exists")
 
 
 def escaped(value: object) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 from monitor import __version__
 from monitor.errors import BadInput
-from monitor.printed import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
+from monitor.printed import Column, Markup, bullets, check_page, drawn, escaped, heading, page, paragraph, table
 from monitor.studies import paper
 from monitor.studies.campaign import Campaign, CampaignSettings, campaign
 from monitor.studies.reproduce_sections import Check, Section, sections
@@ -31,7 +31,7 @@ def reproduce(robots: Sequence[str], settings: CampaignSettings, show: Show, out
         if name not in paper.PRINTED:
             raise BadInput(f"--robot {name}: the paper has {' and '.join(paper.PRINTED)}")
     if output is not None:
-        check_output(output)
+        check_page(output)
     began = time.monotonic()
     found = _played(list(dict.fromkeys(robots)), settings, show)
     told = {one.robot.name: list(sections(one)) for one in found}
@@ -50,14 +50,6 @@ def reproduce(robots: Sequence[str], settings: CampaignSettings, show: Show, out
         except OSError as wrong:
             raise BadInput(f"-o {output}: cannot be written: {wrong.strerror}") from None
     return document
-
-
-def check_output(path: Path) -> None:
-    """Raises BadInput unless a page can be written there; asked before the work is done."""
-    if path.suffix.lower() not in {".html", ".htm"}:
-        raise BadInput(f"-o {path}: expected a name that ends in .html")
-    if path.is_dir() or not path.parent.is_dir():
-        raise BadInput(f"-o {path}: expected the name of a file in a folder that exists")
 
 
 def _played(robots: list[str], settings: CampaignSettings, show: Show) -> list[Campaign]:

@@ -10,9 +10,10 @@ import pytest
 from monitor.errors import BadInput
 from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, load_robot
+from monitor.printed import check_page
 from monitor.studies import paper
 from monitor.studies.campaign import CampaignSettings, campaign
-from monitor.studies.reproduce import _page, _plain, check_output, reproduce
+from monitor.studies.reproduce import _page, _plain, reproduce
 from monitor.studies.reproduce_sections import sections
 
 SHORT = CampaignSettings(replays=2, evaluations=400, repetitions=1)
@@ -92,4 +93,4 @@ def test_what_cannot_be_reproduced_is_refused_before_anything_is_played(tmp_path
         reproduce(["ur10"], SHORT, lambda *_: None)
     for path in (tmp_path / "report.pdf", tmp_path / "nowhere" / "report.html", tmp_path):
         with pytest.raises(BadInput, match="-o "):
-            check_output(path)
+            check_page(path)
