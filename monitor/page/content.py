@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 from monitor import __version__
 from monitor.timestamps import rfc3339
 
-MOST_REPLAYS = 600  # of a joint's line: half a pixel each on a wide screen
+MOST_REPLAYS = 400  # of a joint's line: more would be less than three pixels apart
 NEWEST = 60  # never thinned
 EVENTS = 60
 WINDOWS = 40

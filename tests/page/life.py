@@ -9,6 +9,7 @@ import threading
 import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,9 @@ def configuration(directory, listen="127.0.0.1:0", **page_settings):
     return from_document(document, Path(directory) / "cell.toml")
 
 
+@lru_cache
 def identified(seed=0):
+    """One identification for all the tests of a process: nothing changes it."""
     excitation = replace(find_excitation("ur5-ground", Path()), repetitions=1)
     recording = stepped_replay(Controller(SimulateSettings(robot="ur5", seed=seed)), excitation)
     return identify([recording], load_robot("ur5"), Mounting(), method="wls"), recording.context
@@ -91,14 +94,14 @@ def live_through(store, settings, found, context, days, seed=0):
 def grow(store, replays):
     """Many more replays in the history, made of the last one's documents: for speed, not for meaning."""
     last = store.assessed()[-1]
-    rows = store.friction_of([last])
+    rows = [(joint, json.dumps(one)) for _, joint, _, one in store.friction_of([last])]
     with store._transaction() as db:
         for k in range(1, replays + 1):
             at = FIRST_UNIX_S - k * DAY_S / 4
             number = last + k
             db.execute("INSERT INTO ledger VALUES (?, ?, 'scheduled', 'assessed', ?, ?, NULL, NULL)", (number, at, at, at + 60))
             db.execute("INSERT INTO assessment VALUES (?, ?, '{}')", (number, at))
-            db.executemany("INSERT INTO friction VALUES (?, ?, ?, ?)", [(number, joint, at, json.dumps(one)) for _, joint, _, one in rows])
+            db.executemany("INSERT INTO friction VALUES (?, ?, ?, ?)", [(number, joint, at, text) for joint, text in rows])
 
 
 def no_arm(excitation, context, should_stop):

@@ -188,9 +188,16 @@ def test_a_refusal_is_told_in_the_dialog(opened):
     trouble[:] = [told for told in trouble if "409" not in told]  # the browser notes every refusal
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme, tmp_path):
+@pytest.mark.parametrize(
+    ("size", "scheme"),
+    [
+        ("desktop", "light"),
+        ("phone", "dark"),
+        pytest.param("desktop", "dark", marks=pytest.mark.soak),
+        pytest.param("phone", "light", marks=pytest.mark.soak),
+    ],
+)
+def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme):
     """Nothing sticks out sideways; text keeps a contrast of 4.5 to what is behind it; what is touched is 20 pixels high."""
     page = opened[0](size, scheme)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
@@ -221,6 +228,7 @@ def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme, 
     assert not small
 
 
+@pytest.mark.soak
 def test_the_theme_button_is_remembered(opened):
     """Dark by a click on a light system, and still after loading anew."""
     page = opened[0]()
