@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor import __version__, commands_bus, commands_health, commands_history, commands_motion
+from monitor import __version__, commands_bus, commands_health, commands_history, commands_motion, commands_reports
 from monitor.commands_design import design
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
@@ -452,6 +452,8 @@ for _command in (
     commands_history.schedule,
     commands_history.history,
     commands_history.export,
+    commands_reports.report,
+    commands_reports.reproduce,
 ):
     app.command()(_command)
 app.command(name="import")(commands_history.import_)

@@ -20,6 +20,7 @@ from monitor.design.cell import Cell, cell_from_document, plain_cell
 from monitor.errors import BadConfiguration, BadInput
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, Robot, load_robot
+from monitor.page.settings import PageSettings
 from monitor.publish.bus import BusSettings, prefix
 from monitor.publish.metrics import MetricsSettings
 from monitor.recording import Context
@@ -71,6 +72,7 @@ class Configuration:
     replay: ReplaySettings
     bus: BusSettings
     metrics: MetricsSettings
+    page: PageSettings
     assess: AssessSettings
     excitation: Excitation
     overrides: tuple[str, ...] = ()  # variables of the environment that stand in for the file
@@ -157,7 +159,7 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
     document = {name: dict(section) if isinstance(section, dict) else section for name, section in document.items()}
     sections: dict[str, Any] = {}
     rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
-    rooms["metrics"] = MetricsSettings
+    rooms |= {"metrics": MetricsSettings, "page": PageSettings}
     rooms |= _assess_sections() | {"assess": _FlowSettings}
     names = [*rooms, "replay"]
     for unknown in [name for name in document if name not in names]:
@@ -224,6 +226,7 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
         replay=sections["replay"],
         bus=bus,
         metrics=sections["metrics"],
+        page=sections["page"],
         assess=assess,
         excitation=excitation,
     )

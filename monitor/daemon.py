@@ -23,6 +23,7 @@ from monitor.judge.document import plain
 from monitor.judge.health import Alert, Health, acknowledge, shelve
 from monitor.model.fourier import Excitation
 from monitor.mover import Mover
+from monitor.page.served import page
 from monitor.publish.answers import torque_answer
 from monitor.publish.bus import Answer, Bus, log_refusals
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
@@ -462,6 +463,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
+        stack.enter_context(page(configuration, daemon.bus, store))
         hangup = threading.Event()
         for number, event in ((signal.SIGTERM, daemon.stopping), (signal.SIGINT, daemon.stopping), (signal.SIGHUP, hangup)):
             # from another thread: the main one may hold the event's own lock at the moment of the signal

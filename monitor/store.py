@@ -472,6 +472,31 @@ class Store:
             document.update(replay=replay, recorded_at_unix_s=at, joint=number)
         return told, (int(rows[-1][0]) if more else None)
 
+    def assessed(self) -> list[int]:
+        """Ledger ids of all assessed replays, oldest first."""
+        return [int(row[0]) for row in self._rows("SELECT ledger_id FROM assessment ORDER BY ledger_id")]
+
+    def friction_of(self, replays: Sequence[int]) -> list[tuple[int, int, float, dict[str, Any]]]:
+        """(replay, joint, when recorded, friction document) of these replays, oldest first."""
+        rows = self._rows(
+            "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id IN (SELECT value FROM json_each(?)) "
+            "ORDER BY ledger_id, joint",
+            (json.dumps(list(replays)),),
+        )
+        return [(int(replay), int(joint), float(at), json.loads(text)) for replay, joint, at, text in rows]
+
+    def assessments(self, from_unix_s: float, to_unix_s: float) -> Iterator[tuple[int, float, dict[str, Any]]]:
+        """(replay, when recorded, assessment's document) of recordings made in [from, to), oldest first, one at a time."""
+        for replay in [
+            row[0]
+            for row in self._rows(
+                "SELECT ledger_id FROM assessment WHERE recorded_at_unix_s >= ? AND recorded_at_unix_s < ? ORDER BY ledger_id",
+                (from_unix_s, to_unix_s),
+            )
+        ]:
+            ((at, text),) = self._rows("SELECT recorded_at_unix_s, document FROM assessment WHERE ledger_id = ?", (replay,))
+            yield int(replay), float(at), json.loads(text)
+
     # --- events -----------------------------------------------------------------------------
 
     def revise(self, health: Mapping[str, Any], events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[Event]:

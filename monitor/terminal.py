@@ -1,7 +1,7 @@
 """What people see on a terminal: tables, progress, one line a message. Progress goes to standard error, results to standard output."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -57,6 +57,25 @@ def search_progress(title: str, budget: int) -> Iterator[Callable[[int, float], 
 
         def show(done: int, best: float) -> None:
             bar.update(task, completed=done, best=f"{best:.4g}" if best < float("inf") else "none allowed yet")
+
+        yield show
+
+
+@contextmanager
+def campaign_progress(robots: Sequence[str]) -> Iterator[Callable[[str, str, float], None]]:
+    """A bar for each robot with what is being done to it; nothing where standard error is no terminal."""
+    console = Console(stderr=True)
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.fields[robot]}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %  {task.description}"),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        tasks = {name: bar.add_task("waiting", total=1.0, robot=name) for name in robots}
+
+        def show(robot: str, doing: str, share: float) -> None:
+            bar.update(tasks[robot], completed=share, description=doing)
 
         yield show
 
@@ -440,3 +459,24 @@ def print_history(rows: list[dict[str, Any]], left_out: int) -> None:
     console.print(table)
     if left_out:
         console.print(f"{left_out} earlier rows are left out: --limit, --from, --to, --joint", highlight=False)
+
+
+def print_reproduction(document: dict[str, Any], output: str | None) -> None:
+    """Every statement of the paper that was looked at, by robot."""
+    console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
+    marks = {True: "[green]holds[/]", False: "[bold red]DOES NOT HOLD[/]", None: "[dim]must differ[/]"}
+    for robot in document["robots"]:
+        table = Table(title=robot["robot"], title_justify="left")
+        for title in ("", "statement", "paper", "ours"):
+            table.add_column(title, overflow="fold")
+        for section in robot["sections"]:
+            for check in section["checks"]:
+                table.add_row(marks[check["holds"]], escape(check["what"]), escape(check["paper"]), escape(check["ours"]))
+        console.print(table)
+    checks = [check["holds"] for robot in document["robots"] for section in robot["sections"] for check in section["checks"]]
+    console.print(
+        f"{checks.count(True)} statements that must agree hold, {checks.count(False)} do not; {checks.count(None)} figures must differ, "
+        f"as the arms are simulated; {document['took_s']:.0f} s"
+    )
+    if output is not None:
+        console.print(f"written: {output}", markup=False)

@@ -20,7 +20,7 @@ LEAST = {"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}}
 def test_the_reference_configuration_holds_the_defaults():
     """A file that leaves everything out means the same as the reference: its figures are the code's."""
     reference, least = load(REFERENCE), from_document(LEAST, REFERENCE)
-    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "assess"):
+    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page", "assess"):
         assert getattr(reference, name) == getattr(least, name), name
     assert reference.excitation.digest == least.excitation.digest
 
@@ -44,7 +44,7 @@ def test_every_key_that_a_room_owns_is_in_the_reference_with_a_word_of_reason():
             keys.add(field.name)
 
     loaded = load(REFERENCE)
-    for name in ("robot", "schedule", "store", "replay", "bus", "metrics"):
+    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page"):
         collect(type(getattr(loaded, name)), document[name], name)
     for field in dataclasses.fields(loaded.assess):
         value = getattr(loaded.assess, field.name)

@@ -1,12 +1,16 @@
 """The README against the code: what it tells people to type must exist."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
 import typer.main
 
 from monitor.cli import app
+from monitor.judge.health import ACTIONS
+from monitor.publish.documents import KINDS
+from monitor.publish.permit import KEY as PERMIT
 
 README = (Path(__file__).parent.parent / "README.md").read_text("utf-8")
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
@@ -41,3 +45,76 @@ def test_every_command_is_in_the_readme():
     told = {line.split()[0] for line in TYPED}
     assert set(COMMANDS) - told <= {"demo"}  # `make demo` tells it
     assert "make demo" in README
+
+
+def section(title):
+    return README.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+
+
+def first_cells(text):
+    return [cell for row in re.findall(r"^\| (.*?) \|", text, re.MULTILINE) for cell in re.findall(r"`([^`]+)`", row)]
+
+
+def test_every_key_that_the_daemon_speaks_or_answers_is_in_the_table():
+    """Read from the source: what is said, what is answered, what is asked, liveliness."""
+    package = Path(__file__).parent.parent / "monitor"
+    daemon, bus = ((package / name).read_text("utf-8") for name in ("daemon.py", "publish/bus.py"))
+    keys = set(re.findall(r"""(?:_say|stream)\(f?"([^"]+)",""", daemon)) | set(
+        re.findall(r"""^ +"([a-z/]+)": Answer\(""", daemon, re.MULTILINE)
+    )
+    keys |= set(re.findall(r"alive/[a-z]+", bus)) | {PERMIT, "event"}
+    assert len(keys) >= 14
+    told = {re.sub(r"<[^>]+>", "*", cell) for cell in first_cells(section("Ask and listen"))}
+    told |= {key.replace("/j*/", "/*/").replace("/arm/", "/*/") for key in told}
+    missing = {key for key in keys if re.sub(r"\{[^}]+\}", "*", key) not in told}
+    assert not missing
+
+
+def test_every_alert_condition_and_tier_is_in_the_table_with_what_it_asks():
+    """Each condition that the judge may raise, and for those with tiers each tier."""
+    text = section("What an alert asks of you")
+    told = set(first_cells(text))
+    assert {condition for condition, _ in ACTIONS} <= told
+    for tier in {tier for _, tier in ACTIONS}:
+        assert re.search(rf"\| {tier} \|", text), tier
+
+
+def test_every_section_of_the_configuration_is_spoken_of():
+    """In the README by name, or in the reference with a word of what it is for; the keys are held by test_config."""
+    reference = (Path(__file__).parent.parent / "config" / "monitor.toml").read_text("utf-8")
+    for name in tomllib.loads(reference):
+        assert re.search(rf"^\[{name}\]  # \S.{{10,}}", reference, re.MULTILINE), name
+    for name in ("schedule", "metrics", "page"):
+        assert f"[{name}]" in README, name
+
+
+def test_the_map_of_folders_is_true():
+    """Each place that the table sends people to exists; the arrows are the layers that the linter checks, in their order."""
+    root = Path(__file__).parent.parent
+    rows = re.findall(r"^\| [^|]+ \| (`[^|]+) \|", section("The flow"), re.MULTILINE)
+    assert len(rows) > 15
+    for row in rows:
+        names = re.findall(r"`([^`]+)`", row)
+        folder = Path(names[0]) if names[0].endswith("/") else Path(names[0]).parent
+        for name in names:
+            place = root / (name if name.startswith("monitor") else folder / name)
+            assert place.exists() or list(place.parent.glob(place.name)), name
+    layers = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"][0]["layers"]
+    order = [{name.removeprefix("monitor.") for name in layer.split(" | ")} for layer in layers]
+    arrows = re.search(r"`(cli → .*?)`", README).group(1).split(" → ")
+    shown = [set(step.strip("{}").split(" | ")) for step in arrows]
+    places = [next(k for k, layer in enumerate(order) if step <= layer) for step in shown]
+    assert places == sorted(places)
+
+
+def test_every_kind_of_document_has_a_schema_that_can_be_printed():
+    """What the README promises of `joint-monitor schema`."""
+    assert "joint-monitor schema" in README
+    assert {"health", "friction", "alert", "torque", "history"} <= set(KINDS)
+
+
+def test_the_picture_is_there_and_small():
+    """At most 200 kB, and named in the README."""
+    picture = Path(__file__).parent.parent / "docs" / "page.png"
+    assert f"](docs/{picture.name})" in README
+    assert 10_000 < picture.stat().st_size <= 200_000

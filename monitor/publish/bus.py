@@ -251,6 +251,15 @@ class Bus:
         """What waits to be sent and to be answered, and what was dropped so far."""
         return {"to_send": self._outbox.qsize(), "to_answer": self._inbox.qsize(), "dropped": self.dropped}
 
+    def last_payloads(self) -> dict[str, bytes]:
+        """The same as they were sent: a payload is a new object only where something new was said."""
+        with self._lock:
+            return {key: payload for key, (_, payload) in self._last.items()}
+
+    def ask(self, key: str, about: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What a query on a key below the prefix is answered, for who is in this process. Raises BadInput as the error reply would say."""
+        return self._answers[key].about(about)
+
     def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> "PermitAnswer | None":
         """Ask whoever answers `permit/replay`; None where nobody does in that time."""
         from monitor.publish.permit import asked

@@ -36,6 +36,7 @@ from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.identify.trust import distrust
 from monitor.judge.evidence import DriftSettings
 from monitor.model.fourier import Excitation
+from monitor.page.served import page
 from monitor.recording import Array, Context, Recording
 from monitor.simulate.remote import Remote
 from monitor.store import Store
@@ -138,6 +139,8 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
 
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=lambda: diary.clock_unix_s, play=have))
+        served = stack.enter_context(page(configuration, daemon.bus, store))
+        console.print(f"status page while it runs: {served.url}", highlight=False)
         client = stack.enter_context(Client(endpoint, "demo", "ur5"))
         done = threading.Event()
         watcher = threading.Thread(target=_follow, args=(client, seen, done), name="watcher")
@@ -219,6 +222,7 @@ def _configuration(folder: Path, host: str, endpoint: str) -> Configuration:
         "replay": {"allow_motion": True, "excitation": "ur5-ground", "repetitions": 1, "approach_speed_rad_s": 0.8},
         "store": {"directory": "history"},
         "bus": {"listen": [endpoint]},
+        "page": {"listen": "127.0.0.1:0"},
     }
     return from_document(document, folder / "demo.toml")
 

@@ -1,0 +1,1 @@
+"""The status page: what the bus says, for a person with a browser. I/O."""

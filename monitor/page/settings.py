@@ -1,0 +1,62 @@
+"""Where the page is served, and who may see it."""
+
+import ipaddress
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from monitor.errors import BadInput
+
+SHORTEST_TOKEN = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageSettings:
+    """The status page; off until an address is given."""
+
+    listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:8420"; empty: no page
+    token_file: str = ""  # holds the token to ask for; needed beyond loopback; ${CREDENTIALS_DIRECTORY} is known
+
+    def __post_init__(self) -> None:
+        """Raises BadInput where this is no address, or an open one without a token."""
+        if not self.listen:
+            return
+        self.address()
+        if not self.loopback and not self.token_file:
+            raise BadInput(
+                f"page: listen = {self.listen!r} is open to the network; expected token_file beside it, or a loopback 127.0.0.1:PORT"
+            )
+
+    def address(self) -> tuple[str, int]:
+        """Host and port. Raises BadInput."""
+        host, _, port = self.listen.rpartition(":")
+        if not host or not (port.isascii() and port.isdigit() and 0 <= int(port) <= 65535):
+            raise BadInput(f"page: listen = {self.listen!r}; expected HOST:PORT, e.g. 127.0.0.1:8420")
+        return host.strip("[]"), int(port)
+
+    @property
+    def loopback(self) -> bool:
+        """Only this machine can reach it."""
+        host, _ = self.address()
+        try:
+            return ipaddress.ip_address(host).is_loopback
+        except ValueError:
+            return host == "localhost"
+
+    def token(self, beside: Path) -> str | None:
+        """The secret, where one is asked for; `beside` anchors a relative name.
+
+        Raises BadInput where the file cannot be read or the token is short enough to be guessed.
+        """
+        if not self.token_file:
+            return None
+        path = beside / self.token_file.replace("${CREDENTIALS_DIRECTORY}", os.environ.get("CREDENTIALS_DIRECTORY", ""))
+        try:
+            token = path.read_text("utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInput(f"page: token_file {path}: cannot be read: {error}") from None
+        if len(token) < SHORTEST_TOKEN:
+            raise BadInput(
+                f"page: token_file {path}: holds {len(token)} characters; expected {SHORTEST_TOKEN} or more: openssl rand -hex 16"
+            )
+        return token

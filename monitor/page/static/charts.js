@@ -1,0 +1,153 @@
+// Three charts of one joint: friction over time with its interval, fv over temperature with its line, torque now.
+"use strict";
+const Charts = (() => {
+  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const SECONDS = 60;
+
+  function axes(x, y, xValues) {
+    const stroke = css("--dim"), grid = { stroke: css("--line"), width: 1 }, ticks = { stroke: css("--line"), width: 1, size: 4 };
+    const font = "12px system-ui, sans-serif";
+    return [
+      { stroke, grid, ticks, font, label: x, labelSize: x ? 18 : 0, labelFont: font, size: x ? 30 : 44, ...(xValues ? { values: xValues } : {}) },
+      { stroke, grid, ticks, font, label: y, labelSize: 18, labelFont: font, size: 52 },
+    ];
+  }
+
+  const plain = (digits, unit = "") => (_, value) => (value == null ? "–" : `${value.toFixed(digits)}${unit}`);
+
+  return class {
+    constructor() {
+      this.plots = {}; this.live = [];
+      this.observer = new ResizeObserver((entries) => {
+        for (const entry of entries) {
+          const plot = this.plots[entry.target.id], width = Math.floor(entry.contentRect.width);
+          if (plot && width > 50 && plot.width !== width) plot.setSize({ width, height: plot.height });
+        }
+      });
+      for (const id of ["wear", "law", "torque"]) this.observer.observe(document.getElementById(id));
+    }
+
+    draw(id, options, data, height = 220) {
+      const place = document.getElementById(id);
+      if (this.plots[id]) this.plots[id].destroy();
+      place.replaceChildren();
+      this.plots[id] = new uPlot({ width: Math.max(place.clientWidth, 200), height, cursor: { y: false }, ...options }, data, place);
+      place.setAttribute("role", "img");
+    }
+
+    empty(id, text) {
+      const place = document.getElementById(id);
+      if (this.plots[id]) { this.plots[id].destroy(); delete this.plots[id]; }
+      const told = document.createElement("div");
+      told.className = "empty"; told.textContent = text;
+      place.replaceChildren(told);
+    }
+
+    wear(times, own, joint, tiers) {
+      if (!times.length || !own) return this.empty("wear", "No replay has been assessed yet.");
+      const percent = own.wear.map((w) => (w == null ? null : 100 * w));
+      const side = (sign) => own.wear.map((w, k) => (w == null ? null : 100 * (w + sign * 2 * own.wear_std[k])));
+      const top = Math.max(6, ...side(1).filter((x) => x != null)), low = Math.min(-3, ...side(-1).filter((x) => x != null));
+      const levels = { hooks: { draw: [(u) => this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${name} ${+(100 * rise).toFixed(2)} %`, state === "FAILURE" ? "--fail" : "--maint"]))] } };
+      this.draw("wear", {
+        scales: { y: { range: [low * 1.1, top * 1.12] } },
+        axes: axes("", "change [%]"),
+        plugins: [levels],
+        bands: [{ series: [2, 3], fill: css("--band") }],
+        series: [
+          {}, { label: "wear", stroke: css("--line1"), width: 2, points: { show: true, size: times.length > 300 ? 3 : 6, fill: css("--line1") }, value: plain(1, " %") },
+          { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(1, " %") },
+          { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(1, " %") },
+        ],
+      }, [times, percent, side(1), side(-1)], 250);
+      const last = percent.length - 1;
+      document.getElementById("wear").setAttribute("aria-label",
+        `Joint ${joint}: ${times.length} replays shown, friction now ${percent[last].toFixed(1)} % above the beginning`);
+    }
+
+    levels(u, all) {
+      const { ctx, bbox } = u;
+      ctx.save();
+      ctx.textAlign = "left"; ctx.textBaseline = "alphabetic";
+      ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+      for (const [value, text, colour] of all) {
+        const y = u.valToPos(value, "y", true);
+        if (y < bbox.top || y > bbox.top + bbox.height) continue;
+        ctx.strokeStyle = ctx.fillStyle = css(colour);
+        ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
+        ctx.lineWidth = devicePixelRatio;
+        ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
+        ctx.fillText(text, bbox.left + 6 * devicePixelRatio, y - 4 * devicePixelRatio);
+      }
+      ctx.restore();
+    }
+
+    law(own, model, joint) {
+      if (!own) return this.empty("law", "No replay has been assessed yet.");
+      const points = own.temperature_c.map((t, k) => [t, own.viscous_nm_s_per_rad[k] / (1 + (own.wear[k] || 0))])
+        .filter(([t, fv]) => t != null && Number.isFinite(fv));
+      if (!points.length) return this.empty("law", "No joint temperature has been measured yet.");
+      const line = model && model.viscous, j = joint - 1;
+      const known = line && line.intercept[j] != null;
+      const at = (t) => (known ? line.intercept[j] + line.slope[j] * (t - line.reference_c[j]) : null);
+      const std = (t) => {
+        const c = line.cov[j], d = t - line.reference_c[j];
+        return Math.sqrt(Math.max(0, c[0][0] + 2 * c[0][1] * d + c[1][1] * d * d));
+      };
+      const T = points.map(([t]) => t), low = Math.min(...T) - 1, high = Math.max(...T) + 1;
+      const rows = points.map(([t, fv]) => [t, fv]).concat(Array.from({ length: 30 }, (_, k) => [low + ((high - low) * k) / 29, null]));
+      rows.sort((a, b) => a[0] - b[0]);
+      const x = rows.map((row) => row[0]);
+      const within = (t) => !known || line.range_c[j][0] == null || (t >= line.range_c[j][0] - line.margin_k && t <= line.range_c[j][1] + line.margin_k);
+      this.draw("law", {
+        scales: { x: { time: false } },
+        axes: axes("joint temperature [°C]", "fv [Nm·s/rad]"),
+        bands: [{ series: [3, 4], fill: css("--band") }],
+        series: [
+          { label: "T", value: plain(1, " °C") },
+          { label: "replay", stroke: css("--line2"), paths: () => null, points: { show: true, size: 6, fill: css("--line2") }, value: plain(3) },
+          { label: "line", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(3) },
+          { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(3) },
+          { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(3) },
+        ],
+      }, [x, rows.map((row) => row[1]), x.map((t) => (within(t) ? at(t) : null)),
+        x.map((t) => (known ? at(t) + 2 * std(t) : null)), x.map((t) => (known ? at(t) - 2 * std(t) : null))]);
+      document.getElementById("law").setAttribute("aria-label", known
+        ? `Joint ${joint}: viscous friction ${line.intercept[j].toFixed(2)} at ${line.reference_c[j].toFixed(1)} °C, ${((100 * line.slope[j]) / line.intercept[j]).toFixed(2)} % per kelvin`
+        : `Joint ${joint}: no line yet`);
+    }
+
+    sample(document_) {
+      const at = Date.now() / 1000;
+      this.live.push({ ...document_, at });
+      while (this.live.length && this.live[0].at < at - SECONDS) this.live.shift();
+    }
+
+    torque(joint) {
+      const j = joint - 1, all = this.live;
+      if (!all.length) return this.empty("torque", "Nothing is heard of the arm, or no replay has been assessed yet.");
+      const x = all.map((one) => one.at), predicted = all.map((one) => one.predicted_nm[j]);
+      const measured = all.map((one) => (one.measured_nm ? one.measured_nm[j] : null));
+      const side = (sign) => all.map((one, k) => (one.std_nm[j] == null ? predicted[k] : predicted[k] + sign * 2 * one.std_nm[j]));
+      const data = [x, predicted, measured, side(1), side(-1)];
+      const plot = this.plots.torque;
+      if (plot && plot.joint === joint) plot.setData(data);
+      else {
+        this.draw("torque", {
+          scales: { x: { range: (_, low, high) => [high - SECONDS, high] }, y: { range: (_, low, high) => { const room = Math.max(0.15 * (high - low), 0.3); return [low - room, high + room]; } } },
+          axes: axes("", "torque [Nm]"),
+          bands: [{ series: [3, 4], fill: css("--band") }],
+          series: [{}, { label: "predicted", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(2, " Nm") },
+            { label: "measured", stroke: css("--line2"), width: 1.5, points: { show: false }, value: plain(2, " Nm") },
+            { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(2) }, { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(2) }],
+        }, data);
+        this.plots.torque.joint = joint;
+      }
+      const last = all[all.length - 1];
+      document.getElementById("torque").setAttribute("aria-label",
+        `Joint ${joint}: predicted ${last.predicted_nm[j].toFixed(1)} Nm, measured ${last.measured_nm ? last.measured_nm[j].toFixed(1) : "unknown"} Nm`);
+    }
+
+    again() { for (const id of Object.keys(this.plots)) { this.plots[id].destroy(); delete this.plots[id]; } }
+  };
+})();

@@ -1,0 +1,380 @@
+// The page: last values of the bus as they change, the past from the history, and commands on behalf of a person.
+"use strict";
+const $ = (id) => document.getElementById(id);
+const STATES = {
+  NORMAL: ["✓", "Normal"], CHECK_FUNCTION: ["C", "Check function"], OFF_SPEC: ["S", "Out of specification"],
+  MAINTENANCE_REQUIRED: ["M", "Maintenance required"], FAILURE: ["F", "Failure"], null: ["?", "Not known yet"],
+};
+const TIER_STATE = { advisory: "CHECK_FUNCTION", wear: "MAINTENANCE_REQUIRED", limit: "FAILURE" };
+const TOKEN = document.querySelector('meta[name="page-token"]').content;
+const values = {};
+let about = null, past = { t: [], joints: {}, replays: 0 }, drawing = null, charts = null, chosen = null, lost = false, pending = null;
+
+const make = (tag, text, attributes = {}) => {
+  const made = document.createElement(tag);
+  if (text != null) made.textContent = text;
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+};
+const chip = (state) => {
+  const [letter, words] = STATES[state] || STATES.null;
+  const made = make("span", null, { class: "chip", "data-state": String(state) });
+  made.append(make("i", letter, { "aria-hidden": "true" }), make("span", words, { class: "words" }));
+  return made;
+};
+const number = (value, digits = 1) => (value == null ? "–" : value.toFixed(digits));
+const percent = (value, digits = 1) => (value == null ? "–" : `${signed(100 * value, digits)} %`);
+const signed = (value, digits = 1) => { const text = Math.abs(value).toFixed(digits); return Number(text) === 0 ? text : `${value > 0 ? "+" : "−"}${text}`; };
+const moment = (text, seconds = false) => {
+  if (!text) return "–";
+  const at = new Date(text);
+  return at.toLocaleString(undefined, { year: "numeric", month: "short", day: "numeric", hour: "2-digit", minute: "2-digit", ...(seconds ? { second: "2-digit" } : {}) });
+};
+const brief = (text) => new Date(text).toLocaleString(undefined, { month: "short", day: "numeric", hour: "2-digit", minute: "2-digit" });
+const timed = (tag, text) => make(tag, text ? brief(text) : "–", text ? { title: text, class: "time" } : {});
+const words = (condition) => condition.replaceAll("_", " ").replace(/^./, (letter) => letter.toUpperCase());
+const spoken = (why) => (why || "").replace(/\b[a-z]+(_[a-z]+)+\b/g, (word) => word.replaceAll("_", " "));
+const place = (joint) => (joint == null ? "The arm" : `Joint ${joint}`);
+function life(row) {
+  const left = row && row.remaining_life;
+  if (!left) return "–";
+  if (left.verdict === "reached") return "limit reached";
+  if (left.p50_days == null) return "no trend";
+  const days = (d) => (d == null ? "–" : d >= 730 ? `${(d / 365.25).toFixed(1)} a` : `${d.toFixed(0)} d`);
+  return `${days(left.p50_days)} (${days(left.p10_days)}–${days(left.p90_days)})`;
+}
+async function read(path) {
+  const answer = await fetch(path, { credentials: "same-origin" });
+  if (answer.status === 401) location.reload();
+  if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
+  return answer.json();
+}
+const friction = (joint) => values[`joint/${joint}/friction`];
+const count = () => (about ? about.arm.links.length : 6);
+const stateOf = (joint) => ((values.health && values.health.joints) || []).find((one) => one.joint === joint) || { state: null, why: "not known yet" };
+
+// --- what is drawn -----------------------------------------------------------------------------------
+
+function verdict() {
+  const health = values.health || { state: null };
+  const state = $("state");
+  state.replaceWith(Object.assign(chip(health.state), { id: "state" }));
+  $("why").textContent = spoken(health.why) || "No replay has been assessed yet.";
+  $("since").textContent = health.since ? `since ${moment(health.since)}; said ${moment(health.said_at)}` : "";
+  $("due").textContent = moment(health.next_replay_due);
+  $("revision").textContent = values.model ? String(values.model.revision) : "0";
+  $("verdict").dataset.state = String(health.state);
+  document.title = `${(STATES[health.state] || STATES.null)[1]}: ${about ? about.robot.id : ""} – joint-monitor`;
+  for (let j = 1; j <= count(); j++) {
+    const one = stateOf(j);
+    if (drawing) drawing.state(j, String(one.state), `Joint ${j}, ${about.arm.links[j - 1].replaceAll("_", " ")}: ${(STATES[one.state] || STATES.null)[1]}. ${one.why}`);
+    const tab = $(`tab-${j}`);
+    if (tab) tab.dataset.state = String(one.state);
+  }
+}
+
+function joints() {
+  const body = $("joints").tBodies[0];
+  if (body.rows.length !== count()) {
+    body.replaceChildren();
+    for (let j = 1; j <= count(); j++) {
+      const row = body.insertRow(), name = row.insertCell();
+      const button = make("button", null, { type: "button" });
+      button.append(`J${j} `, make("span", about.arm.links[j - 1].replaceAll("_", " "), { class: "dim" }));
+      name.append(button);
+      row.addEventListener("click", () => choose(j));
+      for (const kind of ["", "n", "n wide", "n", "n wide"]) row.insertCell().className = kind;
+    }
+  }
+  for (let j = 1; j <= count(); j++) {
+    const row = body.rows[j - 1], own = friction(j), state = stateOf(j);
+    row.cells[1].replaceChildren(chip(state.state));
+    row.cells[1].title = state.why || "";
+    row.cells[2].textContent = own ? `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)}` : "–";
+    row.cells[3].textContent = own ? signed(3000 * own.wear_rate_per_day) : "–";
+    row.cells[4].textContent = life(own);
+    row.cells[5].textContent = own ? number(own.temperature_c) : "–";
+    row.classList.toggle("on", j === chosen);
+  }
+}
+
+function split(parts) {
+  // logarithms that add up; as percentages of friction torque
+  const rows = [["measured change", parts.whole], ["of it temperature", parts.temperature], ["of it payload and context", parts.payload],
+    ["of it wear", parts.wear], ["of it chance", parts.rest]];
+  const table = make("table");
+  for (const [name, value] of rows) {
+    const row = table.insertRow();
+    row.insertCell().textContent = name;
+    const cell = row.insertCell();
+    cell.className = "n";
+    cell.textContent = percent(Math.expm1(value));
+  }
+  return table;
+}
+
+function alertCard(alert) {
+  const state = TIER_STATE[alert.tier] || "null";
+  const card = make("article", null, { class: "alert", "data-state": alert.active ? state : "null" });
+  const title = make("h3", `${place(alert.joint)}: ${words(alert.condition)}`);
+  title.append(make("span", alert.active ? alert.tier : "cleared", { class: "pill" }));
+  card.append(title, make("p", alert.text), make("p", alert.active ? alert.action : "", { class: "action" }));
+  const told = [`raised ${moment(alert.raised_at)}`];
+  if (alert.updated_at !== alert.raised_at && alert.active) told.push(`updated ${moment(alert.updated_at)}`);
+  if (alert.cleared_at) told.push(`cleared ${moment(alert.cleared_at)}`);
+  if (alert.acknowledged_at) told.push(`acknowledged by ${alert.acknowledged_by}, ${moment(alert.acknowledged_at)}${alert.acknowledged_why ? `: ${alert.acknowledged_why}` : ""}`);
+  if (alert.shelved_until) told.push(`shelved by ${alert.shelved_by} until ${moment(alert.shelved_until)}`);
+  card.append(make("p", told.join(" · "), { class: "dim" }));
+  const evidence = make("details");
+  evidence.append(make("summary", "Evidence"), make("p", `Probability that the change exceeds the tier's rise: ${number(100 * alert.probability, 2)} %. Change ${percent(alert.change)}.`));
+  if (alert.split) evidence.append(split(alert.split));
+  card.append(evidence);
+  if (alert.active) {
+    const row = make("div", null, { class: "row" });
+    const what = { joint: alert.joint, condition: alert.condition };
+    if (!alert.acknowledged_at) {
+      const button = make("button", "Acknowledge…", { type: "button", class: "primary" });
+      button.addEventListener("click", () => ask("ack", what, `Acknowledge: ${place(alert.joint)}, ${words(alert.condition).toLowerCase()}`, "It has been seen. It clears by itself once its condition is gone."));
+      row.append(button);
+    }
+    const shelf = make("button", "Shelve…", { type: "button" });
+    shelf.addEventListener("click", () => ask("shelve", what, `Shelve: ${place(alert.joint)}, ${words(alert.condition).toLowerCase()}`, "It stays active, and need not be shown until then."));
+    row.append(shelf);
+    if (alert.joint != null) {
+      const look = make("button", `Look at joint ${alert.joint}`, { type: "button" });
+      look.addEventListener("click", () => { choose(alert.joint); $("detail-h").scrollIntoView({ block: "start" }); });
+      row.append(look);
+    }
+    card.append(row);
+  }
+  return card;
+}
+
+function alerts() {
+  const all = Object.entries(values).filter(([key]) => key.startsWith("alert/")).map(([, document_]) => document_);
+  const order = ["limit", "wear", "advisory"];
+  const active = all.filter((alert) => alert.active).sort((a, b) => order.indexOf(a.tier) - order.indexOf(b.tier) || a.raised_at.localeCompare(b.raised_at));
+  const open = active.filter((alert) => !alert.acknowledged_at).length;
+  $("count").textContent = open ? String(open) : "";
+  $("count").title = open ? `${open} not acknowledged` : "";
+  const opened = new Set([...document.querySelectorAll("#active details[open]")].map((one) => one.dataset.key));
+  const focused = document.activeElement && document.activeElement.closest("#active") ? document.activeElement.textContent : null;
+  const cards = active.map((alert) => {
+    const card = alertCard(alert), key = `${alert.joint}/${alert.condition}`, evidence = card.querySelector("details");
+    evidence.dataset.key = key;
+    evidence.open = opened.has(key);
+    return card;
+  });
+  $("active").replaceChildren(...(cards.length ? cards : [make("p", values.health ? "✓ No active alert." : "", { class: "none" })]));
+  if (focused) [...$("active").querySelectorAll("button")].find((button) => button.textContent === focused)?.focus();
+  const gone = all.filter((alert) => !alert.active);
+  $("past").hidden = !gone.length;
+  $("cleared").replaceChildren(...gone.map(alertCard));
+}
+
+function figures() {
+  const own = friction(chosen), state = stateOf(chosen);
+  $("which").textContent = String(chosen);
+  $("link-name").textContent = about.arm.links[chosen - 1].replaceAll("_", " ");
+  const rows = [["State", chip(state.state)], ["Life left to the limit", life(own)]];
+  if (own) {
+    rows.push(
+      ["Wear", `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)} %`],
+      ["Pace", `${signed(3000 * own.wear_rate_per_day)} ± ${(3000 * own.wear_rate_std_per_day).toFixed(1)} % a month`],
+      [`Friction at ${own.reference_speed_rad_s} rad/s, ${own.reference_temperature_c.toFixed(1)} °C`, `${number(own.reference_torque_nm, 2)} ± ${number(own.reference_torque_std_nm, 2)} Nm`],
+      ["Coulomb fc", `${number(own.coulomb_nm, 2)} ± ${number(own.coulomb_std_nm, 2)} Nm`],
+      ["Viscous fv", `${number(own.viscous_nm_s_per_rad, 2)} ± ${number(own.viscous_std_nm_s_per_rad, 2)} Nm·s/rad`],
+      ["Temperature, last replay", `${number(own.temperature_c)} °C`],
+    );
+    if (own.remaining_life.before_service_probability != null) rows.push(["Limit before next service", `${number(100 * own.remaining_life.before_service_probability, 0)} %`]);
+  }
+  rows.push(["Why", spoken(state.why) || "–"]);
+  $("figures").replaceChildren(...rows.map(([term, value]) => {
+    const pair = make("div"), told = make("dd");
+    told.append(value);
+    pair.append(make("dt", term), told);
+    return pair;
+  }));
+}
+
+function detail() {
+  figures();
+  const own = past.joints[String(chosen)];
+  charts.wear(past.t, own, chosen, about.levels);
+  charts.law(own, values.model, chosen);
+  charts.torque(chosen);
+  for (let j = 1; j <= count(); j++) {
+    const tab = $(`tab-${j}`);
+    tab.setAttribute("aria-selected", String(j === chosen));
+    tab.tabIndex = j === chosen ? 0 : -1;
+  }
+  drawing.chosen(chosen);
+}
+
+function choose(joint) {
+  chosen = joint;
+  joints();
+  detail();
+}
+
+function live() {
+  const now = values["torque/live"];
+  if (!now) return;
+  charts.sample(now);
+  drawing.pose(now.q_rad);
+  charts.torque(chosen);
+  const left = now.residual_nm ? now.residual_nm[chosen - 1] : null;
+  $("residual").textContent = left == null ? "" : `residual ${left.toFixed(2)} Nm${now.extrapolated[chosen - 1] ? ", outside the temperatures learnt" : ""}`;
+}
+
+async function history() {
+  const [series, rows] = await Promise.all([read("/api/history"), read("/api/schedule")]);
+  past = series;
+  $("cron").textContent = `Schedule ${rows.schedule} (UTC: minute hour day month weekday). ${past.replays} assessed${past.shown < past.replays ? `, ${past.shown} of them drawn` : ""}.`;
+  $("windows").tBodies[0].replaceChildren(...rows.windows.map((window_) => {
+    const row = make("tr");
+    row.append(timed("td", window_.window), make("td", window_.kind), make("td", window_.reason ? `${window_.state}: ${window_.reason}` : window_.state));
+    return row;
+  }));
+  $("events").tBodies[0].replaceChildren(...rows.events.map((event) => {
+    const row = make("tr");
+    row.append(timed("td", event.at), make("td", `${place(event.joint)}: ${words(event.condition)}`), make("td", `${event.kind}, ${event.tier}`));
+    return row;
+  }));
+  if (!rows.events.length) { const row = make("tr"); row.append(make("td", "nothing yet", { class: "dim", colspan: "3" })); $("events").tBodies[0].append(row); }
+  detail();
+}
+
+async function self() {
+  const own = await read("/api/monitor");
+  const hours = own.up_s / 3600;
+  const rows = [["Version", own.version], ["Host", (values.info && values.info.host) || "–"], ["Up", hours < 1 ? `${Math.round(own.up_s / 60)} min` : hours < 72 ? `${hours.toFixed(1)} h` : `${(hours / 24).toFixed(0)} d`],
+    ["Memory", `${number(own.resident_mb, 0)} MB`], ["History", `${number(own.history_mb, 1)} MB`], ["Disk free", `${own.disk_free_gb} GB (${(100 * own.disk_free_share).toFixed(0)} %)`],
+    ["Documents dropped", String(own.documents_dropped)], ["Last windows", Object.entries(own.last_windows).map(([state, n]) => `${n} ${state}`).join(", ") || "none"],
+    ["Its clock", moment(own.now, true)]];
+  $("self").replaceChildren(...rows.map(([term, value]) => { const pair = make("div"); pair.append(make("dt", term), make("dd", value)); return pair; }));
+}
+
+// --- what is done -------------------------------------------------------------------------------------
+
+function ask(command, what, title, text) {
+  pending = { command, what };
+  $("dialog-h").textContent = title;
+  $("dialog-text").textContent = text;
+  $("problem").textContent = "";
+  $("hours-l").hidden = command !== "shelve";
+  $("by").value = localStorage.getItem("joint-monitor-name") || "";
+  $("reason").value = "";
+  $("ok").textContent = { ack: "Acknowledge", shelve: "Shelve", replay: "Ask for a replay" }[command];
+  $("dialog").showModal();
+  ($("by").value ? $("reason") : $("by")).focus();
+}
+
+$("cancel").addEventListener("click", () => $("dialog").close());
+$("form").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const { command, what } = pending;
+  const request = { ...what, by: $("by").value.trim(), why: $("reason").value.trim() };
+  if (command === "shelve") request.hours = Number($("hours").value);
+  localStorage.setItem("joint-monitor-name", request.by);
+  $("ok").disabled = true;
+  try {
+    const answer = await fetch(`/api/cmd/${command}`, {
+      method: "POST", credentials: "same-origin", headers: { "Content-Type": "application/json", "X-Page-Token": TOKEN }, body: JSON.stringify(request),
+    });
+    const told = await answer.json();
+    if (!answer.ok) throw new Error(told.error || String(answer.status));
+    $("dialog").close();
+    soon();
+  } catch (error) {
+    $("problem").textContent = error.message;
+  } finally {
+    $("ok").disabled = false;
+  }
+});
+$("replay").addEventListener("click", () => ask("replay", {}, "Ask for a replay now", "The arm moves if every condition of a replay holds: make sure that nobody is near it."));
+
+$("theme").addEventListener("click", () => {
+  const dark = document.documentElement.dataset.theme ? document.documentElement.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  document.documentElement.dataset.theme = dark ? "light" : "dark";
+  localStorage.setItem("joint-monitor-theme", document.documentElement.dataset.theme);
+  repaint();
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => repaint());
+function repaint() { if (charts && chosen) { charts.again(); detail(); } }
+
+$("tabs").addEventListener("keydown", (event) => {
+  const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+  const to = event.key === "Home" ? 1 : event.key === "End" ? count() : step ? ((chosen - 1 + step + count()) % count()) + 1 : null;
+  if (to == null) return;
+  event.preventDefault();
+  choose(to);
+  $(`tab-${to}`).focus();
+});
+
+// --- what arrives --------------------------------------------------------------------------------------
+
+let again = null;
+function soon() { clearTimeout(again); again = setTimeout(() => { history().catch(told); self().catch(told); }, 300); }
+function told(error) { console.warn(error); }
+
+function take(key, document_) {
+  values[key] = document_;
+  if (key === "torque/live") return live();
+  if (key === "health" || key === "model") verdict();
+  if (key === "health") joints();
+  if (key.startsWith("alert/")) { alerts(); soon(); }
+  if (key.endsWith("/friction")) { joints(); soon(); }
+  if (key === "health" || key.endsWith("/friction")) figures();
+}
+
+function listen() {
+  const stream = new EventSource("/api/live");
+  stream.addEventListener("value", (event) => {
+    const cut = event.data.indexOf(" ");
+    take(JSON.parse(event.data.slice(0, cut)), JSON.parse(event.data.slice(cut + 1)));
+    if (!$("active").childElementCount) alerts();
+  });
+  stream.addEventListener("open", () => {
+    if (lost && !$("dialog").open) return location.reload();  // the monitor was started anew: its tokens are new, too
+    lost = false;
+    $("link").textContent = "live"; $("link").className = "pill live";
+  });
+  stream.addEventListener("error", () => {
+    lost = true;
+    $("link").textContent = "not connected"; $("link").className = "pill lost";
+  });
+}
+
+async function begin() {
+  about = await read("/api/about");
+  $("robot").textContent = `${about.robot.site} / ${about.robot.id}`;
+  $("model").textContent = `${about.robot.model.toUpperCase()}, ${about.robot.mounting}, ${about.robot.payload_kg} kg, tool ${about.robot.tool}`;
+  charts = new Charts();
+  drawing = new ArmDrawing($("arm"), about.arm, choose);
+  $("legend").replaceChildren(...Object.keys(STATES).filter((state) => state !== "null").map((state) => { const item = make("li"); item.append(chip(state)); return item; }));
+  for (let j = 1; j <= count(); j++) {
+    const tab = make("button", `J${j}`, { type: "button", role: "tab", id: `tab-${j}`, "aria-controls": "panel", "data-state": "null" });
+    tab.addEventListener("click", () => choose(j));
+    $("tabs").append(tab);
+  }
+  chosen = 1;
+  verdict(); joints();
+  await history();
+  self().catch(told);
+  setInterval(() => self().catch(told), 30000);
+  let first = true;
+  const worst = () => {  // the first look is at the joint that matters most
+    if (!first || !values.health) return;
+    first = false;
+    const order = Object.keys(STATES);
+    const bad = [...(values.health.joints || [])].sort((a, b) => order.indexOf(b.state) - order.indexOf(a.state))[0];
+    if (bad && bad.state !== "NORMAL") choose(bad.joint);
+  };
+  listen();
+  const wait = setInterval(() => { worst(); if (!first) clearInterval(wait); }, 100);
+}
+
+const kept = localStorage.getItem("joint-monitor-theme");
+if (kept === "light" || kept === "dark") document.documentElement.dataset.theme = kept;
+begin().catch((error) => { $("why").textContent = `The page could not be loaded: ${error.message}`; told(error); });

@@ -1,0 +1,122 @@
+"""One self-contained HTML page, laid out for printing: A4, black on white, tables that do not break within a row, no network."""
+
+import html
+import io
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from monitor.errors import BadInput
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_STYLE = """
+@page { size: A4; margin: 15mm 14mm 16mm; @bottom-right { content: counter(page) " / " counter(pages); font: 8pt sans-serif } }
+* { box-sizing: border-box }
+html { color-scheme: light; -webkit-print-color-adjust: exact; print-color-adjust: exact }
+body { font: 10.5pt/1.45 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1a1d21; background: #fff; margin: 0 auto;
+  max-width: 190mm; padding: 8mm 5mm }
+h1 { font-size: 19pt; line-height: 1.2; margin: 0 0 2mm; letter-spacing: -.01em }
+h2 { font-size: 14pt; margin: 11mm 0 2mm; padding-bottom: 1mm; border-bottom: 1.5pt solid #1b4d7a; break-after: avoid }
+h3 { font-size: 11.5pt; margin: 6mm 0 1mm; break-after: avoid }
+p { margin: 1.5mm 0 }
+.sub { color: #555; margin-bottom: 5mm }
+table { border-collapse: collapse; margin: 2mm 0 4mm; font-size: 9pt; font-variant-numeric: tabular-nums; width: 100% }
+thead { display: table-header-group }
+th { text-align: left; font-weight: 600; border-bottom: 1pt solid #555; padding: .8mm 2mm; vertical-align: bottom }
+td { border-bottom: .4pt solid #d5d9de; padding: .8mm 2mm; vertical-align: top }
+tr { break-inside: avoid }
+td:first-child { white-space: nowrap }
+.n { text-align: right; white-space: nowrap }
+th.n { white-space: normal }
+figure { margin: 3mm 0 5mm; break-inside: avoid }
+figure svg, figure img { width: 100%; height: auto; display: block }
+figcaption { font-size: 9pt; color: #444; margin-top: 1mm }
+.box { border: .6pt solid #c3cad2; border-left: 3pt solid #1b4d7a; padding: 2mm 4mm; margin: 3mm 0; background: #f6f8fa;
+  break-inside: avoid }
+.good { color: #14682f } .bad { color: #a3161c; font-weight: 600 } .warn { color: #85510a } .dim { color: #666 }
+.mark { display: inline-block; min-width: 24mm; font-weight: 600 }
+.chip { display: inline-block; padding: .2mm 2.2mm; border-radius: 3mm; border: .6pt solid currentColor; font-size: 8.5pt;
+  font-weight: 600; white-space: nowrap }
+ul { margin: 1mm 0 3mm; padding-left: 6mm }
+details summary { cursor: pointer; font-weight: 600 }
+@media print { body { padding: 0; max-width: none } details { display: block } .newpage { break-before: page } a { color: inherit } }
+"""
+
+
+class Markup(str):
+    """Text that is HTML already; everything else is escaped."""
+
+    __slots__ = ()
+
+
+class Column(NamedTuple):
+    """A column's title, and whether figures stand in it."""
+
+    title: str
+    figures: bool = True
+
+
+def check_page(path: Path) -> None:
+    """Raises BadInput unless a page can be written there; asked before the work is done."""
+    if path.suffix.lower() not in {".html", ".htm"}:
+        raise BadInput(f"-o {path}: expected a name that ends in .html")
+    if path.is_dir() or not path.parent.is_dir():
+        raise BadInput(f"-o {path}: expected the name of a file in a folder that exists")
+
+
+def escaped(value: object) -> str:
+    """A cell or paragraph as HTML; None is a dash."""
+    if isinstance(value, Markup):
+        return value
+    return "–" if value is None else html.escape(str(value))
+
+
+def page(title: str, subtitle: str, parts: Iterable[str]) -> str:
+    """The whole document."""
+    head = f"<title>{escaped(title)}</title>\n<style>{_STYLE}</style>"
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">\n'
+        f'{head}</head>\n<body>\n<h1>{escaped(title)}</h1>\n<p class="sub">{escaped(subtitle)}</p>\n'
+        + "\n".join(parts)
+        + "\n</body></html>\n"
+    )
+
+
+def heading(text: str, level: int = 2, *, new_page: bool = False) -> str:
+    """A title within the page."""
+    return f"<h{level}{' class=newpage' if new_page else ''}>{escaped(text)}</h{level}>"
+
+
+def paragraph(text: object, kind: str = "") -> str:
+    """One paragraph; `kind` is a class of the style sheet."""
+    return f'<p class="{kind}">{escaped(text)}</p>' if kind else f"<p>{escaped(text)}</p>"
+
+
+def table(columns: Sequence[Column | str], rows: Iterable[Sequence[object]]) -> str:
+    """A table; columns given as a bare title hold words."""
+    told = [column if isinstance(column, Column) else Column(column, figures=False) for column in columns]
+
+    def cell(tag: str, column: Column, value: object) -> str:
+        return f"<{tag}{' class=n' if column.figures else ''}>{escaped(value)}</{tag}>"
+
+    head = "".join(cell("th", column, column.title) for column in told)
+    body = "".join("<tr>" + "".join(cell("td", *pair) for pair in zip(told, row, strict=True)) + "</tr>\n" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table>"
+
+
+def bullets(items: Iterable[object]) -> str:
+    """A list."""
+    return "<ul>" + "".join(f"<li>{escaped(item)}</li>" for item in items) + "</ul>"
+
+
+def drawn(figure: "Figure", caption: str) -> str:
+    """A figure as SVG within the page; the same figure gives the same bytes."""
+    from matplotlib import rc_context
+
+    drawing = io.StringIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "joint-monitor", "font.family": "sans-serif"}):
+        figure.savefig(drawing, format="svg", metadata={"Date": None})
+    picture = drawing.getvalue()
+    return f"<figure>{picture[picture.index('<svg') :]}<figcaption>{escaped(caption)}</figcaption></figure>"

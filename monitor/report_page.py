@@ -1,0 +1,336 @@
+"""A report's document → one self-contained HTML page, laid out for the maintenance file."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from monitor.printed import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURS = {
+    "NORMAL": "#14682f", "CHECK_FUNCTION": "#a34e00", "OFF_SPEC": "#7d5e00", "MAINTENANCE_REQUIRED": "#1b4fae", "FAILURE": "#a3161c",
+}  # fmt: skip
+WORDS = {
+    "NORMAL": "normal",
+    "CHECK_FUNCTION": "check function",
+    "OFF_SPEC": "out of specification",
+    "MAINTENANCE_REQUIRED": "maintenance required",
+    "FAILURE": "failure",
+}
+LINE, POINT = "#1f6fb4", "#c8781e"
+MOST_POINTS = 1500
+FACTS = {
+    "serial": "serial number",
+    "firmware": "firmware",
+    "mounting_rad": "mounting",
+    "payload_kg": "payload",
+    "tool": "tool",
+    "trajectory_digest": "trajectory",
+}
+
+
+def report_page(reports: Sequence[Mapping[str, Any]]) -> str:
+    """All robots on one page, each beginning on a sheet of its own."""
+    parts: list[str] = []
+    for number, one in enumerate(reports):
+        parts += _robot(one, new_page=number > 0)
+    names = ", ".join(f"{one['robot']['site']}/{one['robot']['id']}" for one in reports)
+    first = reports[0]
+    subtitle = f"{names}. {_day(first['from'])} to {_day(first['to'])}; made {_time(first['made_at'])} by joint-monitor {first['version']}"
+    return page("Friction health report", subtitle, parts)
+
+
+def _robot(told: Mapping[str, Any], *, new_page: bool) -> list[str]:
+    who, unwatched, verdict = told["robot"], told["unwatched"], told["verdict"]
+    parts = [
+        heading(f"{who['site']}/{who['id']}: {who['model'].upper()}", new_page=new_page),
+        paragraph(
+            f"Serial number {who['serial'] or 'not given'}; {who['mounting']}; payload {who['payload_kg']:g} kg; tool {who['tool']}; "
+            f"trajectory {who['trajectory']}. Times are UTC.",
+            "dim",
+        ),
+        _verdict(told),
+    ]
+    if verdict is not None:
+        parts += [heading("Joints at the end of the period", 3), _joints(told)]
+    parts += [heading("Alerts and their evidence", 3), *_alerts(told)]
+    if told["history"]:
+        parts += [
+            heading("Friction over the period", 3),
+            drawn(_over_time(told), "Friction since the beginning, temperature taken out, with its 2σ interval; a point is a replay."),
+            drawn(
+                _over_temperature(told),
+                "Viscous friction over joint temperature, wear taken out, and the line fitted to all replays so far.",
+            ),
+        ]
+    parts += [heading("Changes of context", 3), *_contexts(told)]
+    failed = len(unwatched["failed"])
+    parts += [
+        heading("What was not monitored, and why", 3),
+        paragraph(f"{unwatched['assessed']} of {unwatched['windows']} windows were assessed; {failed} taught nothing."),
+        *_unwatched(told),
+        heading("Thresholds in force", 3),
+        paragraph(_thresholds(told["thresholds"])),
+        heading("What this method cannot see", 3),
+        bullets(told["limits"]),
+        Markup(
+            '<table style="margin-top:12mm"><tbody><tr><td style="width:50%">Reviewed by</td><td>Date, signature</td></tr></tbody></table>'
+        ),
+    ]
+    return parts
+
+
+def _verdict(told: Mapping[str, Any]) -> str:
+    verdict = told["verdict"]
+    if verdict is None:
+        return '<div class="box">' + paragraph("No replay was assessed in this period: nothing can be said of this arm.", "warn") + "</div>"
+    active = [alert for alert in told["alerts"] if alert["active"]]
+    lines = [
+        paragraph(Markup(f"{_chip(verdict['health']['arm'])} {escaped(_plain(verdict['why']['arm']))}")),
+        paragraph(
+            f"As of the last replay of the period, {_time(verdict['at'])}. Active alerts when this was made: {len(active)}.",
+            "dim",
+        ),
+    ]
+    return '<div class="box">' + "".join(lines) + "</div>"
+
+
+def _chip(state: str) -> Markup:
+    return Markup(f'<span class="chip" style="color:{COLOURS.get(state, "#555")}">{escaped(WORDS.get(state, state))}</span>')
+
+
+def _joints(told: Mapping[str, Any]) -> str:
+    states = told["verdict"]["health"]["joints"]
+    rows = []
+    for row in told["joints"]:
+        life = row["remaining_life"]
+        rows.append(
+            [
+                f"joint {row['joint']}",
+                _chip(states[row["joint"] - 1]),
+                f"{100 * row['wear']:+.1f} ± {100 * row['wear_std']:.1f}",
+                f"{3000 * row['wear_rate_per_day']:+.1f} ± {3000 * row['wear_rate_std_per_day']:.1f}",
+                _life(life),
+                _pair(row["coulomb_nm"], row["coulomb_std_nm"]),
+                _pair(row["viscous_nm_s_per_rad"], row["viscous_std_nm_s_per_rad"]),
+                None if row["temperature_c"] is None else f"{row['temperature_c']:.1f}",
+            ]
+        )
+    columns: list[Column | str] = [
+        "",
+        "state",
+        Column("wear [%]"),
+        Column("pace [%/month]"),
+        Column("life left"),
+        Column("fc [Nm]"),
+        Column("fv [Nm·s/rad]"),
+    ]
+    return table([*columns, Column("T [°C]")], rows)
+
+
+def _life(life: Mapping[str, Any]) -> str:
+    if life["verdict"] == "reached":
+        return "limit reached"
+    if life["p50_days"] is None:
+        return "no trend"
+    low, high = ("–" if life[key] is None else f"{life[key]:.0f}" for key in ("p10_days", "p90_days"))
+    return f"{life['p50_days']:.0f} d ({low}–{high})"
+
+
+def _alerts(told: Mapping[str, Any]) -> list[str]:
+    parts = []
+    for alert in told["alerts"]:
+        place = "The arm" if alert["joint"] is None else f"Joint {alert['joint']}"
+        state = f"active, {alert['tier']}" if alert["active"] else f"cleared {_time(alert['cleared_at'])}"
+        lines = [
+            paragraph(
+                Markup(
+                    f"<b>{escaped(place)}: {escaped(_plain(alert['condition']))}</b> ({escaped(state)}), raised {_time(alert['raised_at'])}"
+                )
+            ),
+            paragraph(alert["text"]),
+            paragraph(f"Probability that the change exceeds the tier's rise: {100 * alert['probability']:.2f} %."),
+            paragraph(f"Asked: {alert['action']}") if alert["active"] else "",
+        ]
+        if alert["acknowledged_at"]:
+            why = f": {alert['acknowledged_why']}" if alert["acknowledged_why"] else ""
+            lines.append(paragraph(f"Acknowledged by {alert['acknowledged_by']}, {_time(alert['acknowledged_at'])}{why}"))
+        else:
+            lines.append(paragraph("Not acknowledged.", "warn"))
+        if alert["shelved_until"]:
+            lines.append(
+                paragraph(f"Shelved by {alert['shelved_by']} until {_time(alert['shelved_until'])}: {alert['shelved_why'] or 'no reason'}")
+            )
+        parts.append('<div class="box">' + "".join(lines) + "</div>")
+    if not parts:
+        parts.append(paragraph("None was active in this period.", "good"))
+    if told["events"]:
+        rows = [
+            [
+                _time(event["at"]),
+                "arm" if event["joint"] is None else f"joint {event['joint']}",
+                _plain(event["condition"]),
+                f"{event['kind']}, {event['tier']}",
+                _by(event),
+            ]
+            for event in told["events"]
+        ]
+        parts += [paragraph("Every transition:", "dim"), table(["when", "", "condition", "what", "by whom and why"], rows)]
+    return parts
+
+
+def _by(event: Mapping[str, Any]) -> str | None:
+    verb = {"acknowledged": "acknowledged", "shelved": "shelved"}.get(event["kind"])
+    if verb is None:
+        return None
+    why = event[f"{verb}_why"]
+    return f"{event[f'{verb}_by']}{f': {why}' if why else ''}"
+
+
+def _contexts(told: Mapping[str, Any]) -> list[str]:
+    if not told["contexts"]:
+        return [paragraph("None was seen: no replay was assessed.")]
+    rows = []
+    for change in told["contexts"]:
+        what = [
+            f"{FACTS[name]}: {_fact(name, after)}"
+            if change is told["contexts"][0]
+            else f"{FACTS[name]}: {_fact(name, before)} → {_fact(name, after)}"
+            for name, (before, after) in change["changed"].items()
+        ]
+        first = (
+            "in force at first"
+            if change is told["contexts"][0]
+            else ("a new baseline" if change["new"] else "known before: its baseline again")
+        )
+        rows.append([_time(change["at"]), f"replay {change['replay']}", "; ".join(what), first])
+    return [table(["when", "", "what", "what it meant"], rows)]
+
+
+def _fact(name: str, value: Any) -> str:
+    if value is None:
+        return "not known"
+    if name == "payload_kg":
+        return f"{value:g} kg"
+    if name == "mounting_rad":
+        return " / ".join(f"{np.degrees(angle):.0f}°" for angle in value)
+    return str(value)
+
+
+def _unwatched(told: Mapping[str, Any]) -> list[str]:
+    unwatched, parts = told["unwatched"], []
+    if unwatched["failed"]:
+        rows = [[_time(row["window"]), row["state"], row["reason"]] for row in unwatched["failed"]]
+        parts.append(table(["window", "ended", "why"], rows))
+    items = [f"No replay was learnt from between {_time(gap['from'])} and {_time(gap['to'])}." for gap in unwatched["gaps"]]
+    items += [f"Joint {row['joint']}: {row['replays']} of {row['of']} replays said nothing of its friction." for row in unwatched["joints"]]
+    items += [f"Warning {warning['code']} in {warning['count']} of the replays, e.g.: {warning['text']}" for warning in told["warnings"]]
+    if items:
+        parts.append(bullets(items))
+    elif not parts:
+        parts.append(paragraph("Nothing was left out.", "good"))
+    return parts
+
+
+def _thresholds(of: Mapping[str, Any]) -> str:
+    return (
+        f"Advisory from {100 * of['advisory_rise']:g} %, wear tier from {100 * of['wear_rise']:g} %, limit from {100 * of['limit_rise']:g} "
+        f"% more friction than at first, in {of['min_replays']} replays on {of['min_days']} days at least, at most "
+        f"{of['false_alarms_per_year']:g} alerts a year that mean nothing. Life left is until {100 * of['life_limit_rise']:g} %; the next "
+        f"service is taken to be in {of['service_days']:g} days."
+    )
+
+
+# --- drawings ------------------------------------------------------------------------------------------
+
+
+def _panels(height: float) -> "tuple[Figure, Any]":
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, height), layout="constrained")
+    return figure, figure.subplots(2, 3).ravel()
+
+
+def _of_joint(told: Mapping[str, Any], joint: int) -> list[Mapping[str, Any]]:
+    rows = [row for row in told["history"] if row["joint"] == joint]
+    return rows[:: max(1, len(rows) // MOST_POINTS)]
+
+
+def _over_time(told: Mapping[str, Any]) -> "Figure":
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    figure, axes = _panels(4.6)
+    of = told["thresholds"]
+    for j, one in enumerate(axes):
+        rows = _of_joint(told, j + 1)
+        if not rows:
+            one.set_visible(False)
+            continue
+        at = [datetime.fromisoformat(row["recorded_at"]).astimezone(UTC).replace(tzinfo=None) for row in rows]
+        wear, std = (100 * np.array([row[key] for row in rows]) for key in ("wear", "wear_std"))
+        one.fill_between(at, wear - 2 * std, wear + 2 * std, color=LINE, alpha=0.2, lw=0)
+        one.plot(at, wear, "-", marker="." if len(rows) < 300 else "", ms=4, lw=1.2, color=LINE)
+        top = max(float(np.max(wear + 2 * std)), 100 * of["wear_rise"] * 1.3)
+        for level, colour in ((of["wear_rise"], COLOURS["MAINTENANCE_REQUIRED"]), (of["limit_rise"], COLOURS["FAILURE"])):
+            if 100 * level < 1.2 * top:
+                one.axhline(100 * level, color=colour, lw=0.9, ls="--")
+        one.set_ylim(min(-3.0, float(np.min(wear - 2 * std))), 1.15 * top)
+        locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
+        one.xaxis.set_major_locator(locator)
+        one.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+        _labelled(one, f"joint {j + 1}", "change [%]" if j % 3 == 0 else "")
+    return figure
+
+
+def _over_temperature(told: Mapping[str, Any]) -> "Figure":
+    figure, axes = _panels(4.4)
+    laws = {law["joint"]: law for law in told["verdict"]["temperature"]} if told["verdict"] else {}
+    for j, one in enumerate(axes):
+        rows = [row for row in _of_joint(told, j + 1) if row["temperature_c"] is not None and row["viscous_nm_s_per_rad"] is not None]
+        if not rows:
+            one.set_visible(False)
+            continue
+        T = np.array([row["temperature_c"] for row in rows])
+        fv = np.array([row["viscous_nm_s_per_rad"] / (1.0 + row["wear"]) for row in rows])
+        one.plot(T, fv, ".", ms=4, color=POINT)
+        law = laws.get(j + 1)
+        if law is not None and law["viscous_nm_s_per_rad"] is not None:
+            ends = np.array(law["range_c"] or [T.min(), T.max()])
+            line = law["viscous_nm_s_per_rad"] + law["slope_nm_s_per_rad_k"] * (ends - law["reference_temperature_c"])
+            pace = 100 * law["slope_nm_s_per_rad_k"] / law["viscous_nm_s_per_rad"]
+            one.plot(ends, line, lw=1.4, color=LINE, label=f"{pace:+.2f} %/K")
+            one.legend(fontsize="x-small", frameon=False, loc="upper right")
+        if j >= 3:
+            one.set_xlabel("T [°C]", fontsize="small")
+        _labelled(one, f"joint {j + 1}", "fv [Nm·s/rad]" if j % 3 == 0 else "")
+    return figure
+
+
+def _labelled(one: Any, title: str, ylabel: str) -> None:
+    one.set_title(title, fontsize="small", loc="left")
+    one.set_ylabel(ylabel, fontsize="small")
+    one.tick_params(labelsize="x-small")
+    one.grid(alpha=0.25)
+
+
+# --- words ---------------------------------------------------------------------------------------------
+
+
+def _plain(text: str) -> str:
+    return text.replace("_", " ")
+
+
+def _pair(value: float | None, std: float | None) -> str | None:
+    return None if value is None else f"{value:.2f} ± {0.0 if std is None else std:.2f}"
+
+
+def _time(text: str) -> str:
+    return datetime.fromisoformat(text).strftime("%Y-%m-%d %H:%M")
+
+
+def _day(text: str) -> str:
+    return text[:10]

@@ -1,0 +1,241 @@
+"""The page in a real Chromium: clicked through, by keyboard, on a phone, light and dark, without a network.
+
+Skips, saying so, where no Chromium or Playwright is installed.
+"""
+
+import re
+import shutil
+
+import pytest
+from life import monitor
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+if CHROMIUM is None:
+    pytest.skip("no Chromium is installed (Debian: apt-get install chromium): the page is not tested in a browser", allow_module_level=True)
+sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser")
+expect = sync_api.expect
+
+pytestmark = [pytest.mark.xdist_group("page"), pytest.mark.timeout(240)]
+SIZES = {"desktop": {"width": 1366, "height": 900}, "phone": {"width": 390, "height": 844}}
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """Forty days of an arm whose elbow wears; it moves."""
+    with monitor(tmp_path_factory.mktemp("life"), days=40) as (server, daemon, store):
+        yield server, daemon, store
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def opened(served, browser):
+    """A page of a size and scheme; whatever the browser complains about, or asks of another host, fails the test."""
+    server, _, _ = served
+    contexts, trouble = [], []
+
+    def open_(size="desktop", scheme="light"):
+        context = browser.new_context(viewport=SIZES[size], color_scheme=scheme, reduced_motion="reduce")
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(20_000)
+        # the test itself reads pixels, and is told that it could do so faster
+        page.on(
+            "console",
+            lambda message: (
+                trouble.append(message.text) if message.type in {"error", "warning"} and "getImageData" not in message.text else None
+            ),
+        )
+        page.on("pageerror", lambda error: trouble.append(str(error)))
+        page.on("request", lambda request: None if request.url.startswith((server.url, "data:")) else trouble.append(request.url))
+        page.goto(server.url)
+        expect(page.locator("#link")).to_have_text("live")
+        expect(page.locator("#windows tbody tr").first).to_be_visible()
+        return page
+
+    yield open_, trouble
+    for context in contexts:
+        context.close()
+    assert not trouble
+
+
+def test_the_state_of_the_arm_is_seen_at_once(opened):
+    """The verdict, the alert with evidence, the joint that wears in drawing, table and tabs, its charts, and what is live."""
+    page = opened[0]()
+    expect(page.locator("#state")).to_contain_text("Maintenance required")
+    expect(page.locator("#active .alert")).to_have_count(1)
+    expect(page.locator("#active .alert")).to_contain_text("Joint 3: Wear rising")
+    expect(page.locator("#arm .joint")).to_have_count(6)
+    expect(page.locator('#arm .joint[data-state="MAINTENANCE_REQUIRED"]')).to_have_count(1)
+    expect(page.locator('#arm .joint[data-state="NORMAL"]')).to_have_count(5)
+    expect(page.locator("#joints tbody tr")).to_have_count(6)
+    expect(page.locator("#which")).to_have_text("3")  # the first look is at the joint that matters most
+    assert re.search(r"friction now 2\d\.\d % above", page.locator("#wear").get_attribute("aria-label"))
+    assert "% per kelvin" in page.locator("#law").get_attribute("aria-label")
+    expect(page.locator("#torque canvas")).to_be_visible()
+    assert page.title().startswith("Maintenance required: cell-1")
+    page.locator("#active summary").click()
+    expect(page.locator("#active .alert")).to_contain_text("of it temperature")
+
+
+def test_torque_and_drawing_move_with_the_arm(opened):
+    """Two looks a second apart differ, and every chart has ink on it."""
+    page = opened[0]()
+    before = page.locator("#arm .link").nth(2).get_attribute("points"), page.locator("#torque").get_attribute("aria-label")
+    page.wait_for_timeout(3000)
+    after = page.locator("#arm .link").nth(2).get_attribute("points"), page.locator("#torque").get_attribute("aria-label")
+    assert before[0] != after[0]
+    assert before[1] != after[1]
+    for chart, colour in (("wear", "--line1"), ("law", "--line2"), ("torque", "--line1"), ("torque", "--line2")):
+        inked = page.evaluate(
+            """([id, name]) => {
+                const probe = document.createElement("i"); probe.style.color = `var(${name})`; document.body.append(probe);
+                const want = getComputedStyle(probe).color.match(/\\d+/g).map(Number); probe.remove();
+                const canvas = document.querySelector(`#${id} canvas`);
+                const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+                let n = 0;
+                for (let k = 0; k < data.length; k += 4) if (data[k + 3] > 200 && want.every((c, i) => Math.abs(c - data[k + i]) < 12)) n++;
+                return n; }""",
+            [chart, colour],
+        )
+        assert inked > 10, (chart, colour)  # pixels: an empty chart has none, and a line of three seconds has some
+
+
+def test_choosing_a_joint_in_drawing_table_or_tabs_shows_it_everywhere(opened):
+    """By mouse."""
+    page = opened[0]()
+    for joint, where in ((5, "#arm .joint >> nth=4"), (2, "#joints tbody tr >> nth=1"), (6, "#tab-6")):
+        page.locator(where).click()
+        expect(page.locator("#which")).to_have_text(str(joint))
+        expect(page.locator(f"#tab-{joint}")).to_have_attribute("aria-selected", "true")
+        expect(page.locator("#joints tr.on")).to_contain_text(f"J{joint}")
+        assert f"Joint {joint}:" in page.locator("#wear").get_attribute("aria-label")
+
+
+def test_everything_can_be_done_by_keyboard(opened, served):
+    """Tabs by arrows, a joint of the drawing by Enter, the dialog by Tab, Escape and Enter; focus is always seen."""
+    _, _, store = served
+    page = opened[0]()
+    page.locator("#tab-3").focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#which")).to_have_text("4")
+    page.keyboard.press("End")
+    expect(page.locator("#which")).to_have_text("6")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#which")).to_have_text("1")
+    page.locator("#arm .joint").nth(2).focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#which")).to_have_text("3")
+    page.locator("body").press("Tab")
+    shelve = page.get_by_role("button", name="Shelve…")
+    shelve.focus()
+    page.keyboard.press("Tab")
+    page.keyboard.press("Shift+Tab")
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    before = store.event_range()[1]
+    shelve.press("Enter")
+    expect(page.locator("#dialog")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.locator("#dialog")).not_to_be_visible()
+    assert store.event_range()[1] == before
+    shelve.press("Enter")
+    page.keyboard.type("Grace")
+    page.keyboard.press("Tab")
+    page.keyboard.type("spare joint comes on Tuesday")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Control+a")
+    page.keyboard.type("48")
+    page.keyboard.press("Enter")
+    expect(page.locator("#dialog")).not_to_be_visible()
+    expect(page.locator("#active .alert")).to_contain_text("shelved by Grace")
+    assert store.events(after=before)[-1].document["shelved_why"] == "spare joint comes on Tuesday"
+
+
+def test_an_alert_is_acknowledged_by_a_click_and_two_browsers_see_it(opened, served):
+    """Without a name it is not sent; with one it is in the store, and on another's page without loading it anew."""
+    _, _, store = served
+    open_, _ = opened
+    page, other = open_(), open_("phone", "dark")
+    page.get_by_role("button", name="Acknowledge…").click()
+    page.locator("#by").fill("")
+    page.locator("#ok").click()
+    expect(page.locator("#dialog")).to_be_visible()  # the browser itself asks for the name
+    page.locator("#by").fill("Ada")
+    page.locator("#reason").fill("<b>grease</b> is ordered")
+    page.locator("#ok").click()
+    for one in (page, other):
+        expect(one.locator("#active .alert")).to_contain_text("acknowledged by Ada")
+        expect(one.locator("#active .alert")).to_contain_text("<b>grease</b> is ordered")  # text, never markup
+        expect(one.get_by_role("button", name="Acknowledge…")).to_have_count(0)
+    assert store.events(limit=1)[0].document["acknowledged_by"] == "Ada"
+
+
+def test_a_refusal_is_told_in_the_dialog(opened):
+    """A replay where motion is not allowed: the daemon's own words, and nothing closes."""
+    open_, trouble = opened
+    page = open_()
+    page.locator("#replay").click()
+    page.locator("#by").fill("Ada")
+    page.locator("#ok").click()
+    expect(page.locator("#problem")).to_contain_text("motion is not allowed")
+    expect(page.locator("#dialog")).to_be_visible()
+    trouble[:] = [told for told in trouble if "409" not in told]  # the browser notes every refusal
+
+
+@pytest.mark.parametrize(
+    ("size", "scheme"),
+    [
+        ("desktop", "light"),
+        ("phone", "dark"),
+        pytest.param("desktop", "dark", marks=pytest.mark.soak),
+        pytest.param("phone", "light", marks=pytest.mark.soak),
+    ],
+)
+def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme):
+    """Nothing sticks out sideways; text keeps a contrast of 4.5 to what is behind it; what is touched is 20 pixels high."""
+    page = opened[0](size, scheme)
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    weak = page.evaluate(
+        """() => {
+            const parse = (text) => (text.match(/[\\d.]+/g) || []).map(Number);
+            const linear = (c) => (c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+            const light = ([r, g, b]) => [r, g, b].map((c) => linear(c / 255))
+                .reduce((sum, c, i) => sum + c * [0.2126, 0.7152, 0.0722][i], 0);
+            const behind = (one) => { for (; one; one = one.parentElement) {
+                const c = parse(getComputedStyle(one).backgroundColor);
+                if (c.length === 3 || c[3] > 0.99) return c; } return [255, 255, 255]; };
+            const weak = [];
+            for (const one of document.querySelectorAll("main *, header *")) {
+                if (one.closest("svg, canvas, .uplot, [hidden]") || !one.offsetParent) continue;
+                if (![...one.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim())) continue;
+                const a = light(parse(getComputedStyle(one).color)), b = light(behind(one));
+                const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+                if (ratio < 4.5) weak.push(`${one.tagName} ${one.className} ${one.textContent.slice(0, 30)}: ${ratio.toFixed(2)}`);
+            }
+            return weak; }"""
+    )
+    assert not weak
+    small = page.evaluate(
+        "[...document.querySelectorAll('button, summary, #arm .joint')].filter((b) => b.getClientRects().length"
+        " && b.getBoundingClientRect().height < 20).map((b) => b.outerHTML.slice(0, 80))"
+    )
+    assert not small
+
+
+@pytest.mark.soak
+def test_the_theme_button_is_remembered(opened):
+    """Dark by a click on a light system, and still after loading anew."""
+    page = opened[0]()
+    light = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    page.locator("#theme").click()
+    dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert dark != light
+    page.reload()
+    expect(page.locator("#link")).to_have_text("live")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark

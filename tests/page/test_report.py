@@ -1,0 +1,122 @@
+"""The report: what was found in a period and what was not watched, from the history alone, on one page that needs no network."""
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from life import DAY_S, FIRST_UNIX_S, configuration, identified, live_through
+from typer.testing import CliRunner
+
+from monitor.cli import app
+from monitor.errors import BadInput
+from monitor.report import report
+from monitor.report_page import report_page
+from monitor.store import Store
+from monitor.timestamps import rfc3339
+
+pytestmark = pytest.mark.xdist_group("page")
+DAYS = 40
+END = FIRST_UNIX_S + DAYS * DAY_S
+
+
+@pytest.fixture(scope="module")
+def lived(tmp_path_factory):
+    """Forty days; joint 3 wears from the 21st on; two windows were skipped, and a week later one was rejected."""
+    folder = tmp_path_factory.mktemp("report")
+    settings = configuration(folder)
+    (folder / "cell.toml").write_text(
+        '[robot]\nmodel = "ur5"\nsite = "hall-2"\nid = "cell-1"\npayload_kg = 1.2\ntool = "gripper"\n[store]\ndirectory = "history"\n'
+    )
+    found, context = identified()
+    with Store.open(settings.state_directory) as store:
+        context = replace(settings.context, firmware=context.firmware)
+        live_through(store, settings.assess, found, context, DAYS)
+        ledger = store.claim(END + 7 * DAY_S, "scheduled", END + 7 * DAY_S)
+        store.end(ledger, "rejected", "torn <rows>", END + 7 * DAY_S)
+    return folder, settings
+
+
+def told(lived, begin=None, end=None):
+    _, settings = lived
+    with Store.reader(settings.state_directory) as store:
+        return report(settings, store, begin, end, END + 8 * DAY_S)
+
+
+def test_everything_that_happened_is_told_with_its_evidence(lived):
+    """Verdict, joints, the alert with words and transitions, thresholds in force."""
+    whole = told(lived)
+    assert whole["verdict"]["health"]["joints"][2] == "MAINTENANCE_REQUIRED"
+    assert [joint["joint"] for joint in whole["joints"]] == [1, 2, 3, 4, 5, 6]
+    (alert,) = [alert for alert in whole["alerts"] if alert["condition"] == "wear_rising"]
+    assert alert["joint"] == 3
+    assert alert["active"]
+    assert "replays" in alert["text"]
+    assert whole["events"][0]["kind"] == "raised"
+    assert whole["thresholds"]["wear_rise"] == 0.05
+    assert whole["contexts"][0]["changed"]["tool"] == [None, "gripper"]
+
+
+def test_what_was_not_watched_is_told_with_the_reason(lived):
+    """Skipped and rejected windows by name; the days after the last replay as a gap; nothing is smoothed over."""
+    unwatched = told(lived)["unwatched"]
+    assert unwatched["windows"] == DAYS + 1
+    assert unwatched["assessed"] == DAYS - 2
+    assert [row["state"] for row in unwatched["failed"]] == ["skipped", "skipped", "rejected"]
+    assert "door" in unwatched["failed"][0]["reason"]
+    assert len(unwatched["gaps"]) == 1
+    assert unwatched["gaps"][0]["to"] == rfc3339(END + 8 * DAY_S)
+
+
+def test_a_period_holds_only_what_is_in_it(lived):
+    """The quiet weeks: no alert, no transition, and joint 3 normal; from is in, to is out."""
+    quiet = told(lived, FIRST_UNIX_S, FIRST_UNIX_S + 14 * DAY_S)
+    assert not quiet["alerts"]
+    assert not quiet["events"]
+    assert set(quiet["verdict"]["health"]["joints"]) == {"NORMAL"}
+    assert len({row["replay"] for row in quiet["history"]}) == 13  # one of the fourteen windows was skipped
+    assert quiet["unwatched"]["windows"] == 14
+    with pytest.raises(BadInput, match="nothing was attempted"):
+        told(lived, FIRST_UNIX_S - 30 * DAY_S, FIRST_UNIX_S - 20 * DAY_S)
+    with pytest.raises(BadInput, match="before it begins"):
+        told(lived, FIRST_UNIX_S, FIRST_UNIX_S - DAY_S)
+
+
+def test_a_period_in_which_nothing_was_assessed_says_so(lived):
+    """Only the rejected window: no verdict, no drawing, and the reason as text, never as markup."""
+    text = report_page([told(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
+    assert "nothing can be said of this arm" in text
+    assert "torn &lt;rows&gt;" in text
+    assert "<svg" not in text
+
+
+def test_the_page_needs_no_network_and_holds_what_the_document_holds(lived):
+    """Two robots on one page; their states, the alert's words, the reasons, the limits of the method, a line to sign."""
+    whole = told(lived)
+    text = report_page([whole, told(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
+    assert not re.search(r"<script|<link|<img|src=", text)
+    assert text.count("<svg") == 2
+    for part in ("maintenance required", "wear rising", "door is open", "flexspline", "Reviewed by", "gripper", "Not acknowledged"):
+        assert part in text, part
+    assert text.count("class=newpage") == 1
+
+
+def test_the_command_writes_the_page_and_the_document(lived, tmp_path):
+    """Both at once; mistakes are sentences."""
+    folder, _ = lived
+    page = tmp_path / "report.html"
+    ran = CliRunner().invoke(
+        app, ["report", "-c", str(folder / "cell.toml"), "--from", "2026-06-01", "--to", "2026-07-01", "-o", str(page), "--json"]
+    )
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout)["reports"][0]["robot"]["id"] == "cell-1"
+    assert page.read_text("utf-8").startswith("<!doctype html>")
+    for arguments, why in (
+        (["-c", str(folder / "cell.toml")], "expected -o"),
+        (["-c", str(folder / "cell.toml"), "-o", str(tmp_path / "report.pdf")], "ends in .html"),
+        (["-c", str(folder / "cell.toml"), "-o", str(page), "--from", "yesterday"], "expected a day"),
+        (["-c", str(folder / "absent.toml"), "-o", str(page)], "cannot be read"),
+    ):
+        ran = CliRunner().invoke(app, ["report", *arguments])
+        assert isinstance(ran.exception, BadInput)
+        assert why in str(ran.exception)

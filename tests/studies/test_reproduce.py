@@ -1,0 +1,96 @@
+"""The paper on a simulated arm: a short campaign says all that a long one says, and a report can be opened anywhere."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+
+from monitor.errors import BadInput
+from monitor.model.base import base_parameters
+from monitor.model.robot import Mounting, load_robot
+from monitor.printed import check_page
+from monitor.studies import paper
+from monitor.studies.campaign import CampaignSettings, campaign
+from monitor.studies.reproduce import _page, _plain, reproduce
+from monitor.studies.reproduce_sections import sections
+
+SHORT = CampaignSettings(replays=2, evaluations=400, repetitions=1)
+pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("reproduce")]  # one campaign for all of them, on a machine that may be busy
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A cold run, one after half an hour, short runs and little search."""
+    return campaign("ur5", SHORT, lambda text, share: None)
+
+
+@pytest.fixture(scope="module")
+def told(found):
+    return list(sections(found))
+
+
+def test_what_must_agree_with_the_paper_agrees(told):
+    """Ranks, counts, equations, signs, orders of magnitude; and at least one figure is said to have to differ."""
+    checks = [check.document for section in told for check in section.checks]
+    failed = [check for check in checks if check["holds"] is False]
+    assert not failed
+    assert sum(check["holds"] is True for check in checks) >= 20
+    assert any(check["expected"] == "differ" and check["holds"] is None for check in checks)
+    assert all(check["holds"] is not None for check in checks if check["expected"] == "agree" and check["what"] != "linearly")
+
+
+def test_every_figure_and_table_of_the_paper_has_its_section(told):
+    """Figures 1 to 9, tables 3 to 8, the appendix."""
+    titles = " ".join(section.title for section in told)
+    for item in ("Figure 1", "Figure 2", "Figure 3", "Figures 4–6", "table 3", "tables 4–7", "Figure 7", "Figure 8", "Figure 9", "table 8"):
+        assert item.lower() in titles.lower(), item
+    assert len(next(section for section in told if section.key == "appendix").tables[0][1].rows) == 54
+
+
+def test_a_result_that_contradicts_the_paper_is_told(found):
+    """Friction that rises with warmth, and parameters that do not carry over, are not waved through."""
+    upside_down = dataclasses.replace(
+        found, viscous=found.viscous[::-1], transfer={**found.transfer, "ground regressor": found.transfer["ceiling"]}
+    )
+    failed = {check.what for section in sections(upside_down) for check in section.checks if check.document["holds"] is False}
+    assert {"fv of every joint falls as it warms", "and not with the wrong one"} <= failed
+
+
+def test_the_page_is_one_file_that_needs_no_network(found, told):
+    """No script, no link to another file; every figure is in it; every figure and word of a table too."""
+    text = _page([found], {"ur5": told}, SHORT, 1.0)
+    assert not re.search(r"<script|<link|<img|url\(\s*[\"']?http|src=", text)
+    assert text.count("<svg") == text.count("</svg>") == sum(len(section.drawings) for section in told) == 7
+    assert "0.4207" in text  # the paper's own number stands there
+    assert "DOES NOT HOLD" not in text
+    json.dumps([_plain(section) for section in told], allow_nan=False)
+
+
+@pytest.mark.soak
+def test_the_same_seed_gives_the_same_trajectories_and_figures(found):
+    """The search, and the first replay's noise: bit for bit."""
+    again = campaign("ur5", SHORT, lambda text, share: None)
+    assert again.trajectories["ground"].digest == found.trajectories["ground"].digest
+    assert np.array_equal(again.identified.values, found.identified.values)
+    assert np.array_equal(again.viscous, found.viscous)
+
+
+@pytest.mark.parametrize("name", sorted(paper.PRINTED))
+def test_the_appendix_of_either_arm_follows_from_its_lengths(name):
+    """Rows of A1 and A2; the UR3's second row with the erratum."""
+    robot = load_robot(name)
+    terms = {next(iter(row)): row for row in base_parameters(robot, Mounting.parse("wall")).terms}
+    for lead, others in paper.appendix(robot).items():
+        assert paper.furthest({key: value for key, value in terms[lead].items() if key != lead}, others) < 1e-9  # rounding
+    assert paper.furthest({"J2xz": 1.0}, {"J2zz": 1.0}) == float("inf")
+
+
+def test_what_cannot_be_reproduced_is_refused_before_anything_is_played(tmp_path):
+    """A robot that the paper does not have; a file that cannot be."""
+    with pytest.raises(BadInput, match="the paper has ur3 and ur5"):
+        reproduce(["ur10"], SHORT, lambda *_: None)
+    for path in (tmp_path / "report.pdf", tmp_path / "nowhere" / "report.html", tmp_path):
+        with pytest.raises(BadInput, match="-o "):
+            check_page(path)
