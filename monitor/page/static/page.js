@@ -165,7 +165,7 @@ function alerts() {
     evidence.open = opened.has(key);
     return card;
   });
-  $("active").replaceChildren(...(cards.length ? cards : [make("p", values.health ? "✓ No active alert." : "", { class: "none" })]));
+  $("active").replaceChildren(...(cards.length ? cards : [values.health && values.health.state ? make("p", "✓ No active alert.", { class: "none" }) : make("p", "Nothing can be said yet.", { class: "dim" })]));
   if (focused) [...$("active").querySelectorAll("button")].find((button) => button.textContent === focused)?.focus();
   const gone = all.filter((alert) => !alert.active);
   $("past").hidden = !gone.length;
@@ -322,7 +322,7 @@ function take(key, document_) {
   values[key] = document_;
   if (key === "torque/live") return live();
   if (key === "health" || key === "model") verdict();
-  if (key === "health") joints();
+  if (key === "health") { joints(); alerts(); }
   if (key.startsWith("alert/")) { alerts(); soon(); }
   if (key.endsWith("/friction")) { joints(); soon(); }
   if (key === "health" || key.endsWith("/friction")) figures();
