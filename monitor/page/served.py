@@ -23,7 +23,7 @@ def page(configuration: Any, bus: Ask, store: Past) -> AbstractContextManager[An
 
 def about(configuration: Any) -> dict[str, Any]:
     """Who it is, and the arm's geometry for its drawing."""
-    who, arm, health = configuration.robot, configuration.model, configuration.assess.health
+    who, when, arm, health = configuration.robot, configuration.schedule, configuration.model, configuration.assess.health
     return {
         "robot": {
             "site": who.site,
@@ -33,7 +33,9 @@ def about(configuration: Any) -> dict[str, Any]:
             "payload_kg": who.payload_kg,
             "tool": who.tool,
         },
-        "schedule": configuration.schedule.cron,
+        "schedule": f"{when.cron} ({getattr(when, 'timezone', 'UTC')}: minute hour day month weekday)"
+        if when.cron
+        else "without fixed times",
         "levels": [
             {"name": "wear tier", "rise": health.wear_rise, "state": "MAINTENANCE_REQUIRED"},
             {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},

@@ -99,8 +99,12 @@ def grow(store, replays):
         for k in range(1, replays + 1):
             at = FIRST_UNIX_S - k * DAY_S / 4
             number = last + k
-            db.execute("INSERT INTO ledger VALUES (?, ?, 'scheduled', 'assessed', ?, ?, NULL, NULL)", (number, at, at, at + 60))
-            db.execute("INSERT INTO assessment VALUES (?, ?, '{}')", (number, at))
+            db.execute(
+                "INSERT INTO ledger (id, window_unix_s, kind, state, started_at_unix_s, ended_at_unix_s) "
+                "VALUES (?, ?, 'scheduled', 'assessed', ?, ?)",
+                (number, at, at, at + 60),
+            )
+            db.execute("INSERT INTO assessment (ledger_id, recorded_at_unix_s, document) VALUES (?, ?, '{}')", (number, at))
             db.executemany("INSERT INTO friction VALUES (?, ?, ?, ?)", [(number, joint, at, text) for joint, text in rows])
 
 

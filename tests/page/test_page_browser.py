@@ -7,7 +7,7 @@ import re
 import shutil
 
 import pytest
-from life import monitor
+from life import configuration, monitor
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 if CHROMIUM is None:
@@ -239,3 +239,23 @@ def test_the_theme_button_is_remembered(opened):
     page.reload()
     expect(page.locator("#link")).to_have_text("live")
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark
+
+
+def test_a_new_monitor_asks_for_its_token_and_says_that_it_knows_nothing_yet(browser, tmp_path):
+    """A wrong token is told; the right one opens the page, on which nothing looks good or bad before the first replay."""
+    (tmp_path / "token").write_text("a token of this test")
+    settings = configuration(tmp_path, token_file="token")
+    with monitor(tmp_path, days=0, settings=settings, moving=False) as (server, _, _):
+        page = browser.new_page()
+        page.goto(server.url)
+        expect(page.locator("#arm")).to_have_count(0)
+        for token, told in (("wrong", True), ("a token of this test", False)):
+            page.get_by_label("Token").fill(token)
+            page.get_by_role("button", name="Sign in").click()
+            expect(page.get_by_role("alert").filter(has_text="not the token")).to_have_count(int(told))
+        expect(page.locator("#state")).to_contain_text("Not known yet")
+        expect(page.locator("#active")).to_contain_text("Nothing can be said yet")
+        expect(page.locator("#why")).to_have_text("No replay has been assessed yet.")
+        expect(page.locator('#arm .joint[data-state="null"]')).to_have_count(6)
+        expect(page.locator("#wear")).to_contain_text("No replay has been assessed yet")
+        page.close()

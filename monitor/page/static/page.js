@@ -165,7 +165,7 @@ function alerts() {
     evidence.open = opened.has(key);
     return card;
   });
-  $("active").replaceChildren(...(cards.length ? cards : [make("p", values.health ? "✓ No active alert." : "", { class: "none" })]));
+  $("active").replaceChildren(...(cards.length ? cards : [values.health && values.health.state ? make("p", "✓ No active alert.", { class: "none" }) : make("p", "Nothing can be said yet.", { class: "dim" })]));
   if (focused) [...$("active").querySelectorAll("button")].find((button) => button.textContent === focused)?.focus();
   const gone = all.filter((alert) => !alert.active);
   $("past").hidden = !gone.length;
@@ -230,7 +230,7 @@ function live() {
 async function history() {
   const [series, rows] = await Promise.all([read("/api/history"), read("/api/schedule")]);
   past = series;
-  $("cron").textContent = `Schedule ${rows.schedule} (UTC: minute hour day month weekday). ${past.replays} assessed${past.shown < past.replays ? `, ${past.shown} of them drawn` : ""}.`;
+  $("cron").textContent = `Schedule ${rows.schedule}. ${past.replays} assessed${past.shown < past.replays ? `, ${past.shown} of them drawn` : ""}.`;
   $("windows").tBodies[0].replaceChildren(...rows.windows.map((window_) => {
     const row = make("tr");
     row.append(timed("td", window_.window), make("td", window_.kind), make("td", window_.reason ? `${window_.state}: ${window_.reason}` : window_.state));
@@ -252,6 +252,14 @@ async function self() {
     ["Memory", `${number(own.resident_mb, 0)} MB`], ["History", `${number(own.history_mb, 1)} MB`], ["Disk free", `${own.disk_free_gb} GB (${(100 * own.disk_free_share).toFixed(0)} %)`],
     ["Documents dropped", String(own.documents_dropped)], ["Last windows", Object.entries(own.last_windows).map(([state, n]) => `${n} ${state}`).join(", ") || "none"],
     ["Its clock", moment(own.now, true)]];
+  const said = values.monitor;  // what the monitor says of itself on the bus, where it does
+  if (said) {
+    const troubles = (said.troubles || []).map((trouble) => (typeof trouble === "string" ? trouble : trouble.text || trouble.what || JSON.stringify(trouble)));
+    rows.unshift(["Troubles", troubles.join("; ") || "none"]);
+    if (said.next_replay_why) rows.push(["Next replay, why", said.next_replay_why]);
+    const slowest = Object.entries(said.workers || {}).sort((a, b) => b[1] - a[1])[0];
+    if (slowest) rows.push(["Longest silent worker", `${slowest[0]}, ${slowest[1].toFixed(0)} s`]);
+  }
   $("self").replaceChildren(...rows.map(([term, value]) => { const pair = make("div"); pair.append(make("dt", term), make("dd", value)); return pair; }));
 }
 
@@ -322,7 +330,7 @@ function take(key, document_) {
   values[key] = document_;
   if (key === "torque/live") return live();
   if (key === "health" || key === "model") verdict();
-  if (key === "health") joints();
+  if (key === "health") { joints(); alerts(); }
   if (key.startsWith("alert/")) { alerts(); soon(); }
   if (key.endsWith("/friction")) { joints(); soon(); }
   if (key === "health" || key.endsWith("/friction")) figures();
