@@ -118,7 +118,7 @@ def _from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
         for line in document["changed_since"]:
             typer.echo(f"  changed since: {line}")
         for each in document["differing"]:
-            typer.echo(f"  replay {each['replay']}: {'; '.join(each['differs'][:3])}")
+            typer.echo(f"  replay {each['replay']}: {each['figures']} figures, e.g. {'; '.join(each['differs'][:2])}")
     if document["different"]:
         raise typer.Exit(EXIT_DIFFERENT)
 

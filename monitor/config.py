@@ -315,6 +315,11 @@ def _section(name: str, cls: type, value: Any, mistakes: list[str]) -> Any:
                 mistakes.append(f"{key}: missing")
             else:
                 mistakes.append(f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}")
+        wrong = {problem["loc"][0] for problem in error.errors()}
+        if any(key in value for key in wrong):  # what is wrong besides, the room says itself
+            rest = {key: entry for key, entry in value.items() if key not in wrong}
+            if all(problem["type"] != "missing" for problem in error.errors()):
+                _section(name, cls, rest, mistakes)
     except (BadInput, ValueError) as error:  # a room may refuse a figure, or a combination, that its type allows
         said = str(error)
         # a room that names its key itself is not told its section twice

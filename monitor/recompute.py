@@ -56,11 +56,11 @@ def recompute(store: Store) -> dict[str, Any]:
             tally.identical += not wrong
             tally.different += bool(wrong)
             if wrong and len(differing) < MOST_TOLD:
-                differing.append({"replay": verdict.ledger_id, "differs": wrong[:MOST_TOLD]})
+                differing.append({"replay": verdict.ledger_id, "figures": len(wrong), "differs": wrong[:MOST_TOLD]})
             held = Held(belief=outcome.belief, health=outcome.health, model=outcome.model)
         elif held is not None and why and not why.startswith("gone"):
             tally.different += 1
-            differing.append({"replay": verdict.ledger_id, "differs": [why]})
+            differing.append({"replay": verdict.ledger_id, "figures": 1, "differs": [why]})
             held = None
         else:
             tally.gone += 1

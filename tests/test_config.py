@@ -195,10 +195,11 @@ def test_every_mistake_is_told_with_its_file_and_line(tmp_path: Path):
     with pytest.raises(BadConfiguration) as refused:
         load(path, {})
     lines = str(refused.value).splitlines()
-    assert lines[0].endswith("5 mistakes")
+    assert lines[0].endswith("6 mistakes")
     told = "\n".join(lines[1:])
     for part in (
         f"{path}:5: replay.allow_moton: unknown key (did you mean allow_motion?)",
+        f"{path}:6: [replay] replay: gain = 5.0",
         f"{path}:7: [helth]: unknown section (did you mean health?)",
         f"{path}:9: identify.signals.cutof_hz: unknown key (did you mean cutoff_hz?)",
         f"{path}:11: schedule.cron = 'noon'",

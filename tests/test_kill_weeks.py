@@ -28,7 +28,11 @@ from monitor.troubles import Troubles
 folder, pace = Path(sys.argv[1]), float(sys.argv[2])
 began, base = time.monotonic(), float((folder / "clock").read_text())
 moved = os.open(folder / "moved", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-now = lambda: base + (time.monotonic() - began) * pace
+read = [base]
+def now():
+    read[0] = base + (time.monotonic() - began) * pace
+    return read[0]
+same = lambda: read[0]  # a millisecond between two clocks would be minutes here
 
 class Arm:
     configuration = from_document({"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}, "store": {"directory": str(folder)},
@@ -58,7 +62,7 @@ class Arm:
 
 with Store.open(folder) as store:
     arm = Arm(store)
-    mover = Mover(arm, store, Troubles(now), Clocks(now=now, monotonic=now))
+    mover = Mover(arm, store, Troubles(now), Clocks(now=now, monotonic=same))
     arm.mend()
     if os.environ.get("BACK_UP"): store.back_up(3)
     while True:

@@ -97,7 +97,7 @@ def test_the_map_of_folders_is_true():
         names = re.findall(r"`([^`]+)`", row)
         folder = Path(names[0]) if names[0].endswith("/") else Path(names[0]).parent
         for name in names:
-            place = root / (name if name.startswith("monitor") else folder / name)
+            place = root / (name if name.startswith(("monitor", "deploy")) else folder / name)
             assert place.exists() or list(place.parent.glob(place.name)), name
     layers = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"][0]["layers"]
     order = [{name.removeprefix("monitor.") for name in layer.split(" | ")} for layer in layers]

@@ -28,12 +28,14 @@ def circumstances() -> dict[str, Any]:
 
 
 def differences(then: dict[str, Any], now: dict[str, Any], where: str = "") -> list[str]:
-    """What changed between two documents, each as one line: `packages.numpy: 2.4.1, now 2.5.0`."""
+    """What changed between two documents, each as one line: `packages.numpy: 2.4.1, now 2.5.0`; lists are counted from 1."""
     found = []
     for key in [*then, *(key for key in now if key not in then)]:
         before, after = then.get(key), now.get(key)
         if before == after:
             continue
+        if isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+            before, after = ({str(k): value for k, value in enumerate(values, start=1)} for values in (before, after))
         if isinstance(before, dict) and isinstance(after, dict):
             found += differences(before, after, f"{where}{key}.")
         else:

@@ -95,6 +95,42 @@ def families(last: Mapping[str, Any]) -> Iterator[Metric]:
     yield from _health(last.get("health", {}), who, family)
     yield from _alerts({key: document for key, document in last.items() if key.startswith("alert/")}, who, family)
     yield from _friction({key: document for key, document in last.items() if key.endswith("/friction")}, who, family)
+    yield from _monitor(last.get("monitor", {}), who, family)
+
+
+def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
+    """How the monitor itself is; nothing where it has not said so yet."""
+    store, process, bus = monitor.get("store", {}), monitor.get("process", {}), monitor.get("bus", {})
+    last = monitor.get("last_replay") or {}
+    figures = (
+        ("joint_monitor_arm_heard", "1 while the arm can be heard", monitor.get("arm", {}).get("heard")),
+        ("joint_monitor_replay_lag_seconds", "Of the last scheduled replay, from the opening of its window", monitor.get("lag_s")),
+        ("joint_monitor_disk_free_bytes", "Where the history lives", store.get("free_bytes")),
+        ("joint_monitor_history_bytes", "Size of the history, without recordings", store.get("history_bytes")),
+        ("joint_monitor_last_backup_timestamp_seconds", "When the newest backup was made", _time(store.get("last_backup_at"))),
+        ("joint_monitor_last_replay_timestamp_seconds", "When the last window's replay ended", _time(last.get("ended_at"))),
+        ("joint_monitor_resident_bytes", "Memory of the daemon", process.get("resident_bytes")),
+        ("joint_monitor_documents_waiting", "To be sent on the bus", bus.get("to_send")),
+        ("joint_monitor_queries_waiting", "To be answered on the bus", bus.get("to_answer")),
+        ("joint_monitor_documents_dropped", "On the bus since the start", bus.get("dropped")),
+    )
+    for name, text, value in figures:
+        gauge = family(name, text)
+        if value is not None:
+            gauge.add_metric(who, float(value))
+        yield gauge
+    trouble = family("joint_monitor_trouble", "1 while something is wrong with the monitor itself", "name")
+    for each in monitor.get("troubles", []):
+        trouble.add_metric([*who, each["name"]], 1.0)
+    yield trouble
+    ended = family("joint_monitor_last_replay", "1 for how the last window ended", "state")
+    if last:
+        ended.add_metric([*who, last["state"]], 1.0)
+    yield ended
+
+
+def _time(text: str | None) -> float | None:
+    return None if text is None else _unix_s(text)
 
 
 def _health(health: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:

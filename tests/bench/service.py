@@ -27,7 +27,8 @@ YEARS, A_DAY, JOINTS = 5, 4, 6
 LISTEN_S = 20.0
 ADDRESS = "127.0.89.91"
 JOINT = {
-    "joint": 1, "coulomb_nm": 9.241234567, "coulomb_std_nm": 0.4612345, "viscous_nm_s_per_rad": 9.1112345, "viscous_std_nm_s_per_rad": 0.46123,
+    "joint": 1, "coulomb_nm": 9.241234567, "coulomb_std_nm": 0.4612345, "viscous_nm_s_per_rad": 9.1112345,
+    "viscous_std_nm_s_per_rad": 0.46123,
     "temperature_c": 31.21, "reference_speed_rad_s": 0.4, "reference_temperature_c": 30.1, "reference_torque_nm": 12.1234567,
     "reference_torque_std_nm": 0.1234567, "wear": 0.0123456789, "wear_std": 0.00123456, "wear_rate_per_day": 1.234e-5,
     "wear_rate_std_per_day": 1.2e-6,
