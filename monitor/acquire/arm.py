@@ -4,6 +4,7 @@ One row a tick, complete and fresh; a look at everything that may be wrong; one 
 `Failure` with its cause; whoever catches it must not call ur-rtde again.
 """
 
+import math
 import time
 from collections import deque
 from typing import Any
@@ -13,7 +14,7 @@ from rtde_control import RTDEControlInterface
 
 from monitor.acquire import state as names
 from monitor.acquire.child import Lifeline, Outbox
-from monitor.acquire.conditions import FULL_SPEED
+from monitor.acquire.conditions import is_full_speed
 from monitor.acquire.rows import PLACE, Torn, heard, snapshot
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
@@ -56,8 +57,8 @@ def unwell(state: ArmState, settings: ReplaySettings) -> Failure | None:
         return Failure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
     if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
         return Failure("bad_data", "the controller reports positions that are not finite")
-    if state.speed_scaling < FULL_SPEED:
-        return Failure("speed_scaling", f"the speed slider went to {100.0 * state.speed_scaling:.0f} %: the arm plays another trajectory")
+    if not (math.isnan(state.speed) or is_full_speed(state.speed)):
+        return Failure("speed_scaling", f"the speed slider went to {100.0 * state.speed:.0f} %: the arm plays another trajectory")
     coldest, hottest = settings.joint_temperature_range_c
     if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
         return Failure("joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}")

@@ -259,12 +259,17 @@ def _stationary(facts: Facts) -> str:
 
 
 def _speed_scaling(facts: Facts) -> str:
-    scaling = _heard(facts).speed_scaling
+    scaling = _heard(facts).speed
     if math.isnan(scaling):
         raise Unreported("not reported: a slider below 100 % would show as a following error")
-    if scaling < FULL_SPEED:
+    if not is_full_speed(scaling):
         raise MotionRefused(f"the speed slider is at {100.0 * scaling:.0f} %; expected 100 %: at less the arm plays another trajectory")
     return "100 %"
+
+
+def is_full_speed(share: float) -> bool:
+    """100 %, with rounding; what is no number is not."""
+    return FULL_SPEED <= share <= 2.0 - FULL_SPEED
 
 
 def _payload(facts: Facts) -> str:
@@ -273,7 +278,7 @@ def _payload(facts: Facts) -> str:
         raise Unreported("not reported: a payload that nobody told the monitor would be taken for friction")
     if expected is None:
         raise Unreported(f"the controller reckons with {payload:.3f} kg, the configuration names none")
-    if abs(payload - expected) > facts.settings.max_payload_error_kg:
+    if not abs(payload - expected) <= facts.settings.max_payload_error_kg:
         raise MotionRefused(
             f"the controller reckons with {payload:.3f} kg, the configuration says {expected:.3f} kg; "
             f"at most {facts.settings.max_payload_error_kg:g} kg apart"
@@ -285,10 +290,10 @@ def _gravity(facts: Facts) -> str:
     state, expected = _heard(facts), facts.context.mounting_rad
     mounting = facts.excitation.mounting if expected is None else Mounting(roll_rad=expected[0], pitch_rad=expected[1], yaw_rad=expected[2])
     measured = np.array(state.accelerometer_m_s2)
-    if not np.all(np.isfinite(measured)) or not np.any(measured):
+    if np.all(np.isnan(measured)) or not np.any(measured):
         raise Unreported("not reported: a mounting that is not the configured one shows only in the torque of the first pass")
     length = float(np.linalg.norm(measured))
-    if abs(length - STANDARD_GRAVITY_M_S2) > ACCELEROMETER_ERROR_M_S2:
+    if not abs(length - STANDARD_GRAVITY_M_S2) <= ACCELEROMETER_ERROR_M_S2:
         raise MotionRefused(f"the tool's accelerometer reads {length:.2f} m/s²; expected {STANDARD_GRAVITY_M_S2:.2f} at standstill")
     angle = tilt_deg(facts.robot, mounting, state.q, measured)
     if not angle <= facts.settings.max_gravity_error_deg:
@@ -345,7 +350,7 @@ def _permit(facts: Facts) -> str:
         return "nobody else is asked"
     if number is not None:
         bits = _heard(facts).digital_inputs
-        if math.isnan(bits):
+        if not math.isfinite(bits):
             raise MotionRefused(f"digital input {number} must be on, and the controller does not report its inputs")
         if not int(bits) >> number & 1:
             raise MotionRefused(f"digital input {number} is off; expected on")
