@@ -1,6 +1,5 @@
 """What is doubtful speaks against a motion: garbage in a reported value, a slider told elsewhere, words that came too late."""
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -9,10 +8,12 @@ import pytest
 from test_arm import SETTINGS, WELL
 from test_guard import SIMULATED, facts, well
 
-from monitor.acquire.arm import unwell
+from monitor.acquire import stream
+from monitor.acquire.arm import Failure, unwell
 from monitor.acquire.conditions import Condition, Facts, conditions
-from monitor.acquire.rows import PLACE, SIGNALS, snapshot
+from monitor.acquire.rows import PLACE, SIGNALS, WIDTH, snapshot
 from monitor.acquire.state import arm_state
+from monitor.errors import ReplayAborted
 
 
 def named(known: Facts) -> dict[str, Condition]:
@@ -65,3 +66,57 @@ def test_a_slider_that_is_moved_during_a_replay_ends_it_whichever_variable_tells
     failure = unwell(replace(WELL, **speeds), SETTINGS)
     assert failure is not None
     assert failure.cause == "speed_scaling"
+
+
+def test_a_payload_that_is_changed_during_a_replay_ends_it():
+    """Every condition holds all through the motion; the torque of another payload would be learnt as friction."""
+    heavier = replace(WELL, payload_kg=2.0)
+    assert unwell(heavier, SETTINGS, 2.02) is None
+    assert unwell(heavier, SETTINGS) is None
+    failure = unwell(heavier, SETTINGS, 0.0)
+    assert failure is not None
+    assert failure.cause == "payload"
+    assert ReplayAborted("…", failure.cause).needs_a_person
+
+
+class Uploaded:
+    """A control program that came up, and an arm that stands where it is told."""
+
+    def __init__(self, target_q: np.ndarray, proved_q: np.ndarray) -> None:
+        self.settings, self.outbox, self.proved_q = SIMULATED, self, proved_q
+        self.recent: list[np.ndarray] = []
+        self.asked_to_stop: str | None = None
+        self._row = np.zeros(WIDTH)
+        self._row[PLACE["target_q"]] = target_q
+
+    def message(self, kind: str, **_: object) -> None:
+        """Nobody listens."""
+
+    def next_row(self) -> np.ndarray:
+        return self._row
+
+    def setWatchdog(self, hz: float) -> bool:
+        return hz >= 10.0
+
+
+@pytest.mark.parametrize(("by_rad", "taken"), [(0.001, True), (0.02, False), (math.nan, False)])
+def test_an_arm_that_was_moved_while_the_program_was_uploaded_is_not_sent_along_a_way_that_nobody_proved(monkeypatch, by_rad, taken):
+    """The upload takes up to seconds; by hand or by its pendant an arm gets far in that."""
+    there = well().target_q.copy()
+    there[2] += by_rad
+    arm = Uploaded(there, well().target_q)
+    monkeypatch.setattr(stream, "RTDEControlInterface", lambda *_: arm)
+    if taken:
+        assert np.array_equal(stream.take_control(arm), there)
+        return
+    with pytest.raises(Failure, match="joint 3 was moved by") as failure:
+        stream.take_control(arm)
+    assert failure.value.cause == "no_control"
+
+
+def test_nothing_begins_after_a_request_to_stop():
+    """Asked in the last 0.4 s of a phase, that phase ends by itself: what was to follow does not begin, and nothing is called finished."""
+    arm = Uploaded(well().target_q, well().target_q)
+    arm.asked_to_stop = "permit_withdrawn"
+    with pytest.raises(stream.Stopped):
+        stream.stream(arm, "return", 0.2, lambda _: well().target_q)
