@@ -15,6 +15,7 @@ import numpy as np
 
 from monitor.acquire.dashboard import Identity
 from monitor.acquire.limits import clear_approach, clear_of, within_limits
+from monitor.acquire.path import joint_path
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import (
     ROBOT_MODE_RUNNING,
@@ -136,10 +137,21 @@ def _time_window(facts: Facts) -> str:
     left = facts.settings.minutes_left(facts.now_unix_s)
     if left is None:
         raise MotionRefused(f"now is outside every allowed window: {', '.join(facts.settings.windows_utc)} UTC")
-    needed = facts.excitation.duration_s / 60.0
+    needed = (facts.excitation.duration_s + _there_and_back_s(facts)) / 60.0
     if left < needed:
         raise MotionRefused(f"the window closes in {left:.1f} minutes, the motion alone takes {needed:.1f}")
     return "at any time" if math.isinf(left) else f"open for another {left:.0f} minutes"
+
+
+def _there_and_back_s(facts: Facts) -> float:
+    """The way to the start and back, where it is known where the arm stands."""
+    if facts.state is None or not np.all(np.isfinite(facts.state.target_q)):
+        return 0.0
+    settings, start_q = facts.settings, facts.excitation.at(np.zeros(1)).q[0]
+    way = joint_path(
+        facts.state.target_q, start_q, speed_rad_s=settings.approach_speed_rad_s, acceleration_rad_s2=settings.approach_acceleration_rad_s2
+    )
+    return 2.0 * way.duration_s
 
 
 def _trajectory(facts: Facts) -> str:
@@ -387,6 +399,9 @@ CHECKS: dict[str, Callable[[Facts], str]] = {
 }
 OF_CONFIGURATION = ("motion_allowed", "address", "time_window", "trajectory", "trajectory_clear", "previous_stop")
 OF_CONTROLLER = ("robot_model", "serial", "remote_control")
+AT_THE_LAST = tuple(
+    name for name in CHECKS if name not in {"trajectory_clear", "approach_clear", "permit"}
+)  # what may change; the child proves the way again
 OF_STATE = tuple(name for name in CHECKS if name not in {*OF_CONFIGURATION, *OF_CONTROLLER, "permit"})
 
 

@@ -6,14 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_arm import SETTINGS, WELL
-from test_guard import SIMULATED, facts, well
+from test_guard import NOON, SIMULATED, facts, nudged, well
 
 from monitor.acquire import stream
 from monitor.acquire.arm import Failure, unwell
 from monitor.acquire.conditions import Condition, Facts, conditions
+from monitor.acquire.gate import Gate
 from monitor.acquire.rows import PLACE, SIGNALS, WIDTH, snapshot
 from monitor.acquire.state import arm_state
-from monitor.errors import ReplayAborted
+from monitor.acquire.torque_band import TorqueBand
+from monitor.errors import BadInput, MotionRefused, ReplayAborted
+from monitor.model.robot import Mounting, load_robot
 
 
 def named(known: Facts) -> dict[str, Condition]:
@@ -120,3 +123,51 @@ def test_nothing_begins_after_a_request_to_stop():
     arm.asked_to_stop = "permit_withdrawn"
     with pytest.raises(stream.Stopped):
         stream.stream(arm, "return", 0.2, lambda _: well().target_q)
+
+
+def test_a_window_that_closes_during_the_announcement_or_the_wait_for_a_permit_closes():
+    """Both may take ten minutes; what held before them is asked again before the arm goes."""
+    settings = replace(SIMULATED, windows_utc=("11:00-12:05",), announce_s=600.0)
+    gate = Gate(facts(settings=settings), ask=None, announce=None)
+    clock = [NOON]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("monitor.acquire.gate.time.time", lambda: clock[0])
+        assert not gate.step(well(), 0.0)
+        clock[0] += 601.0
+        with pytest.raises(MotionRefused, match="time_window: now is outside"):
+            gate.step(well(), 601.0)
+
+
+def test_an_arm_that_is_driven_away_during_the_announcement_is_refused_before_it_goes():
+    """By the parent too, with the name of the condition."""
+    gate = Gate(facts(settings=replace(SIMULATED, announce_s=10.0)), ask=None, announce=None)
+    assert not gate.step(well(), 0.0)
+    with pytest.raises(MotionRefused, match="no_other_program"):
+        gate.step(well(runtime_state=2), 10.0)
+
+
+def test_the_way_to_the_start_and_back_must_fit_into_the_window_too():
+    """2 rad each way at 0.5 rad/s beside 3 s of play: more than the 9 s that are left."""
+    settings = replace(SIMULATED, windows_utc=("11:00-12:00",))
+    late = {"settings": settings, "now_unix_s": NOON - 9.0}
+    assert named(facts(well(), **late))["time_window"].holds
+    far = well(target_q=nudged(0, 2.0), q=nudged(0, 2.0))
+    assert "the motion alone takes" in named(facts(far, **late))["time_window"].told
+
+
+def test_a_window_without_length_is_no_whole_day():
+    """05:00-05:00 allowed motion at any hour."""
+    with pytest.raises(BadInput, match=r"05:00-05:00.*00:00-24:00"):
+        replace(SIMULATED, windows_utc=("05:00-05:00",))
+
+
+@pytest.mark.parametrize("variable", ["actual_current", "actual_q", "actual_qd"])
+def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
+    """A first pass without measured torque would be none."""
+    robot = load_robot("ur5")
+    band = TorqueBand(robot, Mounting(), payload_kg=0.0, gains_nm_per_a=np.full(6, 10.0), share=0.25, rate_hz=125.0)
+    row = np.zeros(WIDTH)
+    row[PLACE[variable]] = np.nan
+    found = [band.outside(row) for _ in range(10)]
+    assert found[-1] is not None
+    assert found[-1][0] == "torque_band"
