@@ -1,10 +1,15 @@
 """What is doubtful speaks against a motion: garbage in a reported value, a slider told elsewhere, words that came too late."""
 
 import math
+import os
+import signal
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from excitations import short
+from processes import children
+from simulated_arm import simulated_arm
 from test_arm import SETTINGS, WELL
 from test_guard import NOON, SIMULATED, facts, nudged, well
 
@@ -12,11 +17,13 @@ from monitor.acquire import stream
 from monitor.acquire.arm import Failure, unwell
 from monitor.acquire.conditions import Condition, Facts, conditions
 from monitor.acquire.gate import Gate
+from monitor.acquire.replay import replay
 from monitor.acquire.rows import PLACE, SIGNALS, WIDTH, snapshot
 from monitor.acquire.state import arm_state
 from monitor.acquire.torque_band import TorqueBand
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import Mounting, load_robot
+from monitor.simulate.remote import Remote
 
 
 def named(known: Facts) -> dict[str, Condition]:
@@ -171,3 +178,30 @@ def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
     found = [band.outside(row) for _ in range(10)]
     assert found[-1] is not None
     assert found[-1][0] == "torque_band"
+
+
+@pytest.mark.xdist_group("doubts")
+@pytest.mark.parametrize("unseen", ["stall", "kill"])
+def test_a_protective_stop_that_the_child_did_not_see_is_told_as_one(unseen):
+    """No data came any more, or the child was killed, while the arm ran into something: harmless causes, and a person must look."""
+    host = "127.0.86.11"
+    with simulated_arm(host), Remote(host) as remote:
+        done = []
+
+        def on_progress(progress):
+            if progress.phase == "play" and progress.elapsed_s > 0.5 and not done:
+                if unseen == "stall":
+                    remote.fault("stall", seconds=5)
+                else:
+                    os.kill(children()[0], signal.SIGKILL)
+                remote.protective_stop()
+                done.append(True)
+
+        settings = replace(SIMULATED, host=host, approach_speed_rad_s=1.0)
+        with pytest.raises(ReplayAborted) as aborted:
+            replay(short(), load_robot("ur5"), settings, on_progress=on_progress)
+        assert done
+        assert aborted.value.cause == "protective_stop"
+        assert aborted.value.needs_a_person
+        assert ("stalled" if unseen == "stall" else "child_died") in str(aborted.value)
+        assert remote.truth()["program"] is None
