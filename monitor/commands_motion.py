@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from monitor.config import Configuration
     from monitor.recording import Recording
 
+
 class Stopping:
     """A request to stop. No event of threading: a second signal during the first one's handler would wait for its lock for ever."""
 

@@ -399,9 +399,8 @@ CHECKS: dict[str, Callable[[Facts], str]] = {
 }
 OF_CONFIGURATION = ("motion_allowed", "address", "time_window", "trajectory", "trajectory_clear", "previous_stop")
 OF_CONTROLLER = ("robot_model", "serial", "remote_control")
-AT_THE_LAST = tuple(
-    name for name in CHECKS if name not in {"trajectory_clear", "approach_clear", "permit"}
-)  # what may change; the child proves the way again
+# what minutes may have changed; the way to the start the child proves again
+AT_THE_LAST = tuple(name for name in CHECKS if name not in {"trajectory_clear", "approach_clear", "permit"})
 OF_STATE = tuple(name for name in CHECKS if name not in {*OF_CONFIGURATION, *OF_CONTROLLER, "permit"})
 
 

@@ -107,14 +107,19 @@ def take_control(arm: Arm) -> Array:
     return begin_q
 
 
+def _unless_stopped(arm: Arm) -> None:
+    """Raises Stopped where somebody asked so late that the phase before ended by itself: at rest, but not played as designed."""
+    if arm.asked_to_stop:
+        raise Stopped
+
+
 def stream(arm: Arm, phase: str, duration_s: float, position: Callable[[float], Array], *, keep: bool = False) -> None:
     """Stream position(τ), τ from 0 to the duration; with `keep`, every row goes to the parent.
 
     τ is the robot's own time. If a late cycle skipped ticks, τ falls behind by what exceeds two ticks rather than
     throw the arm after it. A stop request lets τ run out within STOP_RAMP_S, then raises Stopped; nothing begins after one.
     """
-    if arm.asked_to_stop:  # so late that the phase before ended by itself: at rest, and its end was not played as designed
-        raise Stopped
+    _unless_stopped(arm)
     arm.outbox.message("phase", phase=phase, duration_s=duration_s)
     tau_s, pace, begun = 0.0, 1.0, False
     while True:
