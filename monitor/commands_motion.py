@@ -2,7 +2,6 @@
 
 import json
 import signal
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +18,22 @@ if TYPE_CHECKING:
     from monitor.acquire.replay import Progress
     from monitor.config import Configuration
     from monitor.recording import Recording
+
+
+class Stopping:
+    """A request to stop. No event of threading: a second signal during the first one's handler would wait for its lock for ever."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def ask(self, *_: object) -> None:
+        """The handler."""
+        self._asked = True
+
+    def is_set(self) -> bool:
+        """Has somebody asked?"""
+        return self._asked
+
 
 EXIT_NOT_NOW = 3  # check: the arm may not move now
 
@@ -201,10 +216,10 @@ def _asking(configuration: "Configuration") -> Iterator[Any]:
 
 
 @contextmanager
-def _stopping() -> Iterator[threading.Event]:
-    """Set by SIGTERM or Ctrl-C: a moving arm is stopped first."""
-    stopping = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stopping.set()) for number in (signal.SIGTERM, signal.SIGINT)}
+def _stopping() -> Iterator[Stopping]:
+    """Set by SIGTERM, Ctrl-C or a terminal that is closed: a moving arm is stopped first."""
+    stopping = Stopping()
+    before = {number: signal.signal(number, stopping.ask) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
     try:
         yield stopping
     finally:

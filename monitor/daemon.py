@@ -212,6 +212,10 @@ class Daemon:
             stop = error.cause if error.needs_a_person else None
             self._store.end(ledger_id, "aborted", str(error), self._now(), stop=stop)
             return
+        except Exception as error:  # a fault of ours: the child is dead and the arm was stopped; the window is told as ended, and by what
+            log.exception("replay=%d ended by a fault of the monitor's own", ledger_id)
+            self._store.end(ledger_id, "aborted", f"internal: {type(error).__name__}: {error}", self._now(), stop="internal")
+            return
         # the host's clock, not the controller's, dates a recording; a study's clock is its host's
         recording = dataclasses.replace(recording, context=dataclasses.replace(recording.context, recorded_at_unix_s=self._now()))
         path = self._store.recording_path(ledger_id)

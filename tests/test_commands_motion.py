@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -338,3 +339,42 @@ def test_torque_outside_the_band_ends_a_first_pass_and_waits_for_a_person(remote
     code, found = checked(path)
     assert code == 3
     assert not found["previous_stop"]["holds"]
+
+
+@pytest.mark.parametrize("numbers", [(signal.SIGHUP,), (signal.SIGTERM, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)])
+def test_a_signal_in_the_middle_of_a_replay_stops_the_arm_along_its_way(remote, config, numbers):
+    """Also a terminal that is closed, and signals in a bunch: the program ends by itself, and neither watchdog nor kill is needed."""
+    path = config(approach_speed_rad_s=1.0)
+    stops = len(remote.truth()["stops"])
+    command = [sys.executable, "-m", "monitor", "replay", "--config", str(path), "-o", str(path.parent / "r.parquet")]
+    moving = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        assert eventually(lambda: max(abs(speed) for speed in remote.truth()["qd"]) > 0.2, 20.0)
+        for number in numbers:
+            moving.send_signal(number)
+        _, said = moving.communicate(timeout=20)
+    finally:
+        moving.kill()
+    assert moving.returncode == 1, said
+    assert "parent_asked_to_stop" in said
+    assert "Traceback" not in said
+    truth = remote.truth()
+    assert truth["program"] is None
+    assert truth["standing"]
+    assert [stop["kind"] for stop in truth["stops"][stops:]] == ["program_end"]
+    assert not (path.parent / "r.parquet").exists()
+
+
+def test_a_signal_during_the_handler_of_another_is_no_deadlock():
+    """The handler of Python interrupts itself; an event of threading holds a lock for a moment, and would wait for itself."""
+    code = (
+        "import signal, sys\nfrom monitor.commands_motion import _stopping\n"
+        "with _stopping() as stopping:\n"
+        "    def trace(frame, event, _):\n"
+        "        if frame.f_code.co_name in ('set', 'ask') and event == 'line': signal.raise_signal(signal.SIGINT)\n"
+        "        return trace\n"
+        "    sys.settrace(trace)\n    signal.raise_signal(signal.SIGTERM)\n    sys.settrace(None)\n"
+        "    print(stopping.is_set())\n"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=False)
+    assert said.stdout == "True\n", said.stderr[-300:]

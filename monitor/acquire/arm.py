@@ -4,6 +4,7 @@ One row a tick, complete and fresh; a look at everything that may be wrong; one 
 `Failure` with its cause; whoever catches it must not call ur-rtde again.
 """
 
+import math
 import time
 from collections import deque
 from typing import Any
@@ -13,7 +14,7 @@ from rtde_control import RTDEControlInterface
 
 from monitor.acquire import state as names
 from monitor.acquire.child import Lifeline, Outbox
-from monitor.acquire.conditions import FULL_SPEED
+from monitor.acquire.conditions import is_full_speed
 from monitor.acquire.rows import PLACE, Torn, heard, snapshot
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
@@ -35,8 +36,8 @@ class Failure(Exception):
         self.cause = cause
 
 
-def unwell(state: ArmState, settings: ReplaySettings) -> Failure | None:
-    """Why the stream may not go on, from the controller's own words; None if all is well."""
+def unwell(state: ArmState, settings: ReplaySettings, payload_kg: float | None = None) -> Failure | None:
+    """Why the stream may not go on, from the controller's own words; None if all is well. `payload_kg`: as configured."""
     if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
         bits = state.safety_bits
         if state.safety_mode in {6, 7} or bits & 0b1110_0000:
@@ -56,8 +57,10 @@ def unwell(state: ArmState, settings: ReplaySettings) -> Failure | None:
         return Failure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
     if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
         return Failure("bad_data", "the controller reports positions that are not finite")
-    if state.speed_scaling < FULL_SPEED:
-        return Failure("speed_scaling", f"the speed slider went to {100.0 * state.speed_scaling:.0f} %: the arm plays another trajectory")
+    if not (math.isnan(state.speed) or is_full_speed(state.speed)):
+        return Failure("speed_scaling", f"the speed slider went to {100.0 * state.speed:.0f} %: the arm plays another trajectory")
+    if payload_kg is not None and abs(state.payload_kg - payload_kg) > settings.max_payload_error_kg:  # NaN: not reported
+        return Failure("payload", f"the controller reckons with {state.payload_kg:.3f} kg now, the configuration says {payload_kg:.3f} kg")
     coldest, hottest = settings.joint_temperature_range_c
     if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
         return Failure("joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}")
@@ -83,6 +86,8 @@ class Arm:
         self.settings = ReplaySettings(**job["settings"])
         self.max_speed = np.array(job["max_speed_rad_s"])  # (J,)
         self.max_position = np.array(job["max_position_rad"])  # (J,)
+        self.payload_kg: float | None = job["context"]["payload_kg"]
+        self.proved_q: Array | None = None  # (J,) [rad] where the way to the start was proved from
         self.tick_s = 1.0 / self.settings.rate_hz
         self.outbox, self.lifeline = outbox, lifeline
         self.receive, self.signals = heard(self.settings.host, self.settings.rate_hz)
@@ -138,7 +143,7 @@ class Arm:
         """Check the row, and send the target (J,) for it."""
         self._listen_to_parent()
         settings = self.settings
-        failure = unwell(arm_state(row), settings)
+        failure = unwell(arm_state(row), settings, self.payload_kg)
         failure = failure or strayed(row[PLACE["actual_q"]], np.array(self.recent), settings.max_following_error_rad)
         if failure:
             raise failure
@@ -191,7 +196,7 @@ class Arm:
                 row, _ = snapshot(self.receive, self.signals)
             except (Torn, RuntimeError):
                 break
-            if failure := unwell(arm_state(row), self.settings):
+            if failure := unwell(arm_state(row), self.settings, self.payload_kg):
                 return failure
         return Failure("servo_refused", "the control program did not take the target")
 

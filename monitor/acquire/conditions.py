@@ -15,6 +15,7 @@ import numpy as np
 
 from monitor.acquire.dashboard import Identity
 from monitor.acquire.limits import clear_approach, clear_of, within_limits
+from monitor.acquire.path import joint_path
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import (
     ROBOT_MODE_RUNNING,
@@ -136,10 +137,21 @@ def _time_window(facts: Facts) -> str:
     left = facts.settings.minutes_left(facts.now_unix_s)
     if left is None:
         raise MotionRefused(f"now is outside every allowed window: {', '.join(facts.settings.windows_utc)} UTC")
-    needed = facts.excitation.duration_s / 60.0
+    needed = (facts.excitation.duration_s + _there_and_back_s(facts)) / 60.0
     if left < needed:
         raise MotionRefused(f"the window closes in {left:.1f} minutes, the motion alone takes {needed:.1f}")
     return "at any time" if math.isinf(left) else f"open for another {left:.0f} minutes"
+
+
+def _there_and_back_s(facts: Facts) -> float:
+    """The way to the start and back, where it is known where the arm stands."""
+    if facts.state is None or not np.all(np.isfinite(facts.state.target_q)):
+        return 0.0
+    settings, start_q = facts.settings, facts.excitation.at(np.zeros(1)).q[0]
+    way = joint_path(
+        facts.state.target_q, start_q, speed_rad_s=settings.approach_speed_rad_s, acceleration_rad_s2=settings.approach_acceleration_rad_s2
+    )
+    return 2.0 * way.duration_s
 
 
 def _trajectory(facts: Facts) -> str:
@@ -259,12 +271,17 @@ def _stationary(facts: Facts) -> str:
 
 
 def _speed_scaling(facts: Facts) -> str:
-    scaling = _heard(facts).speed_scaling
+    scaling = _heard(facts).speed
     if math.isnan(scaling):
         raise Unreported("not reported: a slider below 100 % would show as a following error")
-    if scaling < FULL_SPEED:
+    if not is_full_speed(scaling):
         raise MotionRefused(f"the speed slider is at {100.0 * scaling:.0f} %; expected 100 %: at less the arm plays another trajectory")
     return "100 %"
+
+
+def is_full_speed(share: float) -> bool:
+    """100 %, with rounding; what is no number is not."""
+    return FULL_SPEED <= share <= 2.0 - FULL_SPEED
 
 
 def _payload(facts: Facts) -> str:
@@ -273,7 +290,7 @@ def _payload(facts: Facts) -> str:
         raise Unreported("not reported: a payload that nobody told the monitor would be taken for friction")
     if expected is None:
         raise Unreported(f"the controller reckons with {payload:.3f} kg, the configuration names none")
-    if abs(payload - expected) > facts.settings.max_payload_error_kg:
+    if not abs(payload - expected) <= facts.settings.max_payload_error_kg:
         raise MotionRefused(
             f"the controller reckons with {payload:.3f} kg, the configuration says {expected:.3f} kg; "
             f"at most {facts.settings.max_payload_error_kg:g} kg apart"
@@ -285,10 +302,10 @@ def _gravity(facts: Facts) -> str:
     state, expected = _heard(facts), facts.context.mounting_rad
     mounting = facts.excitation.mounting if expected is None else Mounting(roll_rad=expected[0], pitch_rad=expected[1], yaw_rad=expected[2])
     measured = np.array(state.accelerometer_m_s2)
-    if not np.all(np.isfinite(measured)) or not np.any(measured):
+    if np.all(np.isnan(measured)) or not np.any(measured):
         raise Unreported("not reported: a mounting that is not the configured one shows only in the torque of the first pass")
     length = float(np.linalg.norm(measured))
-    if abs(length - STANDARD_GRAVITY_M_S2) > ACCELEROMETER_ERROR_M_S2:
+    if not abs(length - STANDARD_GRAVITY_M_S2) <= ACCELEROMETER_ERROR_M_S2:
         raise MotionRefused(f"the tool's accelerometer reads {length:.2f} m/s²; expected {STANDARD_GRAVITY_M_S2:.2f} at standstill")
     angle = tilt_deg(facts.robot, mounting, state.q, measured)
     if not angle <= facts.settings.max_gravity_error_deg:
@@ -345,7 +362,7 @@ def _permit(facts: Facts) -> str:
         return "nobody else is asked"
     if number is not None:
         bits = _heard(facts).digital_inputs
-        if math.isnan(bits):
+        if not math.isfinite(bits):
             raise MotionRefused(f"digital input {number} must be on, and the controller does not report its inputs")
         if not int(bits) >> number & 1:
             raise MotionRefused(f"digital input {number} is off; expected on")
@@ -382,6 +399,8 @@ CHECKS: dict[str, Callable[[Facts], str]] = {
 }
 OF_CONFIGURATION = ("motion_allowed", "address", "time_window", "trajectory", "trajectory_clear", "previous_stop")
 OF_CONTROLLER = ("robot_model", "serial", "remote_control")
+# what minutes may have changed; the way to the start the child proves again
+AT_THE_LAST = tuple(name for name in CHECKS if name not in {"trajectory_clear", "approach_clear", "permit"})
 OF_STATE = tuple(name for name in CHECKS if name not in {*OF_CONFIGURATION, *OF_CONTROLLER, "permit"})
 
 

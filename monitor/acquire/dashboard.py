@@ -88,6 +88,26 @@ def identity(host: str, timeout_s: float = 2.0) -> Identity:
     )
 
 
+SAFETY_CAUSES = {
+    "PROTECTIVE_STOP": "protective_stop",
+    "SAFEGUARD_STOP": "safeguard_stop",
+    "SYSTEM_EMERGENCY_STOP": "emergency_stop",
+    "ROBOT_EMERGENCY_STOP": "emergency_stop",
+}
+
+
+def safety_stop(host: str, timeout_s: float = 0.4) -> tuple[str, str] | None:
+    """Cause and text where the controller says that its safety stopped the arm; None where all is normal, or nothing is heard."""
+    try:
+        with Dashboard(host, timeout_s) as dashboard:
+            said = dashboard.ask("safetymode")
+    except RobotUnreachable:
+        return None
+    match = re.fullmatch(r"safetymode:\s*(\w+)", said, re.IGNORECASE)
+    mode = match[1].upper() if match else "NORMAL"
+    return None if mode == "NORMAL" else (SAFETY_CAUSES.get(mode, "safety"), f"the controller's safety mode is {mode}")
+
+
 def stop_program(host: str, within_s: float = STOP_WITHIN_S) -> bool:
     """Stop whatever program runs, and see that none runs afterwards.
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from monitor.acquire.conditions import Condition, Facts, Permit, conditions, refuse_unless
+from monitor.acquire.conditions import AT_THE_LAST, Condition, Facts, Permit, conditions, refuse_unless, some
 from monitor.acquire.state import ArmState
 
 log = logging.getLogger(__name__)
@@ -56,10 +56,11 @@ class Gate:
             if answer is None and now - self._moves_at < settings.permit_timeout_s:
                 return False
             facts = replace(facts, permit=answer or Permit(False, f"permit/replay: no answer within {settings.permit_timeout_s:g} s"))
-        found = tuple(condition for condition in conditions(facts) if condition.name == "permit")
+        found = some(facts, ("permit",))
         if settings.permit_input is not None and not found[0].holds and now - self._moves_at < settings.permit_timeout_s:
             return False  # it may still be switched on
         self._tell(found)
+        refuse_unless(some(facts, AT_THE_LAST))  # minutes may have passed with the announcement and the permit
         return True
 
     def _tell(self, found: tuple[Condition, ...]) -> None:

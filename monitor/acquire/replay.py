@@ -228,6 +228,9 @@ def _tell(watch: _Watch, settings: ReplaySettings, exit_code: int, printed: str,
             text += f"; its last words: {printed[-300:]!r}"
     if not watch.in_control and cause == "timeout":
         raise RobotUnreachable(f"{host}: no RTDE connection: {text}")
+    if cause in ReplayAborted.HARMLESS and watch.may_move and stopped and (told := dashboard.safety_stop(host)):
+        # a stop that the child did not live to see, or saw only as a program that stopped, is one nevertheless
+        cause, text = told[0], f"{told[1]}; {cause}: {text}"
     where = f"in the phase {watch.phase!r}" if watch.in_control else "before anything moved"
     outcome = "" if stopped else "; THE CONTROLLER DID NOT CONFIRM THE STOP: look at the arm"
     raise ReplayAborted(f"{host}: {cause} {where}: {text}{outcome}", cause)

@@ -41,6 +41,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("runtime_state", 1, "getRuntimeState"),
     Signal("safety_status_bits", 1, "getSafetyStatusBits"),
     Signal("speed_scaling", 1, "getSpeedScaling", optional=True),
+    Signal("target_speed_fraction", 1, "getTargetSpeedFraction", optional=True),  # the slider; speed_scaling is the limiter's
     Signal("payload", 1, "getPayload", optional=True),  # not before 3.11 and 5.6
     Signal("payload_cog", 3, "getPayloadCog", optional=True),
     Signal("actual_tool_accelerometer", 3, "getActualToolAccelerometer", optional=True),
@@ -98,7 +99,8 @@ def snapshot(receive: "RTDEReceiveInterface", signals: tuple[Signal, ...] = SIGN
             value = getattr(receive, signal.getter)()
             if signal.width > 1 and len(value) != signal.width:
                 raise Torn(f"{signal.variable} has {len(value)} values; expected {signal.width}")
-            row[PLACE[signal.variable]] = value
+            # NaN is what is not reported; what is reported and is no number must not pass for that
+            row[PLACE[signal.variable]] = np.where(np.isnan(value), np.inf, value) if signal.optional else value
         if receive.getTimestamp() == row[0]:
             return row, attempt
     raise Torn(f"no row was complete within {attempts} readings")

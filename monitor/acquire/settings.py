@@ -69,6 +69,8 @@ class ReplaySettings:
         for window in self.windows_utc:
             if not _WINDOW.match(window):
                 raise BadInput(f"replay: windows_utc = {window!r}; expected HH:MM-HH:MM in UTC, e.g. 22:00-05:00")
+            if window[:5] == window[6:]:
+                raise BadInput(f"replay: windows_utc = {window!r} is empty; expected another end, or 00:00-24:00 for the whole day")
         if self.permit not in {"none", "zenoh"} and not _INPUT.match(self.permit):
             raise BadInput(f"replay: permit = {self.permit!r}; expected none, zenoh or digital_input:N with N from 0 to 17")
 

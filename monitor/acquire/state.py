@@ -53,10 +53,17 @@ class ArmState:
     target_q: Array  # (J,) [rad]
     target_qd: Array  # (J,) [rad/s]
     temperature_c: Array  # (J,)
-    speed_scaling: float = math.nan
+    speed_scaling: float = math.nan  # of the trajectory limiter
+    speed_fraction: float = math.nan  # the slider's
     payload_kg: float = math.nan
     accelerometer_m_s2: tuple[float, float, float] = (math.nan, math.nan, math.nan)  # of the flange, in its frame
     digital_inputs: float = math.nan  # bits
+
+    @property
+    def speed(self) -> float:
+        """Share of full speed at which a program plays: limiter times slider; NaN where neither is reported."""
+        told = [share for share in (self.speed_scaling, self.speed_fraction) if not math.isnan(share)]
+        return math.prod(told) if told else math.nan
 
 
 def arm_state(row: Array) -> ArmState:
@@ -74,6 +81,7 @@ def arm_state(row: Array) -> ArmState:
         target_qd=of["target_qd"],
         temperature_c=of["joint_temperatures"],
         speed_scaling=float(of["speed_scaling"][0]),
+        speed_fraction=float(of["target_speed_fraction"][0]),
         payload_kg=float(of["payload"][0]),
         accelerometer_m_s2=(float(x), float(y), float(z)),
         digital_inputs=float(of["actual_digital_input_bits"][0]),

@@ -34,6 +34,7 @@ STATE_EVERY_S = 0.1
 STILL_S = 0.15  # at rest for so long before the next phase begins
 SETTLE_S = 3.0  # and if it does not come to rest within this, something is wrong
 STOP_RAMP_S = 0.4  # on request the arm slows down along its path within this
+MOVED_RAD = 0.005  # between the proof of the approach and the program that begins it: another way, which nobody proved
 SERVO_STOP_RAD_S2 = 5.0  # the arm is at rest already
 
 
@@ -71,6 +72,7 @@ def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, known: Fact
                 raise Stopped
             seen = [*seen[1:], arm.next_row()]
         guard.ready(replace(known, state=arm_state(seen[-1])))
+        arm.proved_q = seen[-1][PLACE["target_q"]].copy()
         arm.seen_at = time.monotonic()  # the proof of the way to the start held up this process, not the controller
         guard.ready(replace(known, state=arm_state(arm.next_row())), but=("approach_clear",))
     except Failure as failure:
@@ -94,18 +96,30 @@ def take_control(arm: Arm) -> Array:
     arm.seen_at = time.monotonic()  # the constructor held up this process, not the controller
     arm.looked_at = arm.seen_at
     begin_q: Array = arm.next_row()[PLACE["target_q"]].copy()
+    assert arm.proved_q is not None
+    moved = np.abs(begin_q - arm.proved_q)  # (J,)
+    if not np.all(moved <= MOVED_RAD):
+        j = int(np.argmax(moved))
+        raise Failure("no_control", f"joint {j + 1} was moved by {moved[j]:.3f} rad since the way to the start was proved")
     arm.recent.append(begin_q)
     if not arm.control.setWatchdog(arm.settings.watchdog_hz):
         raise Failure("no_watchdog", "the controller did not accept the watchdog")
     return begin_q
 
 
+def _unless_stopped(arm: Arm) -> None:
+    """Raises Stopped where somebody asked so late that the phase before ended by itself: at rest, but not played as designed."""
+    if arm.asked_to_stop:
+        raise Stopped
+
+
 def stream(arm: Arm, phase: str, duration_s: float, position: Callable[[float], Array], *, keep: bool = False) -> None:
     """Stream position(τ), τ from 0 to the duration; with `keep`, every row goes to the parent.
 
     τ is the robot's own time. If a late cycle skipped ticks, τ falls behind by what exceeds two ticks rather than
-    throw the arm after it. A stop request lets τ run out within STOP_RAMP_S, then raises Stopped.
+    throw the arm after it. A stop request lets τ run out within STOP_RAMP_S, then raises Stopped; nothing begins after one.
     """
+    _unless_stopped(arm)
     arm.outbox.message("phase", phase=phase, duration_s=duration_s)
     tau_s, pace, begun = 0.0, 1.0, False
     while True:

@@ -79,7 +79,8 @@ class TorqueBand:
         band = self._at(of["actual_q"], of["actual_qd"], of["target_qdd"], of["joint_temperatures"])
         used = np.abs(measured - band.predicted) / band.allowed
         self.largest_share = max(self.largest_share, float(np.nanmax(used, initial=0.0)))
-        self._outside = np.where(used > 1.0, self._outside + 1, 0)  # NaN is not outside
+        # NaN of a gain that is not told yet is not outside; a current that is no number is
+        self._outside = np.where(~(used <= 1.0) & ~np.isnan(self._gains), self._outside + 1, 0)
         j = int(np.argmax(self._outside))
         if self._outside[j] < self._rows:
             return None

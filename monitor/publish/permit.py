@@ -1,7 +1,7 @@
 """Asking over Zenoh whether the arm may move: the key `permit/replay` below the robot's prefix, answered by the cell's own program.
 
 Its answer is {"allow": true, "why": "…"}. Everything else is a no: another answer, an error, an answer that is no JSON. Where several
-answer, all of them must agree.
+answer, all of them must agree; who has not answered yet has not agreed.
 """
 
 import json
@@ -28,37 +28,47 @@ class Answer(NamedTuple):
 
 def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> Answer | None:
     """One question; None where nobody answered in that time."""
-    answers = []
-    replies = session.get(
-        f"{prefix}/{KEY}",
-        payload=json.dumps(about).encode(),
-        encoding=encoding("permit"),
-        target=zenoh.QueryTarget.ALL,
-        consolidation=zenoh.ConsolidationMode.NONE,
-        timeout=timeout_s,
-    )
+    answers: list[Answer] = []
+    silent = False  # somebody who answers this key has not yet
+    try:
+        replies = session.get(
+            f"{prefix}/{KEY}",
+            payload=json.dumps(about).encode(),
+            encoding=encoding("permit"),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+        )
+    except zenoh.ZError as error:
+        return Answer(False, f"permit/replay cannot be asked: {printable(str(error))}")
     for reply in replies:
         if reply.ok is not None:
             answers.append(_read(reply.ok.payload.to_bytes()))
-        elif reply.err is not None and b"timeout" not in reply.err.payload.to_bytes().lower():
-            answers.append(
-                Answer(False, f"permit/replay answered with an error: {reply.err.payload.to_bytes().decode(errors='replace')[:200]}")
-            )
-    if not answers:
-        return None
-    return next((answer for answer in answers if not answer.allowed), answers[0])
+        elif reply.err is not None and b"timeout" in reply.err.payload.to_bytes().lower():
+            silent = True
+        elif reply.err is not None:
+            said = printable(reply.err.payload.to_bytes().decode(errors="replace"))
+            answers.append(Answer(False, f"permit/replay answered with an error: {said}"))
+    refused = next((answer for answer in answers if not answer.allowed), None)
+    if refused is not None or silent or not answers:
+        return refused
+    return answers[0]
 
 
 def _read(payload: bytes) -> Answer:
     try:
         document = json.loads(payload)
-    except ValueError:
+    except (ValueError, RecursionError):
         return Answer(False, f"permit/replay answered {payload[:80]!r}; expected JSON with allow and why")
     if not isinstance(document, dict) or not isinstance(document.get("allow"), bool):
         return Answer(False, f'permit/replay answered {payload[:80]!r}; expected {{"allow": true or false, "why": text}}')
-    return Answer(
-        document["allow"], f"permit/replay says {'yes' if document['allow'] else 'no'}: {str(document.get('why', 'no reason given'))[:200]}"
-    )
+    why = printable(str(document.get("why", "no reason given")))
+    return Answer(document["allow"], f"permit/replay says {'yes' if document['allow'] else 'no'}: {why}")
+
+
+def printable(text: str) -> str:
+    """Somebody else's words in one line of a log."""
+    return "".join(letter if letter.isprintable() else " " for letter in text[:200])
 
 
 class Asker:

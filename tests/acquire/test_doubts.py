@@ -1,0 +1,207 @@
+"""What is doubtful speaks against a motion: garbage in a reported value, a slider told elsewhere, words that came too late."""
+
+import math
+import os
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from excitations import short
+from processes import children
+from simulated_arm import simulated_arm
+from test_arm import SETTINGS, WELL
+from test_guard import NOON, SIMULATED, facts, nudged, well
+
+from monitor.acquire import stream
+from monitor.acquire.arm import Failure, unwell
+from monitor.acquire.conditions import Condition, Facts, conditions
+from monitor.acquire.gate import Gate
+from monitor.acquire.replay import replay
+from monitor.acquire.rows import PLACE, SIGNALS, WIDTH, snapshot
+from monitor.acquire.state import arm_state
+from monitor.acquire.torque_band import TorqueBand
+from monitor.errors import BadInput, MotionRefused, ReplayAborted
+from monitor.model.robot import Mounting, load_robot
+from monitor.simulate.remote import Remote
+
+
+def named(known: Facts) -> dict[str, Condition]:
+    return {condition.name: condition for condition in conditions(known)}
+
+
+class Told:
+    """What `snapshot` reads of a controller that reports everything: ones, but for what is given."""
+
+    def __init__(self, **values: object) -> None:
+        self._of = {signal.getter: values.get(signal.variable, 1.0 if signal.width == 1 else [1.0] * signal.width) for signal in SIGNALS}
+
+    def __getattr__(self, getter: str):
+        return lambda: self._of[getter]
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "condition"),
+    [
+        ("speed_scaling", math.nan, "speed_scaling"),
+        ("target_speed_fraction", math.nan, "speed_scaling"),
+        ("target_speed_fraction", 0.5, "speed_scaling"),  # the slider; the limiter's speed_scaling may stay at 1
+        ("target_speed_fraction", -1.0, "speed_scaling"),
+        ("speed_scaling", 1.5, "speed_scaling"),
+        ("payload", math.nan, "payload"),
+        ("payload", -1.0, "payload"),
+        ("actual_tool_accelerometer", [math.nan] * 3, "gravity"),
+        ("actual_tool_accelerometer", [math.nan, 0.0, 9.81], "gravity"),
+    ],
+)
+def test_a_value_that_is_reported_and_is_garbage_does_not_pass_for_one_that_is_not_reported(variable, value, condition):
+    """As the child reads it and as the parent judges it; only what is absent is "not checked"."""
+    row, _ = snapshot(Told(**{variable: value}))
+    state = arm_state(row)
+    heard = replace(
+        well(), speed_scaling=state.speed_scaling, speed_fraction=state.speed_fraction, payload_kg=state.payload_kg
+    )  # both speeds and the payload are 1 in `well` too
+    if condition == "gravity":
+        heard = replace(heard, accelerometer_m_s2=state.accelerometer_m_s2)
+    found = named(facts(heard))
+    assert [name for name, each in found.items() if not each.holds] == [condition]
+    without = tuple(signal for signal in SIGNALS if signal.variable != variable)
+    absent, _ = snapshot(Told(), without)
+    assert np.all(np.isnan(absent[PLACE[variable]]))
+
+
+@pytest.mark.parametrize("speeds", [{"speed_fraction": 0.5}, {"speed_scaling": 0.5, "speed_fraction": 1.0}, {"speed_scaling": math.inf}])
+def test_a_slider_that_is_moved_during_a_replay_ends_it_whichever_variable_tells_it(speeds):
+    """On a real controller the slider is target_speed_fraction, and speed_scaling the trajectory limiter's own."""
+    failure = unwell(replace(WELL, **speeds), SETTINGS)
+    assert failure is not None
+    assert failure.cause == "speed_scaling"
+
+
+def test_a_payload_that_is_changed_during_a_replay_ends_it():
+    """Every condition holds all through the motion; the torque of another payload would be learnt as friction."""
+    heavier = replace(WELL, payload_kg=2.0)
+    assert unwell(heavier, SETTINGS, 2.02) is None
+    assert unwell(heavier, SETTINGS) is None
+    failure = unwell(heavier, SETTINGS, 0.0)
+    assert failure is not None
+    assert failure.cause == "payload"
+    assert ReplayAborted("…", failure.cause).needs_a_person
+
+
+class Uploaded:
+    """A control program that came up, and an arm that stands where it is told."""
+
+    def __init__(self, target_q: np.ndarray, proved_q: np.ndarray) -> None:
+        self.settings, self.outbox, self.proved_q = SIMULATED, self, proved_q
+        self.recent: list[np.ndarray] = []
+        self.asked_to_stop: str | None = None
+        self._row = np.zeros(WIDTH)
+        self._row[PLACE["target_q"]] = target_q
+
+    def message(self, kind: str, **_: object) -> None:
+        """Nobody listens."""
+
+    def next_row(self) -> np.ndarray:
+        return self._row
+
+    def setWatchdog(self, hz: float) -> bool:
+        return hz >= 10.0
+
+
+@pytest.mark.parametrize(("by_rad", "taken"), [(0.001, True), (0.02, False), (math.nan, False)])
+def test_an_arm_that_was_moved_while_the_program_was_uploaded_is_not_sent_along_a_way_that_nobody_proved(monkeypatch, by_rad, taken):
+    """The upload takes up to seconds; by hand or by its pendant an arm gets far in that."""
+    there = well().target_q.copy()
+    there[2] += by_rad
+    arm = Uploaded(there, well().target_q)
+    monkeypatch.setattr(stream, "RTDEControlInterface", lambda *_: arm)
+    if taken:
+        assert np.array_equal(stream.take_control(arm), there)
+        return
+    with pytest.raises(Failure, match="joint 3 was moved by") as failure:
+        stream.take_control(arm)
+    assert failure.value.cause == "no_control"
+
+
+def test_nothing_begins_after_a_request_to_stop():
+    """Asked in the last 0.4 s of a phase, that phase ends by itself: what was to follow does not begin, and nothing is called finished."""
+    arm = Uploaded(well().target_q, well().target_q)
+    arm.asked_to_stop = "permit_withdrawn"
+    with pytest.raises(stream.Stopped):
+        stream.stream(arm, "return", 0.2, lambda _: well().target_q)
+
+
+def test_a_window_that_closes_during_the_announcement_or_the_wait_for_a_permit_closes():
+    """Both may take ten minutes; what held before them is asked again before the arm goes."""
+    settings = replace(SIMULATED, windows_utc=("11:00-12:05",), announce_s=600.0)
+    gate = Gate(facts(settings=settings), ask=None, announce=None)
+    clock = [NOON]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("monitor.acquire.gate.time.time", lambda: clock[0])
+        assert not gate.step(well(), 0.0)
+        clock[0] += 601.0
+        with pytest.raises(MotionRefused, match="time_window: now is outside"):
+            gate.step(well(), 601.0)
+
+
+def test_an_arm_that_is_driven_away_during_the_announcement_is_refused_before_it_goes():
+    """By the parent too, with the name of the condition."""
+    gate = Gate(facts(settings=replace(SIMULATED, announce_s=10.0)), ask=None, announce=None)
+    assert not gate.step(well(), 0.0)
+    with pytest.raises(MotionRefused, match="no_other_program"):
+        gate.step(well(runtime_state=2), 10.0)
+
+
+def test_the_way_to_the_start_and_back_must_fit_into_the_window_too():
+    """2 rad each way at 0.5 rad/s beside 3 s of play: more than the 9 s that are left."""
+    settings = replace(SIMULATED, windows_utc=("11:00-12:00",))
+    late = {"settings": settings, "now_unix_s": NOON - 9.0}
+    assert named(facts(well(), **late))["time_window"].holds
+    far = well(target_q=nudged(0, 2.0), q=nudged(0, 2.0))
+    assert "the motion alone takes" in named(facts(far, **late))["time_window"].told
+
+
+def test_a_window_without_length_is_no_whole_day():
+    """05:00-05:00 allowed motion at any hour."""
+    with pytest.raises(BadInput, match=r"05:00-05:00.*00:00-24:00"):
+        replace(SIMULATED, windows_utc=("05:00-05:00",))
+
+
+@pytest.mark.parametrize("variable", ["actual_current", "actual_q", "actual_qd"])
+def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
+    """A first pass without measured torque would be none."""
+    robot = load_robot("ur5")
+    band = TorqueBand(robot, Mounting(), payload_kg=0.0, gains_nm_per_a=np.full(6, 10.0), share=0.25, rate_hz=125.0)
+    row = np.zeros(WIDTH)
+    row[PLACE[variable]] = np.nan
+    found = [band.outside(row) for _ in range(10)]
+    assert found[-1] is not None
+    assert found[-1][0] == "torque_band"
+
+
+@pytest.mark.xdist_group("doubts")
+@pytest.mark.parametrize("unseen", ["stall", "kill"])
+def test_a_protective_stop_that_the_child_did_not_see_is_told_as_one(unseen):
+    """No data came any more, or the child was killed, while the arm ran into something: harmless causes, and a person must look."""
+    host = "127.0.86.11"
+    with simulated_arm(host), Remote(host) as remote:
+        done = []
+
+        def on_progress(progress):
+            if progress.phase == "play" and progress.elapsed_s > 0.5 and not done:
+                if unseen == "stall":
+                    remote.fault("stall", seconds=5)
+                else:
+                    os.kill(children()[0], signal.SIGKILL)
+                remote.protective_stop()
+                done.append(True)
+
+        settings = replace(SIMULATED, host=host, approach_speed_rad_s=1.0)
+        with pytest.raises(ReplayAborted) as aborted:
+            replay(short(), load_robot("ur5"), settings, on_progress=on_progress)
+        assert done
+        assert aborted.value.cause == "protective_stop"
+        assert aborted.value.needs_a_person
+        assert ("stalled" if unseen == "stall" else "child_died") in str(aborted.value)
+        assert remote.truth()["program"] is None

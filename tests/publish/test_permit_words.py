@@ -1,0 +1,91 @@
+"""A permit that is answered by two, late, or with garbage: only a yes of everybody is one."""
+
+import json
+import time
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+
+from monitor.publish.bus import session_config
+from monitor.publish.permit import KEY, asked
+
+PREFIX = "joint-monitor/v1/lab/arm"
+
+
+@pytest.fixture
+def sessions(free_port: int) -> Iterator[tuple[zenoh.Session, zenoh.Session, zenoh.Session]]:
+    """One that asks, two that answer."""
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    with (
+        zenoh.open(session_config(mode="router", listen=(endpoint,))) as asking,
+        zenoh.open(session_config(mode="client", connect=(endpoint,))) as one,
+        zenoh.open(session_config(mode="client", connect=(endpoint,))) as two,
+    ):
+        yield asking, one, two
+
+
+def answering(session: zenoh.Session, payload: bytes) -> "zenoh.Queryable[None]":
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, payload)
+
+    queryable = session.declare_queryable(f"{PREFIX}/{KEY}", reply)
+    time.sleep(0.2)  # until the router knows of it
+    return queryable
+
+
+def yes(why: str = "parked") -> bytes:
+    return json.dumps({"allow": True, "why": why}).encode()
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"[" * 100_000,
+        b"yes",
+        b"",
+        b"\xff\xfe",
+        b"true",
+        b'{"allow": "true"}',
+        b'{"allow": 1}',
+        b'{"allow": ' + b"9" * 5000 + b"}",
+        b"[true]",
+    ],
+)
+def test_garbage_is_a_no_and_no_exception(sessions, payload):
+    """Also where it is nested deeper than Python reads, and beside somebody's yes."""
+    asking, one, two = sessions
+    with answering(one, payload), answering(two, yes()):
+        answer = asked(asking, PREFIX, {}, 1.0)
+    assert answer is not None
+    assert not answer.allowed
+
+
+def test_one_who_has_not_answered_yet_has_not_agreed(sessions):
+    """The other's yes does not carry the motion."""
+    asking, one, two = sessions
+    held: list[zenoh.Query] = []
+    with two.declare_queryable(f"{PREFIX}/{KEY}", held.append), answering(one, yes()):
+        answer = asked(asking, PREFIX, {}, 0.4)
+        assert held
+    assert answer is None or not answer.allowed
+
+
+def test_what_somebody_says_stays_in_one_line_of_a_log(sessions):
+    """No line of his own, no escape sequence."""
+    asking, one, _ = sessions
+    with answering(one, yes("parked\nWARNING forged \x1b[2J")):
+        answer = asked(asking, PREFIX, {}, 1.0)
+    assert answer is not None
+    assert answer.told.isprintable()
+
+
+def test_a_bus_that_is_closed_gives_no_permit(free_port):
+    """A refusal in words, which ends the window as skipped, and no exception in the schedule."""
+    session = zenoh.open(session_config(mode="router", listen=(f"tcp/127.0.0.1:{free_port}",)))
+    session.close()
+    answer = asked(session, PREFIX, {}, 0.2)
+    assert answer is not None
+    assert not answer.allowed
+    assert "cannot be asked" in answer.told
