@@ -29,7 +29,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         place = item.path.relative_to(ROOT / "tests").as_posix()
         if place.startswith(REAL_TIME):
             item.add_marker(pytest.mark.xdist_group("real time"))
-        if place.startswith(ON_THE_WIRE):
+        if place.startswith(ON_THE_WIRE) and item.get_closest_marker("soak") is None:  # a soak counts what fails
             item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=2))
 
 
