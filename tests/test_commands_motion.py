@@ -9,6 +9,7 @@ import threading
 import time
 from pathlib import Path
 
+import jsonschema
 import pytest
 import zenoh
 from typer.testing import CliRunner
@@ -17,6 +18,7 @@ from monitor.cli import app
 from monitor.errors import MotionRefused
 from monitor.files import read_recording
 from monitor.publish.bus import session_config
+from monitor.publish.documents import schema
 from monitor.simulate.remote import Remote
 from monitor.store import Store
 
@@ -293,6 +295,8 @@ def test_the_cells_own_program_permits_over_zenoh(remote, config, answer, code):
     if answer is None:
         assert "no answer within 1 s" in done[0].stderr
         return
+    jsonschema.validate(asked[0], schema("permit"), format_checker=jsonschema.FormatChecker())
+    jsonschema.validate(answer, schema("permit-answer"))
     assert asked[0]["robot"] == "ur5"
     assert asked[0]["duration_s"] == pytest.approx(3.0)
     assert code == 0 or "the press is open" in done[0].stderr

@@ -78,10 +78,13 @@ class Asker:
         """Raises BusError where neither is possible."""
         self._prefix = prefix
         try:
-            self._session = zenoh.open(session_config(mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False))
+            config = session_config(
+                mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False, zenoh_file=settings.zenoh
+            )
+            self._session = zenoh.open(config)
         except zenoh.ZError:  # the endpoint is the daemon's, which runs: be its client
             try:
-                self._session = zenoh.open(session_config(mode="client", connect=settings.listen))
+                self._session = zenoh.open(session_config(mode="client", connect=settings.listen, zenoh_file=settings.client_zenoh))
             except zenoh.ZError as error:
                 raise BusError(f"Zenoh cannot open {', '.join(settings.listen)}: {str(error).split(' at /')[0]}") from None
 

@@ -13,6 +13,7 @@ import zenoh
 from monitor.client import Client
 from monitor.errors import BadInput, BusError
 from monitor.publish.bus import Answer, Bus, BusSettings, prefix, session_config
+from monitor.publish.permit import Asker
 
 DEPLOY = Path(__file__).parents[2] / "deploy" / "zenoh"
 ETC = "/etc/joint-monitor"
@@ -31,6 +32,7 @@ def etc(tmp_path_factory):
         ("viewer", ours),
         ("maintenance", ours),
         ("guest", ours),
+        ("cell", ours),
         ("forger", theirs),
     ):
         issued = authority.issue_cert("127.0.0.1", common_name="maintenance" if name == "forger" else name)
@@ -38,7 +40,7 @@ def etc(tmp_path_factory):
         (folder / "tls" / f"{name}.pem").write_bytes(b"".join(blob.bytes() for blob in issued.cert_chain_pems))
     for example in DEPLOY.glob("*.json5"):
         (folder / example.name).write_text(example.read_text("utf-8").replace(ETC, str(folder)), "utf-8")
-    for name in ("guest", "forger"):
+    for name in ("guest", "forger", "cell"):
         text = (folder / "viewer.json5").read_text("utf-8")
         (folder / f"{name}.json5").write_text(text.replace("viewer.pem", f"{name}.pem").replace("viewer.key", f"{name}.key"), "utf-8")
     return folder
@@ -96,6 +98,56 @@ def test_a_viewer_cannot_speak_for_the_monitor(etc, bus):
     assert [json.loads(sample.payload.to_bytes())["state"] for sample in heard] == ["OFF_SPEC"]
 
 
+def permitting(etc, endpoint, who, answer):
+    """A session of somebody who would answer whether the arm may move."""
+    session = zenoh.open(session_config(mode="client", connect=(endpoint,), zenoh_file=str(etc / f"{who}.json5")))
+
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, json.dumps(answer))
+
+    session.declare_queryable("joint-monitor/v1/lab/cell-1/permit/replay", reply)
+    return session
+
+
+def eventually(ask, within_s=10.0):
+    """The first answer that is one."""
+    deadline = time.monotonic() + within_s
+    while (answer := ask()) is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return answer
+
+
+def test_the_cell_answers_whether_the_arm_may_move_and_nobody_else_does(etc, bus):
+    """It is heard on that key alone; a viewer who says yes is not, and the cell cannot speak for the monitor nor act."""
+    ours, endpoint, called = bus
+    with permitting(etc, endpoint, "viewer", {"allow": True, "why": "let it move"}):
+        time.sleep(0.5)
+        assert ours.ask_permit({}, 1.0) is None
+    with permitting(etc, endpoint, "cell", {"allow": True, "why": "parked"}) as cell:
+        assert eventually(lambda: ours.ask_permit({}, 1.0)).allowed
+        heard = []
+        with client(etc, endpoint, "maintenance") as listener:
+            listener._session.declare_subscriber("joint-monitor/v1/lab/cell-1/health", heard.append)
+            time.sleep(0.3)
+            cell.put("joint-monitor/v1/lab/cell-1/health", json.dumps({"state": "FAILURE"}))
+            assert [reply.ok.payload.to_bytes() for reply in cell.get("joint-monitor/v1/lab/cell-1/health", timeout=5.0)]
+            assert list(cell.get("joint-monitor/v1/lab/cell-1/cmd/ack", payload=b'{"by": "cell"}', timeout=2.0)) == []
+            time.sleep(0.3)
+        assert heard == []
+    assert called == []
+
+
+def test_a_replay_by_hand_asks_over_tls_as_well(etc, free_port):
+    """Where no daemon runs, the one who asks stands in for it, with its certificate."""
+    endpoint = f"tls/127.0.0.1:{free_port}"
+    settings = BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5"), client_zenoh=str(etc / "maintenance.json5"))
+    with Asker(settings, prefix("lab", "cell-1")) as asker, permitting(etc, endpoint, "cell", {"allow": False, "why": "door open"}):
+        answer = eventually(lambda: asker.ask({}, 1.0))
+    assert not answer.allowed
+    assert "door open" in answer.told
+
+
 @pytest.mark.parametrize("who", ["guest", "forger", "nobody"])
 def test_whoever_is_not_named_gets_nothing(etc, bus, who):
     """A certificate with another name, one of another authority, none at all: no value, no action."""
@@ -139,6 +191,8 @@ def test_through_the_router_of_the_example(etc, free_port):
                 assert session.get("cmd/ack", {"by": "eve"}) == []
             with client(etc, endpoint, "guest") as session:
                 assert session.get("**") == []
+            with permitting(etc, endpoint, "cell", {"allow": True, "why": "parked"}):
+                assert eventually(lambda: bus.ask_permit({}, 1.0)).allowed
     finally:
         router.kill()
         router.wait()
