@@ -14,7 +14,8 @@ from monitor.assess import AssessSettings
 from monitor.judge.follow import followed
 from monitor.judge.prognosis import remaining_life
 from monitor.judge.tiers import Counts, Grounds, grounds, nothing_counted
-from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot
+from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot, repaced
+from monitor.judge.usage import Usage, uncounted, worked
 from monitor.recording import Array
 from monitor.studies.fleet import SCENARIOS, Day, Fleet, FleetSettings, Wear
 
@@ -39,8 +40,8 @@ class Played:
     track: Track
 
 
-Watcher = Callable[[int, Day, Track, Array], None]
-"""Called after each day's replays: day, what happened, track, reference temperature (N,)."""
+Watcher = Callable[[int, Day, Track, Usage], None]
+"""Called after each day's replays: day, what happened, what is believed, how much was worked."""
 
 
 def play(
@@ -50,8 +51,9 @@ def play(
     *,
     watch: Watcher | None = None,
     learning: int = LEARNING_DAYS,
+    count_use: bool = True,
 ) -> Played:
-    """A fleet's life, judged day by day."""
+    """A fleet's life, judged day by day; `count_use`: somebody listens and counts revolutions."""
     fleet = Fleet(settings, wear)
     A, J = fleet.arms, fleet.joints
     N = A * J
@@ -63,6 +65,7 @@ def play(
     low, high, T0, settled = np.full(N, np.nan), np.full(N, np.nan), np.zeros(N), np.zeros(N)
     covered, asked, worn_covered, worn_asked = np.zeros(N), np.zeros(N), 0.0, 0.0
     sums = np.zeros((N, 5))
+    usage = uncounted(N)
     for day in range(settings.days):
         now = fleet.morning(day)
         seen, slot = now.seen, np.repeat(now.slot, J)
@@ -80,7 +83,11 @@ def play(
         slots = slot
         days = np.repeat(np.where(now.replayed, day - last, 0.0), J)
         last = np.where(now.replayed, day, last)
-        track = followed(at_pace(aged(track, days, J, drift), days), seen, slot, J, drift)
+        counted = np.where(here, now.revolutions.ravel(), np.nan) if count_use else np.full(N, np.nan)
+        done = worked(usage, counted, days)
+        usage = done.usage
+        track = aged(repaced(track, done.factor), days, J, drift, done.usual_days)
+        track = followed(at_pace(track, days), seen, slot, J, drift)
 
         T = seen.temperature_c
         inside = (low - laws.margin_k <= T) & (high + laws.margin_k >= T)
@@ -120,7 +127,7 @@ def play(
             x, y = np.where(use, T - T0, 0.0), np.where(use, left, 0.0)
             sums += np.stack([use, x, y, x * x, x * y], axis=1)
         if watch:
-            watch(day, now, track, T0)
+            watch(day, now, track, usage)
     assert track is not None
     n, sx, sy, sxx, sxy = sums.T
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -49,11 +49,17 @@ def moved(days: float, rho_held: float) -> np.ndarray:
 def test_silence_never_makes_us_surer(belief, days):
     """Ageing adds to the variance of every combination of states; level, slopes and rate stay, wear goes on, noise fades."""
     after = aged(belief, belief.at_unix_s + days * DAY_S, DriftSettings())
-    F = moved(days, 0.5**days)  # the autocorrelation before it is learnt
-    before = F @ belief.track.cov @ F.T  # what certain motion alone would do
+    # the autocorrelation before it is learnt; the same rise every day is less and less of its logarithm
+    F = np.array([moved(days, 0.5**days)] * belief.joints)  # (J, S, S)
+    grown = np.exp(belief.wear)
+    later = grown + days * belief.track.mean[:, RATE]
+    F[:, WEAR, RATE], F[:, WEAR, WEAR] = days / later, grown / later
+    before = F @ belief.track.cov @ np.swapaxes(F, 1, 2)  # what certain motion alone would do
     rounding = 1e-9 * np.max(np.abs(before), initial=1e-12)
     assert np.all(np.linalg.eigvalsh(after.track.cov - before) >= -rounding)
-    assert np.allclose(after.track.mean, np.einsum("ab,jb->ja", F, belief.track.mean), rtol=1e-9, atol=1e-12)
+    expected = np.einsum("jab,jb->ja", F, belief.track.mean)
+    expected[:, WEAR] = np.log(later)
+    assert np.allclose(after.track.mean, expected, rtol=1e-9, atol=1e-12)
 
 
 @given(belief=beliefs(), seed=st.integers(0, 1000), days=st.floats(0.01, 30.0))
