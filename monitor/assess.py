@@ -19,6 +19,7 @@ from monitor.judge.drift import begin, learn
 from monitor.judge.evidence import DriftSettings
 from monitor.judge.health import Alert, Health, HealthSettings, Transition
 from monitor.judge.prognosis import PrognosisSettings, RemainingLife, remaining_life
+from monitor.judge.residual import ResidualSettings
 from monitor.judge.temperature import Line, TemperatureSettings
 from monitor.judge.verdict import judge
 from monitor.model.robot import Mounting, Robot
@@ -36,6 +37,7 @@ class AssessSettings:
     temperature: TemperatureSettings = field(default_factory=TemperatureSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
     prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
+    residual: ResidualSettings = field(default_factory=ResidualSettings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,6 +27,7 @@ from monitor.model.fourier import Excitation
 from monitor.publish.answers import torque_answer
 from monitor.publish.bus import Answer, Bus
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
+from monitor.production import Production, Sample
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
 from monitor.recording import Array, Context, Recording
@@ -59,6 +60,7 @@ class Daemon:
         self._health: Health | None = None
         self._model: CompensatedModel | None = None
         self._next_due_unix_s: float | None = None
+        self.production = Production(configuration.assess.residual)  # what is heard between replays; of the listening thread
         self._judging = threading.Lock()  # health changes by a replay's verdict and by people's words, and by one at a time
         self.wanted: Callable[[], None] | None = None  # how a replay that somebody asks for is scheduled
         answers = {
@@ -84,6 +86,7 @@ class Daemon:
         state = self._store.state()
         if state is not None:
             self._belief = belief_from_document(state.belief)
+            self.production.continue_from(self._belief.usage)
             self._health = health_from_document(state.health)
             self._model = model_from_document(state.model)
         before = {row.id for row in self._store.ledger(states=("started",))}
@@ -145,7 +148,9 @@ class Daemon:
             self._store.end(ledger_id, "aborted", str(error), self._now(), stop=stop)
             return
         # the host's clock, not the controller's, dates a recording; a study's clock is its host's
-        recording = dataclasses.replace(recording, context=dataclasses.replace(recording.context, recorded_at_unix_s=self._now()))
+        now = self._now()
+        context = dataclasses.replace(recording.context, recorded_at_unix_s=now, revolutions=self.production.revolutions(now))
+        recording = dataclasses.replace(recording, context=context)
         write_recording(self._store.recording_path(ledger_id), recording)
         self._store.recorded(ledger_id)
         self._assess(ledger_id, recording)
@@ -329,12 +334,16 @@ class Daemon:
     def live(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> None:
         """Say predicted against measured torque of the arm's present motion; all (J,)."""
         self.present_temperature_c = temperature_c
+        dt_s = self.production.moved(self._now(), qd)
         if self._model is None:
             return
         gains = np.array(self.configuration.robot.gains_nm_per_a or self._robot.drive_gain_nm_per_a)
         predicted = self._model.torque(self._robot, q[None], qd[None], qdd[None], temperature_c[None])
         measured = current * gains
         known = bool(np.all(np.isfinite(measured)))
+        if not self._one_at_a_time.locked():  # a replay speaks for itself
+            self.production.worked(self._model, predicted, Sample(self._now(), qd, qdd, measured), dt_s)
+            self._pull_forward()
         self.say_live(
             {
                 "at": rfc3339(self._now()),
@@ -349,6 +358,13 @@ class Daemon:
                 "model_revision": self._model.revision,
             }
         )
+
+    def _pull_forward(self) -> None:
+        """Ask for a replay where work says that friction has risen; permission, windows and the guard decide as for any other."""
+        why = self.production.pull_forward() if self.wanted is not None else None
+        if why is not None and self.configuration.replay.allow_motion is True and self.wanted is not None:
+            log.info("replay pulled forward: %s", why)
+            self.wanted()
 
 
 def _event_document(event: Event) -> dict[str, Any]:
