@@ -24,10 +24,10 @@ from monitor.judge.compensation import CompensatedModel, model_from_document
 from monitor.judge.document import plain
 from monitor.judge.health import Alert, Health, acknowledge, health_from_document, shelve
 from monitor.model.fourier import Excitation
+from monitor.production import Production, Sample
 from monitor.publish.answers import torque_answer
 from monitor.publish.bus import Answer, Bus
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
-from monitor.production import Production, Sample
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.questions import MOST_EVENTS, events_after, history_question, request
 from monitor.recording import Array, Context, Recording

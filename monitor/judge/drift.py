@@ -210,8 +210,12 @@ def _exchanged(before: Context, after: Context) -> np.ndarray:
 
 def _with_new_joints(belief: Belief, exchanged: np.ndarray, settings: DriftSettings) -> Belief:
     """Joints that were replaced have no wear, and nothing is known of their levels in any context."""
-    unknown = {name: np.where(exchanged, np.nan, getattr(belief, name)) for name in ("first_log_torque", "first_temperature_c")}
-    return replace(belief, track=renewed(belief.track, exchanged, settings), **unknown)
+    return replace(
+        belief,
+        track=renewed(belief.track, exchanged, settings),
+        first_log_torque=np.where(exchanged, np.nan, belief.first_log_torque),
+        first_temperature_c=np.where(exchanged, np.nan, belief.first_temperature_c),
+    )
 
 
 def _remembering_the_first(belief: Belief, seen: Observation, settings: DriftSettings) -> Belief:

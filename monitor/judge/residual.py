@@ -139,5 +139,14 @@ def _looked(now: Residuals, done: np.ndarray, settings: ResidualSettings) -> Res
     beyond = look - usual
     change = np.where(after, np.nan_to_num(now.change) + (beyond - np.nan_to_num(now.change)) / np.maximum(later, 1.0), now.change)
     agreeing = np.where(after, np.where(beyond >= settings.rise, now.agreeing + 1.0, 0.0), now.agreeing)
-    fresh = {name: np.where(done, 0.0, getattr(now, name)) for name in ("samples", "moving_s", "work", "excess")}
-    return now._replace(**fresh, looks=looks, usual=usual, change=change, later=later, agreeing=agreeing)
+    return now._replace(
+        samples=np.where(done, 0.0, now.samples),
+        moving_s=np.where(done, 0.0, now.moving_s),
+        work=np.where(done, 0.0, now.work),
+        excess=np.where(done, 0.0, now.excess),
+        looks=looks,
+        usual=usual,
+        change=change,
+        later=later,
+        agreeing=agreeing,
+    )

@@ -332,7 +332,6 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
         "slope_left_per_k": float(np.nanmedian(np.abs(quiet.slope_error_per_k))),
         "detection": [],
     }
-    few = max(arms // 3, 12)
     for label, step, per_year in (
         ("2 % step", 0.02, 0.0),
         ("5 % step", 0.05, 0.0),
@@ -341,6 +340,7 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
         ("30 %/year", 0.0, 0.30),
         ("100 %/year", 0.0, 1.00),
     ):
+        few = arms if step == 0.05 else max(arms // 3, 12)  # the share within 30 days is asked for on a bound of 99 %
         wear = onsets(few, seed + 1, step=step, per_day=per_year / DAYS_A_YEAR)
         days = 300 + (60 if step >= 0.05 else 250)
         played = play(replace(base, arms=few, days=days, seed=seed + 2, scenarios=COMPARABLE), assess, wear)
@@ -348,7 +348,7 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
         document["detection"].append(
             {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": played.covered_worn}
         )
-    lives = life(few, assess, seed=seed + 3, base=base)
+    lives = life(max(arms // 2, 12), assess, seed=seed + 3, base=base)
     document["remaining_life"] = {
         "p10_p90_holds": _share(lives.interval),
         "alpha_lambda_at_half_life": _share(lives.alpha_lambda),
