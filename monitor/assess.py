@@ -13,11 +13,13 @@ from monitor.identify.solve import identify
 from monitor.identify.trust import TrustSettings, distrust
 from monitor.judge.belief import Belief
 from monitor.judge.compensation import CompensatedModel, compensated
+from monitor.judge.curves import LAWS
 from monitor.judge.document import plain
 from monitor.judge.drift import begin, learn
 from monitor.judge.evidence import DriftSettings
 from monitor.judge.health import Alert, Health, HealthSettings, Transition
 from monitor.judge.prognosis import PrognosisSettings, RemainingLife, remaining_life
+from monitor.judge.residual import ResidualSettings
 from monitor.judge.temperature import Line, TemperatureSettings
 from monitor.judge.verdict import judge
 from monitor.model.robot import Mounting, Robot
@@ -35,6 +37,7 @@ class AssessSettings:
     temperature: TemperatureSettings = field(default_factory=TemperatureSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
     prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
+    residual: ResidualSettings = field(default_factory=ResidualSettings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,9 +56,12 @@ class JointFriction:
     reference_torque_std_nm: float | None
     wear: float  # fraction of friction torque since the beginning
     wear_std: float
-    wear_rate_per_day: float
+    wear_rate_per_day: float  # of a usual day of work
     wear_rate_std_per_day: float
     remaining_life: RemainingLife
+    revolutions: float | None  # counted until this replay
+    revolutions_per_day: float | None  # usual
+    remaining_revolutions: tuple[float | None, float | None, float | None]  # P10, P50, P90 of remaining life, in use
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +69,8 @@ class JointTemperature:
     """What has been learnt of one joint's fv(T), wear divided out."""
 
     joint: int
-    law: str  # "linear"
+    law: str  # of fv, where it erred least on temperatures left out: linear | exponential | vogel; the rest is always the paper's line
+    held_out: dict[str, float | None]  # law → RMS error of fv on temperatures left out [N·m·s/rad]
     reference_temperature_c: float
     viscous_nm_s_per_rad: float | None  # at the reference temperature
     viscous_std_nm_s_per_rad: float | None
@@ -71,8 +78,14 @@ class JointTemperature:
     slope_std_nm_s_per_rad_k: float
     coulomb_nm: float | None
     coulomb_std_nm: float | None
+    coulomb_law: str
+    coulomb_slope_nm_per_k: float
+    coulomb_slope_std_nm_per_k: float
+    coulomb_depends: bool  # on temperature, by more than two standard deviations
     range_c: tuple[float, float] | None  # coldest and warmest replay
     change: float | None  # of fv over that range, fraction; Raviola et al. (2021), table 4
+    torque_change_mean_nm: float | None  # what that change makes of joint torque over the replay's motion; tables 5–7
+    torque_change_max_nm: float | None  # at its fastest
     friction_slope_per_k: float  # β of the filter: log F(v*) per kelvin
 
 
@@ -173,7 +186,7 @@ def judge_identification(
         source=source,
         identification=identification,
         friction=_friction(identification, belief, settings, coulomb=coulomb, viscous=viscous),
-        temperature=_temperature(belief, coulomb=coulomb, viscous=viscous),
+        temperature=_temperature(identification, belief, coulomb=coulomb, viscous=viscous),
         belief=belief,
         health=judged.health,
         transitions=judged.transitions,
@@ -225,6 +238,9 @@ def _friction(
     for j in range(belief.joints):
         mean, cov = means[j], covs[j]
         rise = math.exp(belief.wear[j])
+        life = remaining_life(mean, cov, wear_walk_per_sqrt_day=settings.drift.wear_walk_per_sqrt_day, settings=settings.prognosis)
+        usual = belief.usage.per_day[j]
+        left = tuple(None if days is None else _known(days * usual) for days in (life.p10_days, life.p50_days, life.p90_days))
         joints.append(
             JointFriction(
                 joint=j + 1,
@@ -239,23 +255,29 @@ def _friction(
                 reference_torque_std_nm=_known(torque_std[j]),
                 wear=rise - 1.0,
                 wear_std=rise * float(belief.wear_std[j]),
-                wear_rate_per_day=rise * float(mean[1]),
-                wear_rate_std_per_day=rise * math.sqrt(max(cov[1, 1], 0.0)),
-                remaining_life=remaining_life(
-                    mean, cov, wear_walk_per_sqrt_day=settings.drift.wear_walk_per_sqrt_day, settings=settings.prognosis
-                ),
+                wear_rate_per_day=float(mean[1]),
+                wear_rate_std_per_day=math.sqrt(max(cov[1, 1], 0.0)),
+                remaining_life=life,
+                revolutions=_known(belief.usage.revolutions[j]),
+                revolutions_per_day=_known(usual),
+                remaining_revolutions=(left[0], left[1], left[2]),
             )
         )
     return tuple(joints)
 
 
-def _temperature(belief: Belief, *, coulomb: Line, viscous: Line) -> tuple[JointTemperature, ...]:
-    """What has been learnt of every joint's temperature law."""
+def _temperature(identification: Identification, belief: Belief, *, coulomb: Line, viscous: Line) -> tuple[JointTemperature, ...]:
+    """What has been learnt of every joint's temperature laws."""
     change, std = viscous.change, np.sqrt(viscous.cov[:, [0, 1], [0, 1]])  # (J,), (J, 2)
+    dry_std = np.sqrt(coulomb.cov[:, 1, 1])
+    mean_speed = identification.mean_speed_rad_s if identification.mean_speed_rad_s is not None else np.full(belief.joints, np.nan)
+    fallen = np.abs(viscous.slope) * (viscous.range_c[:, 1] - viscous.range_c[:, 0])  # of fv, [N·m·s/rad]
+    held = np.full((belief.joints, len(LAWS)), np.nan) if viscous.curve is None else viscous.curve.held_out
     return tuple(
         JointTemperature(
             joint=j + 1,
-            law="linear",
+            law=viscous.law[j],
+            held_out={law: _known(held[j, k]) for k, law in enumerate(LAWS)},
             reference_temperature_c=float(belief.reference_temperature_c[j]),
             viscous_nm_s_per_rad=_known(viscous.intercept[j]),
             viscous_std_nm_s_per_rad=_known(std[j, 0]) if math.isfinite(viscous.intercept[j]) else None,
@@ -263,8 +285,14 @@ def _temperature(belief: Belief, *, coulomb: Line, viscous: Line) -> tuple[Joint
             slope_std_nm_s_per_rad_k=float(std[j, 1]),
             coulomb_nm=_known(coulomb.intercept[j]),
             coulomb_std_nm=_known(math.sqrt(coulomb.cov[j, 0, 0])) if math.isfinite(coulomb.intercept[j]) else None,
+            coulomb_law=coulomb.law[j],
+            coulomb_slope_nm_per_k=float(coulomb.slope[j]),
+            coulomb_slope_std_nm_per_k=float(dry_std[j]),
+            coulomb_depends=bool(abs(coulomb.slope[j]) > 2.0 * dry_std[j]),
             range_c=(float(viscous.range_c[j, 0]), float(viscous.range_c[j, 1])) if np.isfinite(viscous.range_c[j]).all() else None,
             change=_known(change[j]),
+            torque_change_mean_nm=_known(fallen[j] * mean_speed[j]),
+            torque_change_max_nm=_known(fallen[j] * identification.max_speed_rad_s[j]),
             friction_slope_per_k=float(belief.slope[j]),
         )
         for j in range(belief.joints)

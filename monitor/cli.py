@@ -408,10 +408,14 @@ def watch(
 
 
 @app.command()
-def status(config: ConfigOption, as_json: JsonOption = False) -> None:
+def status(
+    config: ConfigOption,
+    as_json: JsonOption = False,
+    why: Annotated[int | None, typer.Option(min=1, help="Of this joint: why does it not alert?", show_default=False)] = None,
+) -> None:
     """What is known of the arm now, from its history; works without the daemon."""
     from monitor.store import Store
-    from monitor.terminal import print_status
+    from monitor.terminal import print_not_alerting, print_status
     from monitor.timestamps import outside, rfc3339
     from monitor.upkeep import said
 
@@ -431,10 +435,13 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
             for row in ledger
         ],
     }
+    reasons = None if why is None else commands_health.not_alerting(state, why, configuration)
     if as_json:
-        _print_json(document)
+        _print_json(document if reasons is None else {**document, "not_alerting": {"joint": why, "reasons": reasons}})
     else:
         print_status(document)
+        if why is not None and reasons is not None:
+            print_not_alerting(why, reasons)
 
 
 app.command(name="design")(design)

@@ -21,6 +21,7 @@ def assess(
     manifest: Annotated[Path | None, typer.Option(help="CSV: file, recorded_at[, payload_kg, mounting, note].", show_default=False)] = None,
     interval: Annotated[str | None, typer.Option(help="Files say no time: they are so far apart, e.g. 1d.", show_default=False)] = None,
     from_store: Annotated[bool, typer.Option("--from-store", help="Every past verdict of --config's history once more.")] = False,
+    why: Annotated[int | None, typer.Option(min=1, max=6, help="Of this joint: why does it not alert?", show_default=False)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
 ) -> None:
     """Judge a series of recordings in the order of their times, as the daemon would. Exit 3: --from-store found a verdict that differs."""
@@ -62,7 +63,7 @@ def assess(
     if as_json:
         typer.echo(json.dumps(told, ensure_ascii=False, allow_nan=False))
     else:
-        print_assessment(told)
+        print_assessment(told, why=why)
 
 
 def rehearse(
@@ -96,6 +97,20 @@ def rehearse(
         typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
     else:
         print_rehearsal(document)
+
+
+def not_alerting(state: Any, joint: int, configuration: Any) -> list[str]:
+    """Of a joint (from 1), from the stored state of the arm: what stands between it and the next tier, in words. Raises BadInput."""
+    from monitor.judge.belief import belief_from_document
+    from monitor.judge.health import health_from_document
+    from monitor.judge.why import why_not_alerting
+
+    if state is None:
+        return ["no replay has been assessed yet"]
+    health = health_from_document(state.health)
+    if joint > len(health.joints):
+        raise BadInput(f"--why {joint}: the arm has {len(health.joints)} joints")
+    return list(why_not_alerting(health, belief_from_document(state.belief), joint, configuration.assess.health))
 
 
 def _from_store(config: Path | None, *, others: bool, as_json: bool) -> None:

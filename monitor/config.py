@@ -40,6 +40,8 @@ class RobotSettings:
     payload_kg: Annotated[float, between(0.0, 100.0)] = 0.0  # as set in the controller
     tool: str = "none"
     serial: str | None = None
+    joint_serials: tuple[str, ...] = ()  # base to wrist, as on the type plates; one that changes is a joint without wear
+    maintenance: str = ""  # the last work that may have changed friction, in your words; a change of it opens a new baseline
     gains_nm_per_a: tuple[float, ...] = ()  # joint torque per ampere; empty: the published torque constants
 
 
@@ -106,6 +108,8 @@ class Configuration:
             mounting_rad=self.mounting.angles_rad,
             payload_kg=self.robot.payload_kg,
             tool=self.robot.tool,
+            joint_serials=self.robot.joint_serials or None,
+            maintenance=self.robot.maintenance or None,
             trajectory_digest=self.excitation.digest,
         )
 

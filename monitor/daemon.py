@@ -24,6 +24,7 @@ from monitor.judge.health import Alert, Health, acknowledge, shelve
 from monitor.model.fourier import Excitation
 from monitor.mover import Mover
 from monitor.page.served import page
+from monitor.production import Production, Sample
 from monitor.publish.answers import torque_answer
 from monitor.publish.bus import Answer, Bus, log_refusals
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
@@ -73,6 +74,7 @@ class Daemon:
         self._held = Held()
         self._live: LiveTorque | None = None
         self._next_due_unix_s: float | None = None
+        self.production = Production(configuration.assess.residual)  # what is heard between replays; of the listening thread
         self._judging = threading.Lock()  # health changes by a replay's verdict and by people's words, and by one at a time
         self.wanted: Callable[[], None] | None = None  # how a replay that somebody asks for is scheduled
         self.pull_forward: Callable[[float], None] | None = None  # production looked odd at that time: the next replay may come sooner
@@ -99,6 +101,8 @@ class Daemon:
     def _take_up(self) -> None:
         self._held = held(self._store)
         self._prepare_live()
+        if self._held.belief is not None:
+            self.production.continue_from(self._held.belief.usage)
         restored = self._store.restored
         if restored is not None:
             log.error("%s", restored.told)
@@ -217,7 +221,9 @@ class Daemon:
             self._store.end(ledger_id, "aborted", f"internal: {type(error).__name__}: {error}", self._now(), stop="internal")
             return
         # the host's clock, not the controller's, dates a recording; a study's clock is its host's
-        recording = dataclasses.replace(recording, context=dataclasses.replace(recording.context, recorded_at_unix_s=self._now()))
+        now = self._now()
+        context = dataclasses.replace(recording.context, recorded_at_unix_s=now, revolutions=self.production.revolutions(now))
+        recording = dataclasses.replace(recording, context=context)
         path = self._store.recording_path(ledger_id)
         try:
             write_recording(path, dataclasses.replace(recording, source=path.name))
@@ -426,8 +432,22 @@ class Daemon:
     def live(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> None:
         """Say predicted against measured torque of the arm's present motion; all (J,)."""
         self.present_temperature_c = temperature_c
-        if self._live is not None:
-            self.say_live({"at": rfc3339(self._now()), **self._live.document(q, qd, qdd, current, temperature_c)})
+        now, live = self._now(), self._live
+        dt_s = self.production.moved(now, qd)
+        if live is None:
+            return
+        predicted, measured = live.compared(q, qd, qdd, current, temperature_c)
+        if not self._one_at_a_time.locked():  # a replay speaks for itself
+            self.production.worked(live.model, predicted, Sample(now, qd, qdd, measured), dt_s)
+            self._look_forward(now)
+        self.say_live({"at": rfc3339(now), **live.document(q, qd, temperature_c, predicted, measured)})
+
+    def _look_forward(self, now: float) -> None:
+        """Where work says that friction has risen, the next replay may come sooner: windows, permission, guard decide as for any other."""
+        why = None if self.pull_forward is None else self.production.pull_forward()
+        if why is not None and self.pull_forward is not None and self.configuration.replay.allow_motion is True:
+            log.info("evidence for an earlier replay: %s", why)
+            self.pull_forward(now)
 
 
 def _event_document(event: Event) -> dict[str, Any]:

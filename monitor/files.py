@@ -153,6 +153,9 @@ def _context(document: Mapping[str, Any]) -> Context:
     if values.get("mounting_rad") is not None:
         roll, pitch, yaw = values["mounting_rad"]
         values["mounting_rad"] = (roll, pitch, yaw)
+    for key in ("joint_serials", "revolutions"):
+        if values.get(key) is not None:
+            values[key] = tuple(values[key])
     return Context(**values)
 
 

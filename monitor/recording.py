@@ -48,6 +48,9 @@ class Context:
     software: str | None = None
     recorded_at_unix_s: float | None = None  # host clock, UTC, at the first sample
     note: str | None = None
+    joint_serials: tuple[str, ...] | None = None  # of the type plates: not readable over RTDE, so somebody says them
+    maintenance: str | None = None  # the last work done on the arm that may have changed its friction, in somebody's words
+    revolutions: tuple[float, ...] | None = None  # of every joint, as counted by whoever listens; only differences count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,6 +16,7 @@ NEEDS_RESTART = (
     "page",
     "store.directory",
     "drift.reference_speed_rad_s",
+    "residual",
 )
 
 

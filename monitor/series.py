@@ -13,11 +13,12 @@ from monitor.assess import Assessment, AssessSettings, Rejected, alert_document,
 from monitor.errors import BadInput
 from monitor.files import read_recording
 from monitor.judge.document import plain
+from monitor.judge.why import why_not_alerting
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Recording
 
 UNDATED_START_UNIX_S = 946_684_800.0  # 2000-01-01: where files that say no time are begun to be counted, --interval apart
-MANIFEST_COLUMNS = ("file", "recorded_at", "payload_kg", "mounting", "note")
+MANIFEST_COLUMNS = ("file", "recorded_at", "payload_kg", "mounting", "note", "maintenance", "joint_serials", "revolutions")
 _INTERVAL = re.compile(r"(\d+(?:\.\d+)?)\s*([smhdw])")
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 
@@ -30,6 +31,9 @@ class Entry(NamedTuple):
     payload_kg: float | None = None
     mounting: Mounting | None = None
     note: str | None = None
+    maintenance: str | None = None
+    joint_serials: tuple[str, ...] | None = None
+    revolutions: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,8 +65,8 @@ def spaced(files: Sequence[Path], interval: str) -> list[Entry]:
 def manifest(path: Path) -> list[Entry]:
     """What a manifest says of each file; names are relative to its folder.
 
-    Columns `file, recorded_at` (RFC 3339, UTC where no offset is given) and optionally `payload_kg, mounting, note`. Raises BadInput
-    naming line and column.
+    Columns `file, recorded_at` (RFC 3339, UTC where no offset is given) and optionally `payload_kg, mounting, note, maintenance`, and
+    `joint_serials` and `revolutions`, one a joint with blanks between. Raises BadInput naming line and column.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as lines:
@@ -77,7 +81,7 @@ def manifest(path: Path) -> list[Entry]:
     missing = [name for name in MANIFEST_COLUMNS[:2] if name not in rows[0]]
     if unknown or missing:
         said = f"column {unknown[0]!r} is not known" if unknown else f"column {missing[0]!r} is missing"
-        raise BadInput(f"--manifest {path}: {said}; expected file, recorded_at and, where known, payload_kg, mounting, note")
+        raise BadInput(f"--manifest {path}: {said}; expected file, recorded_at and, where known, {', '.join(MANIFEST_COLUMNS[2:])}")
     return [_entry(path, number, row) for number, row in enumerate(rows, start=2)]
 
 
@@ -93,7 +97,20 @@ def _entry(path: Path, line: int, row: dict[str, str]) -> Entry:
     if payload_kg is not None and not 0 <= payload_kg < 1000:
         raise BadInput(f"{where}: payload_kg is {payload!r}; expected 0 or more kilograms")
     at = when((row["recorded_at"] or "").strip(), where)
-    return Entry(path.parent / row["file"].strip(), at, payload_kg, Mounting.parse(mounting) if mounting else None, note or None)
+    try:
+        revolutions = tuple(float(count) for count in (row.get("revolutions") or "").split())
+    except ValueError:
+        raise BadInput(f"{where}: revolutions is {row['revolutions']!r}; expected figures, one a joint, with blanks between") from None
+    return Entry(
+        file=path.parent / row["file"].strip(),
+        recorded_at_unix_s=at,
+        payload_kg=payload_kg,
+        mounting=Mounting.parse(mounting) if mounting else None,
+        note=note or None,
+        maintenance=(row.get("maintenance") or "").strip() or None,
+        joint_serials=tuple((row.get("joint_serials") or "").split()) or None,
+        revolutions=revolutions or None,
+    )
 
 
 def when(text: str, where: str) -> float:
@@ -145,6 +162,10 @@ def assess_series(series: Series) -> dict[str, Any]:
         "health": {"arm": last.health.state, "joints": [joint.state for joint in last.health.joints]},
         "why": {"arm": last.health.why, "joints": [joint.why for joint in last.health.joints]},
         "alerts": list(alerts.values()),
+        "not_alerting": [
+            {"joint": joint.joint, "reasons": list(why_not_alerting(last.health, last.belief, joint.joint, series.settings.health))}
+            for joint in last.health.joints
+        ],
         "temperature": plain(last.temperature),
         "friction": friction,
         "contexts": plain(last.belief.contexts),
@@ -189,5 +210,8 @@ def _read(series: Series, entry: Entry) -> tuple[Recording, Mounting]:
         payload_kg=entry.payload_kg if entry.payload_kg is not None else context.payload_kg,
         mounting_rad=mounting.angles_rad,
         note=entry.note or context.note,
+        maintenance=entry.maintenance or context.maintenance,
+        joint_serials=entry.joint_serials or context.joint_serials,
+        revolutions=entry.revolutions or context.revolutions,
     )
     return replace(recording, context=declared), mounting

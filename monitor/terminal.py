@@ -360,8 +360,16 @@ def print_bus(found: list[dict[str, Any]]) -> None:
         console.print(f"bus, {row['who']} at {escape(row['endpoint'])}: {word}: {escape(row['told'])}")
 
 
-def print_assessment(document: dict[str, Any]) -> None:
-    """A series of recordings, judged: what is believed now, and every alert with its reasons."""
+def print_not_alerting(joint: int, reasons: Sequence[str]) -> None:
+    """Why a joint does not alert."""
+    console = Console()
+    console.print(f"joint {joint}: {'the highest tier stands' if not reasons else 'no further alert, for'}", highlight=False)
+    for reason in reasons:
+        console.print(f"  {reason}", highlight=False, markup=False)
+
+
+def print_assessment(document: dict[str, Any], why: int | None = None) -> None:
+    """A series of recordings, judged: what is believed now, and every alert with its reasons; of joint `why`, why not."""
     console = Console()
     table = Table(title=f"{document['robot']}: {document['health']['arm']}, {document['why']['arm']}", title_justify="left")
     for title in ("recording", "made at", "verdict", *(f"J{j + 1} wear [%]" for j in range(len(document["health"]["joints"])))):
@@ -379,6 +387,9 @@ def print_assessment(document: dict[str, Any]) -> None:
         console.print(f"{place}: {alert['condition']}, {alert['tier']}{active}: {alert['text']} {alert['action']}", highlight=False)
     if not document["alerts"]:
         console.print("no alert")
+    for row in document["not_alerting"]:
+        if row["joint"] == why:
+            print_not_alerting(row["joint"], row["reasons"])
     for code in sorted({warning["code"] for warning in document["warnings"]}):
         first = next(warning for warning in document["warnings"] if warning["code"] == code)
         count = sum(warning["code"] == code for warning in document["warnings"])

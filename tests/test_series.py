@@ -157,3 +157,25 @@ def test_what_is_wrong_is_said_and_ends_with_2(arguments, says):
     assert done.returncode == 2, done.stderr
     assert says in " ".join(done.stderr.split())
     assert "Traceback" not in done.stderr
+
+
+def test_a_manifest_says_serials_maintenance_and_revolutions(tmp_path):
+    """One a joint, with blanks between; figures that are none are named with their line."""
+    path = tmp_path / "runs.csv"
+    head = "file,recorded_at,maintenance,joint_serials,revolutions\n"
+    path.write_text(head + "a.csv,2026-01-01T00:00:00Z,joint 2 greased,A B C D E F,1 2 3 4 5 6.5\n", "utf-8")
+    (entry,) = manifest(path)
+    assert entry.maintenance == "joint 2 greased"
+    assert entry.joint_serials == ("A", "B", "C", "D", "E", "F")
+    assert entry.revolutions == (1.0, 2.0, 3.0, 4.0, 5.0, 6.5)
+    path.write_text(head + "a.csv,2026-01-01T00:00:00Z,,,1 two 3\n", "utf-8")
+    with pytest.raises(BadInput, match="line 2: revolutions is '1 two 3'"):
+        manifest(path)
+
+
+def test_why_a_joint_does_not_alert_is_said_on_request(recordings):
+    """In words by --why, of every joint in --json."""
+    told = run("assess", "--robot", "ur5", "--why", "2", *map(str, recordings))
+    assert told.returncode == 0, told.stderr
+    assert "joint 2: no further alert, for" in told.stdout
+    assert "next is the advisory tier, from +1%" in told.stdout

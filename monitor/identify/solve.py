@@ -158,6 +158,7 @@ def identify_motions(
         friction_cov=base_covariance[pair],
         temperature_c=_mean_temperature(motions),
         max_speed_rad_s=np.max(np.abs(speeds), axis=0),
+        mean_speed_rad_s=np.mean(np.abs(speeds), axis=0),
         rms_nm=errors.rms_nm,
         relative_rms=errors.relative_rms,
         rms_all_nm=errors.rms_all_nm,

@@ -11,12 +11,14 @@ from monitor.errors import BadInput
 from monitor.judge.contradiction import Weights, weights_from_document
 from monitor.judge.document import array, entry, plain
 from monitor.judge.evidence import DriftSettings
+from monitor.judge.migrate import from_version_2
 from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
 from monitor.judge.track import KINDS, RATE, STATES, WEAR, WINDOW, Track
+from monitor.judge.usage import Usage, usage_from_document
 from monitor.recording import Array, Context
 
-SCHEMA_VERSION = 2
-COMPARABLE = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest")
+SCHEMA_VERSION = 3
+COMPARABLE = ("serial", "joint_serials", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest", "maintenance")
 _VERSION = re.compile(r"\d+(?:\.\d+)+")
 
 
@@ -47,6 +49,7 @@ class Belief:
     first_log_torque: Array  # (J,) mean of y over the first replays, nothing taken out: what a change is split against
     last_log_torque: Array  # (J,) of the last replay
     first_temperature_c: Array  # (J,) mean over the same first replays
+    usage: Usage  # revolutions counted
     weights: Weights | None  # the arm's, in the context in force
     viscous: Law
     coulomb: Law
@@ -97,7 +100,7 @@ class Belief:
         return self.track.reference(self.reference_temperature_c, self.slot)[0] - self.wear
 
     def rate(self) -> tuple[Array, Array]:
-        """(J, 2) mean and (J, 2, 2) covariance of wear and its rate per day."""
+        """(J, 2) mean and (J, 2, 2) covariance of wear, log, and of its rate, a fraction a usual day of work."""
         pair = [WEAR, RATE]
         return self.track.mean[:, pair], self.track.cov[:, pair][:, :, pair]
 
@@ -162,9 +165,11 @@ def belief_from_document(document: Any) -> Belief:
     """
     where = "belief"
     version = entry(document, "schema_version", where=where)
-    if version != SCHEMA_VERSION:
+    if version == 2:
+        document = from_version_2(document)
+    elif version != SCHEMA_VERSION:
         raise BadInput(
-            f"belief: schema_version is {version!r}; this release reads {SCHEMA_VERSION}. What an older release learnt cannot be carried "
+            f"belief: schema_version is {version!r}; this release reads 2 and {SCHEMA_VERSION}. What was learnt in it cannot be carried "
             "over: move the state directory away, and let `joint-monitor assess` judge its recordings again"
         )
     J = len(array(document, "reference_temperature_c", (-1,), where=where))
@@ -185,6 +190,7 @@ def belief_from_document(document: Any) -> Belief:
                 for o in ledger
             ),
             track=_track(entry(document, "track", where=where), J),
+            usage=usage_from_document(entry(document, "usage", where=where), J),
             weights=weights_from_document(entry(document, "weights", where=where)),
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
@@ -209,5 +215,5 @@ def _track(document: Any, J: int) -> Track:
 
 def _context(document: dict[str, Any]) -> Context:
     """A Context from its fields."""
-    mounting = document.get("mounting_rad")
-    return Context(**{**document, "mounting_rad": None if mounting is None else tuple(float(angle) for angle in mounting)})
+    listed = {key: tuple(document[key]) for key in ("mounting_rad", "joint_serials", "revolutions") if document.get(key) is not None}
+    return Context(**{**document, **listed})

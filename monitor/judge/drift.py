@@ -18,9 +18,10 @@ from monitor.judge.evidence import DriftSettings, Observation, observe
 from monitor.judge.follow import followed
 from monitor.judge.health import HealthSettings
 from monitor.judge.temperature import TemperatureSettings, begun, inside_range, learnt, reopened
-from monitor.judge.track import OUTLIER, SLOTS, STEP, UNSEEN, at_pace, elsewhere, in_new_slot
+from monitor.judge.track import OUTLIER, SLOTS, STEP, UNSEEN, at_pace, elsewhere, in_new_slot, renewed, repaced
 from monitor.judge.track import aged as track_aged
 from monitor.judge.track import begun as track_begun
+from monitor.judge.usage import uncounted, worked
 from monitor.recording import Array, Context
 
 SECONDS_PER_DAY = 86_400.0
@@ -69,22 +70,29 @@ def begin(
         first_log_torque=unknown,
         last_log_torque=unknown,
         first_temperature_c=unknown,
+        usage=uncounted(J),
         weights=None,
         viscous=begun(T0, fv, fall_per_k=laws.viscous_fall_per_k, fall_std_per_k=laws.viscous_fall_std_per_k, scatter=laws.scatter),
         coulomb=begun(T0, fc, fall_per_k=0.0, fall_std_per_k=laws.coulomb_fall_std_per_k, scatter=laws.scatter),
     )
 
 
-def aged(belief: Belief, at_unix_s: float, settings: DriftSettings) -> Belief:
+def aged(belief: Belief, at_unix_s: float, settings: DriftSettings, revolutions: tuple[float, ...] | None = None) -> Belief:
     """The same belief at a later time, less sure: wear goes on at its rate, and the rate wanders. Silence never shrinks it.
 
-    Raises BadInput for a time before the belief's.
+    revolutions : of every joint until then, as `Context.revolutions`; None where nobody counts: every day is as usual.
+    Raises BadInput for a time before the belief's, and for as many counts as the arm has not joints.
     """
     days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
     if not days >= 0:
         raise BadInput(f"a belief of {belief.at_unix_s:.0f} s cannot be aged to {at_unix_s:.0f} s: that is before it")
-    track = track_aged(belief.track, np.full(belief.joints, days), belief.joints, settings)
-    return replace(belief, track=track, at_unix_s=at_unix_s)
+    J = belief.joints
+    if revolutions is not None and len(revolutions) != J:
+        raise BadInput(f"context: revolutions has {len(revolutions)} figures; expected {J}, one a joint")
+    each = np.full(J, days)
+    done = worked(belief.usage, np.full(J, np.nan) if revolutions is None else np.array(revolutions, dtype=float), each)
+    track = track_aged(repaced(belief.track, done.factor), each, J, settings, done.usual_days)
+    return replace(belief, track=track, at_unix_s=at_unix_s, usage=done.usage)
 
 
 def in_context(belief: Belief, context: Context, at_unix_s: float, laws: TemperatureSettings) -> tuple[Belief, bool]:
@@ -134,10 +142,14 @@ def learn(
     caveats: list[Caveat] = []
     changed = differences(belief.context, context)
     if changed:
+        exchanged = _exchanged(belief.context, context)
         belief, known = in_context(belief, context, at_unix_s, laws)
         then = "its baseline is known from before"
         if not known:
             then = "a new baseline begins, wear is carried over; wear that came with the change cannot be seen"
+        if exchanged.any():
+            belief = _with_new_joints(belief, exchanged, settings)
+            then += f"; joints {numbers(exchanged)} were replaced: they begin without wear"
         caveats.append(Caveat("context_changed", f"{'; '.join(changed)}: {then}"))
     said = contradiction(identification, belief.weights, health or HealthSettings())
     contradicted = said.condition is not None
@@ -146,7 +158,7 @@ def learn(
         caveats.append(Caveat(str(said.condition), said.text))
     days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
     new_day = belief.replays == 0 or math.floor(at_unix_s / SECONDS_PER_DAY) > math.floor(belief.at_unix_s / SECONDS_PER_DAY)
-    belief = aged(belief, at_unix_s, settings)
+    belief = aged(belief, at_unix_s, settings, context.revolutions)
     belief = replace(belief, track=at_pace(belief.track, np.full(belief.joints, days)))
 
     T = seen.temperature_c
@@ -185,6 +197,24 @@ def learn(
         ),
         tuple(caveats),
         said,
+    )
+
+
+def _exchanged(before: Context, after: Context) -> np.ndarray:
+    """(J,) joints whose serial numbers are known to differ; a serial that was not known says nothing."""
+    old, new = before.joint_serials, after.joint_serials
+    if old is None or new is None or len(old) != len(new):
+        return np.zeros(1, dtype=bool)
+    return np.array([bool(a.strip() and b.strip() and a.strip() != b.strip()) for a, b in zip(old, new, strict=True)])
+
+
+def _with_new_joints(belief: Belief, exchanged: np.ndarray, settings: DriftSettings) -> Belief:
+    """Joints that were replaced have no wear, and nothing is known of their levels in any context."""
+    return replace(
+        belief,
+        track=renewed(belief.track, exchanged, settings),
+        first_log_torque=np.where(exchanged, np.nan, belief.first_log_torque),
+        first_temperature_c=np.where(exchanged, np.nan, belief.first_temperature_c),
     )
 
 

@@ -6,12 +6,14 @@ than chance does, it is believed with its size and doubt, back to when it began.
 follows does, or does not.
 """
 
+import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from monitor.judge.evidence import DriftSettings, Observation
-from monitor.judge.kalman import updated
+from monitor.judge.kalman import symmetric, updated
 from monitor.judge.track import (
     KINDS,
     LAG,
@@ -34,10 +36,11 @@ from monitor.recording import Array
 CLIPPED = 3.0  # [σ] a single replay says no more than this of a sudden change, however far it lies
 GATED = 1.0  # [σ] and a wild one hardly anything; several in a row on one side are a step whatever they say of it
 DENSE = 8  # of the youngest candidates none is forgotten
-SLOW_REPLAYS = 45  # replays; a pace that began before that changes slowly
-SELECTED = 1.2  # the likeliest of many candidates is less sure than if it had been the only one: in variance
+PACE_REPLAYS = 20
+LEAST = 2.0  # [σ] whatever the age, nothing is believed of less
 PACE_STD_PER_DAY = 0.01  # of a new pace of wear, before it is seen
 STEP_STD = 0.2  # of a step, likewise
+PACES_A_STEP = 3.0  # joints wear more often than they jump
 
 
 def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: DriftSettings) -> Track:
@@ -74,11 +77,12 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     telling = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
     scores_now, informations_now = scores + telling * nu_clipped[:, None, None], informations + telling * G
     raw_scores_now = raw_scores + telling * nu[:, None, None]
-    ratios = _ratios(scores_now, informations_now, ages, settings)
+    ratios, over = _ratios(scores_now, informations_now, ages, settings)
     # a wild replay alone never proves a change; several in a row on one side do, from the first of them on
     in_a_row = gated & (np.abs(run) >= settings.gate_run)
-    ratios[in_a_row, 0, min(settings.gate_run, DENSE) - 1] = np.inf
-    found = (np.max(ratios, axis=(1, 2)) > 1.0) & counts & (in_a_row | ~gated)
+    full, _ = _ratios(raw_scores_now, informations_now, ages, settings)
+    ratios = np.where(in_a_row[:, None, None], full, ratios)
+    found = ((np.max(over, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gated)
     young = found & (track.replays < settings.baseline_replays)
     if young.any():  # nothing is known that could have worn: the level begins again
         fresh = in_new_slot(replace(track, mean=mean, cov=cov), slot, young)
@@ -86,8 +90,9 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     grown = found & ~young
     jumped, agreeing = np.zeros(len(y)), np.ones(len(y))
     if grown.any():
-        mean, cov, jumped, age = _believed(mean, cov, responses, scores, raw_scores, informations, ratios, G, nu, S, grown)
-        agreeing[grown] += ages[grown, age]
+        bank = _Bank(responses, ages, scores, raw_scores, informations)
+        mean, cov, jumped, age = _believed(mean, cov, bank, ratios, G, nu, S, grown, in_a_row)
+        agreeing += age
 
     event = np.where(grown, STEP, np.where(gated, OUTLIER, np.where(settling, SETTLING, ORDINARY))).astype(float)
     event[(gated & settling & ~found) | young] = SETTLING
@@ -150,53 +155,76 @@ def _candidates(track: Track, shown: np.ndarray) -> tuple[Array, Array, Array, A
     return ages, responses, moved(track.scores), moved(track.raw_scores), moved(track.informations)
 
 
-def _ratios(scores: Array, informations: Array, ages: Array, settings: DriftSettings) -> Array:
-    """(N, 2, W) likelihood ratio of each change that enough replays have seen, over the one from which it is believed."""
+def _ratios(scores: Array, informations: Array, ages: Array, settings: DriftSettings) -> tuple[Array, Array]:
+    """(N, 2, W) likelihood ratio of each change that enough replays have seen, and the same over the one from which it is believed.
+
+    What began n replays ago is a mean of n: chance carries it across z standard deviations n times as seldom, as e^(−z²/2)/n (Rice,
+    1945). So that every age is as often wrong, what is old may be believed of less.
+    """
     ratio = scores**2 / np.maximum(informations, 1e-12)
-    # a slow change may have begun at fewer places that differ than a sudden one: it asks for less
-    slow = np.where(ages >= SLOW_REPLAYS, settings.pace_sigma, settings.shift_sigma)
-    ratio[:, 0] /= settings.shift_sigma**2
-    ratio[:, 1] /= slow**2
-    told: Array = np.where(ages[:, None, :] >= settings.gate_run - 1, ratio, 0.0)
-    return told
+    by_age = 2.0 * np.log(np.maximum(ages, 1.0))  # (N, W)
+    ratio = np.where(ages[:, None, :] >= settings.gate_run - 1, ratio, 0.0)
+    over = ratio.copy()
+    over[:, 0] /= np.maximum(settings.shift_sigma**2 - by_age, LEAST**2)
+    # a pace that began a few replays ago is hardly another thing than a step: it is looked for by the step's figure
+    asked = np.where(ages >= PACE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
+    over[:, 1] /= np.maximum(asked - by_age, LEAST**2)
+    return ratio, over
+
+
+class _Bank(NamedTuple):
+    """The changes that were looked for, before the last replay."""
+
+    responses: Array  # (N, 2, W, S)
+    ages: Array  # (N, W)
+    scores: Array  # (N, 2, W)
+    raw_scores: Array
+    informations: Array
 
 
 def _believed(
-    mean: Array,
-    cov: Array,
-    responses: Array,
-    scores: Array,
-    raw_scores: Array,
-    informations: Array,
-    ratios: Array,
-    G: Array,
-    nu: Array,
-    S: Array,
-    found: np.ndarray,
+    mean: Array, cov: Array, bank: _Bank, ratios: Array, G: Array, nu: Array, S: Array, found: np.ndarray, in_a_row: np.ndarray
 ) -> tuple[Array, Array, Array, Array]:
-    """Mean and covariance as if the likeliest change had been foreseen, with its doubt; how much of it is a step (N,), and its place.
+    """Mean and covariance as if the change had been foreseen; how much of it is a step (N,), and how old the likeliest is (N,).
 
-    The last replay is left to the update that follows. Where it disagrees with the size found so far, the doubt is widened until it
-    does not.
+    Which change it was, and since when, is as doubtful as the likelihoods of all of them say: what is believed is their mean, with the
+    spread between them. The last replay is left to the update that follows; where it disagrees with the size found so far, the doubt is
+    widened until it does not.
     """
-    best = np.argmax(ratios[found].reshape(-1, KINDS * WINDOW), axis=1)
-    kind, age = np.divmod(best, WINDOW)
     n = np.flatnonzero(found)
-    prior = np.where(kind == 0, STEP_STD, PACE_STD_PER_DAY) ** -2
-    precision = informations[n, kind, age] + prior
+    M = KINDS * WINDOW
+    ratio = ratios[n].reshape(-1, M)  # (n, M)
+    information = bank.informations[n].reshape(-1, M)
+    precision = information + np.repeat(np.array([STEP_STD, PACE_STD_PER_DAY]) ** -2, WINDOW)
+    # one candidate stands for all starts up to the next older one
+    span = np.tile(np.diff(bank.ages[n], axis=1, append=bank.ages[n][:, -1:] + 1.0), KINDS)
+    evidence = 0.5 * ratio + np.log(np.maximum(span, 1.0) / np.sqrt(precision)) - np.log(np.repeat([STEP_STD, PACE_STD_PER_DAY], WINDOW))
+    evidence += np.repeat([0.0, math.log(PACES_A_STEP)], WINDOW)
+    evidence = np.where(ratio > 0, evidence, -np.inf)
+    weight = np.exp(evidence - evidence.max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
     # where replays were clipped the size lies between what they say in full and what they say clipped
-    clipped, full = scores[n, kind, age] / precision, raw_scores[n, kind, age] / precision
-    clipped = np.where(np.isinf(ratios[n, kind, age]), full, clipped)  # but wild replays in a row mean what they say
+    clipped, full = bank.scores[n].reshape(-1, M) / precision, bank.raw_scores[n].reshape(-1, M) / precision
+    clipped = np.where(in_a_row[n, None], full, clipped)  # but wild replays in a row mean what they say
     size = 0.5 * (clipped + full)
-    g = responses[n, kind, age]  # (n, S)
-    rest = nu[n] - G[n, kind, age] * size
-    wider = np.maximum(rest**2 - CLIPPED**2 * S[n], 0.0) / np.maximum(G[n, kind, age] ** 2, 1e-12)
-    var = np.minimum(SELECTED / precision + wider + 0.25 * (full - clipped) ** 2, 1.0 / prior)
+    g = bank.responses[n].reshape(len(n), M, -1)  # (n, M, S)
+    moved = g * size[:, :, None]
+    shift = np.einsum("nm,nms->ns", weight, moved)
+    best = np.argmax(weight, axis=1)
+    row = np.arange(len(n))
+    gain = G[n].reshape(-1, M)[row, best]
+    rest = nu[n] - np.einsum("nm,nm->n", weight, G[n].reshape(-1, M) * size)
+    wider = np.maximum(rest**2 - CLIPPED**2 * S[n], 0.0) / np.maximum(gain**2, 1e-12)
+    var = 1.0 / precision + 0.25 * (full - clipped) ** 2
+    var[row, best] += np.minimum(wider, np.where(best < WINDOW, STEP_STD, PACE_STD_PER_DAY) ** 2) / np.maximum(weight[row, best], 0.1)
+    away = moved - shift[:, None, :]
+    more = np.einsum("nm,nms,nmt->nst", weight * var, g, g) + np.einsum("nm,nms,nmt->nst", weight, away, away)
     mean, cov = mean.copy(), cov.copy()
-    mean[n] += g * size[:, None]
-    cov[n] += var[:, None, None] * g[:, :, None] * g[:, None, :]
-    jumped = np.zeros(len(mean))
-    jumped[n] = np.where(kind == 0, size, 0.0)
+    mean[n] += shift
+    cov[n] += symmetric(more)
+    jumped, age = np.zeros(len(mean)), np.zeros(len(mean))
+    jumped[n] = (weight * size)[:, :WINDOW].sum(axis=1)
+    age[n] = bank.ages[n, best % WINDOW]
     return mean, cov, jumped, age
 
 

@@ -52,7 +52,7 @@ class RemainingLife(NamedTuple):
 
 
 def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> RemainingLife:
-    """From the belief on (wear, wear rate per day), mean (2,) and cov (2, 2), both in the logarithm of friction torque.
+    """From the belief on wear, in the logarithm of friction torque, and on its rate, a fraction a day: mean (2,) and cov (2, 2).
 
     The same wear every day is the same rise every day, not the same factor: the limit is approached along a straight line.
     """
@@ -72,10 +72,10 @@ def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, se
 
 
 def straight(mean: Array, cov: Array) -> tuple[Array, Array]:
-    """Mean and covariance of (rise, rise per day) as fractions, from those of their logarithms, to first order."""
+    """Mean and covariance of (rise, rise per day) as fractions, from (log rise, rise per day), to first order."""
     grown = math.exp(mean[0])
-    M = np.array([[grown, 0.0], [grown * mean[1], grown]])
-    return np.array([grown - 1.0, grown * mean[1]]), M @ cov @ M.T
+    M = np.diag([grown, 1.0])
+    return np.array([grown - 1.0, mean[1]]), M @ cov @ M.T
 
 
 def probability_within(days: float, mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> float:

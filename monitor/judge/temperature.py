@@ -1,8 +1,8 @@
-"""How friction falls as a joint warms: one straight line a joint, learnt from replay to replay.
+"""How friction falls as a joint warms: one straight line a joint, learnt from replay to replay, and a curve where that is better.
 
 Raviola et al. (2021), §4: fv falls linearly with the joint's temperature, Coulomb friction stays. A line is a Bayesian
 regression on running sums: the level is learnt from the data alone, the slope starts from what the robot family does, so
-that one replay already gives a usable law with an honest doubt.
+that one replay already gives a usable law with an honest doubt. Over a wider range another law may fit better: `curves.py`.
 """
 
 from dataclasses import dataclass, replace
@@ -12,6 +12,7 @@ import numpy as np
 
 from monitor.bounds import between
 from monitor.errors import BadConfiguration
+from monitor.judge.curves import BINS, LAWS, PER_BIN, Curve, binned, chosen, curve_from_document, no_bins
 from monitor.judge.document import array, plain
 from monitor.recording import Array
 
@@ -59,11 +60,12 @@ class Law:
     scatter_prior: Array  # (J,) [unit] between replays
     sums: Array  # (J, 6)
     range_c: Array  # (J, 2) coldest and warmest replay; NaN before
+    bins: Array  # (J, BINS, 3) the same values by temperature, see `curves`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A law fitted: value = intercept + slope·(T − reference_c), wear divided out."""
+    """A law fitted: value = intercept + slope·(T − reference_c), wear divided out; or the curve, where that errs less."""
 
     reference_c: Array  # (J,)
     intercept: Array  # (J,) at reference_c; NaN where the joint was never seen
@@ -72,9 +74,16 @@ class Line:
     scatter: Array  # (J,) between replays
     range_c: Array  # (J, 2)
     margin_k: float
+    curve: Curve | None = None
+
+    @property
+    def law(self) -> tuple[str, ...]:
+        """(J,) linear, exponential or vogel: which of them `at` answers by."""
+        kinds = np.zeros(len(self.intercept)) if self.curve is None else self.curve.kind
+        return tuple(LAWS[int(kind)] for kind in kinds)
 
     def at(self, temperature_c: Array) -> Valued:
-        """Value, standard deviation of the line and `extrapolated`, each (…, J), at temperatures (…, J).
+        """Value, standard deviation of the law and `extrapolated`, each (…, J), at temperatures (…, J).
 
         A line stretched so far that friction would vanish is held at 5 % of its intercept: friction never drives.
         """
@@ -82,7 +91,11 @@ class Line:
         value = self.intercept + self.slope * t
         var = self.cov[:, 0, 0] + 2.0 * self.cov[:, 0, 1] * t + self.cov[:, 1, 1] * t**2
         floor = 0.05 * np.abs(self.intercept)
-        return Valued(np.maximum(value, floor), np.sqrt(np.maximum(var, 0.0)), ~self.inside(temperature_c))
+        value, std = np.maximum(value, floor), np.sqrt(np.maximum(var, 0.0))
+        if self.curve is not None and np.any(self.curve.kind > 0):
+            by_curve, curve_std = self.curve.at(temperature_c)
+            value, std = np.where(self.curve.kind > 0, by_curve, value), np.where(self.curve.kind > 0, curve_std, std)
+        return Valued(value, std, ~self.inside(temperature_c))
 
     def inside(self, temperature_c: Array) -> np.ndarray:
         """(…, J) whether a temperature lies in the learnt range, widened by the margin; False where unknown."""
@@ -120,7 +133,8 @@ def line_from_document(document: Any, joints: int, *, where: str) -> Line:
         "range_c": (J, 2),
     }
     parts = {key: array(document, key, shape, where=where) for key, shape in shapes.items()}
-    return Line(**parts, margin_k=float(array(document, "margin_k", (), where=where)))
+    curve = curve_from_document(document.get("curve"), J, where=f"{where}: curve")
+    return Line(**parts, margin_k=float(array(document, "margin_k", (), where=where)), curve=curve)
 
 
 def law_from_document(document: Any, joints: int, *, where: str) -> Law:
@@ -134,6 +148,7 @@ def law_from_document(document: Any, joints: int, *, where: str) -> Law:
         "scatter_prior": (J,),
         "sums": (J, SUMS),
         "range_c": (J, 2),
+        "bins": (J, BINS, PER_BIN),
     }
     return Law(**{key: array(document, key, shape, where=where) for key, shape in shapes.items()})
 
@@ -150,6 +165,7 @@ def begun(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_per_k: f
         scatter_prior=scatter * size,
         sums=np.zeros((J, SUMS)),
         range_c=np.full((J, 2), np.nan),
+        bins=no_bins(J),
     )
 
 
@@ -163,9 +179,10 @@ def learnt(law: Law, temperature_c: Array, value: Array) -> Law:
     t = np.where(np.isfinite(temperature_c), temperature_c - law.origin_c, 0.0)
     y = np.where(seen, value - origin_value, 0.0)
     more = np.stack([np.ones_like(t), t, t * t, y, t * y, y * y], axis=1)  # (J, 6)
+    bins = binned(law.bins, temperature_c, value)
     shown = np.where(seen, temperature_c, np.nan)
     range_c = np.stack([np.fmin(law.range_c[:, 0], shown), np.fmax(law.range_c[:, 1], shown)], axis=1)
-    return replace(law, origin_value=origin_value, sums=law.sums + np.where(seen[:, None], more, 0.0), range_c=range_c)
+    return replace(law, origin_value=origin_value, sums=law.sums + np.where(seen[:, None], more, 0.0), range_c=range_c, bins=bins)
 
 
 def fitted(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
@@ -190,6 +207,7 @@ def fitted(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
         scatter=scatter,
         range_c=law.range_c,
         margin_k=settings.margin_k,
+        curve=chosen(law.bins, reference_c, scatter),
     )
 
 
@@ -202,6 +220,7 @@ def reopened(law: Law, settings: TemperatureSettings) -> Law:
         slope_prior=line.slope,
         slope_prior_std=np.hypot(np.sqrt(line.cov[:, 1, 1]), 0.25 * np.abs(line.slope)),  # another load shifts the shares
         sums=np.zeros_like(law.sums),
+        bins=no_bins(len(law.bins)),
     )
 
 

@@ -16,7 +16,7 @@ from monitor.recording import Array
 
 CONDITIONS = 4  # rising to each of the three tiers, and falling
 FALLING = 3
-CROSSINGS_PER_YEAR = 1.5  # of its mean, upwards, by a healthy joint's estimated wear: measured on the fleet, see `rehearse`
+CROSSINGS_PER_YEAR = 0.25  # of its mean, upwards, by a healthy joint's estimated wear: measured on the fleet, see `rehearse`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

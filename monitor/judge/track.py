@@ -2,10 +2,12 @@
 
 Per joint, with y = log F(v*), the friction torque at a reference speed, t = T − origin and Ṫ how fast the joint warms:
 
-    y = a_c − β·t + γ·t² + λ·Ṫ + w + n + ε,   w⁺ = w + ẇ·Δt,   n⁺ = ρ·n + noise.
+    y = a_c − β·t + γ·t² + λ·Ṫ + w + n + ε,   w⁺ = w + e^(−w)·ẇ·Δu,   n⁺ = ρ·n + noise.
 
 a_c is the level in context c, n what is alike from one replay to the next, ε the noise within a replay. Levels and wear cannot
 be told apart by looking: w begins at 0 without doubt, the level carries all of it. A context seen before has its level still.
+u is use, counted in usual days of work; ẇ is the rise of friction itself, as a fraction of what it was, a usual day: the same work
+wears off the same, so friction rises along a straight line and its logarithm does not.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +18,7 @@ from monitor.judge.evidence import DriftSettings, Observation
 from monitor.judge.kalman import predicted
 from monitor.recording import Array
 
-WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # log, 1/day, log, 1/K, 1/K², 1/(K/min); then the levels
+WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # log, 1/usual day, log, 1/K, 1/K², 1/(K/min); then the levels
 SLOTS = 4  # contexts whose levels are kept side by side
 LEVELS = 6
 STATES = LEVELS + SLOTS
@@ -24,6 +26,7 @@ WINDOW = 28  # replays at which a sudden change may have begun: the last ones, t
 OLDEST = 200  # … so many replays back
 KINDS = 2  # of sudden changes: a step of wear, a new pace of it
 DIFFUSE_VAR = 100.0  # log² of an unknown level: e^±10 holds every torque, and leaves 10 digits of float64 to the rest
+LOG_RISE = np.array([-3.0, 3.0])  # no joint's friction is 20 times what it was, nor a twentieth
 ORDINARY, SETTLING, STEP, OUTLIER, UNSEEN = range(5)  # what the last replay was to a joint; the last two are not learnt from
 
 
@@ -169,24 +172,48 @@ def begun(seen: Observation, settings: DriftSettings, *, fall_per_k: float, fall
     )
 
 
-def aged(track: Track, days: Array, arm: int, settings: DriftSettings) -> Track:
-    """The same track `days` (N,) later, less sure: wear goes on at its rate, and the rate wanders. Silence never shrinks it."""
+def aged(track: Track, days: Array, arm: int, settings: DriftSettings, use: Array | None = None) -> Track:
+    """The same track `days` (N,) later, less sure: wear goes on at its rate, and the rate wanders. Silence never shrinks it.
+
+    use : (N,) usual days of work done meanwhile; None where nobody counts: every day is one.
+    """
     N = track.joints
+    use = days if use is None else use
     rho = track.autocorrelation(arm, settings)
     held = rho ** np.minimum(days / track.cadence_days, 1e3)  # of the noise; an Ornstein–Uhlenbeck process looked at now and then
     F = np.tile(np.eye(STATES), (N, 1, 1))
-    F[:, WEAR, RATE] = days
+    F[:, WEAR, RATE] = use
     F[:, NOISE, NOISE] = held
     q = settings.rate_walk_per_sqrt_day**2 + (settings.pace_walk_per_sqrt_day * track.mean[:, RATE]) ** 2  # (N,)
     Q = np.zeros((N, STATES, STATES))  # exact integral of a wandering rate, so that 30 days are 30 times one day
-    Q[:, WEAR, WEAR] = settings.wear_walk_per_sqrt_day**2 * days + q * days**3 / 3.0
-    Q[:, WEAR, RATE] = Q[:, RATE, WEAR] = q * days**2 / 2.0
-    Q[:, RATE, RATE] = q * days
+    Q[:, WEAR, WEAR] = settings.wear_walk_per_sqrt_day**2 * days + q * use**3 / 3.0
+    Q[:, WEAR, RATE] = Q[:, RATE, WEAR] = q * use**2 / 2.0
+    Q[:, RATE, RATE] = q * use
     Q[:, NOISE, NOISE] = track.noise_var(arm, settings) * (1.0 - held**2)
-    mean, cov = predicted(track.mean, track.cov, F, Q)
+    # friction rises along a straight line, not its logarithm: there and back again, with the slope of each
+    grown = np.exp(np.clip(track.mean[:, WEAR], *LOG_RISE))
+    mean, cov = track.mean.copy(), track.cov.copy()
+    mean[:, WEAR] = grown - 1.0
+    cov[:, WEAR, :] *= grown[:, None]
+    cov[:, :, WEAR] *= grown[:, None]
+    mean, cov = predicted(mean, cov, F, Q)
+    then = np.clip(1.0 + mean[:, WEAR], *np.exp(LOG_RISE))
+    mean[:, WEAR] = np.log(then)
+    cov[:, WEAR, :] /= then[:, None]
+    cov[:, :, WEAR] /= then[:, None]
     responses = track.responses.copy()
-    responses[..., WEAR] += days[:, None, None] * responses[..., RATE]
+    responses[..., WEAR] = (grown[:, None, None] * responses[..., WEAR] + use[:, None, None] * responses[..., RATE]) / then[:, None, None]
     responses[..., NOISE] *= held[:, None, None]
+    return replace(track, mean=mean, cov=cov, responses=responses)
+
+
+def repaced(track: Track, factor: Array) -> Track:
+    """The same track where a usual day has become `factor` (N,) as much work: a day's rate is as many times what it was."""
+    mean, cov, responses = track.mean.copy(), track.cov.copy(), track.responses.copy()
+    mean[:, RATE] *= factor
+    cov[:, RATE, :] *= factor[:, None]
+    cov[:, :, RATE] *= factor[:, None]
+    responses[..., RATE] *= factor[:, None, None]
     return replace(track, mean=mean, cov=cov, responses=responses)
 
 
@@ -205,6 +232,28 @@ def in_new_slot(track: Track, slot: Array, opened: np.ndarray) -> Track:
     responses[n, :, :, at] = 0.0
     cov[n, SLOPE, SLOPE] += (0.15 * mean[n, SLOPE]) ** 2
     return replace(track, mean=mean, cov=cov, responses=responses)
+
+
+def renewed(track: Track, new: np.ndarray, settings: DriftSettings) -> Track:
+    """For joints in `new` (N,), which were replaced: no wear, and levels unknown in every slot; temperature and noise stay the family's."""
+    for slot in range(SLOTS):
+        track = in_new_slot(track, np.full(track.joints, slot), new)
+    mean, cov = track.mean.copy(), track.cov.copy()
+    pair = np.array([WEAR, RATE])
+    mean[np.ix_(new, pair)] = 0.0
+    cov[np.ix_(new, pair)] = 0.0
+    cov[np.ix_(new, np.arange(STATES), pair)] = 0.0
+    cov[new, RATE, RATE] = settings.rate_std_per_day**2
+    gone = {name: np.where(_of(new, getattr(track, name)), 0.0, getattr(track, name)) for name in _OF_THE_PAST}
+    return replace(track, mean=mean, cov=cov, residual=np.where(new, np.nan, track.residual), **gone)
+
+
+_OF_THE_PAST = ("replays", "gate_run", "stepped", "responses", "scores", "raw_scores", "informations")
+
+
+def _of(mask: np.ndarray, like: Array) -> np.ndarray:
+    """The mask (N,), to be broadcast against an array (N, …)."""
+    return mask.reshape(-1, *(1,) * (like.ndim - 1))
 
 
 def elsewhere(track: Track, moved: np.ndarray) -> Track:

@@ -14,7 +14,6 @@ import numpy as np
 from monitor.judge.belief import Belief
 from monitor.judge.contradiction import NOTHING_SAID, Contradiction
 from monitor.judge.health import (
-    ACTIONS,
     CHECK_FUNCTION,
     COMMON_MODE,
     DATA_QUALITY,
@@ -23,12 +22,10 @@ from monitor.judge.health import (
     OFF_SPEC,
     OUTSIDE_RANGE,
     RISES,
-    SEVERITY,
     STATE_OF_TIER,
     STATES,
     SUDDEN_STEP,
     TEMPERATURE_SENSOR,
-    TIERS,
     WEAR_RISING,
     Alert,
     Evidence,
@@ -38,9 +35,10 @@ from monitor.judge.health import (
     Split,
     Transition,
 )
+from monitor.judge.life import Finding, next_step
 from monitor.judge.tiers import FALLING, Counts, Grounds, grounds
 from monitor.judge.track import OUTLIER, UNSEEN
-from monitor.recording import Array
+from monitor.judge.why import counts_of
 
 
 class Judged(NamedTuple):
@@ -48,17 +46,6 @@ class Judged(NamedTuple):
 
     health: Health
     transitions: tuple[Transition, ...]
-
-
-class _Finding(NamedTuple):
-    """What one condition looks like now: `raise_tier` if it may be raised, `hold_tier` if it may be kept; None if not."""
-
-    raise_tier: int | None
-    hold_tier: int | None
-    change: float
-    probabilities: Array  # (3,) of the tiers
-    text: Callable[[], str]  # told only when something is to be told
-    split: Split | None = None
 
 
 def judge(health: Health | None, belief: Belief, settings: HealthSettings, contradiction: Contradiction = NOTHING_SAID) -> Judged:
@@ -69,11 +56,11 @@ def judge(health: Health | None, belief: Belief, settings: HealthSettings, contr
     usable = belief.learnt_from & (belief.inside_range > 0) & (contradiction.condition is None)
     seen, days = belief.track.replays > 0, np.full(J, float(day))
     found = grounds(
-        belief.wear, belief.wear_std, seen, usable, days, belief.track.agreeing, belief.track.cadence_days, _counts(before), J, settings
+        belief.wear, belief.wear_std, seen, usable, days, belief.track.agreeing, belief.track.cadence_days, counts_of(before), J, settings
     )
     known = {alert.key: alert for alert in before.alerts}
 
-    findings: dict[tuple[int | None, str], _Finding] = {}
+    findings: dict[tuple[int | None, str], Finding] = {}
     counted = []
     for j, joint in enumerate(before.joints):
         troubled = _troubles(joint, belief, j, day, settings, contradicted=contradiction.condition is not None)
@@ -93,7 +80,7 @@ def judge(health: Health | None, belief: Belief, settings: HealthSettings, contr
 
     transitions = []
     for key, finding in findings.items():
-        step = _step(known.get(key), key, finding, at, settings)
+        step = next_step(known.get(key), key, finding, at, settings)
         if step:
             known[key] = step.alert
             transitions.append(step)
@@ -122,51 +109,6 @@ def split(belief: Belief, j: int) -> Split | None:
     return Split(whole=whole, temperature=temperature, payload=payload, wear=wear, rest=whole - temperature - payload - wear)
 
 
-def why_not_alerting(health: Health, belief: Belief, joint: int, settings: HealthSettings) -> tuple[str, ...]:
-    """What stands between a joint (from 1) and the next tier of an alert, in words; empty where the highest tier stands."""
-    j = joint - 1
-    evidence = health.joints[j].rising
-    active = [alert for alert in health.active_alerts if alert.joint == joint and alert.condition in RISES]
-    tier = TIERS.index(active[0].tier) + 1 if active else 0
-    if tier >= len(TIERS):
-        return ()
-    found = grounds(
-        belief.wear,
-        belief.wear_std,
-        belief.track.replays > 0,
-        np.zeros(belief.joints, dtype=bool),
-        np.zeros(belief.joints),
-        np.ones(belief.joints),
-        np.ones(belief.joints),
-        _counts(health),
-        belief.joints,
-        settings,
-    )
-    rise, change = settings.rises[tier], math.expm1(found.excess[j])
-    reasons = [f"next is the {TIERS[tier]} tier, from {rise:+.0%}; friction has changed by {change:+.1%} ± {belief.wear_std[j]:.1%}"]
-    if found.common[0] > 0:
-        reasons.append(f"all joints have risen together by {math.expm1(found.common[0]):+.1%}: that is taken off")
-    from monitor.judge.tiers import advisory_sigmas
-
-    needed = advisory_sigmas(belief.joints, settings)
-    if found.sigmas[j] < needed:
-        reasons.append(f"that is {found.sigmas[j]:.1f} of its standard deviations; {needed:.1f} are asked for")
-    if tier == 0 and change < rise:
-        reasons.append(f"it is below {rise:+.0%}")
-    if tier > 0 and found.above[j, tier] < (sure := (settings.wear_sure, settings.limit_sure)[tier - 1]):
-        reasons.append(f"P(more than {rise:.0%}) is {found.above[j, tier]:.2f}; {sure:.2f} is asked for")
-    if not belief.learnt_from[j]:
-        reasons.append("the last replay taught nothing of this joint")
-    elif not belief.inside_range[j]:
-        reasons.append("the last replay was outside the temperatures learnt so far")
-    counted = evidence[tier]
-    if counted.replays < settings.min_replays or counted.days < settings.min_days:
-        reasons.append(
-            f"{counted.replays} replays on {counted.days} days in a row agree; {settings.min_replays} on {settings.min_days} are asked for"
-        )
-    return tuple(reasons)
-
-
 def stale(health: Health, now_unix_s: float, settings: HealthSettings) -> tuple[bool, ...]:
     """Which joints nothing was learnt of for longer than `stale_days`: neither good nor bad, and to be shown so."""
     limit = now_unix_s - settings.stale_days * 86_400.0
@@ -178,18 +120,18 @@ def stale(health: Health, now_unix_s: float, settings: HealthSettings) -> tuple[
 
 def _of_joint(
     belief: Belief, j: int, found: Grounds, joint: JointHealth, known: Mapping[tuple[int | None, str], Alert], settings: HealthSettings
-) -> dict[tuple[int | None, str], _Finding]:
+) -> dict[tuple[int | None, str], Finding]:
     """Rising and falling friction of one joint."""
     change = math.expm1(found.excess[j])
     raise_tier = int(found.raises[j]) if found.raises[j] >= 0 else None
     hold_tier = max((k for k in range(3) if change >= settings.clear_fraction * settings.rises[k]), default=None)
     evidence = max((e for e in joint.rising), key=lambda e: e.replays)
     parts = split(belief, j)
-    rising = _Finding(raise_tier, hold_tier, change, found.above[j], partial(_joint_text, belief, j, evidence, parts), parts)
+    rising = Finding(raise_tier, hold_tier, change, found.above[j], partial(_joint_text, belief, j, evidence, parts), parts)
     fallen = math.expm1(belief.wear[j])
     holds = 0 if fallen <= -settings.clear_fraction * settings.wear_rise else None
     text = partial(_joint_text, belief, j, joint.falling, parts)
-    falling = _Finding(0 if found.falls[j] else None, holds, fallen, found.below[[j, j, j]], text, parts)
+    falling = Finding(0 if found.falls[j] else None, holds, fallen, found.below[[j, j, j]], text, parts)
     return {(j + 1, _kind_of_rise(belief, j, known)): rising, (j + 1, FRICTION_FALLING): falling}
 
 
@@ -202,7 +144,7 @@ def _kind_of_rise(belief: Belief, j: int, known: Mapping[tuple[int | None, str],
     return SUDDEN_STEP if belief.track.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
 
 
-def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: HealthSettings) -> _Finding:
+def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: HealthSettings) -> Finding:
     together = found.common[0]
     shift = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
     holds = 0 if shift >= settings.clear_fraction * settings.advisory_rise else None
@@ -212,7 +154,7 @@ def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: 
         common.replays,
     )
     certainty = np.full(3, float(np.median(found.above[:, 0])))
-    return _Finding(0 if found.together[0] else None, holds, shift, certainty, text)
+    return Finding(0 if found.together[0] else None, holds, shift, certainty, text)
 
 
 def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: HealthSettings, *, contradicted: bool) -> dict[str, Evidence]:
@@ -240,22 +182,9 @@ def _one_more(evidence: Evidence, day: int) -> Evidence:
     return Evidence(evidence.replays + 1, evidence.days + (day != evidence.last_day), day)
 
 
-def _trouble(evidence: Evidence, text: Callable[[], str], settings: HealthSettings) -> _Finding:
+def _trouble(evidence: Evidence, text: Callable[[], str], settings: HealthSettings) -> Finding:
     enough = evidence.replays >= settings.min_replays and evidence.days >= settings.min_days
-    return _Finding(0 if enough else None, 0 if evidence.replays else None, 0.0, np.ones(3), text)
-
-
-def _counts(health: Health) -> Counts:
-    """The evidence so far, as arrays."""
-    rows = [[*joint.rising, joint.falling] for joint in health.joints]
-    return Counts(
-        replays=np.array([[float(e.replays) for e in row] for row in rows]),
-        days=np.array([[float(e.days) for e in row] for row in rows]),
-        last_day=np.array([[float(e.last_day) for e in row] for row in rows]),
-        arm_replays=np.array([float(health.common.replays)]),
-        arm_days=np.array([float(health.common.days)]),
-        arm_last_day=np.array([float(health.common.last_day)]),
-    )
+    return Finding(0 if enough else None, 0 if evidence.replays else None, 0.0, np.ones(3), text)
 
 
 def _with_counts(joint: JointHealth, counts: Counts, j: int) -> JointHealth:
@@ -267,61 +196,6 @@ def _first_slot(belief: Belief) -> int:
     """Where the level of the oldest baseline still kept is."""
     kept = [o for o in belief.contexts if o.slot is not None]
     return min(kept, key=lambda o: o.opened_at_unix_s).slot or 0
-
-
-# --- the life of an alert -----------------------------------------------------------------------------------
-
-
-def _step(alert: Alert | None, key: tuple[int | None, str], finding: _Finding, at: float, settings: HealthSettings) -> Transition | None:
-    """One alert's next step in life, or None where it stays as it is."""
-    joint, condition = key
-    tier = finding.raise_tier
-    if alert is None or not alert.active:
-        if tier is None:
-            return None
-        raised = Alert(
-            joint=joint,
-            condition=condition,
-            tier=TIERS[tier],
-            raised_at_unix_s=at,
-            updated_at_unix_s=at,
-            change=finding.change,
-            probability=float(finding.probabilities[tier]),
-            text=finding.text(),
-            action=ACTIONS[condition, TIERS[tier]],
-            severity=SEVERITY[TIERS[tier]],
-            split=finding.split,
-        )
-        return Transition("raised", raised)
-
-    now = TIERS.index(alert.tier)
-    acknowledged = alert.acknowledged_at_unix_s is not None
-    if acknowledged and tier is None and finding.hold_tier is None:
-        cleared = replace(
-            alert, cleared_at_unix_s=at, updated_at_unix_s=at, change=finding.change, text=finding.text(), split=finding.split
-        )  # fmt: skip
-        return Transition("cleared", cleared)
-    highest = max((k for k in (tier, finding.hold_tier) if k is not None), default=now)
-    if tier is not None and tier > now:
-        highest = tier
-    else:
-        highest = min(highest, now) if acknowledged else now  # latched: it steps down only once somebody has seen it
-    if highest == now and abs(finding.change - alert.change) < settings.update_step:
-        return None
-    told = replace(
-        alert,
-        tier=TIERS[highest],
-        updated_at_unix_s=at,
-        change=finding.change,
-        probability=float(finding.probabilities[highest]),
-        text=finding.text(),
-        action=ACTIONS[condition, TIERS[highest]],
-        severity=SEVERITY[TIERS[highest]],
-        split=finding.split,
-    )
-    if highest > now:  # a graver alert is to be seen again
-        told = replace(told, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
-    return Transition("updated", told)
 
 
 # --- states and words ---------------------------------------------------------------------------------------

@@ -131,6 +131,9 @@ class Friction(Document):
     wear_rate_per_day: Number
     wear_rate_std_per_day: Number
     remaining_life: RemainingLife
+    revolutions: float | None = Field(default=None, description="counted until this replay; null where nobody counts")
+    revolutions_per_day: float | None = Field(default=None, description="usual")
+    remaining_revolutions: list[Maybe] = Field(default=[None, None, None], description="P10, P50, P90 of remaining life, in use")
 
 
 class Event(Alert):

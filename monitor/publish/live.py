@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from monitor.judge.compensation import CompensatedModel
-from monitor.judge.predictor import prepared
+from monitor.judge.predictor import TorquePrediction, prepared
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording
 
@@ -18,17 +18,19 @@ class LiveTorque:
     def __init__(self, model: CompensatedModel, robot: Robot, gains: Array | None, recording: Recording | None) -> None:
         """`recording` is the replay that the model was learnt from last; without it the samples' own noise is not known."""
         self._predictor = prepared(model, robot)
-        self._revision = model.revision
+        self.model = model
         self._gains = robot.drive_gain_nm_per_a if gains is None else gains
         self._more_var = np.zeros(model.joints)  # of one raw sample beyond what the fit left over of filtered ones
         raw = None if recording is None else self._rms(recording)
         if raw is not None:
             self._more_var = np.nan_to_num(np.maximum(raw**2 - model.residual_rms_nm**2, 0.0))
 
-    def document(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> dict[str, Any]:
+    def compared(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> tuple[TorquePrediction, Array]:
+        """Of one sample, (J,) each: what the model foresees, and what the drives say [N·m]."""
+        return self._predictor.torque(q[None], qd[None], qdd[None], temperature_c[None]), current * self._gains
+
+    def document(self, q: Array, qd: Array, temperature_c: Array, predicted: TorquePrediction, measured: Array) -> dict[str, Any]:
         """What is told of one sample, (J,) each, but for its time. `std_nm` is that of the residual: model and measurement."""
-        predicted = self._predictor.torque(q[None], qd[None], qdd[None], temperature_c[None])
-        measured = current * self._gains
         known = bool(np.all(np.isfinite(measured)))
         return {
             "q_rad": q,
@@ -39,7 +41,7 @@ class LiveTorque:
             "measured_nm": measured if known else None,
             "residual_nm": measured - predicted.torque[0] if known else None,
             "extrapolated": predicted.extrapolated[0],
-            "model_revision": self._revision,
+            "model_revision": self.model.revision,
         }
 
     def _rms(self, recording: Recording) -> Array | None:

@@ -19,6 +19,8 @@ from monitor.simulate.thermal import ThermalModel, default_thermal
 
 WORK_H, NIGHT_H = 10.0, 13.0
 SENSOR_STEP_K = 1.0 / 16.0
+MEAN_DUTY = 0.5 * 5.0 / 7.0  # of a working day's hours: 0.3 to 0.7 on five days of seven
+REVOLUTIONS_PER_DUTY_DAY = 0.6 * 0.6 / (2.0 * np.pi) * 3600.0 * WORK_H  # moving for 0.6 of the time, at 0.6 rad/s
 SCENARIOS = ("steady", "seasons", "cold_mornings", "warm_ups", "payload_swaps", "holidays", "wild_replays", "bad_sensors")
 PAYLOADS = 3  # different ones an arm carries in the scenario of that name
 
@@ -47,10 +49,9 @@ class Wear:
     step: Array  # (A,) fraction
     per_day: Array  # (A,) fraction
 
-    def at(self, day: float, joints: int) -> Array:
-        """(A, J) factor of friction."""
-        since = day - self.onset_day
-        worn = np.where(since >= 0, self.step + self.per_day * np.maximum(since, 0.0), 0.0)
+    def at(self, day: float, joints: int, used_days: Array) -> Array:
+        """(A, J) factor of friction on a day, after `used_days` (A,) mean days of work since the onset."""
+        worn = np.where(day >= self.onset_day, self.step + self.per_day * used_days, 0.0)
         factor = np.ones((len(self.joint), joints))
         factor[np.arange(len(self.joint)), self.joint.astype(int)] += worn
         return factor
@@ -67,6 +68,8 @@ class Day(NamedTuple):
     grease_c: Array  # (A, J) true
     truth: Array  # (A, J) log of friction at the reference speed, without noise, at the true temperature
     worn: Array  # (A, J) log of the wear factor
+    revolutions: Array  # (A, J) counted since the beginning
+    used_days: Array  # (A,) mean days of work since the onset of wear
 
 
 def unworn(arms: int) -> Wear:
@@ -101,6 +104,8 @@ class Fleet:
         self._payload = np.zeros(A, dtype=int)
         self._known = np.zeros((A, PAYLOADS), dtype=bool)
         self._holiday_until = np.zeros(A)
+        self._revolutions = np.zeros((A, J))
+        self._used_days = np.zeros(A)
 
     def morning(self, day: int) -> Day:
         """A night, a day's work, a morning's replay. To be called for every day in turn."""
@@ -116,6 +121,8 @@ class Fleet:
 
         duty = np.where(away | weekend, 0.0, dice.uniform(0.3, 0.7, A))
         self._heat.live(self, WORK_H, room + 2.0, duty)
+        self._revolutions += duty[:, None] * REVOLUTIONS_PER_DUTY_DAY
+        self._used_days += np.where(day > self.wear.onset_day, duty / MEAN_DUTY, 0.0)
         self._heat.live(self, NIGHT_H, room + cold, np.zeros(A))
         # how long and how hard it has worked before the replay: from a cold start to the middle of a warm-up
         warm = scenario == "warm_ups"
@@ -133,7 +140,7 @@ class Fleet:
         opened = replayed & ~self._known[arm, self._payload]
         self._known[arm[replayed], self._payload[replayed]] = True
 
-        factor = self.wear.at(day, J)
+        factor = self.wear.at(day, J, self._used_days)
         truth = np.log(self.torque(grease, factor))
         rho = s.autocorrelation
         self._noise = rho * self._noise + np.sqrt(1 - rho**2) * s.between_std * dice.normal(size=(A, J))
@@ -156,7 +163,18 @@ class Fleet:
             viscous_share=viscous.ravel(),
             warming_k_per_min=warming.ravel(),
         )
-        return Day(replayed, self._payload.copy(), opened, seen, measured, grease.copy(), truth, np.log(factor))
+        return Day(
+            replayed=replayed,
+            slot=self._payload.copy(),
+            opened=opened,
+            seen=seen,
+            motor_c=measured,
+            grease_c=grease.copy(),
+            truth=truth,
+            worn=np.log(factor),
+            revolutions=self._revolutions.copy(),
+            used_days=self._used_days.copy(),
+        )
 
     def torque(self, grease_c: Array, factor: Array) -> Array:
         """(A, J) friction at the reference speed and a grease temperature, under the present payload [N·m]."""

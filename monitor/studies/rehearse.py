@@ -14,9 +14,10 @@ from monitor.assess import AssessSettings
 from monitor.judge.follow import followed
 from monitor.judge.prognosis import remaining_life
 from monitor.judge.tiers import Counts, Grounds, grounds, nothing_counted
-from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot
+from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot, repaced
+from monitor.judge.usage import Usage, uncounted, worked
 from monitor.recording import Array
-from monitor.studies.fleet import SCENARIOS, Day, Fleet, FleetSettings, Wear
+from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
 
 LEARNING_DAYS = 60
 DAYS_A_YEAR = 365.0
@@ -33,14 +34,15 @@ class Played:
     tier_day: Array  # (A, J, 3) of the first rise to each tier after learning
     falling_day: Array  # (A, J)
     common_day: Array  # (A,)
+    early: int  # alerts while learning: first rises to any tier, of joints and of arms
     covered: Array  # (A,) share of days and joints whose 90 % interval of friction at T0 held the truth
     covered_worn: float  # the same of joints that wear, after the onset; NaN where none does
     slope_error_per_k: Array  # (A, J) what temperature still does to friction after it was taken out
     track: Track
 
 
-Watcher = Callable[[int, Day, Track, Array], None]
-"""Called after each day's replays: day, what happened, track, reference temperature (N,)."""
+Watcher = Callable[[int, Day, Track, Usage], None]
+"""Called after each day's replays: day, what happened, what is believed, how much was worked."""
 
 
 def play(
@@ -50,8 +52,9 @@ def play(
     *,
     watch: Watcher | None = None,
     learning: int = LEARNING_DAYS,
+    count_use: bool = True,
 ) -> Played:
-    """A fleet's life, judged day by day."""
+    """A fleet's life, judged day by day; `count_use`: somebody listens and counts revolutions."""
     fleet = Fleet(settings, wear)
     A, J = fleet.arms, fleet.joints
     N = A * J
@@ -63,6 +66,8 @@ def play(
     low, high, T0, settled = np.full(N, np.nan), np.full(N, np.nan), np.zeros(N), np.zeros(N)
     covered, asked, worn_covered, worn_asked = np.zeros(N), np.zeros(N), 0.0, 0.0
     sums = np.zeros((N, 5))
+    usage = uncounted(N)
+    early = np.zeros(N + A, dtype=bool)
     for day in range(settings.days):
         now = fleet.morning(day)
         seen, slot = now.seen, np.repeat(now.slot, J)
@@ -80,7 +85,11 @@ def play(
         slots = slot
         days = np.repeat(np.where(now.replayed, day - last, 0.0), J)
         last = np.where(now.replayed, day, last)
-        track = followed(at_pace(aged(track, days, J, drift), days), seen, slot, J, drift)
+        counted = np.where(here, now.revolutions.ravel(), np.nan) if count_use else np.full(N, np.nan)
+        done = worked(usage, counted, days)
+        usage = done.usage
+        track = aged(repaced(track, done.factor), days, J, drift, done.usual_days)
+        track = followed(at_pace(track, days), seen, slot, J, drift)
 
         T = seen.temperature_c
         inside = (low - laws.margin_k <= T) & (high + laws.margin_k >= T)
@@ -102,6 +111,8 @@ def play(
             assess.health,
         )
         counts = found.counts
+        if day < learning:
+            early |= np.concatenate([(found.raises >= 0) | found.falls, found.together])
         if day >= learning:
             for k in range(3):
                 tier_day[(found.raises >= k) & np.isnan(tier_day[:, k]), k] = day
@@ -120,7 +131,7 @@ def play(
             x, y = np.where(use, T - T0, 0.0), np.where(use, left, 0.0)
             sums += np.stack([use, x, y, x * x, x * y], axis=1)
         if watch:
-            watch(day, now, track, T0)
+            watch(day, now, track, usage)
     assert track is not None
     n, sx, sy, sxx, sxy = sums.T
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -131,6 +142,7 @@ def play(
         tier_day=tier_day.reshape(A, J, 3),
         falling_day=falling_day.reshape(A, J),
         common_day=common_day,
+        early=int(early.sum()),
         covered=covered.reshape(A, J).sum(axis=1) / np.maximum(asked.reshape(A, J).sum(axis=1), 1.0),
         covered_worn=worn_covered / worn_asked if worn_asked else float("nan"),
         slope_error_per_k=slope.reshape(A, J),
@@ -262,36 +274,41 @@ class Life:
 
 
 def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float] = (0.10, 0.60), base: FleetSettings) -> Life:
-    """α-λ (Saxena et al., 2008) with α = 0.2 and coverage of P10–P90 at half-life; each arm asked once."""
+    """α-λ (Saxena et al., 2008) with α = 0.2 and coverage of P10–P90 at half-life, in revolutions; each arm asked once.
+
+    Joints wear by a constant rate a revolution, `per_year` in a year of mean work; half-life is where half of the limit is worn.
+    """
     dice = np.random.default_rng(seed)
-    pace = np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms)) / DAYS_A_YEAR
+    pace = np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms)) / DAYS_A_YEAR  # a mean day of work
     rise = assess.prognosis.limit_rise
     wear = Wear(joint=dice.integers(0, 6, arms).astype(float), onset_day=np.full(arms, 60.0), step=np.zeros(arms), per_day=pace)
-    end = 60.0 + rise / pace
-    half = np.round(60.0 + 0.5 * rise / pace)
-    inside, near, none = [], [], 0
+    inside, near, asked = [], [], np.zeros(arms, dtype=bool)
+    none = 0
 
-    def watch(day: int, _: Day, track: Track, __: Array) -> None:
+    def watch(_: int, now: Day, track: Track, usage: Usage) -> None:
         nonlocal none
-        for arm in np.flatnonzero(half == day):
+        worn = now.used_days * pace
+        for arm in np.flatnonzero(now.replayed & ~asked & (worn >= 0.5 * rise)):
+            asked[arm] = True
             n = arm * 6 + int(wear.joint[arm])
-            pair = np.ix_([WEAR, RATE], [WEAR, RATE])
             told = remaining_life(
                 track.mean[n, [WEAR, RATE]],
-                track.cov[n][pair],
+                track.cov[n][np.ix_([WEAR, RATE], [WEAR, RATE])],
                 wear_walk_per_sqrt_day=assess.drift.wear_walk_per_sqrt_day,
                 settings=assess.prognosis,
             )
-            truth = end[arm] - day
+            truth = (rise - worn[arm]) / pace[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
             if told.p50_days is None or told.p10_days is None:
                 none += 1
                 near.append(False)
                 continue
-            near.append(abs(told.p50_days - truth) <= 0.2 * truth)
-            inside.append(told.p10_days <= truth <= (told.p90_days if told.p90_days is not None else np.inf))
+            usual = usage.per_day[n]
+            latest = np.inf if told.p90_days is None else told.p90_days * usual
+            near.append(abs(told.p50_days * usual - truth) <= 0.2 * truth)
+            inside.append(told.p10_days * usual <= truth <= latest)
 
-    settings = replace(base, arms=arms, days=int(half.max()) + 1, seed=seed, scenarios=COMPARABLE)
-    play(settings, assess, wear, watch=watch)
+    days = int(60 + 0.5 * rise / pace.min()) + 30  # the last weeks of work may have been short
+    play(replace(base, arms=arms, days=days, seed=seed, scenarios=COMPARABLE), assess, wear, watch=watch)
     return Life(
         interval=Share(hits=int(sum(inside)), of=len(inside)), alpha_lambda=Share(hits=int(sum(near)), of=len(near)), no_trend=none
     )  # fmt: skip
@@ -306,6 +323,7 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
     document: dict[str, Any] = {
         "robot_years": arms * quiet.days / DAYS_A_YEAR,
         "learning_days": LEARNING_DAYS,
+        "while_learning": _rate(Rate(events=quiet.early, robot_years=arms * LEARNING_DAYS / DAYS_A_YEAR)),
         "between_std": between_std,
         "autocorrelation": base.autocorrelation,
         "false_alarms": {name or "all": _rate(false_alarms(quiet, name)) for name in (None, *SCENARIOS)},
@@ -314,7 +332,6 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
         "slope_left_per_k": float(np.nanmedian(np.abs(quiet.slope_error_per_k))),
         "detection": [],
     }
-    few = max(arms // 3, 12)
     for label, step, per_year in (
         ("2 % step", 0.02, 0.0),
         ("5 % step", 0.05, 0.0),
@@ -323,6 +340,7 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
         ("30 %/year", 0.0, 0.30),
         ("100 %/year", 0.0, 1.00),
     ):
+        few = arms if step == 0.05 else max(arms // 3, 12)  # the share within 30 days is asked for on a bound of 99 %
         wear = onsets(few, seed + 1, step=step, per_day=per_year / DAYS_A_YEAR)
         days = 300 + (60 if step >= 0.05 else 250)
         played = play(replace(base, arms=few, days=days, seed=seed + 2, scenarios=COMPARABLE), assess, wear)
@@ -330,7 +348,7 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
         document["detection"].append(
             {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": played.covered_worn}
         )
-    lives = life(few, assess, seed=seed + 3, base=base)
+    lives = life(max(arms // 2, 12), assess, seed=seed + 3, base=base)
     document["remaining_life"] = {
         "p10_p90_holds": _share(lives.interval),
         "alpha_lambda_at_half_life": _share(lives.alpha_lambda),

@@ -1,5 +1,6 @@
 """The filter: what it must equal, what it must never do, and what it does when a replay is odd."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift import aged, begin, learn
 from monitor.judge.evidence import DriftSettings, observe
 from monitor.judge.temperature import TemperatureSettings
-from monitor.judge.track import LEVELS, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNSEEN, WEAR
+from monitor.judge.track import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNSEEN, WEAR
 
 LAWS = TemperatureSettings()
 
@@ -49,11 +50,17 @@ def moved(days: float, rho_held: float) -> np.ndarray:
 def test_silence_never_makes_us_surer(belief, days):
     """Ageing adds to the variance of every combination of states; level, slopes and rate stay, wear goes on, noise fades."""
     after = aged(belief, belief.at_unix_s + days * DAY_S, DriftSettings())
-    F = moved(days, 0.5**days)  # the autocorrelation before it is learnt
-    before = F @ belief.track.cov @ F.T  # what certain motion alone would do
+    # the autocorrelation before it is learnt; the same rise every day is less and less of its logarithm
+    F = np.array([moved(days, 0.5**days)] * belief.joints)  # (J, S, S)
+    grown = np.exp(np.clip(belief.wear, *LOG_RISE))
+    later = np.clip(grown + days * belief.track.mean[:, RATE], *np.exp(LOG_RISE))
+    F[:, WEAR, RATE], F[:, WEAR, WEAR] = days / later, grown / later
+    before = F @ belief.track.cov @ np.swapaxes(F, 1, 2)  # what certain motion alone would do
     rounding = 1e-9 * np.max(np.abs(before), initial=1e-12)
     assert np.all(np.linalg.eigvalsh(after.track.cov - before) >= -rounding)
-    assert np.allclose(after.track.mean, np.einsum("ab,jb->ja", F, belief.track.mean), rtol=1e-9, atol=1e-12)
+    expected = np.einsum("jab,jb->ja", F, belief.track.mean)
+    expected[:, WEAR] = np.log(later)
+    assert np.allclose(after.track.mean, expected, rtol=1e-9, atol=1e-12)
 
 
 @given(belief=beliefs(), seed=st.integers(0, 1000), days=st.floats(0.01, 30.0))
@@ -435,7 +442,33 @@ def test_fast_wear_is_followed(seed):
     assert abs(told.wear - 0.20) < 2.5 * told.wear_std
 
 
+def test_a_belief_of_the_last_release_is_carried_over():
+    """Schema 2 knew no use and no bins, and the rate of the logarithm: wear, level and rate of friction are what they were."""
+    belief = fresh()
+    for day in range(12):
+        at = belief.at_unix_s + DAY_S
+        belief = learn(belief, Arm(seed=day).replay(30.0, 0.1 * (day > 8)), CONTEXT, at, settings=DriftSettings(), laws=LAWS).belief
+    old = copy.deepcopy(belief.as_document())
+    for law in ("viscous", "coulomb"):
+        del old[law]["bins"]
+    del old["usage"]
+    for opened in old["contexts"]:
+        for added in ("joint_serials", "maintenance", "revolutions"):
+            del opened["context"][added]
+    for mean in old["track"]["mean"]:
+        mean[RATE] /= np.exp(mean[WEAR])
+    carried = belief_from_document({**old, "schema_version": 2})
+    assert np.allclose(carried.rate()[0], belief.rate()[0], rtol=1e-12)
+    assert np.array_equal(carried.wear, belief.wear)
+    assert carried.contexts == belief.contexts
+    assert np.isnan(carried.usage.per_day).all()
+    onwards = learn(carried, Arm(seed=99).replay(30.0, 0.1), CONTEXT, carried.at_unix_s + DAY_S, settings=DriftSettings(), laws=LAWS).belief
+    assert onwards.as_document()["schema_version"] == 3
+    with pytest.raises(BadInput, match="not what schema_version 2 wrote"):
+        belief_from_document({**old, "schema_version": 2, "track": {}})
+
+
 def test_a_belief_of_an_older_release_is_refused_with_what_to_do():
     """Schema 1 cannot be carried over; the message says how the history is kept."""
-    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2\. .*joint-monitor assess"):
+    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2 and 3\. .*joint-monitor assess"):
         belief_from_document({**fresh().as_document(), "schema_version": 1})

@@ -14,7 +14,8 @@ from monitor.judge.evidence import DriftSettings
 from monitor.judge.health import Health, HealthSettings, acknowledge, health_from_document, shelve
 from monitor.judge.temperature import TemperatureSettings
 from monitor.judge.track import ORDINARY, RATE, WEAR
-from monitor.judge.verdict import judge, stale, why_not_alerting
+from monitor.judge.verdict import judge, stale
+from monitor.judge.why import why_not_alerting
 
 SETTINGS = HealthSettings()
 

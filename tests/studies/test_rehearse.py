@@ -103,6 +103,7 @@ def test_the_card_says_what_was_not_reached():
         "autocorrelation": 0.5,
         "false_alarms": {"all": {"events": 30, "robot_years": 100.0, "per_year": 0.3, "at_most": 0.41}},
         "false_wear_alerts": 1,
+        "while_learning": {"events": 2, "robot_years": 16.4, "per_year": 0.122, "at_most": 0.38},
         "friction_interval_90": 0.9,
         "slope_left_per_k": 0.0002,
         "detection": rows,
@@ -111,7 +112,18 @@ def test_the_card_says_what_was_not_reached():
             "alpha_lambda_at_half_life": {**share, "share": 1.0, "at_least": 0.74},
         },
     }
-    text = card(document, {"between_std": 0.01, **rows[0]}, seed=1, arm_days_a_minute=1e5)
+    torque = {
+        "ratio": 0.43,
+        "ratio_by_joint": [0.3, 0.6],
+        "ratio_of_friction": 0.1,
+        "covered_90": 0.97,
+        "range_c": [8.0, 37.0],
+        "replays": 40,
+        "assess_s": 0.2,
+    }
+    text = card(document, [{"between_std": 0.01, **rows[0]}], torque, seed=1, arm_days_a_minute=1e5)
+    assert "by joint 0.30, 0.60 | 0.43 | ≤ 0.33 ✗ not reached |" in text
+    assert "there were 2 more (0.122 a robot-year" in text
     assert "| all | 100 | 30 | 0.300 | 0.410 | ≤ 0.1 ✗ not reached |" in text
     assert "90.0 % | 85–95 % ✓" in text
     assert "0.020 %/K | ≤ 0.1 %/K ✓" in text

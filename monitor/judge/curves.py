@@ -1,0 +1,148 @@
+"""Which law friction follows over the whole range of temperatures seen: a straight line, an exponential, or Vogel's law.
+
+    linear       value = a + b·(T − T0)
+    exponential  value = exp(a + b·(T − T0))
+    vogel        value = exp(a + b·(1/(T − Tv) − 1/(T0 − Tv)))      Vogel (1921), as oils and greases follow it
+
+A joint's values are kept as means in bins of temperature. Each law is fitted with a quarter of the range left out, and judged by what
+it says there: the one that errs least is taken, the line where none is clearly better than it.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.judge.document import array
+from monitor.recording import Array
+
+LAWS = ("linear", "exponential", "vogel")
+POLES_C = (-60.0, -80.0, -100.0, -130.0, -170.0)  # Tv of oils: from soon below where they set, to where Vogel's law is an exponential
+BIN_K, COLDEST_C, BINS = 2.0, -20.0, 50
+PER_BIN = 3  # n, Σ T, Σ value
+PARTS = 4  # of the range, left out in turn
+FEWEST_BINS, FEWEST_REPLAYS = 5, 15
+BETTER = 0.95  # of the line's error: what is no better than that stays a line
+
+
+class Curve(NamedTuple):
+    """The law chosen for each joint, (J,) arrays; `kind` indexes LAWS, and a joint of kind 0 is served by its line."""
+
+    kind: Array
+    a: Array
+    b: Array
+    pole_c: Array
+    reference_c: Array
+    cov: Array  # (J, 2, 2) of (a, b)
+    held_out: Array  # (J, 3) error of each law where it was not fitted, in the value's unit; NaN while there is too little to choose by
+
+    def at(self, temperature_c: Array) -> tuple[Array, Array]:
+        """Value and standard deviation at temperatures (…, J) of the laws that are no lines."""
+        x = np.where(self.kind == 2, _of_vogel(temperature_c, self.reference_c, self.pole_c), temperature_c - self.reference_c)
+        value = np.exp(np.clip(self.a + self.b * x, -50.0, 50.0))
+        var = self.cov[:, 0, 0] + 2.0 * self.cov[:, 0, 1] * x + self.cov[:, 1, 1] * x**2
+        return value, value * np.sqrt(np.maximum(var, 0.0))
+
+
+def no_bins(joints: int) -> Array:
+    """(J, BINS, 3) before the first replay."""
+    return np.zeros((joints, BINS, PER_BIN))
+
+
+def binned(bins: Array, temperature_c: Array, value: Array) -> Array:
+    """The bins after one more value a joint, (J,) each; NaN in either leaves a joint as it was."""
+    seen = np.isfinite(temperature_c) & np.isfinite(value)
+    n = np.flatnonzero(seen)
+    at = np.clip((temperature_c[n] - COLDEST_C) // BIN_K, 0, BINS - 1).astype(int)
+    more = bins.copy()
+    more[n, at] += np.stack([np.ones(len(n)), temperature_c[n], value[n]], axis=1)
+    return more
+
+
+def chosen(bins: Array, reference_c: Array, scatter: Array) -> Curve:
+    """The law of each joint that errs least where it was not fitted.
+
+    scatter : (J,) of one value between replays, in its unit.
+    """
+    J = len(bins)
+    bins = bins[:, np.any(bins[..., 0] > 0, axis=0)]  # (J, B, 3): a cell that is 22 to 34 °C fills six of fifty
+    n = bins[..., 0]  # (J, B)
+    filled = n > 0
+    full = filled.sum(axis=1)  # (J,)
+    T = np.divide(bins[..., 1], n, out=np.zeros_like(n), where=filled)
+    v = np.divide(bins[..., 2], n, out=np.ones_like(n), where=filled)
+    enough = np.all(v > 0, axis=1) & (full >= FEWEST_BINS) & (n.sum(axis=1) >= FEWEST_REPLAYS)
+    if not enough.any():
+        return _lines(reference_c)
+    v = np.where(v > 0, v, 1.0)
+    t = T - reference_c[:, None]
+    poles = np.array(POLES_C)[:, None, None]
+    x = np.concatenate([[t, t], _of_vogel(T, reference_c[:, None], poles)])  # (L, J, B): line, exponential, and Vogel's by pole
+    y = np.concatenate([[v], np.broadcast_to(np.log(v), (len(x) - 1, *v.shape))])
+    weight = np.concatenate([[n], np.broadcast_to(n * v**2, (len(x) - 1, *v.shape))])  # an error of log v is one of v over v
+
+    order = np.cumsum(filled, axis=1) - 1  # of a filled bin among the filled
+    part = (PARTS * order) // np.maximum(full, 1)[:, None]
+    out = np.stack([part == k for k in range(PARTS)] + [np.zeros_like(filled)])[:, None]  # (PARTS + 1, 1, J, B); the last leaves out none
+    a, b, cov = _fitted(x, y, np.where(out, 0.0, weight))  # (PARTS + 1, L, J)
+    fits = _error(x, v, np.where(out, 0.0, n), a, b)
+    missed = _error(x, v, np.where(out, n, 0.0), a, b)[:PARTS]
+    j, best = np.arange(J), 2 + np.argmin(fits[:, 2:], axis=1)  # the pole, from what was not left out
+    of_vogel = np.take_along_axis(missed, best[:PARTS, None], axis=1)[:, 0]
+    squares = np.stack([missed[:, 0].sum(axis=0), missed[:, 1].sum(axis=0), of_vogel.sum(axis=0)], axis=1)  # (J, 3)
+    held = np.sqrt(squares / np.maximum(n.sum(axis=1), 1.0)[:, None])
+    kind = np.where(enough, np.argmin(held * np.array([BETTER, 1.0, 1.0]), axis=1), 0)
+    row = np.where(kind == 2, best[PARTS], kind)
+    # of the fit, with what one value scatters; where a law misses its means by more, that counts too
+    misfit = np.sqrt(fits[PARTS, row, j] / np.maximum(full - 2.0, 1.0))
+    curved = kind > 0
+    return Curve(
+        kind=kind.astype(float),
+        a=np.where(curved, a[PARTS, row, j], 0.0),
+        b=np.where(curved, b[PARTS, row, j], 0.0),
+        pole_c=np.where(kind == 2, np.array(POLES_C)[np.maximum(row - 2, 0)], 0.0),
+        reference_c=reference_c,
+        cov=np.where(curved[:, None, None], cov[PARTS, row, j] * np.maximum(scatter, misfit)[:, None, None] ** 2, 0.0),
+        held_out=np.where(enough[:, None] & np.isfinite(held), held, np.nan),
+    )
+
+
+def _lines(reference_c: Array) -> Curve:
+    """Nothing to choose by: every joint keeps its line."""
+    J = len(reference_c)
+    zero = np.zeros(J)
+    return Curve(zero, zero, zero, zero, reference_c, np.zeros((J, 2, 2)), np.full((J, len(LAWS)), np.nan))
+
+
+def curve_from_document(document: Any, joints: int, *, where: str) -> Curve | None:
+    """A Curve from its document, or None. Raises BadInput naming the key."""
+    if document is None:
+        return None
+    J = joints
+    shapes: dict[str, tuple[int, ...]] = {"cov": (J, 2, 2), "held_out": (J, len(LAWS))}
+    return Curve(**{key: array(document, key, shapes.get(key, (J,)), where=where) for key in Curve._fields})
+
+
+def _of_vogel(T: Array, reference_c: Array, pole_c: Array) -> Array:
+    """What the logarithm is straight in by Vogel's law: 1/(T − Tv) − 1/(T0 − Tv)."""
+    x: Array = 1.0 / np.maximum(T - pole_c, 5.0) - 1.0 / np.maximum(reference_c - pole_c, 5.0)
+    return x
+
+
+def _fitted(x: Array, y: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """Weighted straight lines y = a + b·x along the last axis, and their covariance for a scatter of 1; NaN where not determined."""
+    S0, Sx, Sy = weight.sum(-1), (weight * x).sum(-1), (weight * y).sum(-1)
+    Sxx, Sxy = (weight * x * x).sum(-1), (weight * x * y).sum(-1)
+    det = S0 * Sxx - Sx**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        b = np.where(det > 1e-12 * S0 * Sxx, (S0 * Sxy - Sx * Sy) / det, np.nan)
+        a = (Sy - b * Sx) / S0
+        cov = np.stack([np.stack([Sxx, -Sx], -1), np.stack([-Sx, S0], -1)], -2) / det[..., None, None]
+    return a, b, cov
+
+
+def _error(x: Array, v: Array, n: Array, a: Array, b: Array) -> Array:
+    """(…, L, J) Σ n·(v − law)² over bins; infinite where a law was not determined."""
+    eta = a[..., None] + b[..., None] * x
+    eta[..., 1:, :, :] = np.exp(np.clip(eta[..., 1:, :, :], -50.0, 50.0))
+    squares: Array = np.where(n > 0, n * (v - eta) ** 2, 0.0).sum(-1)
+    return np.where(np.isfinite(squares), squares, np.inf)

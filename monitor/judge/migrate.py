@@ -1,0 +1,34 @@
+"""Beliefs that an older release wrote, as this one would have written them. What it did not keep begins to be learnt."""
+
+import copy
+import math
+from typing import Any
+
+from monitor.errors import BadInput
+from monitor.judge.curves import no_bins
+from monitor.judge.document import plain
+from monitor.judge.track import RATE, WEAR
+from monitor.judge.usage import uncounted
+
+
+def from_version_2(document: dict[str, Any]) -> dict[str, Any]:
+    """Version 2 counted wear a day in the logarithm, knew no use, and kept lines only.
+
+    Raises BadInput where it is not what version 2 wrote.
+    """
+    told = copy.deepcopy(document)
+    try:
+        J = len(told["reference_temperature_c"])
+        for mean, cov in zip(told["track"]["mean"], told["track"]["cov"], strict=True):
+            grown = math.exp(mean[WEAR])  # a rise of the logarithm by ẇ is a rise of friction by e^w·ẇ
+            mean[RATE] *= grown
+            cov[RATE] = [value * grown for value in cov[RATE]]
+            for row in cov:
+                row[RATE] *= grown
+        told["usage"] = plain(uncounted(J))
+        for law in ("viscous", "coulomb"):
+            told[law]["bins"] = plain(no_bins(J))
+    except (KeyError, TypeError, IndexError, ValueError) as wrong:
+        raise BadInput(f"belief: not what schema_version 2 wrote: {wrong!r}") from None
+    told["schema_version"] = 3
+    return told

@@ -1,0 +1,90 @@
+"""Which law of temperature is chosen: by what it says where it was not fitted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from monitor.errors import BadInput
+from monitor.judge.document import plain
+from monitor.judge.temperature import Line, TemperatureSettings, begun, fitted, law_from_document, learnt, line_from_document
+
+REFERENCE_C = np.full(6, 25.0)
+SETTINGS = TemperatureSettings()
+
+
+def learnt_of(friction, *, replays: int = 200, noise: float = 0.02, coldest: float = 5.0, warmest: float = 45.0, seed: int = 0) -> Line:
+    dice = np.random.default_rng(seed)
+    law = begun(REFERENCE_C, friction(REFERENCE_C), fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
+    for _ in range(replays):
+        T = dice.uniform(coldest, warmest, 6)
+        law = learnt(law, T, friction(T) * np.exp(noise * dice.normal(size=6)))
+    assert plain(law_from_document(plain(law), 6, where="law")) == plain(law)
+    return fitted(law, REFERENCE_C, SETTINGS)
+
+
+LAWS = {
+    "linear": lambda T: 10.0 * (1.0 - 0.012 * (T - 25.0)),
+    "exponential": lambda T: 10.0 * np.exp(-0.03 * (T - 25.0)),
+    "vogel": lambda T: 10.0 * np.exp(600.0 * (1.0 / (T + 90.0) - 1.0 / 115.0)),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_law_that_holds_is_chosen(name):
+    """2 % noise, 200 replays from 5 to 45 °C: right in at least five of six joints, and within 2.5 % of the truth to the cold edge."""
+    line = learnt_of(LAWS[name])
+    assert sum(law == name for law in line.law) >= 5
+    T = np.linspace(5.0, 45.0, 9)[:, None] * np.ones(6)
+    assert np.max(np.abs(line.at(T).value / LAWS[name](T) - 1.0)) < 0.025
+    held = line.curve.held_out
+    assert np.all(np.nanargmin(held, axis=1) == ["linear", "exponential", "vogel"].index(name))
+
+
+def test_a_curve_errs_less_than_the_line_that_the_paper_draws():
+    """From 5 to 45 °C an exponential bends by a tenth: the line stays what it is and is still told."""
+    line = learnt_of(LAWS["exponential"])
+    T = np.linspace(5.0, 45.0, 9)[:, None] * np.ones(6)
+    of_curve = np.abs(line.at(T).value - LAWS["exponential"](T)).mean()
+    of_line = np.abs(replace(line, curve=None).at(T).value - LAWS["exponential"](T)).mean()
+    assert of_curve < 0.2 * of_line
+    assert np.all(line.slope < 0)
+
+
+def test_few_replays_or_a_narrow_range_keep_the_line():
+    """Fourteen replays, or four bins of 2 K: nothing to choose by, and no error is claimed."""
+    for line in (learnt_of(LAWS["exponential"], replays=14), learnt_of(LAWS["exponential"], coldest=24.0, warmest=29.9)):
+        assert set(line.law) == {"linear"}
+        assert np.isnan(line.curve.held_out).all()
+
+
+def test_what_is_stretched_beyond_the_range_is_flagged_and_stays_positive():
+    """From −20 to 80 °C, whatever the law."""
+    for friction in LAWS.values():
+        line = learnt_of(friction, coldest=20.0, warmest=40.0)
+        T = np.linspace(-20.0, 80.0, 21)[:, None] * np.ones(6)
+        told = line.at(T)
+        assert np.all(told.value > 0)
+        assert np.isfinite(told.std).all()
+        assert np.array_equal(told.extrapolated, (line.range_c[:, 0] - 3.0 > T) | (line.range_c[:, 1] + 3.0 < T))
+
+
+def test_ninety_percent_intervals_hold_the_truth():
+    """Of chosen curves inside the range, 20 seeds: 90 % nominal, and never below 80 %."""
+    T = np.linspace(8.0, 42.0, 7)[:, None] * np.ones(6)
+    held = [
+        np.abs(told.value - LAWS["exponential"](T)) < 1.645 * told.std
+        for told in (learnt_of(LAWS["exponential"], replays=60, seed=seed).at(T) for seed in range(20))
+    ]
+    assert np.mean(held) > 0.8
+
+
+def test_a_line_with_its_curve_goes_through_json_exactly_and_an_old_one_without():
+    """And a damaged one is named."""
+    line = learnt_of(LAWS["vogel"])
+    document = plain(line)
+    assert plain(line_from_document(document, 6, where="line")) == document
+    del document["curve"]
+    assert line_from_document(document, 6, where="line").curve is None
+    with pytest.raises(BadInput, match="line: curve: the key 'b' is missing"):
+        line_from_document({**document, "curve": {"kind": [0.0] * 6, "a": [0.0] * 6}}, 6, where="line")

@@ -1,0 +1,93 @@
+"""Production residuals: work may ask for a replay, and for nothing else."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from monitor.judge.compensation import TorquePrediction
+from monitor.judge.residual import ResidualSettings, evidence, heard, pull_forward
+from monitor.judge.usage import uncounted
+from monitor.production import Production, Sample
+
+SETTINGS = ResidualSettings(span_s=60.0, min_samples=50)
+J = 6
+
+
+def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0.0, seed: int = 0, settings=SETTINGS):
+    """Sums after so many spans of work at 5 Hz: unknown loads are 10 N·m noise on 8 N·m of friction, `rise` (J,) is what it has grown."""
+    dice = np.random.default_rng(seed)
+    for _ in range(int(spans * settings.span_s * 5) + 1):
+        qd = dice.choice([-1.0, 1.0], J) * dice.uniform(0.1, 1.0, J)
+        friction = np.sign(qd) * (6.0 + 2.0 * np.abs(qd))
+        rigid = dice.normal(size=J) * 20.0
+        predicted = TorquePrediction((rigid + friction)[None], rigid[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool))
+        measured = rigid + friction * (1.0 + rise + bias) + 10.0 * dice.normal(size=J)
+        so_far = heard(so_far, revision, predicted, measured, qd, np.zeros(J), 0.2, settings)
+    return so_far
+
+
+def test_a_joint_that_rose_pulls_the_next_replay_forward():
+    """+50 % of joint 3 after the baseline, although the work is biased by 10 % for all: it and no other is named."""
+    before = at_work(0.0, spans=3, bias=0.1)
+    assert pull_forward(before, SETTINGS) is None
+    after = at_work(np.array([0, 0, 0.5, 0, 0, 0]), spans=4, so_far=before, bias=0.1, seed=1)
+    why = pull_forward(after, SETTINGS)
+    assert why is not None
+    assert why.startswith("joint 3: at work, friction is +4")
+    told = {each.joint: each for each in evidence(after, SETTINGS)}
+    assert told[3].change == pytest.approx(0.5, abs=0.1)
+    assert all(abs(told[j].change) < 2 * told[j].std for j in (1, 2, 4, 5, 6))
+
+
+def test_its_doubt_never_falls_below_what_other_work_would_say():
+    """However many looks: never surer than 5 % of friction where one look is worth 8 %."""
+    long = at_work(0.0, spans=40, settings=ResidualSettings(span_s=20.0, min_samples=50))
+    assert min(each.std for each in evidence(long, SETTINGS)) > 0.05
+
+
+def test_a_new_model_begins_anew_and_unfit_samples_say_nothing():
+    """Slow, hard, extrapolated or without a measurement."""
+    heard_before = at_work(0.5, spans=5)
+    assert at_work(0.0, spans=0, so_far=heard_before, revision=2).looks.max() == 0
+    predicted = TorquePrediction(np.ones((1, J)), np.zeros((1, J)), np.ones((1, J)), np.ones((1, J)), np.zeros((1, J), dtype=bool))
+    fit = (np.full(J, 2.0), np.full(J, 0.5), np.zeros(J))
+    for measured, qd, qdd, extrapolated in (
+        (np.full(J, np.nan), *fit[1:], False),
+        (fit[0], np.full(J, 0.01), fit[2], False),
+        (*fit[:2], np.full(J, 50.0), False),
+        (*fit, True),
+    ):
+        odd = predicted._replace(extrapolated=np.full((1, J), extrapolated))
+        assert heard(None, 1, odd, measured, qd, qdd, 0.2, SETTINGS).samples.max() == 0
+    assert heard(None, 1, predicted, *fit, 0.2, SETTINGS).samples.min() == 1
+
+
+def test_revolutions_are_counted_while_somebody_listens():
+    """2π rad/s for 100 s is 100 revolutions; a gap too long counts as the rest; heard too little is not known."""
+    production = Production(SETTINGS)
+    assert production.revolutions(0.0) is None
+    for k in range(101):
+        production.moved(float(k), np.full(J, 2.0 * np.pi))
+    assert production.revolutions(100.0) == pytest.approx([100.0] * J)
+    for k in range(101):
+        production.moved(1000.0 + k, np.full(J, -2.0 * np.pi))
+    assert production.revolutions(1200.0) == pytest.approx([300.0] * J)  # half was heard: twice as much was done
+    production.moved(5000.0, np.zeros(J))
+    assert production.revolutions(9000.0) is None
+    production.continue_from(uncounted(J)._replace(revolutions=np.full(J, 7.0)))
+
+
+def test_a_replay_is_asked_for_once_a_model():
+    """What it asked for is not asked for again until the replay has told."""
+    production = Production(SETTINGS)
+    dice, model = np.random.default_rng(2), SimpleNamespace(revision=4)
+    asked = []
+    for k in range(3000):
+        qd = dice.choice([-1.0, 1.0], J) * 0.5
+        friction = 7.0 * np.sign(qd)
+        predicted = TorquePrediction(friction[None], 0 * qd[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool))
+        production.worked(model, predicted, Sample(0.2 * k, qd, 0 * qd, friction * (1.0 + 0.6 * (k > 1000))), 0.2)
+        why = production.pull_forward()
+        asked += [why] if why else []
+    assert len(asked) == 1

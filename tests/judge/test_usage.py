@@ -1,0 +1,103 @@
+"""Use: wear comes from work, and remaining life is told in it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from synthetic_arm import CONTEXT, Arm, History
+
+from monitor.errors import BadInput
+from monitor.judge.usage import uncounted, worked
+
+J = 6
+
+
+@given(daily=st.floats(10.0, 1e5), days=st.lists(st.floats(0.1, 10.0), min_size=1, max_size=20))
+def test_the_same_work_every_day_is_one_usual_day_a_day(daily, days):
+    """Whatever the spacing of the replays."""
+    usage, count = worked(uncounted(1), np.array([0.0]), np.array([0.0])).usage, 0.0
+    for span in days:
+        count += daily * span
+        done = worked(usage, np.array([count]), np.array([span]))
+        usage = done.usage
+        assert done.usual_days[0] == pytest.approx(span)
+        assert usage.per_day[0] == pytest.approx(daily)
+
+
+def test_a_counter_that_is_missing_or_ran_backwards_counts_as_usual():
+    """And is taken up again from where it is."""
+    usage = worked(uncounted(1), np.array([1000.0]), np.array([0.0])).usage
+    usage = worked(usage, np.array([2000.0]), np.array([1.0])).usage
+    for odd in (np.nan, 5.0):
+        done = worked(usage, np.array([odd]), np.array([3.0]))
+        assert done.usual_days[0] == 3.0
+        assert done.factor[0] == 1.0
+        assert done.usage.per_day[0] == usage.per_day[0]
+
+
+@cache
+def wearing(*, count: bool) -> History:
+    """0.3 % a day of work, on five days of seven; then six weeks of holidays, and a replay."""
+    history, revolutions, wear = History(), 0.0, 0.0
+    for day in range(120):
+        works = day % 7 < 5 and day < 78
+        revolutions += 4000.0 * works
+        wear += 0.003 * works * (day >= 20)
+        if day < 78 or day == 119:
+            context = replace(CONTEXT, revolutions=(revolutions,) * J if count else None)
+            history.add(day, Arm(seed=day, noise=0.008).replay(30.0, np.array([0, wear, 0, 0, 0, 0])), context)
+    return history
+
+
+def test_a_holiday_wears_nothing_where_somebody_counts():
+    """Six weeks off after 40 days of work: counted, nothing is foreseen for them; uncounted, days are taken for work."""
+    counted, not_counted = wearing(count=True).last.friction[1], wearing(count=False).last
+    assert counted.wear == pytest.approx(0.003 * 42, abs=0.02)
+    assert not_counted.belief.track.innovation[1] < -0.03  # days alone foresaw more
+    assert abs(wearing(count=True).last.belief.track.innovation[1]) < 0.03
+
+
+def test_remaining_life_is_told_in_revolutions():
+    """Rate a revolution is what it is: from +12.6 % to +30 %, 0.3 % a working day of 4000 revolutions."""
+    told = wearing(count=True).last.friction[1]
+    assert told.remaining_revolutions[1] == pytest.approx((0.30 - 0.126) / 0.003 * 4000.0, rel=0.25)
+    assert told.revolutions == pytest.approx(4000.0 * 56)
+    assert wearing(count=False).last.friction[1].remaining_revolutions == (None, None, None)
+
+
+def test_counts_of_another_arm_are_refused():
+    """As many as joints."""
+    history = History()
+    history.add(0, Arm().replay(30.0))
+    with pytest.raises(BadInput, match="revolutions has 2 figures; expected 6"):
+        history.add(1, Arm().replay(30.0), replace(CONTEXT, revolutions=(1.0, 2.0)))
+
+
+def test_a_replaced_joint_begins_without_wear_and_the_others_keep_theirs():
+    """By the serial of its type plate; joints 2 and 5 had worn by 20 %."""
+    history, serials = History(), ("a", "b", "c", "d", "e", "f")
+    worn = np.array([0, 0.2, 0, 0, 0.2, 0])
+    for day in range(60):
+        history.add(day, Arm(seed=day).replay(30.0, worn * (day >= 30)), replace(CONTEXT, joint_serials=serials))
+    assert history.last.friction[1].wear == pytest.approx(0.2, abs=0.04)
+    renewed = ("a", "B2", "c", "d", "e", "f")
+    for day in range(60, 90):
+        told = history.add(day, Arm(seed=day).replay(30.0, np.array([0, -0.1, 0, 0, 0.2, 0])), replace(CONTEXT, joint_serials=renewed))
+        if day == 60:
+            assert any("joints 2 were replaced" in caveat.text for caveat in told.caveats)
+    assert abs(told.friction[1].wear) < 0.03
+    assert told.friction[4].wear == pytest.approx(0.2, abs=0.04)
+
+
+def test_maintenance_opens_a_baseline_and_keeps_the_wear():
+    """Greasing takes 15 % off: told as maintenance, it is neither falling friction nor wear that went away."""
+    history = History()
+    for day in range(80):
+        greased = day >= 50
+        context = replace(CONTEXT, maintenance="2025-08-05 joint 3 greased" if greased else None)
+        history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0, 0.1 * (day >= 25) - 0.15 * greased, 0, 0, 0])), context)
+    assert history.last.friction[2].wear == pytest.approx(0.1, abs=0.04)
+    assert not [told for told in history.told if told[3] == "friction_falling"]
