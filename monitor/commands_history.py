@@ -27,21 +27,19 @@ def schedule(
     from datetime import datetime
 
     from monitor.config import load
-    from monitor.schedule import DAY_S, coming
+    from monitor.schedule import DAY_S, expected
     from monitor.store import Store
     from monitor.timestamps import rfc3339
 
     configuration = load(config)
     settings, now = configuration.schedule, time.time()
-    began, known, last = None, set(), []
+    began, known, last = None, set[float](), []
     if (configuration.state_directory / "history.sqlite").is_file():
         with Store.reader(configuration.state_directory) as store:
             began, last = store.began_unix_s(), store.ledger(limit=5)
             known = store.windows(now - DAY_S, now + 400 * DAY_S)
     zone = settings.zone()
-    found = [
-        window for window in coming(settings, now, count + len(known), began, configuration.key_prefix) if window.key_unix_s not in known
-    ][:count]
+    found = expected(settings, now, count, began, known, configuration.key_prefix)
     learning = settings.learning_every_h > 0 and settings.learning_days > 0
     document: dict[str, Any] = {
         "robot": configuration.robot.id,

@@ -6,7 +6,7 @@ restart, a second process or a clock that jumps finds the same ones; the ledger,
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 from functools import cache
@@ -155,6 +155,14 @@ def coming(settings: ScheduleSettings, now_unix_s: float, count: int, began_unix
         if len(found) >= count:
             break
     return found[:count]
+
+
+def expected(
+    settings: ScheduleSettings, now_unix_s: float, count: int, began_unix_s: float | None, taken: Collection[float], salt: str = ""
+) -> list[Window]:
+    """The next windows that the ledger does not have yet, which `taken` names by their keys."""
+    found = coming(settings, now_unix_s, count + len(taken), began_unix_s, salt)
+    return [window for window in found if window.key_unix_s not in taken][:count]
 
 
 # --- what opens a window beside the clock ----------------------------------------------------------------------------

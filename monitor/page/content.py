@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from monitor import __version__
+from monitor.schedule import DAY_S, ScheduleSettings, expected
 from monitor.timestamps import rfc3339
 
 MOST_REPLAYS = 400  # of a joint's line: more would be less than three pixels apart
 NEWEST = 60  # never thinned
 EVENTS = 60
 WINDOWS = 40
+COMING = 5
 DIGITS = 5  # of a figure that becomes a pixel
 SERIES = ("wear", "wear_std", "coulomb_nm", "viscous_nm_s_per_rad", "temperature_c", "reference_torque_nm", "reference_torque_std_nm")
 
@@ -53,6 +55,12 @@ class Past(Protocol):
     def ledger(self, *, limit: int | None = None, states: Sequence[str] = ()) -> Sequence[Any]:
         """Windows, oldest first."""
 
+    def began_unix_s(self) -> float | None:
+        """When the first window was entered."""
+
+    def windows(self, from_unix_s: float, to_unix_s: float) -> set[float]:
+        """Keys of the windows that the ledger has."""
+
     def events(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> Sequence[Any]:
         """Transitions, oldest first."""
 
@@ -76,6 +84,7 @@ class Content:
     past: Past
     bus: Ask
     about: dict[str, Any]  # who, and the arm's geometry
+    schedule_settings: ScheduleSettings = field(default_factory=ScheduleSettings)
     now: Callable[[], float] = time.time
     _began: float = field(default_factory=time.monotonic)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -94,7 +103,7 @@ class Content:
             return self._history
 
     def schedule(self) -> dict[str, Any]:
-        """What was attempted, the newest first."""
+        """What is to come, and what was attempted, the newest first."""
         rows = [
             {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
             for row in reversed(self.past.ledger(limit=WINDOWS))
@@ -107,7 +116,15 @@ class Content:
             }
             for event in reversed(self.past.events(limit=EVENTS))
         ]
-        return {"schedule": self.about.get("schedule"), "windows": rows, "events": events}
+        return {"coming": self._coming(), "timezone": self.schedule_settings.timezone, "windows": rows, "events": events}
+
+    def _coming(self) -> list[dict[str, Any]]:
+        """The next windows, why each is there; one that waits for the arm says so by its `why`."""
+        now = self.now()
+        taken = self.past.windows(now - DAY_S, now + 400 * DAY_S)
+        salt = str(self.about.get("key_prefix", ""))
+        found = expected(self.schedule_settings, now, COMING, self.past.began_unix_s(), taken, salt)
+        return [{"opens": rfc3339(w.opens_unix_s), "closes": rfc3339(w.closes_unix_s), "why": w.why} for w in found]
 
     def monitor(self) -> dict[str, Any]:
         """The monitor's own condition."""

@@ -18,12 +18,12 @@ def page(configuration: Any, bus: Ask, store: Past) -> AbstractContextManager[An
     from monitor.page.server import PageServer  # 0.3 s, and only where there is a page
 
     token = configuration.page.token(configuration.path.parent)
-    return PageServer(configuration.page, Content(store, bus, about(configuration)), token)
+    return PageServer(configuration.page, Content(store, bus, about(configuration), configuration.schedule), token)
 
 
 def about(configuration: Any) -> dict[str, Any]:
     """Who it is, and the arm's geometry for its drawing."""
-    who, when, arm, health = configuration.robot, configuration.schedule, configuration.model, configuration.assess.health
+    who, arm, health = configuration.robot, configuration.model, configuration.assess.health
     return {
         "robot": {
             "site": who.site,
@@ -33,9 +33,7 @@ def about(configuration: Any) -> dict[str, Any]:
             "payload_kg": who.payload_kg,
             "tool": who.tool,
         },
-        "schedule": f"{when.cron} ({getattr(when, 'timezone', 'UTC')}: minute hour day month weekday)"
-        if when.cron
-        else "without fixed times",
+        "key_prefix": configuration.key_prefix,
         "levels": [
             {"name": "wear tier", "rise": health.wear_rise, "state": "MAINTENANCE_REQUIRED"},
             {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},

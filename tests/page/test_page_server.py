@@ -92,6 +92,7 @@ def test_the_past_is_told_as_columns(served):
     assert past["joints"]["3"]["wear"][-1] > 0.1
     assert max(abs(past["joints"][j]["wear"][-1]) for j in "12456") < 0.05
     schedule = json.loads(ask(server, "/api/schedule")[2])
+    assert schedule["coming"] == sorted(schedule["coming"], key=lambda window: window["opens"]) != []
     assert any(row["state"] == "skipped" and "door" in row["reason"] for row in schedule["windows"])
     assert any(event["kind"] == "raised" and event["joint"] == 3 for event in schedule["events"])
     own = json.loads(ask(server, "/api/monitor")[2])

@@ -230,7 +230,8 @@ function live() {
 async function history() {
   const [series, rows] = await Promise.all([read("/api/history"), read("/api/schedule")]);
   past = series;
-  $("cron").textContent = `Schedule ${rows.schedule}. ${past.replays} assessed${past.shown < past.replays ? `, ${past.shown} of them drawn` : ""}.`;
+  const next = rows.coming.map((window_) => `${moment(window_.opens, true)} (${window_.why})`).join(", ");
+  $("cron").textContent = `To come: ${next || "none"}. ${past.replays} assessed${past.shown < past.replays ? `, ${past.shown} of them drawn` : ""}.`;
   $("windows").tBodies[0].replaceChildren(...rows.windows.map((window_) => {
     const row = make("tr");
     row.append(timed("td", window_.window), make("td", window_.kind), make("td", window_.reason ? `${window_.state}: ${window_.reason}` : window_.state));
