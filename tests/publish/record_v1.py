@@ -8,20 +8,25 @@ import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import zenoh
 
 from monitor.assess import alert_document
 from monitor.config import from_document
-from monitor.daemon import Daemon
+from monitor.daemon import Daemon, _known
 from monitor.judge.health import Alert
+from monitor.mover import Mover
 from monitor.publish.bus import session_config
 from monitor.publish.documents import KINDS, schema
+from monitor.service import Heartbeats
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store import Store
+from monitor.troubles import Troubles
+from monitor.upkeep import Upkeep
 
 ENDPOINT = "tcp/127.0.88.4:7452"
 PREFIX = "joint-monitor/v1/lab/cell-1"
@@ -66,6 +71,10 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
         daemon._say_event(numbered[0])
         daemon.live(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
         daemon.say_health()
+        troubles = Troubles(lambda: START_UNIX_S)
+        upkeep = Upkeep(store, lambda: daemon.configuration.store, troubles, lambda: START_UNIX_S)
+        listener = SimpleNamespace(reachable=True, trouble=None)
+        daemon.say_monitor(upkeep.document(_known(daemon, listener, Mover(daemon, store, troubles), Heartbeats())))
         said.append(("event", events.recv()))
         said += [(str(reply.ok.key_expr).removeprefix(f"{PREFIX}/"), reply.ok) for reply in session.get(f"{PREFIX}/**", timeout=5.0)]
         for key, payload in ASKED.items():
