@@ -17,16 +17,20 @@ from undeclared import undeclared
 
 from monitor.client import Client
 from monitor.config import find_excitation, from_document
-from monitor.daemon import Daemon, _listen
+from monitor.daemon import Daemon, _watch
 from monitor.errors import BadInput
 from monitor.identity import digest
 from monitor.judge.health import Alert
+from monitor.mover import Mover
 from monitor.publish.bus import session_config
 from monitor.publish.documents import KINDS, schema
+from monitor.service import Heartbeats
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store import Store
+from monitor.troubles import Troubles
+from monitor.upkeep import Upkeep
 
 DAY_S = 86_400.0
 START_UNIX_S = 1_767_582_000.0
@@ -342,20 +346,26 @@ class Heard:
             self._next += self._period_s
         return rows
 
+    def latest(self):
+        return self._state
+
 
 def test_live_torque_comes_at_the_configured_rate(cell):
     """However often the controller speaks: two seconds of it, one sample more or less and a quarter for a busy machine."""
-    daemon, _, arm, _ = cell
+    daemon, store, arm, _ = cell
     row, configuration = arm.recording, daemon.configuration
     names = ("q", "qd", "target_qdd", "current", "temperature_c")
-    state = SimpleNamespace(**{name: getattr(row, name)[0] for name in names})
+    state = SimpleNamespace(robot_mode=7, **{name: getattr(row, name)[0] for name in names})
+    troubles = Troubles(time.time)
+    upkeep = Upkeep(store, lambda: configuration.store, troubles, time.time)
+    parts = (Mover(daemon, store, troubles), upkeep, troubles, Heartbeats(), threading.Event())
     for rate_hz, asked_hz in ((10.0, 10.0), (2.0, 10.0), (0.4, 1.0)):
         daemon.configuration = replace(configuration, bus=replace(configuration.bus, live_rate_hz=rate_hz))
         said: list[dict] = []
         daemon.say_live = said.append
         daemon.stopping.clear()
         threading.Timer(2.0, daemon.stopping.set).start()
-        _listen(daemon, Heard(asked_hz, state))
+        _watch(daemon, Heard(asked_hz, state), *parts)
         assert abs(len(said) - 2.0 * rate_hz) <= 0.25 * 2.0 * rate_hz + 1.0, rate_hz
 
 
