@@ -16,7 +16,6 @@ NEEDS_RESTART = (
     "page",
     "store.directory",
     "drift.reference_speed_rad_s",
-    "residual",
 )
 
 
