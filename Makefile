@@ -52,6 +52,8 @@ SYSTEM ?= /usr/local/lib
 INTO := $(DESTDIR)$(PREFIX)
 install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor), unit and user in place; as root
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }
+	@# the service runs as a user of its own, with ProtectHome
+	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/root/", "/home/")))' || { echo "the service cannot reach a Python below /root or /home; say another: make install PYTHON=/usr/bin/python3" >&2; exit 2; }
 	$(PYTHON) -m venv $(INTO)
 	$(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade .
 	@# a package is built elsewhere than it will lie
