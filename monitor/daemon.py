@@ -511,7 +511,9 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
             stack.callback(worker.join)
         stack.callback(daemon.stopping.set)
 
-        listener = Listener(ListenSettings(host=configuration.robot.host, rate_hz=max(1.0, configuration.bus.live_rate_hz)))
+        listener = Listener(
+            ListenSettings(host=configuration.robot.host, rate_hz=max(configuration.robot.listen_hz, configuration.bus.live_rate_hz))
+        )
         listener.start()
         stack.callback(listener.stop)
         notify("READY=1")
