@@ -151,7 +151,7 @@ def assess(
     if why_not is not None:
         return Rejected(f"the recording is not to be trusted: {why_not}")
     try:
-        identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify)
+        identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
     except Unidentifiable as why:
         return Rejected(str(why))
     return judge_identification(identification, recording.context, belief=belief, health=health, settings=settings, source=recording.source)

@@ -56,6 +56,15 @@ class FrictionFit:
         return np.einsum("jk,jk->j", x, self.values), np.sqrt(np.einsum("ji,jik,jk->j", x, self.covariance, x))
 
 
+class Finer(NamedTuple):
+    """The same recording fitted by the law `concave`, rigid parameters anew: what predicts its torque best; no covariances."""
+
+    rigid: Array  # (B,) base parameters, of which those of friction say nothing
+    friction: Array  # (J, 4) fc, fv, fl, fp; NaN where the motion did not excite them
+    load_nm: Array  # (J,) largest |τ| through the gear over the samples used
+    rms_nm: Array  # (J,) residual over moving samples
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
     """What one recording, or several together, say about one arm.
@@ -93,6 +102,7 @@ class Identification:
     paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): neither the noise's scale nor its correlation is in it
     warming_k_per_min: Array | None = None  # (J,) how fast the joints warmed meanwhile; positive: the grease is colder than the sensor
     mean_speed_rad_s: Array | None = None  # (J,) of |q̇|
+    finer: Finer | None = None  # where it was asked for
     physical: "Consistent | None" = None  # the standard parameters of an arm that can exist, where they were asked for
 
     @property

@@ -10,12 +10,12 @@ from monitor.identify import caveats as told
 from monitor.identify.caveats import Caveat
 from monitor.identify.consistent import Consistent, consistent
 from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, noise, robust_inflation
-from monitor.identify.identification import FrictionFit, Identification, IdentifySettings, Source
+from monitor.identify.identification import Finer, FrictionFit, Identification, IdentifySettings, Source
 from monitor.identify.least_squares import WINDOW_STEPS, condition_number, jackknife_covariances
 from monitor.identify.mounting import mounting_check
 from monitor.identify.projection import mapped, mean_load, positive, projection
 from monitor.identify.selection import AUTO, choose_law
-from monitor.identify.signals import Motion, motion
+from monitor.identify.signals import Mask, Motion, motion
 from monitor.identify.torque import joint_torque
 from monitor.identify.validate import errors_of, refuse_other_arm
 from monitor.model.base import Base, base_parameters
@@ -37,6 +37,7 @@ def identify(
     gains: Array | None = None,
     rigid_from: Identification | None = None,
     settings: IdentifySettings | None = None,
+    finer: bool = False,
 ) -> Identification:
     """The base parameters that explain the recordings together.
 
@@ -45,6 +46,7 @@ def identify(
     `consistent` is `wls` over arms that can exist; its covariance is that of `wls`, which the bounds can only narrow.
     friction : `paper`, `load`, `concave`, `stribeck`, or `auto`: the simplest of them that predicts data left out as well as the best.
     rigid_from : an earlier identification whose rigid parameters are taken as known; covariances are then under that condition.
+    finer : fit the law `concave` besides, for the prediction of torque.
     gains : (J,) [N·m/A] or None for the published torque constants. Raises Unidentifiable where a recording holds too little motion,
     BadInput where it does not fit the robot.
     """
@@ -63,7 +65,16 @@ def identify(
     if contradiction is not None:
         remarks.append(contradiction)
     found = identify_motions(
-        motions, torques, robot, mounting, method=method, friction=friction, rigid_from=rigid_from, settings=settings, caveats=remarks
+        motions,
+        torques,
+        robot,
+        mounting,
+        method=method,
+        friction=friction,
+        rigid_from=rigid_from,
+        settings=settings,
+        caveats=remarks,
+        finer=finer,
     )
     return replace(found, warming_k_per_min=_warming(recordings))
 
@@ -79,6 +90,7 @@ def identify_motions(
     rigid_from: Identification | None = None,
     settings: IdentifySettings | None = None,
     caveats: Sequence[Caveat] = (),
+    finer: bool = False,
 ) -> Identification:
     """`identify` from prepared signals on: torques are (N, J) [N·m] of each motion."""
     settings = settings or IdentifySettings()
@@ -174,6 +186,7 @@ def identify_motions(
         held_out=held_out,
         paper_d=np.linalg.norm((M @ found.solution.directions), axis=1),
         physical=physical,
+        finer=_finer(equations, layout, prior, errors_over=moving, method="wls" if method == "consistent" else method) if finer else None,
     )
 
 
@@ -183,6 +196,21 @@ def _refuse_twice(recordings: Sequence[Recording]) -> None:
         for other in recordings[:number]:
             if one.samples == other.samples and np.array_equal(one.t_s, other.t_s) and np.array_equal(one.q, other.q):
                 raise BadInput(f"{one.source or 'recording'} is {other.source or 'recording'} once more: it says nothing new; give it once")
+
+
+def _finer(equations: Sequence[Equations], layout: Layout, prior: Array, *, errors_over: Mask, method: str) -> Finer:
+    """The law `concave` on the same equations."""
+    law, B = LAWS["concave"], len(prior)
+    found = fit(equations, law, layout, prior, method=method)
+    values, places = found.solution.values, layout.of_law(law)
+    loads = [np.where(eq.used, np.abs(eq.load(values[:B], layout)), 0.0) for eq in equations]
+    left = np.concatenate(found.residuals)
+    return Finer(
+        rigid=values[:B],
+        friction=np.where(np.all(found.solution.excited[places], axis=1)[:, None], values[places], np.nan),
+        load_nm=np.max(np.concatenate(loads), axis=0),
+        rms_nm=errors_of(left, np.zeros_like(left), errors_over).rms_nm,
+    )
 
 
 def _physical(found: Fit, base: Base, robot: Robot) -> tuple[Fit, Consistent]:

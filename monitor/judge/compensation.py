@@ -1,10 +1,14 @@
 """The torque model that follows the joints' temperature: rigid parameters of the last replay, friction laws of all of them.
 
 torque = Y·p (rigid and rotor) + [fc(T)·s(q̇) + fv(T)·q̇]·e^w, with wear w as it is believed now. This is what the bus publishes.
+
+What fc and fv leave is that of the last replay, fitted by both laws at its temperature T₁, and scaled as viscous friction is:
+[(fc₁' − fc₁)·s + (fv₁' − fv₁)·q̇ + fl·|τ|·s + fp·|q̇|^½·s]·fv(T)/fv(T₁), the law `concave` of `model.friction`.
+(One factor for all four terms erred less on simulated replays never fitted than fc(T)/fc(T₁) for the first and third, or none.)
 """
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +21,15 @@ from monitor.judge.temperature import Line, Valued, line_from_document
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
+
+
+class Finer(NamedTuple):
+    """What a replay's friction has beyond its fc and fv."""
+
+    terms: Array  # (J, 4) of s, q̇, |τ|·s and |q̇|^½·s; 0 where nothing is known
+    temperature_c: Array  # (J,) of that replay; NaN: unknown
+    speed_rad_s: Array  # (J,) fastest learnt from: beyond it the correction stays as it is there
+    load_nm: Array  # (J,) largest |τ| learnt from, likewise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +48,7 @@ class CompensatedModel:
     wear: Array  # (J,) log, now
     wear_std: Array  # (J,)
     residual_rms_nm: Array  # (J,) what the model did not explain of the last replay
+    finer: Finer | None = None  # None, as in documents before it: fc and fv say all
 
     @property
     def joints(self) -> int:
@@ -81,19 +95,31 @@ def compensated(identification: Identification, belief: Belief, *, coulomb: Line
     variances = identification.friction_cov[:, [0, 1], [0, 1]]  # (J, 2)
     scale = np.sqrt(variances.prod(axis=1))
     correlation = np.divide(identification.friction_cov[:, 0, 1], scale, out=np.zeros_like(scale), where=scale > 0)
+    finer, J = identification.finer, belief.joints
+    beyond = None
+    if finer is not None:
+        line = np.stack([identification.coulomb_nm, identification.viscous_nm_s_per_rad], axis=1)  # (J, 2)
+        known = identification.temperature_c
+        beyond = Finer(
+            terms=np.nan_to_num(np.where(np.isfinite(line[:, :1]), finer.friction - np.pad(line, ((0, 0), (0, 2))), 0.0)),
+            temperature_c=np.full(J, np.nan) if known is None else known,
+            speed_rad_s=identification.max_speed_rad_s,
+            load_nm=finer.load_nm,
+        )
     return CompensatedModel(
         robot=identification.robot,
         mounting=identification.mounting,
         revision=belief.replays,
         at_unix_s=belief.at_unix_s,
         columns=tuple(int(column) for column in np.array(identification.columns)[rigid]),
-        values=identification.values[rigid],
+        values=(identification.values if finer is None else finer.rigid)[rigid],
         coulomb=coulomb,
         viscous=viscous,
         friction_correlation=np.clip(np.nan_to_num(correlation), -1.0, 1.0),
         wear=belief.wear,
         wear_std=belief.wear_std,
-        residual_rms_nm=identification.rms_nm,
+        residual_rms_nm=identification.rms_nm if finer is None else finer.rms_nm,
+        finer=beyond,
     )
 
 
@@ -106,6 +132,10 @@ def model_from_document(document: Any) -> CompensatedModel:
         for f in fields(CompensatedModel)
         if f.type == Array
     }
+    beyond = document.get("finer")
+    if beyond is not None:
+        shapes = {name: (J, 4) if name == "terms" else (J,) for name in Finer._fields}
+        beyond = Finer(**{name: array(beyond, name, shape, where="model: finer") for name, shape in shapes.items()})
     columns = array(document, "columns", arrays["values"].shape, where=where)
     try:
         return CompensatedModel(
@@ -116,6 +146,7 @@ def model_from_document(document: Any) -> CompensatedModel:
             columns=tuple(int(column) for column in columns),
             coulomb=line_from_document(entry(document, "coulomb", where=where), J, where="model: coulomb"),
             viscous=line_from_document(entry(document, "viscous", where=where), J, where="model: viscous"),
+            finer=beyond,
             **arrays,
         )
     except (TypeError, ValueError) as wrong:

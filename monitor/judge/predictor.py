@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from monitor.judge.compensation import CompensatedModel
 
+LEAST_OFF = 0.95  # of fc and fv that what is beyond them may take off: friction never drives
 LEAST_MASS_KG = 0.1  # of a link with its point mass: a centre of mass at mx/m keeps its digits
 POINT_MASSES_KG = (10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0, 2560.0)  # J ≤ 8 links can rule out eight of these
 
@@ -70,6 +71,14 @@ class Predictor:
         self._wear_var, self._rest_var = model.wear_std**2, model.residual_rms_nm**2
         low, high = model.viscous.range_c.T
         self._range_c = low - model.viscous.margin_k, high + model.viscous.margin_k
+        self._beyond = None if model.finer is None else model.finer.terms.T[:, None]  # (4, 1, J)
+        if model.finer is not None:
+            at = np.where(np.isfinite(model.finer.temperature_c), model.finer.temperature_c, self._reference_c[1, 0])
+            then = np.maximum(self._level[1, 0] + self._slope[1, 0] * (at - self._reference_c[1, 0]), self._floor[1, 0])
+            self._per_viscous = np.divide(1.0, then, out=np.zeros_like(then), where=then > 0)  # (J,)
+            self._speed, self._load = model.finer.speed_rad_s, model.finer.load_nm
+            each = (*model.finer.terms.T, self._per_viscous, self._speed, self._load)
+            self._finer = list(zip(*(part.tolist() for part in each), strict=True))  # J tuples
         self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
         per_joint = (self._reference_c, self._level, self._slope, self._floor, *self._var)  # (2, 1, J) each
         whole = (self._correlation, self._wear_var, self._rest_var, *self._range_c, self._unknown)  # (J,) each
@@ -87,6 +96,12 @@ class Predictor:
         drive[0], drive[1] = smooth_sign(qd), qd
         parts = value * drive  # (2, N, J)
         friction = parts[0] + parts[1]
+        if self._beyond is not None:
+            s, speed = np.abs(drive[0]), np.minimum(np.abs(qd), self._speed)
+            load = np.minimum(np.abs(rigid - qdd * self._rigid.rotor), self._load)
+            c, v, per_load, root = self._beyond
+            more = (s * (c + per_load * load + root * np.sqrt(speed)) + v * speed) * value[1] * self._per_viscous
+            friction += np.sign(qd) * np.maximum(more, -LEAST_OFF * np.abs(friction))
         of_fc, of_fv = var * drive * drive  # variances, (N, J) each
         total = of_fc + of_fv + self._correlation * np.sqrt(of_fc * of_fv) + friction * friction * self._wear_var + self._rest_var
         low, high = self._range_c
@@ -99,7 +114,7 @@ class Predictor:
         """`torque` of one sample, J finite figures each. The same formulas on plain numbers: a tenth of the time of arrays of six."""
         rigid = self._rigid.sample(q, qd, qdd)
         torque, friction, stds, outside = [], [], [], []
-        for rest, v, T, figures in zip(rigid, qd, temperature_c, self._figures, strict=True):
+        for j, (rest, v, T, figures) in enumerate(zip(rigid, qd, temperature_c, self._figures, strict=True)):
             rc, lc, sc, fc, c0, c1, c2, rv, lv, sv, fv, v0, v1, v2, correlation, wear_var, rest_var, low, high, unknown = figures
             s = math.tanh(v / SIGN_SPEED_RAD_S)
             t = T - rc
@@ -107,7 +122,13 @@ class Predictor:
             rubs = max(lc + sc * t, fc) * s
             t = T - rv
             var_v = max(v0 + (v1 + v2 * t) * t, 0.0) * v * v
-            rubs += max(lv + sv * t, fv) * v
+            viscous = max(lv + sv * t, fv)
+            rubs += viscous * v
+            if self._beyond is not None:
+                c, linear, per_load, root, per_viscous, fastest, heaviest = self._finer[j]
+                speed, load = min(abs(v), fastest), min(abs(rest - qdd[j] * self._rigid.rotors[j]), heaviest)
+                more = (abs(s) * (c + per_load * load + root * math.sqrt(speed)) + linear * speed) * viscous * per_viscous
+                rubs += math.copysign(1.0, v) * max(more, -LEAST_OFF * abs(rubs))
             torque.append(rest + rubs)
             friction.append(rubs)
             stds.append(math.sqrt(var_c + var_v + correlation * math.sqrt(var_c * var_v) + rubs * rubs * wear_var + rest_var))
@@ -126,8 +147,8 @@ class _Rigid:
         parameters = np.zeros(PER_JOINT * J)
         parameters[list(columns)] = values
         blocks = parameters.reshape(J, PER_JOINT)
-        self._rotor = blocks[:, ROTOR]  # (J,)
-        self._rotors = self._rotor.tolist()
+        self.rotor = blocks[:, ROTOR]  # (J,)
+        self.rotors = self.rotor.tolist()
         masses = blocks[:, 0]
         more = next(mass for mass in POINT_MASSES_KG if np.all(np.abs(masses + mass) >= LEAST_MASS_KG))
         points = np.zeros((J, INERTIAL))
@@ -144,7 +165,7 @@ class _Rigid:
             state = q[n], qd[n], qdd[n]
             torque[n] = rnea(whole, of_whole, *state)
             torque[n] -= rnea(points, of_points, *state)
-        torque += qdd * self._rotor
+        torque += qdd * self.rotor
         return torque
 
     def sample(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> list[float]:
@@ -152,7 +173,7 @@ class _Rigid:
         state = np.array(q, float), np.array(qd, float), np.array(qdd, float)
         whole = self._rnea(self._with, self._data[0], *state).tolist()
         points = self._rnea(self._points, self._data[1], *state).tolist()
-        return [all_of_it - point + rotor * a for all_of_it, point, rotor, a in zip(whole, points, self._rotors, qdd, strict=True)]
+        return [all_of_it - point + rotor * a for all_of_it, point, rotor, a in zip(whole, points, self.rotors, qdd, strict=True)]
 
 
 def _arm(robot: Robot, mounting: Mounting, blocks: Array) -> "pinocchio.Model":

@@ -168,7 +168,7 @@ class Events(Document):
 
 
 class Model(Document):
-    """The temperature-compensated model, complete: torque = Y·values + s(q̇)·fc(T) + q̇·fv(T)."""
+    """The temperature-compensated model, complete: torque = Y·values + s(q̇)·fc(T) + q̇·fv(T) + what is `finer`."""
 
     robot: str
     mounting: dict[str, Number]
@@ -182,6 +182,9 @@ class Model(Document):
     wear: list[Number]
     wear_std: list[Number]
     residual_rms_nm: list[Maybe]
+    finer: dict[str, Any] | None = Field(
+        default=None, description="friction beyond fc and fv: of s, q̇, |τ|·s, |q̇|^½·s at temperature_c, in proportion to fv(T)"
+    )
 
 
 class TorqueRequest(Request):

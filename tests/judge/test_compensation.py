@@ -5,10 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from synthetic_arm import COULOMB_NM, Arm, History
 
 from monitor.errors import BadInput
-from monitor.judge.compensation import CompensatedModel, model_from_document
+from monitor.judge.compensation import CompensatedModel, Finer, model_from_document
+from monitor.judge.predictor import prepared
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")
@@ -134,3 +137,46 @@ def test_what_does_not_fit_is_named(model, change, says):
     asked = {"robot": UR5, "q": Q, "qd": QD, "qdd": QDD, "temperature_c": None, **change}
     with pytest.raises(BadInput, match=says):
         model.torque(**asked)
+
+
+@pytest.fixture(scope="module")
+def finer(model) -> CompensatedModel:
+    """The same with friction beyond fc and fv, one joint's so negative that friction would drive."""
+    terms = np.tile([-2.0, -3.0, 0.05, 5.5], (6, 1))
+    terms[3] = [-50.0, -50.0, 0.0, 0.0]
+    beyond = Finer(terms=terms, temperature_c=np.full(6, 25.0), speed_rad_s=np.full(6, 1.0), load_nm=np.full(6, 40.0))
+    return replace(model, finer=beyond)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    qd=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6),
+    qdd=st.lists(st.floats(-9.0, 9.0), min_size=6, max_size=6),
+    temperature_c=st.floats(-20.0, 90.0),
+)
+def test_friction_never_drives_and_one_sample_says_what_many_say(finer, qd, qdd, temperature_c):
+    """Power of friction ≥ 0 at any speed, load and temperature; both ways of asking agree to rounding."""
+    v, a, T = np.array(qd), np.array(qdd), np.full(6, temperature_c)
+    many = finer.torque(UR5, Q[0], v, a, T)
+    one = prepared(finer, UR5).sample(Q[0].tolist(), qd, qdd, T.tolist())
+    assert np.all(many.friction * v >= 0.0)
+    assert np.allclose(many.friction[0], one.friction, rtol=1e-9, atol=1e-12)
+    assert np.allclose(many.torque[0], one.torque, rtol=1e-9, atol=1e-9)
+
+
+def test_what_is_beyond_fc_and_fv_stays_as_it_was_at_the_fastest_learnt(model, finer):
+    """Beyond 1 rad/s the difference to the model without it no longer changes, nor beyond 40 N·m; and it survives as JSON."""
+    still, T = np.zeros(6), np.full(6, 25.0)
+    at = [
+        m.torque(UR5, Q[0], np.full(6, v), still, T).friction - model.torque(UR5, Q[0], np.full(6, v), still, T).friction
+        for m in (finer, model_from_document(json.loads(json.dumps(finer.as_document(), allow_nan=False))))
+        for v in (1.0, 2.5)
+    ]
+    kept = np.arange(6) != 3  # the clamped one
+    assert np.allclose(at[0][0, :3], at[2][0, :3])
+    assert np.array_equal(at[1], at[3])
+    assert np.all(np.abs(at[0][0, kept]) > 0.0)
+    flat = [m.torque(UR5, np.tile(Q[0], (2, 1)), np.array([[1.0] * 6, [2.5] * 6]), np.zeros((2, 6)), T).rigid for m in (finer, model)]
+    assert np.array_equal(*flat)
+    # at one state the rigid torque also depends on speed, so the load term alone is bounded by its largest load
+    assert np.all(np.abs(at[1] - at[0])[0, kept] <= 0.05 * 40.0 + 1e-9)
