@@ -61,7 +61,7 @@ def _robot(told: Mapping[str, Any], *, new_page: bool) -> list[str]:
     if told["history"]:
         parts += [
             heading("Friction over the period", 3),
-            drawn(_over_time(told), "Friction since the beginning, temperature taken out, with its 2σ interval; a point is a replay."),
+            drawn(_over_time(told), _over_time_says(told)),
             drawn(
                 _over_temperature(told),
                 "Viscous friction over joint temperature, wear taken out, and the line fitted to all replays so far.",
@@ -260,6 +260,24 @@ def _of_joint(told: Mapping[str, Any], joint: int) -> list[Mapping[str, Any]]:
     return rows[:: max(1, len(rows) // MOST_POINTS)]
 
 
+def _over_time_says(told: Mapping[str, Any]) -> str:
+    rows = told["history"]
+    text = "Friction since the beginning, temperature taken out: the estimate from all replays until then as a line with its 2σ band, "
+    text += "and what each replay says by itself as a point with its own 2σ interval."
+    missing = sum(1 for row in rows if row.get("replay_torque_nm") is None)
+    if missing:
+        text += f" Of {missing} of {len(rows)} figures the history keeps the estimate only, so they have no point."
+    return text
+
+
+def _alone(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
+    """(N,) change [%] that each replay shows by itself, against the unworn friction of its day, and its std; NaN where not kept."""
+    keys = ("replay_torque_nm", "replay_torque_std_nm", "reference_torque_nm", "wear")
+    one, std, every, wear = (np.array([row.get(key) for row in rows], dtype=float) for key in keys)
+    unworn = every / (1.0 + wear)
+    return 100 * (one / unworn - 1.0), 100 * std / unworn
+
+
 def _over_time(told: Mapping[str, Any]) -> "Figure":
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
@@ -273,12 +291,15 @@ def _over_time(told: Mapping[str, Any]) -> "Figure":
         at = [datetime.fromisoformat(row["recorded_at"]).astimezone(UTC).replace(tzinfo=None) for row in rows]
         wear, std = (100 * np.array([row[key] for row in rows]) for key in ("wear", "wear_std"))
         one.fill_between(at, wear - 2 * std, wear + 2 * std, color=LINE, alpha=0.2, lw=0)
-        one.plot(at, wear, "-", marker="." if len(rows) < 300 else "", ms=4, lw=1.2, color=LINE)
-        top = max(float(np.max(wear + 2 * std)), 100 * of["wear_rise"] * 1.3)
+        alone, alone_std = _alone(rows)
+        many = len(rows) >= 300
+        one.errorbar(at, alone, 2 * alone_std, fmt=".", ms=2 if many else 4, lw=0.4 if many else 0.7, color=POINT, alpha=0.6)
+        one.plot(at, wear, "-", lw=1.4, color=LINE)
+        top = max(float(np.max(wear + 2 * std)), float(np.nanmax([0.0, *(alone + 2 * alone_std)])), 100 * of["wear_rise"] * 1.3)
         for level, colour in ((of["wear_rise"], COLOURS["MAINTENANCE_REQUIRED"]), (of["limit_rise"], COLOURS["FAILURE"])):
             if 100 * level < 1.2 * top:
                 one.axhline(100 * level, color=colour, lw=0.9, ls="--")
-        one.set_ylim(min(-3.0, float(np.min(wear - 2 * std))), 1.15 * top)
+        one.set_ylim(min(-3.0, float(np.min(wear - 2 * std)), float(np.nanmin([0.0, *(alone - 2 * alone_std)]))), 1.15 * top)
         locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
         one.xaxis.set_major_locator(locator)
         one.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]

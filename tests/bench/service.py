@@ -30,7 +30,8 @@ JOINT = {
     "joint": 1, "coulomb_nm": 9.241234567, "coulomb_std_nm": 0.4612345, "viscous_nm_s_per_rad": 9.1112345,
     "viscous_std_nm_s_per_rad": 0.46123,
     "temperature_c": 31.21, "reference_speed_rad_s": 0.4, "reference_temperature_c": 30.1, "reference_torque_nm": 12.1234567,
-    "reference_torque_std_nm": 0.1234567, "wear": 0.0123456789, "wear_std": 0.00123456, "wear_rate_per_day": 1.234e-5,
+    "reference_torque_std_nm": 0.1234567, "replay_torque_nm": 12.2234567, "replay_torque_std_nm": 0.1234567,
+    "wear": 0.0123456789, "wear_std": 0.00123456, "wear_rate_per_day": 1.234e-5,
     "wear_rate_std_per_day": 1.2e-6,
     "remaining_life": {"trend_probability": 0.97, "p10_days": 100.0, "p50_days": 200.0, "p90_days": None, "verdict": "trend"},
 }  # fmt: skip

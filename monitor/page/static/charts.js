@@ -47,22 +47,51 @@ const Charts = (() => {
       if (!times.length || !own) return this.empty("wear", "No replay has been assessed yet.");
       const percent = own.wear.map((w) => (w == null ? null : 100 * w));
       const side = (sign) => own.wear.map((w, k) => (w == null ? null : 100 * (w + sign * 2 * own.wear_std[k])));
-      const top = Math.max(6, ...side(1).filter((x) => x != null)), low = Math.min(-3, ...side(-1).filter((x) => x != null));
+      // what each replay says by itself, against the unworn friction that the estimate of its day goes with; null in an old history
+      const alone = own.wear.map((w, k) => {
+        const one = own.replay_torque_nm[k], all = own.reference_torque_nm[k];
+        return w == null || one == null || !all ? null : 100 * ((one * (1 + w)) / all - 1);
+      });
+      const reach = alone.map((a, k) => (a == null ? null : (2 * (100 + a) * own.replay_torque_std_nm[k]) / own.replay_torque_nm[k]));
+      const missing = alone.filter((a, k) => a == null && own.wear[k] != null).length;
+      const ends = [1, -1].map((sign) => side(sign).concat(alone.map((a, k) => (a == null ? null : a + sign * reach[k]))).filter((x) => x != null));
+      const top = ends[0].reduce((a, b) => Math.max(a, b), 6), low = ends[1].reduce((a, b) => Math.min(a, b), -3);
       const levels = { hooks: { draw: [(u) => this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${name} ${+(100 * rise).toFixed(2)} %`, state === "FAILURE" ? "--fail" : "--maint"]))] } };
       this.draw("wear", {
         scales: { y: { range: [low * 1.1, top * 1.12] } },
         axes: axes("", "change [%]"),
-        plugins: [levels],
+        plugins: [levels, { hooks: { drawSeries: [(u, series) => { if (series === 4) this.intervals(u, alone, reach); }] } }],
         bands: [{ series: [2, 3], fill: css("--band") }],
         series: [
-          {}, { label: "wear", stroke: css("--line1"), width: 2, points: { show: true, size: times.length > 300 ? 3 : 6, fill: css("--line1") }, value: plain(1, " %") },
+          {}, { label: "estimate", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(1, " %") },
           { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(1, " %") },
           { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(1, " %") },
+          { label: "replay", stroke: css("--line2"), paths: () => null, points: { show: true, size: times.length > 300 ? 3 : 6, fill: css("--line2") }, value: plain(1, " %") },
         ],
-      }, [times, percent, side(1), side(-1)], 250);
+      }, [times, percent, side(1), side(-1), alone], 250);
+      if (missing) {
+        const told = document.createElement("p");
+        told.className = "dim";
+        told.textContent = `Of ${missing} replays drawn, the history keeps the estimate only: no point of their own.`;
+        document.getElementById("wear").append(told);
+      }
       const last = percent.length - 1;
       document.getElementById("wear").setAttribute("aria-label",
         `Joint ${joint}: ${times.length} replays shown, friction now ${percent[last].toFixed(1)} % above the beginning`);
+    }
+
+    intervals(u, middles, reaches) {
+      const { ctx } = u;
+      ctx.save();
+      ctx.strokeStyle = css("--line2"); ctx.globalAlpha = 0.45; ctx.lineWidth = devicePixelRatio;
+      ctx.beginPath();
+      middles.forEach((middle, k) => {
+        if (middle == null || reaches[k] == null) return;
+        const x = Math.round(u.valToPos(u.data[0][k], "x", true));
+        ctx.moveTo(x, u.valToPos(middle + reaches[k], "y", true)); ctx.lineTo(x, u.valToPos(middle - reaches[k], "y", true));
+      });
+      ctx.stroke();
+      ctx.restore();
     }
 
     levels(u, all) {
