@@ -45,6 +45,11 @@ class Ports:
         self._numbers += 1
         return self._numbers
 
+    @property
+    def streaming(self) -> bool:
+        """Whether clients only stream: some do over RTDE, and none is still introducing itself."""
+        return bool(self.open["rtde"]) and all(isinstance(port, RtdePort) and port.started for port in self.open["rtde"])
+
     def publish(self, now_s: float) -> None:
         """Send what is due in this tick to everyone who reads."""
         controller, opened = self.controller, self.open
@@ -163,6 +168,11 @@ class RtdePort(Port):
             transport.write(replies)
             if transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
                 transport.abort()  # asks and never reads
+
+    @property
+    def started(self) -> bool:
+        """Whether data flow."""
+        return self._session.started
 
     def publish(self, tick: int, now_s: float, made: dict[tuple[str, ...], bytes], *, hold: bool) -> None:
         """The data packet of this tick, or none while the client does not read."""
