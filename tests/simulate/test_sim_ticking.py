@@ -1,4 +1,4 @@
-"""The event loop that wakes once a tick: nothing is lost, nothing is later than the tick, and targets count in the tick they came before."""
+"""The event loop that wakes once a tick: nothing is lost or later than the tick, and a target counts in the tick it came before."""
 
 import os
 import socket
