@@ -10,8 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from monitor.assess import Assessment, Rejected, alert_document, assess
 from monitor.config import Configuration
 from monitor.errors import BadInput
@@ -21,7 +19,7 @@ from monitor.judge.compensation import CompensatedModel, model_from_document
 from monitor.judge.document import plain
 from monitor.judge.health import Health, health_from_document
 from monitor.keep.circumstances import circumstances
-from monitor.model.robot import Mounting, Robot
+from monitor.model.robot import Robot
 from monitor.recording import Recording
 from monitor.store import Event, Store
 
@@ -42,6 +40,7 @@ class Entered(NamedTuple):
 
     outcome: Assessment | Rejected
     events: list[Event]
+    recording: Recording | None  # None where it cannot be read
 
 
 def held(store: Store) -> Held:
@@ -78,11 +77,10 @@ def enter(
 
     Raises StoreError where the history does not take it.
     """
-    gains = configuration.robot.gains_nm_per_a
-    outcome = _outcome(recording, configuration.model, configuration.mounting, held, ledger_id, configuration, gains)
+    outcome = _outcome(recording, configuration, held, ledger_id)
     if isinstance(outcome, Rejected):
         store.end(ledger_id, "rejected", outcome.reason, now())
-        return Entered(outcome, [])
+        return Entered(outcome, [], recording)
     events = store.commit(
         ledger_id,
         at_unix_s=now(),
@@ -95,7 +93,7 @@ def enter(
         events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
         made_with=made_with(configuration),
     )
-    return Entered(outcome, events)
+    return Entered(outcome, events, recording)
 
 
 def enter_stored(store: Store, configuration: Configuration, held: Held, ledger_id: int, now: Callable[[], float]) -> Entered:
@@ -104,7 +102,7 @@ def enter_stored(store: Store, configuration: Configuration, held: Held, ledger_
         recording = read_recording(store.recording_path(ledger_id))
     except BadInput as error:
         store.end(ledger_id, "rejected", str(error), now())
-        return Entered(Rejected(str(error)), [])
+        return Entered(Rejected(str(error)), [], None)
     return enter(store, configuration, held, ledger_id, recording, now)
 
 
@@ -122,23 +120,15 @@ def adopt_orphans(store: Store, at_unix_s: float) -> int:
     return adopted
 
 
-def _outcome(
-    recording: Recording,
-    robot: Robot,
-    mounting: Mounting,
-    held: Held,
-    ledger_id: int,
-    configuration: Configuration,
-    gains: tuple[float, ...],
-) -> Assessment | Rejected:
+def _outcome(recording: Recording, configuration: Configuration, held: Held, ledger_id: int) -> Assessment | Rejected:
     try:
         return assess(
             recording,
-            robot=robot,
-            mounting=mounting,
+            robot=configuration.model,
+            mounting=configuration.mounting,
             belief=held.belief,
             health=held.health,
-            gains=np.array(gains) if gains else None,
+            gains=configuration.gains_nm_per_a,
             settings=configuration.assess,
         )
     except BadInput as error:

@@ -48,8 +48,8 @@ def assess(
 
         configuration = load(config)
         arm, settings, standing = configuration.model, configuration.assess, configuration.mounting
-        if joint_gains is None and configuration.robot.gains_nm_per_a:
-            joint_gains = np.array(configuration.robot.gains_nm_per_a)
+        if joint_gains is None:
+            joint_gains = configuration.gains_nm_per_a
     else:
         arm, settings, standing = offline.arm(robot, None), AssessSettings(), Mounting()
     if mounting is not None:

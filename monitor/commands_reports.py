@@ -1,7 +1,6 @@
 """The commands that end in a page to print: `reproduce` and `report`."""
 
 import json
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +8,7 @@ import typer
 
 from monitor.errors import BadInput
 from monitor.printed import check_page
+from monitor.timestamps import unix_s
 
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 
@@ -77,7 +77,6 @@ def report(
 
 def _moment(text: str, option: str) -> float:
     try:
-        at = datetime.fromisoformat(text)
+        return unix_s(text)
     except ValueError:
         raise BadInput(f"{option} {text!r}: expected a day or a time, e.g. 2026-06-01 or 2026-06-01T03:00:00Z") from None
-    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()

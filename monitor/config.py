@@ -11,6 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, ValidationError, create_model
 
 from monitor.acquire.settings import ReplaySettings
@@ -23,7 +24,7 @@ from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.page.settings import PageSettings
 from monitor.publish.bus import BusSettings, prefix
 from monitor.publish.metrics import MetricsSettings
-from monitor.recording import Context
+from monitor.recording import Array, Context
 from monitor.schedule import ScheduleSettings
 from monitor.sources import PREFIX, overridden, placed, with_credentials, without_secrets
 
@@ -88,6 +89,11 @@ class Configuration:
     def mounting(self) -> Mounting:
         """How the base stands in the world."""
         return Mounting.parse(self.robot.mounting)
+
+    @property
+    def gains_nm_per_a(self) -> Array | None:
+        """(J,) joint torque per ampere, where the configuration says so; else the robot's published ones hold."""
+        return np.array(self.robot.gains_nm_per_a) if self.robot.gains_nm_per_a else None
 
     @property
     def key_prefix(self) -> str:

@@ -9,8 +9,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-import numpy as np
-
 from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.assess import Rejected, alert_document
 from monitor.chronicle import Held, adopt_orphans, enter_stored, held, now_held
@@ -100,7 +98,7 @@ class Daemon:
 
     def _take_up(self) -> None:
         self._held = held(self._store)
-        self._prepare_live()
+        self._prepare_live(self._last_recording())
         if self._held.belief is not None:
             self.production.continue_from(self._held.belief.usage)
         restored = self._store.restored
@@ -134,7 +132,7 @@ class Daemon:
             known = rewind(self._store, self._now())
             if known is not None:
                 self._held = known
-                self._prepare_live()
+                self._prepare_live(self._last_recording())
         if known is not None:
             self._say_everything()
         return known is not None
@@ -240,7 +238,7 @@ class Daemon:
                 return
             known = self._held.belief.context if self._held.belief else None
             self._held = now_held(self._held, entered)
-            self._prepare_live()
+            self._prepare_live(entered.recording)
         self.busy()
         if entered.outcome.identification.temperature_c is not None:
             self.present_temperature_c = entered.outcome.identification.temperature_c
@@ -253,10 +251,10 @@ class Daemon:
         for event in entered.events:
             self._say_event(event)
 
-    def _prepare_live(self) -> None:
-        """Beforehand, for the model that is held now: nobody who asks waits for it."""
+    def _prepare_live(self, recording: Recording | None) -> None:
+        """Beforehand, for the model that is held now and the replay it was learnt from last: nobody who asks waits for it."""
         if self._held.model is not None:
-            self._live = LiveTorque(self._held.model, self._robot, self._gains, self._last_recording())
+            self._live = LiveTorque(self._held.model, self._robot, self.configuration.gains_nm_per_a, recording)
 
     def _last_recording(self) -> Recording | None:
         """Of the last replay that was assessed; None where it is kept no longer."""
@@ -266,11 +264,6 @@ class Daemon:
         except BadInput as error:
             log.warning("live torque: its noise is not known until the next replay: %s", error)
             return None
-
-    @property
-    def _gains(self) -> Array | None:
-        gains = self.configuration.robot.gains_nm_per_a
-        return np.array(gains) if gains else None
 
     # --- what is said ----------------------------------------------------------------------------
 
@@ -370,19 +363,14 @@ class Daemon:
         return self._revised("shelved", asked, change)
 
     def _revised(self, kind: str, asked: AckRequest, change: Callable[[Health, float], Health]) -> dict[str, Any]:
-        """What a person did to an alert: durable first, then said. Raises BadInput where there is no such active alert."""
+        """What a person did to an alert. Raises BadInput where there is no such active alert."""
         with self._judging:
             at = self._now()
             if self._health is None:
                 raise BadInput(f"cmd: no alert can be {kind}: no replay has been assessed yet")
             health = change(self._health, at)
             alert = next(alert for alert in health.alerts if alert.key == (asked.joint, asked.condition) and alert.active)
-            events = self._store.revise(health.as_document(), [{"kind": kind, **alert_document(alert)}], at)
-            self._health = health
-            self._say_alert(alert)
-            self.say_health()
-            for event in events:
-                self._say_event(event)
+            self._keep(health, kind, alert, at)
         log.info("alert=%s/%s %s by=%r why=%r", asked.joint or "arm", asked.condition, kind, asked.by, asked.why)
         return {"done": kind, "alert": outside(alert_document(alert))}
 
@@ -409,7 +397,10 @@ class Daemon:
     def _revise_own(self, kind: str, alert: Alert, at: float) -> None:
         assert self._health is not None
         others = tuple(other for other in self._health.alerts if other.key != alert.key)
-        health = dataclasses.replace(self._health, alerts=(*others, alert))
+        self._keep(dataclasses.replace(self._health, alerts=(*others, alert)), kind, alert, at)
+
+    def _keep(self, health: Health, kind: str, alert: Alert, at: float) -> None:
+        """What became of an alert without a replay: durable first, then said."""
         events = self._store.revise(health.as_document(), [{"kind": kind, **alert_document(alert)}], at)
         self._health = health
         self._say_alert(alert)

@@ -10,8 +10,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from monitor.acquire.conditions import Condition, Permit
 from monitor.acquire.first_pass import band_for, circumstances, slowed
 from monitor.acquire.gate import Announce, Ask
@@ -56,8 +54,9 @@ def move(
         told = waiting[-1].told if waiting else None
         band = None
         if slowly:
-            gains = np.array(configuration.robot.gains_nm_per_a) if configuration.robot.gains_nm_per_a else None
-            band = band_for(robot, played, settings, context, gains=gains, model=model if _same_load(store, context) else None)
+            band = band_for(
+                robot, played, settings, context, gains=configuration.gains_nm_per_a, model=model if _same_load(store, context) else None
+            )
             log.info("first pass at %g of the pace, torque within %s", played.time_scale, band.told)
         return replay(
             played,

@@ -4,7 +4,6 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ from monitor.judge.document import plain
 from monitor.judge.why import why_not_alerting
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Recording
+from monitor.timestamps import unix_s
 
 UNDATED_START_UNIX_S = 946_684_800.0  # 2000-01-01: where files that say no time are begun to be counted, --interval apart
 MANIFEST_COLUMNS = ("file", "recorded_at", "payload_kg", "mounting", "note", "maintenance", "joint_serials", "revolutions")
@@ -116,10 +116,9 @@ def _entry(path: Path, line: int, row: dict[str, str]) -> Entry:
 def when(text: str, where: str) -> float:
     """Seconds since 1970 from RFC 3339; UTC where no offset is given. Raises BadInput."""
     try:
-        at = datetime.fromisoformat(text)
+        return unix_s(text)
     except ValueError:
         raise BadInput(f"{where}: recorded_at is {text!r}; expected a time like 2026-01-31T03:00:00Z") from None
-    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
 
 
 def assess_series(series: Series) -> dict[str, Any]:

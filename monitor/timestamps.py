@@ -8,6 +8,12 @@ def rfc3339(unix_s: float) -> str:
     return f"{datetime.fromtimestamp(round(unix_s), tz=UTC).replace(tzinfo=None).isoformat()}Z"
 
 
+def unix_s(text: str) -> float:
+    """Seconds since 1970 of a day or a time in ISO 8601; UTC where no offset is given. Raises ValueError."""
+    at = datetime.fromisoformat(text)
+    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
+
+
 def outside(document: object) -> object:
     """The same JSON document with every `*_unix_s` number told as `*` in RFC 3339, as documents leave the house."""
     if isinstance(document, dict):

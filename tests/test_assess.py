@@ -35,7 +35,10 @@ def on_joint_3(fraction: float) -> np.ndarray:
     return np.array([0, 0, fraction, 0, 0, 0])
 
 
-@pytest.mark.parametrize("kind", [{}, {"autocorrelation": 0.5}, {"noise": 0.01}, {"fall_per_k": 0.022}], ids=str)
+QUIET = [{"autocorrelation": 0.5}, {"fall_per_k": 0.022}, *(pytest.param(kind, marks=pytest.mark.soak) for kind in ({}, {"noise": 0.01}))]
+
+
+@pytest.mark.parametrize("kind", QUIET, ids=str)
 def test_a_quiet_year_raises_no_wear_alert(kind):
     """Seasons, warm and cold mornings, 2 % noise, white or lasting: 2 arm-years of each kind without a wear alert.
 

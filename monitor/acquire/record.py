@@ -12,7 +12,7 @@ import numpy as np
 from monitor import __version__
 from monitor.acquire import dashboard
 from monitor.acquire.child import Child, ChildLost
-from monitor.acquire.rows import columns
+from monitor.acquire.rows import columns, recorded
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.recording import Array, Context, Recording
 
@@ -85,21 +85,8 @@ def _recording(rows: Array, context: Context, rate_hz: float, ended: str, began_
     payload = table["payload"][0]
     if context.payload_kg is None and np.isfinite(payload):
         context = dataclasses.replace(context, payload_kg=float(payload))
-    return Recording(
-        t_s=t_s,
-        q=table["actual_q"],
-        qd=table["actual_qd"],
-        current=table["actual_current"],
-        temperature_c=table["joint_temperatures"],
-        target_q=table["target_q"],
-        target_qd=table["target_qd"],
-        target_qdd=table["target_qdd"],
-        target_current=table["target_current"],
-        target_moment=table["target_moment"],
-        robot_mode=table["robot_mode"],
-        safety_mode=table["safety_mode"],
-        runtime_state=table["runtime_state"],
-        speed_scaling=table["speed_scaling"],
+    return recorded(
+        table,
         context=context,
         quality={
             "missed_ticks": int(np.sum(np.maximum(np.round(ticks) - 1, 0))),

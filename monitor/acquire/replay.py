@@ -16,7 +16,7 @@ from monitor.acquire import dashboard
 from monitor.acquire.child import Child, ChildLost
 from monitor.acquire.conditions import OF_CONFIGURATION, OF_CONTROLLER, Facts, refuse_unless, some
 from monitor.acquire.gate import Announce, Ask, Gate
-from monitor.acquire.rows import columns
+from monitor.acquire.rows import columns, recorded
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
 from monitor.acquire.torque_band import TorqueBand
@@ -263,21 +263,8 @@ def _recording(watch: _Watch, context: Context, settings: ReplaySettings, excita
         "controller_clock_at_start_s": float(t_s[0]),
         "host_clock_at_start_unix_s": watch.first_row_unix_s,
     }
-    return Recording(
-        t_s=t_s,
-        q=table["actual_q"],
-        qd=table["actual_qd"],
-        current=table["actual_current"],
-        temperature_c=table["joint_temperatures"],
-        target_q=table["target_q"],
-        target_qd=table["target_qd"],
-        target_qdd=table["target_qdd"],
-        target_current=table["target_current"],
-        target_moment=table["target_moment"],
-        robot_mode=table["robot_mode"],
-        safety_mode=table["safety_mode"],
-        runtime_state=table["runtime_state"],
-        speed_scaling=table["speed_scaling"],
+    return recorded(
+        table,
         context=dataclasses.replace(context, recorded_at_unix_s=watch.first_row_unix_s),
         quality=quality,
         source=f"replay on {settings.host}",

@@ -4,11 +4,11 @@ Only names that ur-rtde decodes: one it does not know would shift every later va
 """
 
 import re
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from monitor.recording import Array
+from monitor.recording import Array, Context, Recording
 
 if TYPE_CHECKING:
     from rtde_receive import RTDEReceiveInterface
@@ -109,3 +109,26 @@ def snapshot(receive: "RTDEReceiveInterface", signals: tuple[Signal, ...] = SIGN
 def columns(rows: Array) -> dict[str, Array]:
     """Rows (N, WIDTH) by the name of the variable: (N,) or (N, J)."""
     return {name: rows[:, place.start] if place.stop - place.start == 1 else rows[:, place] for name, place in PLACE.items()}
+
+
+def recorded(table: dict[str, Array], *, context: Context, quality: dict[str, Any], source: str) -> Recording:
+    """The recording whose signals these columns are."""
+    return Recording(
+        t_s=table["timestamp"],
+        q=table["actual_q"],
+        qd=table["actual_qd"],
+        current=table["actual_current"],
+        temperature_c=table["joint_temperatures"],
+        target_q=table["target_q"],
+        target_qd=table["target_qd"],
+        target_qdd=table["target_qdd"],
+        target_current=table["target_current"],
+        target_moment=table["target_moment"],
+        robot_mode=table["robot_mode"],
+        safety_mode=table["safety_mode"],
+        runtime_state=table["runtime_state"],
+        speed_scaling=table["speed_scaling"],
+        context=context,
+        quality=quality,
+        source=source,
+    )

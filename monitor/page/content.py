@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from monitor import __version__
 from monitor.schedule import DAY_S, ScheduleSettings, expected
@@ -31,14 +31,6 @@ class Window(Protocol):
     kind: str
     state: str
     reason: str | None
-
-
-class Said(NamedTuple):
-    """A transition of an alert."""
-
-    seq: int
-    at_unix_s: float
-    document: dict[str, Any]
 
 
 class Past(Protocol):

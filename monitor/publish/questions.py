@@ -4,13 +4,13 @@ A command (`cmd/…`) acts only with a valid payload; a question about the past 
 """
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
 from monitor.errors import BadInput
 from monitor.publish.documents import Request
+from monitor.timestamps import unix_s
 
 MOST_ROWS = 10_000
 MOST_EVENTS = 100
@@ -79,7 +79,6 @@ def _time(key: str, parameters: Mapping[str, str], name: str) -> float | None:
     if text is None:
         return None
     try:
-        at = datetime.fromisoformat(text)
+        return unix_s(text)
     except ValueError:
         raise BadInput(f"{key}: {name} = {text!r}; expected a time such as 2026-01-31T03:00:00Z") from None
-    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()

@@ -1,5 +1,6 @@
 """From what was typed to a running simulator: settings out of a scenario and options, and what is said when it listens."""
 
+import subprocess
 from dataclasses import fields
 from typing import Any
 
@@ -45,3 +46,13 @@ def announcement(settings: SimulateSettings) -> str:
         "  Ctrl-C ends it",
     ]
     return "\n".join(lines)
+
+
+def ended(process: "subprocess.Popen[str]", within_s: float = 5.0) -> None:
+    """Ask a simulator's process to end, and see to it."""
+    process.terminate()
+    try:
+        process.wait(timeout=within_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

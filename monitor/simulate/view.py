@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from monitor.errors import BadInput, MonitorError, RobotUnreachable
+from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
 
 PERIOD_S = 0.25
@@ -82,9 +83,4 @@ def simulate_and_watch(arguments: list[str], host: str, port: int, seconds: floa
     except KeyboardInterrupt:
         pass
     finally:
-        process.terminate()
-        try:
-            process.wait(timeout=5.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        ended(process)

@@ -38,6 +38,7 @@ from monitor.judge.evidence import DriftSettings
 from monitor.model.fourier import Excitation
 from monitor.page.served import page
 from monitor.recording import Array, Context, Recording
+from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
 from monitor.store import Store
 from monitor.terminal import remaining_life
@@ -185,12 +186,7 @@ def _simulated_arm(host: str, seed: int) -> Iterator[Remote]:
         with Remote(host) as remote:
             yield remote
     finally:
-        process.terminate()
-        try:
-            process.wait(timeout=5.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        ended(process)
 
 
 def _friction_nm(remote: Remote) -> Array:

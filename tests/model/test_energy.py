@@ -37,7 +37,7 @@ def test_energy_is_pinocchios_with_rotors_and_without_friction(seed, name, place
 
 
 def test_its_uncertainty_is_that_of_the_parameters():
-    """The spread of energies from 4000 draws of the parameters: 5 %, four standard errors of a spread from so many."""
+    """The spread of energies from 1000 draws of the parameters: 9 %, four standard errors of a spread from so many."""
     base = base_parameters(UR5, Mounting())
     rng = np.random.default_rng(1)
     half = 0.01 * rng.normal(size=(base.count, base.count))
@@ -45,9 +45,9 @@ def test_its_uncertainty_is_that_of_the_parameters():
     q, qd = rng.uniform(-2, 2, (2, 8, 6))
     found = kinetic_energy(UR5, q, qd, base.columns, values, covariance)
     draws = [
-        kinetic_energy(UR5, q, qd, base.columns, value, covariance).mean for value in rng.multivariate_normal(values, covariance, size=4000)
+        kinetic_energy(UR5, q, qd, base.columns, value, covariance).mean for value in rng.multivariate_normal(values, covariance, size=1000)
     ]
-    np.testing.assert_allclose(np.std(draws, axis=0), found.std, rtol=0.05)
+    np.testing.assert_allclose(np.std(draws, axis=0), found.std, rtol=0.09)
 
 
 def test_a_parameter_nobody_excited_makes_the_energy_it_carries_unknown():
