@@ -2,6 +2,8 @@
 
 `python -m tests.bench.simulator`; the figures are shares of one core, from the kernel's account of the simulator's process. Physics
 is what `Arm` does (servo loop, motion, heat, wear); all else counts as beyond it: reference, program, sensors, supervision, wire.
+Physics is metered inside the live process, at real time between sleeps, so that cold caches count as physics too; the meter's own
+system calls cost about 0.1 % of a core and count as beyond.
 """
 
 import signal
