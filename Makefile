@@ -52,6 +52,8 @@ SYSTEM ?= /usr/local/lib
 INTO := $(DESTDIR)$(PREFIX)
 install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor), unit and user in place; as root
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }
+	@# the service runs as a user of its own, with ProtectHome
+	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/root/", "/home/")))' || { echo "the service cannot reach a Python below /root or /home; say another: make install PYTHON=/usr/bin/python3" >&2; exit 2; }
 	$(PYTHON) -m venv $(INTO)
 	$(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade .
 	@# a package is built elsewhere than it will lie
@@ -60,7 +62,9 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	sed 's#/opt/joint-monitor/#$(PREFIX)/#g' deploy/joint-monitor@.service > $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service
 	install -m 644 deploy/joint-monitor.sysusers $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf
 	install -m 644 deploy/joint-monitor.tmpfiles $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
-	test -n "$(DESTDIR)" || { systemd-sysusers && systemd-tmpfiles --create && systemctl daemon-reload; }
+	@# ours alone, not whatever else this machine has lying there
+	test -n "$(DESTDIR)" || { systemd-sysusers $(SYSTEM)/sysusers.d/joint-monitor.conf && systemd-tmpfiles --create $(SYSTEM)/tmpfiles.d/joint-monitor.conf; }
+	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || systemctl daemon-reload
 	@echo "installed; now write $(DESTDIR)/etc/joint-monitor/NAME.toml and: systemctl enable --now joint-monitor@NAME"
 
 uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monitor and /var/lib/joint-monitor stay
@@ -68,7 +72,7 @@ uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monit
 	rm -rf $(INTO)
 	rm -f $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service
 	rm -f $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
-	test -n "$(DESTDIR)" || systemctl daemon-reload
+	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || systemctl daemon-reload
 
 clean: ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

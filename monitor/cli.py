@@ -414,6 +414,9 @@ def status(
     why: Annotated[int | None, typer.Option(min=1, help="Of this joint: why does it not alert?", show_default=False)] = None,
 ) -> None:
     """What is known of the arm now, from its history; works without the daemon."""
+    import time
+
+    from monitor.publish.told import with_stale
     from monitor.store import Store
     from monitor.terminal import print_not_alerting, print_status
     from monitor.timestamps import outside, rfc3339
@@ -427,7 +430,7 @@ def status(
     document = {
         "robot": configuration.robot.id,
         "model_revision": state.revision if state else 0,
-        "health": outside(state.health) if state else None,
+        "health": outside(with_stale(state.health, time.time(), configuration.assess.health)) if state else None,
         "friction": outside(newest),
         "monitor": said(configuration.state_directory),
         "ledger": [

@@ -37,6 +37,7 @@ class RobotSettings:
     site: str  # part of the Zenoh keys: a–z, 0–9, _ and -
     id: str  # the same; unique within the site
     host: str = "127.0.0.1"  # address of the controller
+    listen_hz: Annotated[float, between(1.0, 125.0)] = 10.0  # how often its state is received between replays
     mounting: str = "ground"  # ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees
     payload_kg: Annotated[float, between(0.0, 100.0)] = 0.0  # as set in the controller
     tool: str = "none"

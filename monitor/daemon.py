@@ -19,6 +19,7 @@ from monitor.identity import info
 from monitor.judge.compensation import CompensatedModel
 from monitor.judge.document import plain
 from monitor.judge.health import Alert, Health, acknowledge, shelve
+from monitor.judge.verdict import stale
 from monitor.model.fourier import Excitation
 from monitor.mover import Mover
 from monitor.page.served import page
@@ -72,7 +73,7 @@ class Daemon:
         self._held = Held()
         self._live: LiveTorque | None = None
         self._next_due_unix_s: float | None = None
-        self.production = Production(configuration.assess.residual)  # what is heard between replays; of the listening thread
+        self.production = Production(configuration.assess.residual)  # what is heard between replays
         self._judging = threading.Lock()  # health changes by a replay's verdict and by people's words, and by one at a time
         self.wanted: Callable[[], None] | None = None  # how a replay that somebody asks for is scheduled
         self.pull_forward: Callable[[float], None] | None = None  # production looked odd at that time: the next replay may come sooner
@@ -157,8 +158,11 @@ class Daemon:
 
     @property
     def health_state(self) -> str | None:
-        """NE 107 state of the arm; None until a replay has been assessed."""
-        return None if self._health is None else self._health.state
+        """NE 107 state of the arm, with STALE where it is too old; None until a replay has been assessed."""
+        health = self._health  # one read: a replay may put another in its place meanwhile
+        if health is None:
+            return None
+        return f"{health.state} (STALE)" if any(stale(health, self._now(), self.configuration.assess.health)) else health.state
 
     @property
     def _health(self) -> Health | None:
@@ -273,11 +277,17 @@ class Daemon:
         self.say_health()
 
     def say_health(self) -> None:
-        """Overall and per-joint state; also while nothing is known yet."""
+        """Overall and per-joint state, and whether it is too old; also while nothing is known yet."""
+        now = self._now()
         self._say(
             "health",
             "health",
-            {**health_told(self._health), "next_replay_due_unix_s": self._next_due_unix_s, "said_at_unix_s": self._now()},
+            {
+                **health_told(self._health, now, self.configuration.assess.health),
+                "production": [plain(each) for each in self.production.evidence()],
+                "next_replay_due_unix_s": self._next_due_unix_s,
+                "said_at_unix_s": now,
+            },
         )
 
     def say_monitor(self, document: dict[str, Any], *, done: Callable[[], None] | None = None) -> None:
@@ -501,7 +511,9 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
             stack.callback(worker.join)
         stack.callback(daemon.stopping.set)
 
-        listener = Listener(ListenSettings(host=configuration.robot.host, rate_hz=max(1.0, configuration.bus.live_rate_hz)))
+        listener = Listener(
+            ListenSettings(host=configuration.robot.host, rate_hz=max(configuration.robot.listen_hz, configuration.bus.live_rate_hz))
+        )
         listener.start()
         stack.callback(listener.stop)
         notify("READY=1")
@@ -587,6 +599,7 @@ def reload(daemon: Daemon, mover: Mover, upkeep: Upkeep) -> None:
         upkeep.reload = {"at_unix_s": time.time(), "done": False, "told": str(error), "waiting": []}
     else:
         daemon.configuration = found.configuration
+        daemon.production.use(found.configuration.assess.residual)
         mover.reconsider()
         log.info("reloaded: %s", found.told)
         upkeep.reload = {"at_unix_s": time.time(), "done": True, "told": found.told, "waiting": list(found.waiting)}

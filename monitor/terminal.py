@@ -117,8 +117,11 @@ def print_status(document: dict[str, Any]) -> None:
     console.print(
         f"{document['robot']}: {health['state'] if health else 'no replay has been assessed yet'}, model {document['model_revision']}"
     )
+    if health and health.get("stale"):
+        console.print(f"[yellow]{health['stale_why']}[/]", highlight=False)
     if document["friction"]:
         states = {joint["joint"]: joint["state"] for joint in health["joints"]} if health else {}
+        old = {joint["joint"] for joint in health["joints"] if joint.get("stale")} if health else set()
         table = Table()
         for title in ("joint", "state", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "wear [%]", "rate [%/month]", "remaining life"):
             table.add_column(title, justify="right" if title != "state" else "left")
@@ -126,7 +129,7 @@ def print_status(document: dict[str, Any]) -> None:
             state = states.get(row["joint"], "")
             table.add_row(
                 str(row["joint"]),
-                f"[{STATE_STYLE.get(state, 'white')}]{state}",
+                f"[{STATE_STYLE.get(state, 'white')}]{state}{' STALE' if row['joint'] in old else ''}",
                 _number(row.get("temperature_c"), ".1f"),
                 f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
                 f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",

@@ -43,8 +43,12 @@ def _health(key: str, document: Document) -> Text:
     if state is None:
         return Text(f"{key}  UNKNOWN: no replay has been assessed yet")
     told = Text(f"{key}  ").append(state, STATE_STYLE.get(state, ""))
+    if document.get("stale"):
+        told.append(" STALE", "yellow")
     for joint in document["joints"]:
         told.append(f"  J{joint['joint']} ").append(joint["state"], STATE_STYLE.get(joint["state"], ""))
+        if joint.get("stale"):
+            told.append(" STALE", "yellow")
     return told
 
 

@@ -261,7 +261,7 @@ def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_told(
 
 
 def test_a_reload_takes_what_can_change_and_names_what_waits_for_a_restart(tmp_path: Path):
-    """Thresholds, schedule, guards, payload at once; sockets, files, identity and the speed that a belief refers to, later."""
+    """Thresholds, schedule, guards, payload, residuals at once; sockets, files, identity and the speed that a belief refers to, later."""
     from monitor.reload import reloaded
 
     old = load(written(tmp_path, ""), {})
@@ -270,13 +270,15 @@ def test_a_reload_takes_what_can_change_and_names_what_waits_for_a_restart(tmp_p
             tmp_path,
             '[schedule]\ncron = "0 5 * * *"\n[health]\nwear_rise = 0.08\n[bus]\nlive_rate_hz = 2.0\n'
             '[store]\ndirectory = "elsewhere"\nbackups = 3\n'
-            "[drift]\nreference_speed_rad_s = 0.5\nresolution = 0.2\n[replay]\nallow_motion = true\n",
+            "[drift]\nreference_speed_rad_s = 0.5\nresolution = 0.2\n[replay]\nallow_motion = true\n"
+            "[residual]\nrise = 0.2\n",
         ),
         {"JOINT_MONITOR__ROBOT__PAYLOAD_KG": "2.0", "JOINT_MONITOR__ROBOT__HOST": "127.0.0.9"},
     )
     found = reloaded(old, new)
     assert found.changed == (
-        "drift.resolution", "health.wear_rise", "replay.allow_motion", "robot.payload_kg", "schedule.cron", "store.backups",
+        "drift.resolution", "health.wear_rise", "replay.allow_motion", "residual.rise", "robot.payload_kg", "schedule.cron",
+        "store.backups",
     )  # fmt: skip
     assert found.waiting == ("bus.live_rate_hz", "drift.reference_speed_rad_s", "robot.host", "store.directory")
     merged = found.configuration

@@ -166,6 +166,7 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
     told = cell.command("status", "--config", str(cell.config), "--json")
     assert told.returncode == 0, told.stderr
     assert [row["state"] for row in json.loads(told.stdout)["ledger"]] == ["assessed"]
+    assert json.loads(told.stdout)["health"]["stale"] is False
     arguments = ["--q=0,-1.5,0.5,0,0,0", "--qd=0.5,0.5,0.5,0.5,0.5,0.5", "--temperature=25,25,25,25,25,25"]
     local = cell.command("predict", "--config", str(cell.config), *arguments, "--local", "--json")
     assert json.loads(local.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)

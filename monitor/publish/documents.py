@@ -54,6 +54,8 @@ class JointState(Document):
     state: State
     why: str
     since: datetime
+    stale: bool = Field(default=False, description="nothing was learnt of it for health.stale_days: the state is of then, not of now")
+    learnt_at: datetime | None = Field(default=None, description="of the last replay that taught something of it")
 
 
 class Split(Document):
@@ -90,6 +92,16 @@ class Alert(Document):
     shelved_why: str | None = None
 
 
+class ProductionEvidence(Document):
+    """What normal work, listened to since the last replay, says of one joint: it may pull a replay forward, and raises no alert."""
+
+    joint: Joint
+    change: Number = Field(description="fraction of friction beyond what is usual in this work")
+    std: Number
+    looks: int = Field(description="spans of motion that it is the mean of")
+    probability: Fraction = Field(description="that friction has risen at all")
+
+
 class Health(Document):
     """NE 107 states of arm and joints; `state` is null until a replay has been assessed."""
 
@@ -100,6 +112,9 @@ class Health(Document):
     alerts: list[Alert]
     next_replay_due: datetime | None
     said_at: datetime
+    stale: bool = Field(default=False, description="of the arm: of any of its joints")
+    stale_why: str | None = Field(default=None, description="of which joints nothing was learnt, and for how long")
+    production: list[ProductionEvidence] = Field(default_factory=list, description="joints that normal work has told enough of")
 
 
 class RemainingLife(Document):

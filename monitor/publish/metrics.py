@@ -140,6 +140,11 @@ def _health(health: Mapping[str, Any], who: list[str], family: Callable[..., Gau
         for name in STATES:
             state.add_metric([*who, joint, name], float(name == is_in))
     yield state
+    stale = family("joint_monitor_stale", "1 while nothing was learnt of joint or arm for too long: its state is of then", "joint")
+    for joint, old in [("arm", health.get("stale"))] + [(str(each["joint"]), each.get("stale")) for each in health.get("joints", [])]:
+        if old is not None:
+            stale.add_metric([*who, joint], float(old))
+    yield stale
     due = family("joint_monitor_next_replay_due_timestamp_seconds", "When the schedule will replay next")
     if health.get("next_replay_due"):
         due.add_metric(who, _unix_s(health["next_replay_due"]))

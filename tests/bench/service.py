@@ -113,10 +113,10 @@ def pss_mib(pid: int) -> float:
     return 0.0
 
 
-def idle(folder: Path) -> None:
+def idle(folder: Path, listen_hz: float) -> None:
     config = folder / "cell.toml"
     config.write_text(
-        f'[robot]\nmodel = "ur5"\nsite = "bench"\nid = "ur5"\nhost = "{ADDRESS}"\n'
+        f'[robot]\nmodel = "ur5"\nsite = "bench"\nid = "ur5"\nhost = "{ADDRESS}"\nlisten_hz = {listen_hz}\n'
         f'[bus]\nlisten = ["tcp/{ADDRESS}:7447"]\nlive_rate_hz = 10.0\n'
     )
     loaded = load(config)
@@ -140,7 +140,7 @@ def idle(folder: Path) -> None:
         said = json.loads((loaded.state_directory / "monitor.json").read_text())
         print(f"{'daemon ready after':<64} {ready_s:.1f} s")
         about, told = said["process"], f"{share:.1f} % of a core, {memory:.0f} MiB, its {len(family(daemon.pid)) - 1} child included"
-        print(f"{'daemon that listens and says live torque at 10 Hz':<64} {told}")
+        print(f"{f'daemon that listens at {listen_hz:g} Hz, live torque at 10 Hz':<64} {told}")
         print(f"{'  as it says itself':<64} heard {said['arm']['heard']}, {about['threads']} threads, {said['bus']}")
     finally:
         for process in (daemon, simulator):
@@ -153,8 +153,9 @@ def main() -> None:
     """All of it, about two minutes."""
     with tempfile.TemporaryDirectory() as folder:
         history(Path(folder))
-    with tempfile.TemporaryDirectory() as folder:
-        idle(Path(folder))
+    for listen_hz in (10.0, 125.0):
+        with tempfile.TemporaryDirectory() as folder:
+            idle(Path(folder), listen_hz)
 
 
 if __name__ == "__main__":

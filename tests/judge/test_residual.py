@@ -1,5 +1,7 @@
 """Production residuals: work may ask for a replay, and for nothing else."""
 
+import threading
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -91,3 +93,53 @@ def test_a_replay_is_asked_for_once_a_model():
         why = production.pull_forward()
         asked += [why] if why else []
     assert len(asked) == 1
+
+
+class Interrupting(np.ndarray):
+    """A speed that lets something happen elsewhere at the very moment when it is looked at."""
+
+    happens = None
+
+    def __array_ufunc__(self, ufunc, method, *inputs, **kwargs):
+        if Interrupting.happens is not None:
+            happens, Interrupting.happens = Interrupting.happens, None
+            happens()
+        return getattr(ufunc, method)(*(np.asarray(x) for x in inputs), **kwargs)
+
+
+def test_a_replay_that_takes_the_count_in_the_middle_of_a_sample_takes_each_turn_once():
+    """The replay's thread asks while the listener adds: without a lock the listener writes back what was taken, and it counts twice."""
+    production, taken = Production(SETTINGS), []
+    replay = threading.Thread(target=lambda: taken.append(production.revolutions(100.0)))
+
+    def ask():
+        replay.start()
+        replay.join(0.2)  # it has to wait for the sample's end; it would have been done in far less
+
+    for k in range(100):
+        production.moved(float(k), np.full(J, 2.0 * np.pi))
+    Interrupting.happens = ask
+    production.moved(100.0, np.full(J, 2.0 * np.pi).view(Interrupting))
+    replay.join()
+    assert taken == [pytest.approx([100.0] * J)]
+    assert production.revolutions(100.0) is None  # nothing is left of what was taken
+
+
+def test_other_settings_begin_the_looks_anew_and_the_same_ones_do_not():
+    """A reload that changes [residual] judges by the new figures from then on; one that changes something else loses nothing."""
+    short = replace(SETTINGS, span_s=60.0, min_samples=10)
+    production, model = Production(short), SimpleNamespace(revision=1)
+    qd = np.full(J, 0.5)
+    predicted = TorquePrediction(qd[None], 0 * qd[None], qd[None], np.ones((1, J)), np.zeros((1, J), dtype=bool))
+
+    def work():
+        for k in range(400):
+            production.worked(model, predicted, Sample(float(k), qd, 0 * qd, 1.2 * qd), 1.0)
+        return [each.looks for each in production.evidence()]
+
+    assert work() == [400 // 60 - short.baseline_looks] * J
+    production.use(replace(short))
+    assert production.evidence() != ()
+    production.use(replace(short, rise=0.2))
+    assert production.evidence() == ()
+    assert work() == [400 // 60 - short.baseline_looks] * J

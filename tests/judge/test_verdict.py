@@ -240,6 +240,25 @@ def test_silence_is_stale_and_neither_good_nor_bad():
     assert health.state == "NORMAL"
 
 
+def test_status_says_what_is_stale_of_a_stored_health_and_keeps_the_rest(capsys):
+    """One joint that nothing was learnt of is named, in JSON and in the table's head; what was stored is otherwise as it was."""
+    from monitor.publish.told import with_stale
+    from monitor.terminal import print_status
+    from monitor.timestamps import outside
+
+    health, _ = through([believed(0), believed(1)])
+    silent = replace(health, joints=(replace(health.joints[0], told_unix_s=START_S - 3 * DAY_S), *health.joints[1:]))
+    stored = silent.as_document()
+    told = with_stale(stored, START_S + 5 * DAY_S, SETTINGS)
+    assert told["stale"] is True
+    assert [joint["stale"] for joint in told["joints"]] == [True] + [False] * 5
+    assert {key: value for key, value in told.items() if key not in {"stale", "stale_why", "joints"}}.items() <= stored.items()
+    print_status({"robot": "cell-1", "model_revision": 2, "health": outside(told), "friction": [], "ledger": []})
+    assert "STALE: joints 1: nothing was learnt for 8 days" in " ".join(capsys.readouterr().out.split())
+    fresh = with_stale(health.as_document(), START_S + 5 * DAY_S, SETTINGS)
+    assert (fresh["stale"], fresh["stale_why"]) == (False, None)
+
+
 def test_a_change_is_split_into_what_makes_it():
     """10 K colder and 10 % worn: the parts add up to the whole, and each is what it was made of."""
     from synthetic_arm import History

@@ -151,7 +151,7 @@ def test_a_client_reads_the_health_of_an_arm_with_an_alert(cell):
     with Client(endpoint, "lab", "cell-1") as client:
         health = client.health()
     assert [(alert.joint, alert.active) for alert in health.alerts] == [(3, True)]
-    assert health.joints[0].model_dump().keys() == {"joint", "state", "why", "since"}
+    assert health.joints[0].model_dump().keys() == {"joint", "state", "why", "since", "stale", "learnt_at"}
 
 
 def test_info_says_which_settings_are_in_force_and_since_when(cell):
@@ -404,3 +404,51 @@ def _document(daemon: Daemon, joint: int) -> dict:
     from monitor.assess import alert_document
 
     return {**alert_document(daemon._health.alerts[0]), "joint": joint}
+
+
+def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
+    """On the bus, arm and joints, on the watcher's line and on systemd's, in metrics: the state stays, and is said to be of then."""
+    from monitor.publish.metrics import families
+    from monitor.terminal_watch import line
+
+    daemon, _, arm, endpoint = cell
+
+    def told(client):
+        daemon.say_health()
+        health = client.health()
+        assert {joint.stale for joint in health.joints} == {health.stale}
+        (gauge,) = (family for family in families(daemon.bus.last_values()) if family.name == "joint_monitor_stale")
+        assert {sample.value for sample in gauge.samples} == {float(health.stale)}
+        assert {sample.labels["joint"] for sample in gauge.samples} == {"arm", *"123456"}
+        assert ("STALE" in daemon.health_state) is health.stale
+        assert ("STALE" in line("health", health.model_dump(mode="json")).plain) is health.stale
+        return health
+
+    with Client(endpoint, "lab", "cell-1") as client:
+        fresh = told(client)
+        assert (fresh.stale, fresh.stale_why) == (False, None)
+        arm.clock_unix_s += 5.9 * DAY_S  # the last replay was a day before the clock
+        assert told(client).stale is False
+        arm.clock_unix_s += 0.2 * DAY_S
+        old = told(client)
+        assert old.stale is True
+        assert old.state == fresh.state
+        assert old.stale_why.startswith("STALE: all joints: nothing was learnt for 7 days")
+        assert old.joints[0].learnt_at.timestamp() == pytest.approx(START_UNIX_S + 2 * DAY_S, abs=1.0)
+        assert daemon.perform(arm.clock_unix_s).state == "assessed"
+        assert told(client).stale is False
+
+
+def test_what_work_says_of_friction_is_told_with_health(cell):
+    """A look that work has given: change, doubt, looks and probability of that joint, valid by the schema."""
+    from monitor.judge.residual import unheard
+
+    daemon, _, _, endpoint = cell
+    one = np.array([1.0, 0, 0, 0, 0, 0])
+    daemon.production._residuals = unheard(6, 1)._replace(later=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
+    daemon.say_health()
+    with Client(endpoint, "lab", "cell-1") as client:
+        (each,) = client.health().production
+    assert (each.joint, each.change, each.looks) == (1, 0.12, 4)
+    assert each.std > 0
+    assert 0.5 < each.probability < 1.0

@@ -1,0 +1,78 @@
+"""A history that was damaged and replaced by a backup is an alert, and stays one until a person has seen it."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from test_daemon_on_the_bus import DAY_S, START_UNIX_S, Arm, history, recording, settled  # noqa: F401
+
+from monitor.client import Client
+from monitor.daemon import STORE_RESTORED, Daemon
+from monitor.errors import BusError
+from monitor.keep.backup import back_up
+from monitor.publish.documents import Alert
+from monitor.store import Store
+
+
+def reached(endpoint: str, process: "subprocess.Popen[str]") -> Client:
+    """A busy machine takes a while to start one."""
+    for _ in range(600):
+        assert process.poll() is None, process.stderr.read() if process.stderr else ""
+        try:
+            return Client(endpoint, "lab", "cell-1", timeout_s=1.0)
+        except BusError:
+            time.sleep(0.1)
+    raise AssertionError("the daemon never opened its endpoint")
+
+
+def told(client: Client) -> Alert:
+    """The endpoint is open a moment before all is said that is to be said."""
+    for _ in range(200):
+        for alert in client.alerts():
+            if alert.condition == STORE_RESTORED:
+                return alert
+        time.sleep(0.05)
+    raise AssertionError("the alert was never raised")
+
+
+def test_a_restored_history_is_an_alert_until_it_is_acknowledged(tmp_path: Path, free_port: int, recording, history):  # noqa: F811
+    """Said by a real process, still there after kill −9 and after another replay's verdict; over once it was acknowledged."""
+    shutil.copytree(history, tmp_path / "history")
+    back_up(tmp_path / "history", 14)
+    (tmp_path / "history" / "history.sqlite").write_bytes(b"this is no database" * 1000)
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    (tmp_path / "cell.toml").write_text(
+        '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\nhost = "127.0.89.77"\n'
+        f'[store]\ndirectory = "history"\n[bus]\nlisten = ["{endpoint}"]\n'
+    )
+    command = [sys.executable, "-m", "monitor", "run", "--config", str(tmp_path / "cell.toml")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            with reached(endpoint, process) as client:
+                said = told(client)
+                assert "the history was damaged" in said.text
+                assert [event.kind for event in client.events().events][-1] == "raised"
+        finally:
+            process.send_signal(signal.SIGKILL)
+            process.communicate()
+
+    arm = Arm(recording)
+    arm.clock_unix_s = time.time() + DAY_S
+    configuration = settled(tmp_path, endpoint)
+    with (
+        Store.open(tmp_path / "history") as store,
+        Daemon(configuration, store, now=arm.now, play=arm.play) as daemon,
+        Client(endpoint, "lab", "cell-1") as client,
+    ):
+        assert store.restored is None
+        daemon.clear_own()
+        assert daemon.perform(arm.clock_unix_s).state == "assessed"
+        daemon.clear_own()
+        assert [alert.condition for alert in client.alerts()].count(STORE_RESTORED) == 1
+        client.acknowledge(None, STORE_RESTORED, by="Ada", why="the disk was replaced")
+        daemon.clear_own()
+        assert STORE_RESTORED not in [alert.condition for alert in client.alerts()]
+        assert [event.kind for event in client.events().events][-3:] == ["raised", "acknowledged", "cleared"]
