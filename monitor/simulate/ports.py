@@ -146,6 +146,7 @@ class RtdePort(Port):
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """Nothing is said first, unless a fault wants it."""
+        self._wire = transport.get_extra_info("socket")
         if self.ports.faults.text_at_connect:
             transport.write(text_message("Safety setup has not been confirmed yet", "SafetySetup", 2))
 
@@ -155,7 +156,7 @@ class RtdePort(Port):
         if transport is None:
             return
         # acknowledge at once: ur-rtde's small writes wait for it (its TCP_NODELAY is lost), and would come in bunches; not lasting
-        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         if self.ports.faults.mute:
             return
         try:
