@@ -125,13 +125,13 @@ def on_the_wire(robot: str, hz: float) -> tuple[float, float, float, float]:
         time.sleep(1.0)
         found = idle, *simulator.share(SECONDS)
         clients.kill()
-        if "ended" in clients.communicate()[0]:
+        if "ended" in clients.stdout.read():
             raise SystemExit(f"{robot}: the client ended before the measurement did: this machine is too busy, targets came late")
         return found
     finally:
         if clients is not None:
             clients.kill()
-            clients.communicate()
+            clients.wait()
         simulator.process.terminate()
         simulator.process.communicate()
 
