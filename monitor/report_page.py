@@ -265,7 +265,7 @@ def _thresholds(of: Mapping[str, Any]) -> str:
 def _panels(height: float) -> "tuple[Figure, Any]":
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, height), layout="constrained")
+    figure = Figure(figsize=(7.6, height), layout="constrained")
     return figure, figure.subplots(2, 3).ravel()
 
 
@@ -296,7 +296,7 @@ def _alone(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
 def _over_time(told: Mapping[str, Any]) -> "Figure":
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    figure, axes = _panels(4.6)
+    figure, axes = _panels(4.2)
     of = told["thresholds"]
     for j, one in enumerate(axes):
         rows = _of_joint(told, j + 1)
@@ -339,7 +339,7 @@ def _ahead(one: Any, at: Sequence[datetime], row: Mapping[str, Any], limit: floa
 
 
 def _over_temperature(told: Mapping[str, Any]) -> "Figure":
-    figure, axes = _panels(4.4)
+    figure, axes = _panels(4.1)
     laws = {law["joint"]: law for law in told["verdict"]["temperature"]} if told["verdict"] else {}
     for j, one in enumerate(axes):
         rows = [row for row in _of_joint(told, j + 1) if row["temperature_c"] is not None and row["viscous_nm_s_per_rad"] is not None]
@@ -366,6 +366,7 @@ def _labelled(one: Any, title: str, ylabel: str) -> None:
     one.set_title(title, fontsize="small", loc="left")
     one.set_ylabel(ylabel, fontsize="small")
     one.tick_params(labelsize="x-small")
+    one.xaxis.get_offset_text().set_size("x-small")
     one.grid(alpha=0.25)
 
 
