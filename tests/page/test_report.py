@@ -146,3 +146,13 @@ def test_the_command_writes_the_page_and_the_document(lived, tmp_path):
         ran = CliRunner().invoke(app, ["report", *arguments])
         assert isinstance(ran.exception, BadInput)
         assert why in str(ran.exception)
+
+
+def test_a_report_made_long_after_the_last_replay_says_that_the_state_is_of_then(lived):
+    """Eight days after, all six joints are STALE with when they were learnt of; the period that ends with its last replay has none."""
+    whole = told(lived)
+    assert [one["joint"] for one in whole["stale"]] == [1, 2, 3, 4, 5, 6]
+    assert "STALE: all joints" in report_page([whole])
+    fresh = told(lived, FIRST_UNIX_S, END)
+    assert fresh["stale"] == []
+    assert "STALE" not in report_page([fresh])
