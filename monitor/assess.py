@@ -16,10 +16,11 @@ from monitor.judge.compensation import CompensatedModel, compensated
 from monitor.judge.curves import LAWS
 from monitor.judge.document import plain
 from monitor.judge.drift import begin, learn
-from monitor.judge.evidence import DriftSettings
+from monitor.judge.evidence import DriftSettings, observe
 from monitor.judge.health import Alert, Health, HealthSettings, Transition
 from monitor.judge.prognosis import PrognosisSettings, RemainingLife, remaining_life
 from monitor.judge.residual import ResidualSettings
+from monitor.judge.single import single_torque_nm
 from monitor.judge.temperature import Line, TemperatureSettings
 from monitor.judge.verdict import judge
 from monitor.model.robot import Mounting, Robot
@@ -62,6 +63,8 @@ class JointFriction:
     revolutions: float | None  # counted until this replay
     revolutions_per_day: float | None  # usual
     remaining_revolutions: tuple[float | None, float | None, float | None]  # P10, P50, P90 of remaining life, in use
+    replay_torque_nm: float | None  # F(v*, T0) of this replay alone
+    replay_torque_std_nm: float | None  # what one replay differs from the next included
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,6 +233,7 @@ def _friction(
 ) -> tuple[JointFriction, ...]:
     """What is published of every joint."""
     torque, torque_std = belief.reference_torque_nm(settings.drift)
+    alone, alone_std = single_torque_nm(belief, observe(identification, settings.drift), settings.drift)
     # what one replay says of fc and fv, with what the next would say differently: the larger of the two scatters
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
@@ -261,6 +265,8 @@ def _friction(
                 revolutions=_known(belief.usage.revolutions[j]),
                 revolutions_per_day=_known(usual),
                 remaining_revolutions=(left[0], left[1], left[2]),
+                replay_torque_nm=_known(alone[j]),
+                replay_torque_std_nm=_known(alone_std[j]),
             )
         )
     return tuple(joints)

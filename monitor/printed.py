@@ -21,6 +21,7 @@ h1 { font-size: 19pt; line-height: 1.2; margin: 0 0 2mm; letter-spacing: -.01em 
 h2 { font-size: 14pt; margin: 11mm 0 2mm; padding-bottom: 1mm; border-bottom: 1.5pt solid #1b4d7a; break-after: avoid }
 h3 { font-size: 11.5pt; margin: 6mm 0 1mm; break-after: avoid }
 p { margin: 1.5mm 0 }
+p:has(+ table) { break-after: avoid }
 .sub { color: #555; margin-bottom: 5mm }
 table { border-collapse: collapse; margin: 2mm 0 4mm; font-size: 9pt; font-variant-numeric: tabular-nums; width: 100% }
 thead { display: table-header-group }

@@ -41,7 +41,8 @@ def reloaded(old: Configuration, new: Configuration) -> Reloaded:
     different = sorted(key for key in was.keys() | will.keys() if was.get(key) != will.get(key))
     waiting = tuple(key for key in different if any(key == name or key.startswith(f"{name}.") for name in NEEDS_RESTART))
     kept = {name: getattr(old, name) for name in ("bus", "metrics", "page") if hasattr(old, name)}
-    robot = dataclasses.replace(new.robot, **{name: getattr(old.robot, name) for name in ("model", "site", "id", "host", "listen_hz")})
+    staying = [name.removeprefix("robot.") for name in NEEDS_RESTART if name.startswith("robot.")]
+    robot = dataclasses.replace(new.robot, **{name: getattr(old.robot, name) for name in staying})
     excitation = new.excitation if new.robot.model == old.robot.model else old.excitation  # it is made for the model
     speed = old.assess.drift.reference_speed_rad_s
     merged = dataclasses.replace(

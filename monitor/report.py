@@ -9,6 +9,7 @@ from typing import Any
 from monitor import __version__
 from monitor.config import Configuration
 from monitor.errors import BadInput
+from monitor.schedule import DAY_S
 from monitor.store import Store
 from monitor.timestamps import outside, rfc3339
 
@@ -66,6 +67,7 @@ def report(
                 "temperature": last["temperature"],
             },
             "joints": _newest(rows),
+            "stale": _stale(rows, begin, min(end, now_unix_s), configuration),
             "alerts": _alerts(state.health if state else None, begin, end),
             "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
             "contexts": contexts,
@@ -142,6 +144,17 @@ def _thresholds(configuration: Configuration) -> dict[str, Any]:
 def _newest(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     newest = {row["joint"]: dict(row) for row in rows}
     return [newest[joint] for joint in sorted(newest)]
+
+
+def _stale(rows: Sequence[Mapping[str, Any]], begin: float, end: float, configuration: Configuration) -> list[dict[str, Any]]:
+    """Joints of which the period's replays taught nothing in its last `stale_days`; none where the period is shorter than that."""
+    limit = end - configuration.assess.health.stale_days * DAY_S
+    learnt: dict[int, float | None] = dict.fromkeys(range(1, configuration.model.joints + 1))
+    for row in rows:
+        # without a figure of its own, or of an old history without any, the replay said nothing of the joint
+        if row.get("replay_torque_nm", row["reference_torque_nm"]) is not None:
+            learnt[row["joint"]] = row["recorded_at_unix_s"]
+    return [{"joint": joint, "learnt_at_unix_s": at} for joint, at in learnt.items() if (begin if at is None else at) < limit]
 
 
 def _alerts(health: Mapping[str, Any] | None, begin: float, end: float) -> list[dict[str, Any]]:

@@ -1,7 +1,7 @@
 """A report's document → one self-contained HTML page, laid out for the maintenance file."""
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,7 +61,7 @@ def _robot(told: Mapping[str, Any], *, new_page: bool) -> list[str]:
     if told["history"]:
         parts += [
             heading("Friction over the period", 3),
-            drawn(_over_time(told), "Friction since the beginning, temperature taken out, with its 2σ interval; a point is a replay."),
+            drawn(_over_time(told), _over_time_says(told)),
             drawn(
                 _over_temperature(told),
                 "Viscous friction over joint temperature, wear taken out, and the line fitted to all replays so far.",
@@ -96,7 +96,18 @@ def _verdict(told: Mapping[str, Any]) -> str:
             "dim",
         ),
     ]
-    return '<div class="box">' + "".join(lines) + "</div>"
+    return '<div class="box">' + "".join(lines) + _stale(told) + "</div>"
+
+
+def _stale(told: Mapping[str, Any]) -> str:
+    old = told["stale"]
+    if not old:
+        return ""
+    who = "all joints" if len(old) == len(told["joints"]) else f"joints {' '.join(str(one['joint']) for one in old)}"
+    known = [one["learnt_at"] for one in old if one["learnt_at"]]
+    since = f"since {_time(min(known))}" if known else "in this period"
+    text = f"STALE: {who}: nothing was learnt {since}; the state is of then, not of the period's end. Find out below why, and have the arm "
+    return paragraph(text + "replayed before relying on it.", "warn")
 
 
 def _chip(state: str) -> Markup:
@@ -105,16 +116,18 @@ def _chip(state: str) -> Markup:
 
 def _joints(told: Mapping[str, Any]) -> str:
     states = told["verdict"]["health"]["joints"]
+    old = {one["joint"] for one in told["stale"]}
     rows = []
     for row in told["joints"]:
         life = row["remaining_life"]
         rows.append(
             [
                 f"joint {row['joint']}",
-                _chip(states[row["joint"] - 1]),
+                Markup(_chip(states[row["joint"] - 1]) + (" <b class=warn>STALE</b>" if row["joint"] in old else "")),
                 f"{100 * row['wear']:+.1f} ± {100 * row['wear_std']:.1f}",
                 f"{3000 * row['wear_rate_per_day']:+.1f} ± {3000 * row['wear_rate_std_per_day']:.1f}",
                 _life(life),
+                f"{100 * life.get('before_service_probability', 0.0):.0f}",
                 _pair(row["coulomb_nm"], row["coulomb_std_nm"]),
                 _pair(row["viscous_nm_s_per_rad"], row["viscous_std_nm_s_per_rad"]),
                 None if row["temperature_c"] is None else f"{row['temperature_c']:.1f}",
@@ -126,6 +139,7 @@ def _joints(told: Mapping[str, Any]) -> str:
         Column("wear [%]"),
         Column("pace [%/month]"),
         Column("life left"),
+        Column("limit before service [%]"),
         Column("fc [Nm]"),
         Column("fv [Nm·s/rad]"),
     ]
@@ -251,7 +265,7 @@ def _thresholds(of: Mapping[str, Any]) -> str:
 def _panels(height: float) -> "tuple[Figure, Any]":
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, height), layout="constrained")
+    figure = Figure(figsize=(7.6, height), layout="constrained")
     return figure, figure.subplots(2, 3).ravel()
 
 
@@ -260,10 +274,29 @@ def _of_joint(told: Mapping[str, Any], joint: int) -> list[Mapping[str, Any]]:
     return rows[:: max(1, len(rows) // MOST_POINTS)]
 
 
+def _over_time_says(told: Mapping[str, Any]) -> str:
+    rows = told["history"]
+    text = "Friction since the beginning, temperature taken out: the estimate from all replays until then as a line with its 2σ band, "
+    text += "and what each replay says by itself as a point with its own 2σ interval. Where there is a trend, a fan leads to the "
+    text += "limit (P10 to P90, P50 dashed)."
+    missing = sum(1 for row in rows if row.get("replay_torque_nm") is None)
+    if missing:
+        text += f" Of {missing} of {len(rows)} figures the history keeps the estimate only, so they have no point."
+    return text
+
+
+def _alone(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
+    """(N,) change [%] that each replay shows by itself, against the unworn friction of its day, and its std; NaN where not kept."""
+    keys = ("replay_torque_nm", "replay_torque_std_nm", "reference_torque_nm", "wear")
+    one, std, every, wear = (np.array([row.get(key) for row in rows], dtype=float) for key in keys)
+    unworn = every / (1.0 + wear)
+    return 100 * (one / unworn - 1.0), 100 * std / unworn
+
+
 def _over_time(told: Mapping[str, Any]) -> "Figure":
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    figure, axes = _panels(4.6)
+    figure, axes = _panels(4.2)
     of = told["thresholds"]
     for j, one in enumerate(axes):
         rows = _of_joint(told, j + 1)
@@ -273,12 +306,16 @@ def _over_time(told: Mapping[str, Any]) -> "Figure":
         at = [datetime.fromisoformat(row["recorded_at"]).astimezone(UTC).replace(tzinfo=None) for row in rows]
         wear, std = (100 * np.array([row[key] for row in rows]) for key in ("wear", "wear_std"))
         one.fill_between(at, wear - 2 * std, wear + 2 * std, color=LINE, alpha=0.2, lw=0)
-        one.plot(at, wear, "-", marker="." if len(rows) < 300 else "", ms=4, lw=1.2, color=LINE)
-        top = max(float(np.max(wear + 2 * std)), 100 * of["wear_rise"] * 1.3)
+        alone, alone_std = _alone(rows)
+        many = len(rows) >= 300
+        one.errorbar(at, alone, 2 * alone_std, fmt=".", ms=2 if many else 3, lw=0.25 if many else 0.4, color=POINT, alpha=0.5)
+        one.plot(at, wear, "-", lw=1.4, color=LINE)
+        top = max(float(np.max(wear + 2 * std)), float(np.nanmax([0.0, *(alone + 2 * alone_std)])), 100 * of["wear_rise"] * 1.3)
         for level, colour in ((of["wear_rise"], COLOURS["MAINTENANCE_REQUIRED"]), (of["limit_rise"], COLOURS["FAILURE"])):
             if 100 * level < 1.2 * top:
                 one.axhline(100 * level, color=colour, lw=0.9, ls="--")
-        one.set_ylim(min(-3.0, float(np.min(wear - 2 * std))), 1.15 * top)
+        one.set_ylim(min(-3.0, float(np.min(wear - 2 * std)), float(np.nanmin([0.0, *(alone - 2 * alone_std)]))), 1.15 * top)
+        _ahead(one, at, rows[-1], of["life_limit_rise"])
         locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
         one.xaxis.set_major_locator(locator)
         one.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
@@ -286,8 +323,23 @@ def _over_time(told: Mapping[str, Any]) -> "Figure":
     return figure
 
 
+def _ahead(one: Any, at: Sequence[datetime], row: Mapping[str, Any], limit: float) -> None:
+    """Remaining life as a fan to the limit: P10–P90 filled, P50 dashed, as far as there is room for; nothing without a trend."""
+    life, wear = row["remaining_life"], row["wear"]
+    if life["verdict"] != "trend" or life["p50_days"] is None or wear >= limit:
+        return
+    ends = [np.inf if life[key] is None else life[key] for key in ("p10_days", "p50_days", "p90_days")]
+    to = min(max(1.5 * (at[-1] - at[0]).days, 60.0), 1.05 * ends[2])
+    parts = [min(1.0, to / end) for end in ends]
+    x = [at[-1] + timedelta(days=min(to, end)) for end in ends]
+    y = [100 * (wear + part * (limit - wear)) for part in parts]
+    one.fill([at[-1], x[0], x[2], x[2]], [100 * wear, y[0], y[0], y[2]], color=LINE, alpha=0.2, lw=0)
+    one.plot([at[-1], x[1]], [100 * wear, y[1]], "--", lw=1.1, color=LINE)
+    one.set_ylim(top=max(one.get_ylim()[1], 1.12 * y[0]))
+
+
 def _over_temperature(told: Mapping[str, Any]) -> "Figure":
-    figure, axes = _panels(4.4)
+    figure, axes = _panels(4.1)
     laws = {law["joint"]: law for law in told["verdict"]["temperature"]} if told["verdict"] else {}
     for j, one in enumerate(axes):
         rows = [row for row in _of_joint(told, j + 1) if row["temperature_c"] is not None and row["viscous_nm_s_per_rad"] is not None]
@@ -314,6 +366,7 @@ def _labelled(one: Any, title: str, ylabel: str) -> None:
     one.set_title(title, fontsize="small", loc="left")
     one.set_ylabel(ylabel, fontsize="small")
     one.tick_params(labelsize="x-small")
+    one.xaxis.get_offset_text().set_size("x-small")
     one.grid(alpha=0.25)
 
 

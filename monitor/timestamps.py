@@ -1,11 +1,20 @@
 """Seconds since 1970 ↔ what people and other programs read: UTC, RFC 3339."""
 
 from datetime import UTC, datetime
+from functools import lru_cache
+
+DAY_S = 86_400
 
 
 def rfc3339(unix_s: float) -> str:
     """2026-11-21T03:00:00Z, to the second."""
-    return f"{datetime.fromtimestamp(round(unix_s), tz=UTC).replace(tzinfo=None).isoformat()}Z"
+    day, second = divmod(round(unix_s), DAY_S)
+    return f"{_date(day)}T{second // 3600:02d}:{second // 60 % 60:02d}:{second % 60:02d}Z"
+
+
+@lru_cache(maxsize=4096)  # a history has several times a day, and a client asks for it again
+def _date(day: int) -> str:
+    return datetime.fromtimestamp(day * DAY_S, tz=UTC).date().isoformat()
 
 
 def unix_s(text: str) -> float:

@@ -18,6 +18,7 @@ from monitor.recording import Array
 
 LONGEST_POLL_S = 0.02  # live state is decimated: a late look costs nothing
 POLL_SHARE = 0.8  # of a period: each row is seen, and hardly one look is in vain
+DROWSY_SHARE = 0.25  # of a period: what a sleep of ur-rtde's thread may last longer; each row is still taken in before the next comes
 EVERY_TICK_POLL_S = 0.0003  # the finest sleep that does not burn a core
 
 
@@ -171,16 +172,19 @@ class Listener:
 
 def main() -> None:
     """The child: rows to the parent until the connection or the parent is gone; never returns."""
-    from monitor.acquire.child import begin, leave, real_time
+    from monitor.acquire.child import begin, drowsy, leave, real_time
     from monitor.acquire.rows import PLACE, Torn, heard, snapshot
 
     job, outbox, lifeline = begin()
     host = job["host"]
     if job["every_tick"] and not ipaddress.ip_address(host).is_loopback:
         real_time()  # before ur-rtde starts its threads, which inherit it
+    elif not job["every_tick"]:
+        drowsy(DROWSY_SHARE / job["rate_hz"])  # likewise
     poll_s = EVERY_TICK_POLL_S if job["every_tick"] else min(LONGEST_POLL_S, POLL_SHARE / job["rate_hz"])
     try:
         receive, signals = heard(host, job["rate_hz"])
+        drowsy(0.0)  # this thread's own looks come in time
         told_s = None
         while receive.isConnected():
             if receive.getTimestamp() != told_s:

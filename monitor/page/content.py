@@ -20,7 +20,9 @@ EVENTS = 60
 WINDOWS = 40
 COMING = 5
 DIGITS = 5  # of a figure that becomes a pixel
-SERIES = ("wear", "wear_std", "coulomb_nm", "viscous_nm_s_per_rad", "temperature_c", "reference_torque_nm", "reference_torque_std_nm")
+SERIES = (
+    "wear", "wear_std", "viscous_nm_s_per_rad", "temperature_c", "reference_torque_nm", "replay_torque_nm", "replay_torque_std_nm",
+)  # fmt: skip
 
 
 class Window(Protocol):

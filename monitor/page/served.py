@@ -24,6 +24,7 @@ def page(configuration: Any, bus: Ask, store: Past) -> AbstractContextManager[An
 def about(configuration: Any) -> dict[str, Any]:
     """Who it is, and the arm's geometry for its drawing."""
     who, arm, health = configuration.robot, configuration.model, configuration.assess.health
+    prognosis = configuration.assess.prognosis
     return {
         "robot": {
             "site": who.site,
@@ -38,6 +39,7 @@ def about(configuration: Any) -> dict[str, Any]:
             {"name": "wear tier", "rise": health.wear_rise, "state": "MAINTENANCE_REQUIRED"},
             {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},
         ],
+        "life": {"limit_rise": prognosis.limit_rise, "service_days": prognosis.service_days},
         "arm": {
             "links": list(arm.link_names),
             "a_m": arm.a_m.tolist(),

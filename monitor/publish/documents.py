@@ -149,6 +149,8 @@ class Friction(Document):
     revolutions: float | None = Field(default=None, description="counted until this replay; null where nobody counts")
     revolutions_per_day: float | None = Field(default=None, description="usual")
     remaining_revolutions: list[Maybe] = Field(default=[None, None, None], description="P10, P50, P90 of remaining life, in use")
+    replay_torque_nm: Maybe = Field(default=None, description="at reference speed and temperature, of this replay alone")
+    replay_torque_std_nm: Maybe = Field(default=None, description="what one replay differs from the next included")
 
 
 class Event(Alert):

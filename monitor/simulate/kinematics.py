@@ -61,18 +61,20 @@ class Kinematics:
         """(6,)."""
         return pose_of(self.at(q, tool))
 
-    def state(self, q: Array, qd: Array) -> tuple[list[float], list[float]]:
-        """Pose and speed of the tool, 6 each: what `pose` and `speed` say, in one pass for what asks every tick."""
+    def state(self, q: Array, qd: Array) -> tuple[tuple[list[float], list[float]], Array]:
+        """Pose and speed of the tool, 6 each: what `pose` and `speed` say, in one pass for what asks every tick; flange → base (3, 3)."""
         model, data, tool = self._model, self._data, self.tool
         pin.forwardKinematics(model, data, q, qd)
         flange = pin.updateFramePlacement(model, data, self._frame)
         speed = pin.getFrameVelocity(model, data, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         linear, angular = speed.linear, speed.angular
+        rotation: Array = flange.rotation.copy()
         if tool is not NO_TOOL:
             arm = flange.rotation @ tool[:3]
             linear = linear + np.cross(angular, arm)
             flange = flange * se3(tool)
-        return [*flange.translation.tolist(), *pin.log3(flange.rotation).tolist()], [*linear.tolist(), *angular.tolist()]
+        pose = [*flange.translation.tolist(), *pin.log3(flange.rotation).tolist()]
+        return (pose, [*linear.tolist(), *angular.tolist()]), rotation
 
     def jacobian(self, q: Array) -> Array:
         """(6, J) q̇ → velocity of the tool's point and of its rotation, both along the base's axes."""

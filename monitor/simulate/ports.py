@@ -45,6 +45,11 @@ class Ports:
         self._numbers += 1
         return self._numbers
 
+    @property
+    def streaming(self) -> bool:
+        """Whether clients only stream: some do over RTDE, and none is still introducing itself."""
+        return bool(self.open["rtde"]) and all(isinstance(port, RtdePort) and port.started for port in self.open["rtde"])
+
     def publish(self, now_s: float) -> None:
         """Send what is due in this tick to everyone who reads."""
         controller, opened = self.controller, self.open
@@ -141,6 +146,7 @@ class RtdePort(Port):
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """Nothing is said first, unless a fault wants it."""
+        self._wire = transport.get_extra_info("socket")
         if self.ports.faults.text_at_connect:
             transport.write(text_message("Safety setup has not been confirmed yet", "SafetySetup", 2))
 
@@ -150,7 +156,7 @@ class RtdePort(Port):
         if transport is None:
             return
         # acknowledge at once: ur-rtde's small writes wait for it (its TCP_NODELAY is lost), and would come in bunches; not lasting
-        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         if self.ports.faults.mute:
             return
         try:
@@ -163,6 +169,11 @@ class RtdePort(Port):
             transport.write(replies)
             if transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
                 transport.abort()  # asks and never reads
+
+    @property
+    def started(self) -> bool:
+        """Whether data flow."""
+        return self._session.started
 
     def publish(self, tick: int, now_s: float, made: dict[tuple[str, ...], bytes], *, hold: bool) -> None:
         """The data packet of this tick, or none while the client does not read."""

@@ -18,6 +18,7 @@ from monitor.simulate.faults import SERVICES, Place
 from monitor.simulate.modes import RobotMode
 from monitor.simulate.ports import DashboardPort, Port, Ports, RtdePort, StatePort
 from monitor.simulate.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORTS, SimulateSettings
+from monitor.simulate.ticking import TickSelector
 from monitor.simulate.timer import expirations, periodic_timer
 
 log = logging.getLogger(__name__)
@@ -32,12 +33,13 @@ def serve(settings: SimulateSettings, on_ready: Callable[[], None] | None = None
 
     Raises BadInput where a port is taken or the address cannot be bound.
     """
-    sockets = bound(settings)
+    sockets, selector = bound(settings), TickSelector()
     for handler in (*logging.getLogger().handlers, logging.lastResort):
         if handler is not None:
             handler.addFilter(Sparing())
     try:
-        asyncio.run(_run(settings, sockets, on_ready))
+        with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector)) as runner:
+            runner.run(_run(settings, sockets, on_ready, selector))
     finally:
         for listening in sockets.values():
             listening.close()
@@ -185,7 +187,9 @@ class Listeners:
         self._timers.append(asyncio.get_running_loop().call_later(seconds, act))
 
 
-async def _run(settings: SimulateSettings, sockets: dict[int, socket.socket], on_ready: Callable[[], None] | None) -> None:
+async def _run(
+    settings: SimulateSettings, sockets: dict[int, socket.socket], on_ready: Callable[[], None] | None, selector: TickSelector
+) -> None:
     loop = asyncio.get_running_loop()
     end = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -203,6 +207,8 @@ async def _run(settings: SimulateSettings, sockets: dict[int, socket.socket], on
     clock = _Clock(ports, commands, listeners)
     timer = periodic_timer(ports.controller.tick_s)
     loop.add_reader(timer, clock.tick, timer)
+    selector.follow(timer)
+    selector.ticking = lambda: ports.streaming and not commands.stepping
     gc.collect()
     gc.freeze()  # what exists now lives as long as the process: collections stay short
     if on_ready is not None:
@@ -210,6 +216,7 @@ async def _run(settings: SimulateSettings, sockets: dict[int, socket.socket], on
     try:
         await end.wait()
     finally:
+        selector.forget()
         loop.remove_reader(timer)
         os.close(timer)
         asking.close()

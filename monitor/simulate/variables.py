@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import groupby
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -92,7 +92,11 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
     def constant(kind: str, *values: float) -> Variable:
         return Variable(kind, _constant(*values), never_changes=True)
 
-    def vector(read: Callable[[], Array]) -> Variable:
+    def vector(path: str) -> Variable:
+        array = attrgetter(path)  # C all the way: ten of these are read every tick
+        return Variable("VECTOR6D", lambda: array(c).tolist())
+
+    def derived(read: Callable[[], Array]) -> Variable:
         return Variable("VECTOR6D", lambda: read().tolist())
 
     none6 = constant("VECTOR6D", *[0.0] * 6)
@@ -100,17 +104,17 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
     gain = c.arm.gain_nm_per_a
     table = {
         "timestamp": Variable("DOUBLE", lambda: (c.clock_s,)),
-        "target_q": vector(lambda: c.reference.q),
-        "target_qd": vector(lambda: c.reference.qd),
-        "target_qdd": vector(lambda: c.reference.qdd),
-        "target_moment": vector(lambda: target_moment(c)),
-        "target_current": vector(lambda: target_moment(c) / gain),
-        "actual_q": vector(lambda: c.measured.q),
-        "actual_qd": vector(lambda: c.measured.qd),
-        "actual_current": vector(lambda: c.measured.current),
-        "actual_current_as_torque": vector(lambda: c.measured.current * gain),
-        "joint_control_output": vector(lambda: c.arm.torque_nm / gain),
-        "joint_temperatures": vector(lambda: c.measured.temperature_c),
+        "target_q": vector("reference.q"),
+        "target_qd": vector("reference.qd"),
+        "target_qdd": vector("reference.qdd"),
+        "target_moment": derived(lambda: target_moment(c)),
+        "target_current": derived(lambda: target_moment(c) / gain),
+        "actual_q": vector("measured.q"),
+        "actual_qd": vector("measured.qd"),
+        "actual_current": vector("measured.current"),
+        "actual_current_as_torque": derived(lambda: c.measured.current * gain),
+        "joint_control_output": derived(lambda: c.arm.torque_nm / gain),
+        "joint_temperatures": vector("measured.temperature_c"),
         "actual_joint_voltage": constant("VECTOR6D", *[SUPPLY_V] * 6),
         "actual_TCP_pose": Variable("VECTOR6D", lambda: pose.actual()[0]),
         "actual_TCP_speed": Variable("VECTOR6D", lambda: pose.actual()[1]),
@@ -200,6 +204,8 @@ class _Poses:
         nothing: tuple[Array, Array, Array] = (np.empty(0),) * 3
         self._of = {"actual": nothing, "target": nothing}
         self._known: dict[str, tuple[list[float], list[float]]] = {}
+        self._rotation: dict[str, Array] = {}  # (3, 3) flange → base
+        self._mounting, self._upwards = c.arm.mounting, -c.arm.mounting.gravity_in_base  # three matrices' product: not every tick
 
     def actual(self) -> tuple[list[float], list[float]]:
         return self._at("actual", self._c.measured.q, self._c.measured.qd)
@@ -209,14 +215,18 @@ class _Poses:
 
     def accelerometer(self) -> Array:
         """(3,) of the flange at rest [m/s²]: what holds it against gravity, as a real arm's reads; its own acceleration is not modelled."""
-        upwards: Array = -self._c.kinematics.flange(self._c.arm.q).rotation.T @ self._c.arm.mounting.gravity_in_base
+        mounting = self._c.arm.mounting
+        if mounting is not self._mounting:
+            self._mounting, self._upwards = mounting, -mounting.gravity_in_base
+        self.actual()
+        upwards: Array = self._upwards.dot(self._rotation["actual"])
         return upwards
 
     def _at(self, key: str, q: Array, qd: Array) -> tuple[list[float], list[float]]:
         kinematics, of = self._c.kinematics, self._of[key]
         if of[0] is not q or of[1] is not qd or of[2] is not kinematics.tool:
             self._of[key] = (q, qd, kinematics.tool)
-            self._known[key] = kinematics.state(q, qd)
+            self._known[key], self._rotation[key] = kinematics.state(q, qd)
         return self._known[key]
 
 

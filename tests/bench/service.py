@@ -15,8 +15,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import orjson
+import zenoh
+
 from monitor.config import load
 from monitor.files import write_recording
+from monitor.publish.bus import session_config
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -30,17 +34,20 @@ JOINT = {
     "joint": 1, "coulomb_nm": 9.241234567, "coulomb_std_nm": 0.4612345, "viscous_nm_s_per_rad": 9.1112345,
     "viscous_std_nm_s_per_rad": 0.46123,
     "temperature_c": 31.21, "reference_speed_rad_s": 0.4, "reference_temperature_c": 30.1, "reference_torque_nm": 12.1234567,
-    "reference_torque_std_nm": 0.1234567, "wear": 0.0123456789, "wear_std": 0.00123456, "wear_rate_per_day": 1.234e-5,
+    "reference_torque_std_nm": 0.1234567, "replay_torque_nm": 12.2234567, "replay_torque_std_nm": 0.1234567,
+    "wear": 0.0123456789, "wear_std": 0.00123456, "wear_rate_per_day": 1.234e-5,
     "wear_rate_std_per_day": 1.2e-6,
     "remaining_life": {"trend_probability": 0.97, "p10_days": 100.0, "p50_days": 200.0, "p90_days": None, "verdict": "trend"},
 }  # fmt: skip
 
 
 def five_years(folder: Path) -> None:
-    """Documents of the size that real ones have."""
+    """Documents of the size that real ones have; where there is a state already, it stays, and the daemon can start on it."""
     began = time.time() - YEARS * 365 * 86_400.0
     with Store.open(folder) as store:
         store._db.execute("PRAGMA synchronous = OFF")
+        state = store.state()
+        held = (state.belief, state.health, state.model) if state else ({"text": "y" * 50_000}, {}, {})
         for n in range(YEARS * 365 * A_DAY):
             at = began + n * 86_400.0 / A_DAY
             ledger_id = store.claim(at, "scheduled", at)
@@ -48,7 +55,7 @@ def five_years(folder: Path) -> None:
             store.recorded(ledger_id)
             store.commit(
                 ledger_id, at_unix_s=at, recorded_at_unix_s=at, assessment={"text": "x" * 8000}, friction=[JOINT] * JOINTS,
-                belief={"text": "y" * 50_000}, health={}, model={}, events=[],
+                belief=held[0], health=held[1], model=held[2], events=[],
             )  # fmt: skip
 
 
@@ -113,7 +120,19 @@ def pss_mib(pid: int) -> float:
     return 0.0
 
 
-def idle(folder: Path, listen_hz: float) -> None:
+def asked(endpoint: str) -> None:
+    """What a client waits for five years of one joint, over the bus, from the running daemon."""
+    with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
+
+        def answered() -> None:
+            (reply,) = session.get("joint-monitor/v1/bench/ur5/history?joint=3;limit=10000", timeout=10.0)
+            rows = orjson.loads(reply.ok.payload.to_bytes())["rows"]
+            assert len(rows) >= YEARS * 365 * A_DAY, len(rows)
+
+        timed(f"  history of one joint, {YEARS} years, over the bus and read", answered)
+
+
+def idle(folder: Path, listen_hz: float, *, old: bool = False) -> None:
     config = folder / "cell.toml"
     config.write_text(
         f'[robot]\nmodel = "ur5"\nsite = "bench"\nid = "ur5"\nhost = "{ADDRESS}"\nlisten_hz = {listen_hz}\n'
@@ -124,6 +143,8 @@ def idle(folder: Path, listen_hz: float) -> None:
     write_recording(folder / "one.parquet", replace(recording, context=replace(loaded.context, recorded_at_unix_s=time.time() - 3600)))
     command = [sys.executable, "-m", "monitor"]
     subprocess.run([*command, "import", "--config", str(config), str(folder / "one.parquet")], check=True, stdout=subprocess.DEVNULL)
+    if old:
+        five_years(loaded.state_directory)
     simulator = subprocess.Popen([*command, "simulate", "--bind", ADDRESS], stdout=subprocess.PIPE, text=True)
     daemon = None
     try:
@@ -135,10 +156,13 @@ def idle(folder: Path, listen_hz: float) -> None:
         while "watching" not in daemon.stderr.readline():
             pass
         ready_s = time.monotonic() - began
+        print(f"{'daemon ready after' + (f', {YEARS} years in its store' if old else ''):<64} {ready_s:.1f} s")
+        if old:
+            asked(f"tcp/{ADDRESS}:7447")
+            return
         time.sleep(8.0)
         share, memory = share_and_memory(daemon, LISTEN_S)
         said = json.loads((loaded.state_directory / "monitor.json").read_text())
-        print(f"{'daemon ready after':<64} {ready_s:.1f} s")
         about, told = said["process"], f"{share:.1f} % of a core, {memory:.0f} MiB, its {len(family(daemon.pid)) - 1} child included"
         print(f"{f'daemon that listens at {listen_hz:g} Hz, live torque at 10 Hz':<64} {told}")
         print(f"{'  as it says itself':<64} heard {said['arm']['heard']}, {about['threads']} threads, {said['bus']}")
@@ -153,6 +177,8 @@ def main() -> None:
     """All of it, about two minutes."""
     with tempfile.TemporaryDirectory() as folder:
         history(Path(folder))
+    with tempfile.TemporaryDirectory() as folder:
+        idle(Path(folder), 10.0, old=True)
     for listen_hz in (10.0, 125.0):
         with tempfile.TemporaryDirectory() as folder:
             idle(Path(folder), listen_hz)

@@ -113,7 +113,7 @@ def no_arm(excitation, context, should_stop):
 
 
 @contextmanager
-def monitor(directory, days=45, settings=None, moving=True, before=None):
+def monitor(directory, days=45, settings=None, moving=True, before=None, later_days=0):
     """Daemon and page; yields (page server, daemon, store)."""
     settings = settings or configuration(directory)
     with ExitStack() as stack:
@@ -123,7 +123,7 @@ def monitor(directory, days=45, settings=None, moving=True, before=None):
             live_through(store, settings.assess, found, replace(settings.context, firmware=context.firmware), days)
         if before is not None:
             before(store)
-        clock = [FIRST_UNIX_S + max(days, 1) * DAY_S]
+        clock = [FIRST_UNIX_S + (max(days, 1) + later_days) * DAY_S]
         daemon = stack.enter_context(Daemon(settings, store, now=lambda: clock[0], play=no_arm))
         daemon.next_due(clock[0] + DAY_S)
         served = stack.enter_context(page(settings, daemon.bus, store))

@@ -76,7 +76,8 @@ def test_the_state_of_the_arm_is_seen_at_once(opened):
     expect(page.locator('#arm .joint[data-state="NORMAL"]')).to_have_count(5)
     expect(page.locator("#joints tbody tr")).to_have_count(6)
     expect(page.locator("#which")).to_have_text("3")  # the first look is at the joint that matters most
-    assert re.search(r"friction now 2\d\.\d % above", page.locator("#wear").get_attribute("aria-label"))
+    expect(page.locator("#old")).to_be_hidden()
+    assert re.search(r"friction now 2\d\.\d % above.*; limit \d+ days after", page.locator("#wear").get_attribute("aria-label"))
     assert "% per kelvin" in page.locator("#law").get_attribute("aria-label")
     expect(page.locator("#torque canvas")).to_be_visible()
     assert page.title().startswith("Maintenance required: cell-1")
@@ -258,4 +259,18 @@ def test_a_new_monitor_asks_for_its_token_and_says_that_it_knows_nothing_yet(bro
         expect(page.locator("#why")).to_have_text("No replay has been assessed yet.")
         expect(page.locator('#arm .joint[data-state="null"]')).to_have_count(6)
         expect(page.locator("#wear")).to_contain_text("No replay has been assessed yet")
+        page.close()
+
+
+def test_what_was_learnt_too_long_ago_is_marked_and_says_what_to_do(browser, tmp_path):
+    """Three weeks without a replay: the state stays, and arm, every joint and the words say that it is of then."""
+    with monitor(tmp_path, days=3, moving=False, later_days=21) as (server, _, _):
+        page = browser.new_page()
+        page.goto(server.url)
+        expect(page.locator("#old")).to_be_visible()
+        expect(page.locator("#stale")).to_contain_text("nothing was learnt for")
+        expect(page.locator("#stale")).to_contain_text("ask for a replay")
+        expect(page.locator("#arm .joint.stale")).to_have_count(6)
+        expect(page.locator("#joints .old")).to_have_count(6)
+        assert page.title().startswith("STALE")
         page.close()

@@ -4,14 +4,15 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from life import DAY_S, FIRST_UNIX_S, configuration, identified, live_through
+from life import DAY_S, FIRST_UNIX_S, ONSET, PER_DAY, WEARING, configuration, identified, live_through
 from typer.testing import CliRunner
 
 from monitor.cli import app
 from monitor.errors import BadInput
 from monitor.report import report
-from monitor.report_page import report_page
+from monitor.report_page import _alone, report_page
 from monitor.store import Store
 from monitor.timestamps import rfc3339
 
@@ -55,6 +56,31 @@ def test_everything_that_happened_is_told_with_its_evidence(lived):
     assert whole["events"][0]["kind"] == "raised"
     assert whole["thresholds"]["wear_rise"] == 0.05
     assert whole["contexts"][0]["changed"]["tool"] == [None, "gripper"]
+
+
+def test_every_replay_says_by_itself_what_friction_was_within_its_own_interval(lived):
+    """The truth of each day lies in 2σ of the day's own figure for nine in ten, in 4σ for all; and it is not the filter's estimate."""
+    history = told(lived)["history"]
+    for joint in range(1, 7):
+        rows = [row for row in history if row["joint"] == joint]
+        day = np.array([row["replay"] - 1 for row in rows])
+        truth = 100 * PER_DAY * np.maximum(day - ONSET, 0) * (joint == WEARING)
+        alone, std = _alone(rows)
+        off = np.abs(alone - truth) / std
+        assert np.max(off) < 4.0
+        assert np.mean(off < 2.0) >= 0.9
+        estimate = np.array([100 * row["wear"] for row in rows])
+        # the simulated replays differ by 0.6 %; the estimate smooths that away
+        assert np.std(np.diff(alone - truth)) > 1.5 * np.std(np.diff(estimate - truth)) or joint == WEARING
+
+
+def test_a_history_that_kept_no_figure_of_single_replays_says_so(lived):
+    """As before this release: the drawing has the line and its band, the words under it say why there is no point."""
+    whole = told(lived)
+    assert "no point" not in report_page([whole])
+    for row in whole["history"]:
+        del row["replay_torque_nm"], row["replay_torque_std_nm"]
+    assert f"Of {len(whole['history'])} of {len(whole['history'])} figures" in report_page([whole])
 
 
 def test_what_was_not_watched_is_told_with_the_reason(lived):
@@ -120,3 +146,13 @@ def test_the_command_writes_the_page_and_the_document(lived, tmp_path):
         ran = CliRunner().invoke(app, ["report", *arguments])
         assert isinstance(ran.exception, BadInput)
         assert why in str(ran.exception)
+
+
+def test_a_report_made_long_after_the_last_replay_says_that_the_state_is_of_then(lived):
+    """Eight days after, all six joints are STALE with when they were learnt of; the period that ends with its last replay has none."""
+    whole = told(lived)
+    assert [one["joint"] for one in whole["stale"]] == [1, 2, 3, 4, 5, 6]
+    assert "STALE: all joints" in report_page([whole])
+    fresh = told(lived, FIRST_UNIX_S, END)
+    assert fresh["stale"] == []
+    assert "STALE" not in report_page([fresh])

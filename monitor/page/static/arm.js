@@ -92,10 +92,11 @@ const ArmDrawing = (() => {
       this.tool.setAttribute("cx", x); this.tool.setAttribute("cy", y);
     }
 
-    state(joint, state, words) {
+    state(joint, state, words, stale) {
       const group = this.joints[joint - 1];
       if (!group) return;
       group.dataset.state = state;
+      group.classList.toggle("stale", Boolean(stale));
       group.setAttribute("aria-label", words);
       let title = group.querySelector("title");
       if (!title) title = element("title", {}, group);

@@ -2,7 +2,7 @@
 "use strict";
 const Charts = (() => {
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const SECONDS = 60;
+  const SECONDS = 60, DAY = 86400;
 
   function axes(x, y, xValues) {
     const stroke = css("--dim"), grid = { stroke: css("--line"), width: 1 }, ticks = { stroke: css("--line"), width: 1, size: 4 };
@@ -43,26 +43,81 @@ const Charts = (() => {
       place.replaceChildren(told);
     }
 
-    wear(times, own, joint, tiers) {
+    // what is left: from now along P10, P50 and P90 to the limit, as far as there is room for; null without a trend
+    ahead(times, own, now, limit) {
+      const left = now && now.remaining_life, begin = times[times.length - 1], wear = own.wear[own.wear.length - 1];
+      if (!left || left.verdict !== "trend" || left.p50_days == null || wear == null || wear >= limit) return null;
+      const room = Math.max(1.5 * (begin - times[0]), 60 * DAY), ends = [left.p10_days, left.p50_days, left.p90_days].map((days) => (days == null ? Infinity : days * DAY));
+      const to = Math.min(room, 1.05 * ends[2]);
+      const [early, middle, late] = ends.map((end) => { const part = Math.min(1, to / end); return [begin + (Number.isFinite(end) ? part * end : to), 100 * (wear + part * (limit - wear))]; });
+      return { from: [begin, 100 * wear], early, middle, late, until: begin + to };
+    }
+
+    fan(u, ahead) {
+      const { ctx, bbox } = u, at = ([x, y]) => [u.valToPos(x, "x", true), u.valToPos(y, "y", true)];
+      ctx.save();
+      ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
+      ctx.fillStyle = css("--band"); ctx.strokeStyle = css("--line1"); ctx.lineWidth = 1.5 * devicePixelRatio;
+      // the corner: P10 has met the limit while P90 has not yet
+      const corner = [ahead.late[0], ahead.early[1]];
+      ctx.beginPath();
+      [ahead.from, ahead.early, corner, ahead.late].forEach((point, k) => (k ? ctx.lineTo(...at(point)) : ctx.moveTo(...at(point))));
+      ctx.closePath(); ctx.fill();
+      ctx.setLineDash([6 * devicePixelRatio, 4 * devicePixelRatio]);
+      ctx.beginPath(); ctx.moveTo(...at(ahead.from)); ctx.lineTo(...at(ahead.middle)); ctx.stroke();
+      ctx.restore();
+    }
+
+    wear(times, own, joint, tiers, now, limit) {
       if (!times.length || !own) return this.empty("wear", "No replay has been assessed yet.");
       const percent = own.wear.map((w) => (w == null ? null : 100 * w));
       const side = (sign) => own.wear.map((w, k) => (w == null ? null : 100 * (w + sign * 2 * own.wear_std[k])));
-      const top = Math.max(6, ...side(1).filter((x) => x != null)), low = Math.min(-3, ...side(-1).filter((x) => x != null));
+      // what each replay says by itself, against the unworn friction that the estimate of its day goes with; null in an old history
+      const alone = own.wear.map((w, k) => {
+        const one = own.replay_torque_nm[k], all = own.reference_torque_nm[k];
+        return w == null || one == null || !all ? null : 100 * ((one * (1 + w)) / all - 1);
+      });
+      const reach = alone.map((a, k) => (a == null ? null : (2 * (100 + a) * own.replay_torque_std_nm[k]) / own.replay_torque_nm[k]));
+      const missing = alone.filter((a, k) => a == null && own.wear[k] != null).length;
+      const ends = [1, -1].map((sign) => side(sign).concat(alone.map((a, k) => (a == null ? null : a + sign * reach[k]))).filter((x) => x != null));
+      const ahead = this.ahead(times, own, now, limit);
+      const top = ends[0].reduce((a, b) => Math.max(a, b), ahead ? Math.max(6, ahead.early[1]) : 6), low = ends[1].reduce((a, b) => Math.min(a, b), -3);
       const levels = { hooks: { draw: [(u) => this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${name} ${+(100 * rise).toFixed(2)} %`, state === "FAILURE" ? "--fail" : "--maint"]))] } };
       this.draw("wear", {
         scales: { y: { range: [low * 1.1, top * 1.12] } },
         axes: axes("", "change [%]"),
-        plugins: [levels],
+        plugins: [levels, ...(ahead ? [{ hooks: { drawAxes: [(u) => this.fan(u, ahead)] } }] : []), { hooks: { drawSeries: [(u, series) => { if (series === 4) this.intervals(u, alone, reach); }] } }],
         bands: [{ series: [2, 3], fill: css("--band") }],
         series: [
-          {}, { label: "wear", stroke: css("--line1"), width: 2, points: { show: true, size: times.length > 300 ? 3 : 6, fill: css("--line1") }, value: plain(1, " %") },
+          {}, { label: "estimate", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(1, " %") },
           { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(1, " %") },
           { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(1, " %") },
+          { label: "replay", stroke: css("--line2"), paths: () => null, points: { show: true, size: times.length > 300 ? 3 : 6, fill: css("--line2") }, value: plain(1, " %") },
         ],
-      }, [times, percent, side(1), side(-1)], 250);
+      }, [times, percent, side(1), side(-1), alone].map((column, k) => (ahead ? [...column, k ? null : ahead.until] : column)), 250);
+      if (missing) {
+        const told = document.createElement("p");
+        told.className = "dim";
+        told.textContent = `Of ${missing} replays drawn, the history keeps the estimate only: no point of their own.`;
+        document.getElementById("wear").append(told);
+      }
       const last = percent.length - 1;
       document.getElementById("wear").setAttribute("aria-label",
-        `Joint ${joint}: ${times.length} replays shown, friction now ${percent[last].toFixed(1)} % above the beginning`);
+        `Joint ${joint}: ${times.length} replays shown, friction now ${percent[last].toFixed(1)} % above the beginning${ahead ? `; limit ${now.remaining_life.p50_days.toFixed(0)} days after the last replay` : ""}`);
+    }
+
+    intervals(u, middles, reaches) {
+      const { ctx } = u;
+      ctx.save();
+      ctx.strokeStyle = css("--line2"); ctx.globalAlpha = 0.45; ctx.lineWidth = devicePixelRatio;
+      ctx.beginPath();
+      middles.forEach((middle, k) => {
+        if (middle == null || reaches[k] == null) return;
+        const x = Math.round(u.valToPos(u.data[0][k], "x", true));
+        ctx.moveTo(x, u.valToPos(middle + reaches[k], "y", true)); ctx.lineTo(x, u.valToPos(middle - reaches[k], "y", true));
+      });
+      ctx.stroke();
+      ctx.restore();
     }
 
     levels(u, all) {

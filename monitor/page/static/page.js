@@ -53,6 +53,10 @@ const friction = (joint) => values[`joint/${joint}/friction`];
 const count = () => (about ? about.arm.links.length : 6);
 const stateOf = (joint) => ((values.health && values.health.joints) || []).find((one) => one.joint === joint) || { state: null, why: "not known yet" };
 
+const stale = () => make("span", "STALE", { class: "old", title: "nothing was learnt for too long: the state is of then, not of now" });
+// what to do when nothing is learnt any more
+const MEND = "Look below, at Replays, why the last windows ended as they did, and at The monitor itself; once the arm may move, ask for a replay.";
+
 // --- what is drawn -----------------------------------------------------------------------------------
 
 function verdict() {
@@ -61,15 +65,17 @@ function verdict() {
   state.replaceWith(Object.assign(chip(health.state), { id: "state" }));
   $("why").textContent = spoken(health.why) || "No replay has been assessed yet.";
   $("since").textContent = health.since ? `since ${moment(health.since)}; said ${moment(health.said_at)}` : "";
+  $("old").hidden = $("stale").hidden = !health.stale;
+  $("stale").textContent = health.stale ? `${health.stale_why.replace(/^STALE: /, "").replace(/^./, (letter) => letter.toUpperCase())}. ${MEND}` : "";
   $("due").textContent = moment(health.next_replay_due);
   $("revision").textContent = values.model ? String(values.model.revision) : "0";
   $("verdict").dataset.state = String(health.state);
-  document.title = `${(STATES[health.state] || STATES.null)[1]}: ${about ? about.robot.id : ""} – joint-monitor`;
+  document.title = `${health.stale ? "STALE, " : ""}${(STATES[health.state] || STATES.null)[1]}: ${about ? about.robot.id : ""} – joint-monitor`;
   for (let j = 1; j <= count(); j++) {
     const one = stateOf(j);
-    if (drawing) drawing.state(j, String(one.state), `Joint ${j}, ${about.arm.links[j - 1].replaceAll("_", " ")}: ${(STATES[one.state] || STATES.null)[1]}. ${one.why}`);
+    if (drawing) drawing.state(j, String(one.state), `Joint ${j}, ${about.arm.links[j - 1].replaceAll("_", " ")}: ${(STATES[one.state] || STATES.null)[1]}${one.stale ? ", STALE" : ""}. ${one.why}`, one.stale);
     const tab = $(`tab-${j}`);
-    if (tab) tab.dataset.state = String(one.state);
+    if (tab) { tab.dataset.state = String(one.state); tab.classList.toggle("stale", Boolean(one.stale)); }
   }
 }
 
@@ -88,7 +94,7 @@ function joints() {
   }
   for (let j = 1; j <= count(); j++) {
     const row = body.rows[j - 1], own = friction(j), state = stateOf(j);
-    row.cells[1].replaceChildren(chip(state.state));
+    row.cells[1].replaceChildren(chip(state.state), ...(state.stale ? [stale()] : []));
     row.cells[1].title = state.why || "";
     row.cells[2].textContent = own ? `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)}` : "–";
     row.cells[3].textContent = own ? signed(3000 * own.wear_rate_per_day) : "–";
@@ -176,7 +182,9 @@ function figures() {
   const own = friction(chosen), state = stateOf(chosen);
   $("which").textContent = String(chosen);
   $("link-name").textContent = about.arm.links[chosen - 1].replaceAll("_", " ");
-  const rows = [["State", chip(state.state)], ["Life left to the limit", life(own)]];
+  const shown = make("span");
+  shown.append(chip(state.state), ...(state.stale ? [stale()] : []));
+  const rows = [["State", shown], ["Learnt of it last", state.learnt_at ? moment(state.learnt_at) : "never"], ["Life left to the limit", life(own)]];
   if (own) {
     rows.push(
       ["Wear", `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)} %`],
@@ -186,7 +194,7 @@ function figures() {
       ["Viscous fv", `${number(own.viscous_nm_s_per_rad, 2)} ± ${number(own.viscous_std_nm_s_per_rad, 2)} Nm·s/rad`],
       ["Temperature, last replay", `${number(own.temperature_c)} °C`],
     );
-    if (own.remaining_life.before_service_probability != null) rows.push(["Limit before next service", `${number(100 * own.remaining_life.before_service_probability, 0)} %`]);
+    if (own.remaining_life.before_service_probability != null) rows.push([`Limit before next service, ${about.life.service_days} d`, `${number(100 * own.remaining_life.before_service_probability, 0)} %`]);
   }
   rows.push(["Why", spoken(state.why) || "–"]);
   $("figures").replaceChildren(...rows.map(([term, value]) => {
@@ -200,7 +208,7 @@ function figures() {
 function detail() {
   figures();
   const own = past.joints[String(chosen)];
-  charts.wear(past.t, own, chosen, about.levels);
+  charts.wear(past.t, own, chosen, about.levels, friction(chosen), about.life.limit_rise);
   charts.law(own, values.model, chosen);
   charts.torque(chosen);
   for (let j = 1; j <= count(); j++) {
