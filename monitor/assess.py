@@ -1,7 +1,7 @@
 """Recording, belief → assessment: the whole flow as one function. Daemon, commands, tests and studies all call this one."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,10 +11,11 @@ from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.solve import identify
 from monitor.identify.trust import TrustSettings, distrust
-from monitor.judge.belief import Belief
+from monitor.judge.belief import Belief, differences
 from monitor.judge.compensation import CompensatedModel, compensated
 from monitor.judge.curves import LAWS
 from monitor.judge.document import plain
+from monitor.judge.doubt import missed, pooled
 from monitor.judge.drift import begin, learn
 from monitor.judge.evidence import DriftSettings, observe
 from monitor.judge.health import Alert, Health, HealthSettings, Transition
@@ -140,9 +141,11 @@ def assess(
     health: Health | None,
     gains: Array | None = None,
     settings: AssessSettings | None = None,
+    model: CompensatedModel | None = None,
 ) -> Assessment | Rejected:
     """One recording's verdict, and the belief and health to hand in with the next one.
 
+    model : as it was held before. How far it was off tells the next one how sure it may be; verdicts do not depend on it.
     gains : (J,) [N·m/A] or None for the published torque constants. A recording without enough motion, without a time or older
     than the belief is Rejected; BadInput is raised where recording, robot and belief do not belong together.
     """
@@ -157,6 +160,9 @@ def assess(
         identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
     except Unidentifiable as why:
         return Rejected(str(why))
+    if belief is not None and model is not None and not differences(belief.context, recording.context):
+        told = missed(recording, model, robot, gains)
+        belief = belief if told is None else replace(belief, doubt=pooled(belief.doubt, told, model.residual_rms_nm))
     return judge_identification(identification, recording.context, belief=belief, health=health, settings=settings, source=recording.source)
 
 

@@ -128,6 +128,7 @@ def _outcome(recording: Recording, configuration: Configuration, held: Held, led
             mounting=configuration.mounting,
             belief=held.belief,
             health=held.health,
+            model=held.model,
             gains=configuration.gains_nm_per_a,
             settings=configuration.assess,
         )

@@ -97,6 +97,7 @@ def _again(store: Store, verdict: Verdict, held: Held) -> tuple[Assessment | Non
             mounting=Mounting(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw),
             belief=held.belief,
             health=held.health,
+            model=held.model,
             gains=np.array(gains) if gains else None,
             settings=settings_from_document(AssessSettings, made_with["settings"]),
         )

@@ -138,6 +138,7 @@ def assess_series(series: Series) -> dict[str, Any]:
             mounting=mounting,
             belief=None if last is None else last.belief,
             health=None if last is None else last.health,
+            model=None if last is None else last.model,
             gains=series.gains,
             settings=series.settings,
         )

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.least_squares import Factor, Rows, Solution, factors, residual_rms, residuals_of, solve
+from monitor.identify.least_squares import Factor, Projected, Rows, Solution, factors, residual_rms, residuals_of, solve
 from monitor.identify.signals import Indices, Mask, Motion
 from monitor.model.friction import LAWS, FrictionLaw
 from monitor.model.regressor import ROTOR, friction_columns
@@ -49,12 +49,13 @@ class Equations:
         if layout.frozen:
             torque = torque - Y @ np.where(layout.rigid, values, 0.0)
             Y = np.where(layout.rigid, 0.0, Y)
-        extras = len(law.parameters) - 2
-        if extras:
-            load = self.load(values, layout)
-            columns = self.motion.rounded(law.columns(self.motion.qd, load)[:, :, 2:])  # (N, J, E)
-            Y = np.concatenate([Y, _own(columns)], axis=2)
+        if len(law.parameters) > 2:
+            Y = np.concatenate([Y, _own(self.beyond(law, values, layout))], axis=2)
         return Rows(Y, torque, self.used, self.steps, self.motion.segments, trust)
+
+    def beyond(self, law: FrictionLaw, values: Array, layout: "Layout") -> Array:
+        """(N, J, E) each joint's columns of the law but fc's and fv's, as round as the torque."""
+        return self.motion.rounded(law.columns(self.motion.qd, self.load(values, layout))[:, :, 2:])
 
 
 class Layout(NamedTuple):
@@ -112,6 +113,26 @@ def fit(equations: Sequence[Equations], law: FrictionLaw, layout: Layout, prior:
     return _robust(equations, found, layout, prior) if method == "robust" else found
 
 
+def refit(equations: Sequence[Equations], paper: Fit, law: FrictionLaw, layout: Layout, prior: Array) -> tuple[Solution, list[Array]]:
+    """What `fit` makes of a richer law: its solution and residuals (N, J); from a fit of the paper's, whose trust it keeps.
+
+    Only each joint's own columns change from round to round, so the rest is triangulated once: a third of the time.
+    """
+    B, J = len(prior), len(paper.weights)
+    own = [Projected(paper.rows, j) for j in range(J)]
+    values, weights = paper.solution.values[:B], paper.weights
+    for _ in range(LOAD_ROUNDS if law.loaded and not layout.frozen else 1):
+        columns = [eq.beyond(law, values, layout) for eq in equations]
+        joints = [each.with_own([part[:, j] for part in columns], J) for j, each in enumerate(own)]
+        solution = _solved(equations, joints, weights, law, layout, prior)
+        values, weights = solution.values[:B], _weights(joints, solution)  # scales and load settle together
+    beyond = solution.values[B:].reshape(J, -1)  # (J, E)
+    left = [
+        rec.torque_nm - rec.Y @ values - np.einsum("nje,je->nj", part, beyond) for rec, part in zip(paper.rows, columns, strict=True)
+    ]
+    return solution, left
+
+
 def noise(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Array) -> list[Array]:
     """(N, J) of each recording: what is left of the torque where every repeatable cause that we can name has been fitted [N·m].
 
@@ -149,12 +170,17 @@ def _weighted(
     weights = np.ones(len(joints)) if weights is None else weights
     solution = _solved(equations, joints, weights, law, layout, prior)
     if method != "ls":
-        size = np.array([np.linalg.norm(factor.R[:, -1]) / np.sqrt(max(factor.samples, 1)) for factor in joints])  # (J,) RMS of the torque
         for _ in range(REWEIGHTINGS):
-            # a perfect fit is no infinite weight
-            weights = 1.0 / np.maximum(residual_rms(joints, solution.values), 1e-9 * size + 1e-12)
+            weights = _weights(joints, solution)
             solution = _solved(equations, joints, weights, law, layout, prior)
     return Fit(law=law, rows=rows, joints=joints, weights=weights, solution=solution)
+
+
+def _weights(joints: Sequence[Factor], solution: Solution) -> Array:
+    """(J,) one over what is left of each joint; a perfect fit is no infinite weight."""
+    size = np.array([np.linalg.norm(factor.R[:, -1]) / np.sqrt(max(factor.samples, 1)) for factor in joints])  # (J,) RMS of the torque
+    weights: Array = 1.0 / np.maximum(residual_rms(joints, solution.values), 1e-9 * size + 1e-12)
+    return weights
 
 
 def _solved(

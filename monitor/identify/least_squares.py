@@ -65,6 +65,35 @@ def factors(recordings: Sequence[Rows]) -> list[Factor]:
     return result
 
 
+class Projected:
+    """One joint's rows, triangulated for good; columns of its own are added to the factor at little cost, time and again."""
+
+    def __init__(self, recordings: Sequence[Rows], j: int) -> None:
+        on = [rec.used[:, j] for rec in recordings]
+        self._on = on
+        self._root = [1.0 if rec.trust is None else np.sqrt(rec.trust[used, j, None]) for rec, used in zip(recordings, on, strict=True)]
+        Y = self._stacked([rec.Y[:, j] for rec in recordings])
+        self._B, self._j, self.samples = Y.shape[1], j, len(Y)
+        self._felt = np.flatnonzero(np.any(Y != 0.0, axis=0))
+        self._Q, self._R = np.linalg.qr(Y[:, self._felt])
+        self._torque = self._stacked([rec.torque_nm[:, j, None] for rec in recordings])
+
+    def with_own(self, columns: Sequence[Array], joints: int) -> Factor:
+        """The factor with (N, E) columns of each recording, unknowns [Y's; joint 1's own; …]."""
+        more = np.concatenate([self._stacked(columns), self._torque], axis=1)  # (n, E + 1)
+        along = self._Q.T @ more
+        rest = np.linalg.qr(more - self._Q @ along, mode="r")
+        E = more.shape[1] - 1
+        places = np.append(self._B + self._j * E + np.arange(E), self._B + joints * E)
+        R = np.zeros((len(along) + len(rest), self._B + joints * E + 1))
+        R[: len(along), self._felt] = self._R
+        R[: len(along), places], R[len(along) :, places] = along, rest
+        return Factor(R, self.samples)
+
+    def _stacked(self, parts: Sequence[Array]) -> Array:
+        return np.concatenate([root * part[used] for root, part, used in zip(self._root, parts, self._on, strict=True)])
+
+
 def merged(one: Sequence[Factor], other: Sequence[Factor]) -> list[Factor]:
     """The factors of both sets of rows together: recordings may come one after the other, and none has to be kept."""
     return [Factor(triangle(np.concatenate([a.R, b.R])), a.samples + b.samples) for a, b in zip(one, other, strict=True)]

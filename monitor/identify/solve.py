@@ -9,7 +9,7 @@ from monitor.errors import BadInput
 from monitor.identify import caveats as told
 from monitor.identify.caveats import Caveat
 from monitor.identify.consistent import Consistent, consistent
-from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, noise, robust_inflation
+from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, noise, refit, robust_inflation
 from monitor.identify.identification import Finer, FrictionFit, Identification, IdentifySettings, Source
 from monitor.identify.least_squares import WINDOW_STEPS, condition_number, jackknife_covariances
 from monitor.identify.mounting import mounting_check
@@ -46,7 +46,7 @@ def identify(
     `consistent` is `wls` over arms that can exist; its covariance is that of `wls`, which the bounds can only narrow.
     friction : `paper`, `load`, `concave`, `stribeck`, or `auto`: the simplest of them that predicts data left out as well as the best.
     rigid_from : an earlier identification whose rigid parameters are taken as known; covariances are then under that condition.
-    finer : fit the law `concave` besides, for the prediction of torque.
+    finer : beside the law `paper`, fit `concave` for the prediction of torque.
     gains : (J,) [N·m/A] or None for the published torque constants. Raises Unidentifiable where a recording holds too little motion,
     BadInput where it does not fit the robot.
     """
@@ -186,7 +186,7 @@ def identify_motions(
         held_out=held_out,
         paper_d=np.linalg.norm((M @ found.solution.directions), axis=1),
         physical=physical,
-        finer=_finer(equations, layout, prior, errors_over=moving, method="wls" if method == "consistent" else method) if finer else None,
+        finer=_finer(equations, found, layout, prior, moving) if finer and law == LAWS["paper"] else None,
     )
 
 
@@ -198,16 +198,16 @@ def _refuse_twice(recordings: Sequence[Recording]) -> None:
                 raise BadInput(f"{one.source or 'recording'} is {other.source or 'recording'} once more: it says nothing new; give it once")
 
 
-def _finer(equations: Sequence[Equations], layout: Layout, prior: Array, *, errors_over: Mask, method: str) -> Finer:
+def _finer(equations: Sequence[Equations], paper: Fit, layout: Layout, prior: Array, errors_over: Mask) -> Finer:
     """The law `concave` on the same equations."""
     law, B = LAWS["concave"], len(prior)
-    found = fit(equations, law, layout, prior, method=method)
-    values, places = found.solution.values, layout.of_law(law)
+    solution, residuals = refit(equations, paper, law, layout, prior)
+    values, places = solution.values, layout.of_law(law)
     loads = [np.where(eq.used, np.abs(eq.load(values[:B], layout)), 0.0) for eq in equations]
-    left = np.concatenate(found.residuals)
+    left = np.concatenate(residuals)
     return Finer(
         rigid=values[:B],
-        friction=np.where(np.all(found.solution.excited[places], axis=1)[:, None], values[places], np.nan),
+        friction=np.where(np.all(solution.excited[places], axis=1)[:, None], values[places], np.nan),
         load_nm=np.max(np.concatenate(loads), axis=0),
         rms_nm=errors_of(left, np.zeros_like(left), errors_over).rms_nm,
     )

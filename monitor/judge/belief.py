@@ -10,6 +10,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.judge.contradiction import Weights, weights_from_document
 from monitor.judge.document import array, entry, plain
+from monitor.judge.doubt import Doubt, doubt_from_document
 from monitor.judge.evidence import DriftSettings
 from monitor.judge.migrate import from_version_2
 from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
@@ -53,6 +54,7 @@ class Belief:
     weights: Weights | None  # the arm's, in the context in force
     viscous: Law
     coulomb: Law
+    doubt: Doubt | None = None  # of predicted torque; None until a replay was foreseen, as in beliefs before it
     schema_version: int = SCHEMA_VERSION
 
     @property
@@ -194,6 +196,7 @@ def belief_from_document(document: Any) -> Belief:
             weights=weights_from_document(entry(document, "weights", where=where)),
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
+            doubt=doubt_from_document(document.get("doubt"), J),
             **arrays,
         )
     except (TypeError, ValueError, KeyError) as wrong:

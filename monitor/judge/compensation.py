@@ -16,6 +16,7 @@ from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief
 from monitor.judge.document import array, entry, plain
+from monitor.judge.doubt import believed
 from monitor.judge.predictor import TorquePrediction, prepared
 from monitor.judge.temperature import Line, Valued, line_from_document
 from monitor.model.regressor import friction_columns
@@ -49,6 +50,8 @@ class CompensatedModel:
     wear_std: Array  # (J,)
     residual_rms_nm: Array  # (J,) what the model did not explain of the last replay
     finer: Finer | None = None  # None, as in documents before it: fc and fv say all
+    error_rms_nm: Array | None = None  # (J,) of the model, measurement's noise left out; None: residual_rms_nm stands for it
+    measured_rms_nm: Array | None = None  # (J,) of single measured samples from the model; likewise
 
     @property
     def joints(self) -> int:
@@ -96,6 +99,8 @@ def compensated(identification: Identification, belief: Belief, *, coulomb: Line
     scale = np.sqrt(variances.prod(axis=1))
     correlation = np.divide(identification.friction_cov[:, 0, 1], scale, out=np.zeros_like(scale), where=scale > 0)
     finer, J = identification.finer, belief.joints
+    left_nm = identification.rms_nm if finer is None else finer.rms_nm
+    error_nm, measured_nm = (None, None) if belief.doubt is None else believed(belief.doubt, left_nm)
     beyond = None
     if finer is not None:
         line = np.stack([identification.coulomb_nm, identification.viscous_nm_s_per_rad], axis=1)  # (J, 2)
@@ -118,8 +123,10 @@ def compensated(identification: Identification, belief: Belief, *, coulomb: Line
         friction_correlation=np.clip(np.nan_to_num(correlation), -1.0, 1.0),
         wear=belief.wear,
         wear_std=belief.wear_std,
-        residual_rms_nm=identification.rms_nm if finer is None else finer.rms_nm,
+        residual_rms_nm=left_nm,
         finer=beyond,
+        error_rms_nm=error_nm,
+        measured_rms_nm=measured_nm,
     )
 
 
@@ -136,6 +143,7 @@ def model_from_document(document: Any) -> CompensatedModel:
     if beyond is not None:
         shapes = {name: (J, 4) if name == "terms" else (J,) for name in Finer._fields}
         beyond = Finer(**{name: array(beyond, name, shape, where="model: finer") for name, shape in shapes.items()})
+    told = {name: array(document, name, (J,), where=where) for name in ("error_rms_nm", "measured_rms_nm") if document.get(name) is not None}
     columns = array(document, "columns", arrays["values"].shape, where=where)
     try:
         return CompensatedModel(
@@ -148,6 +156,7 @@ def model_from_document(document: Any) -> CompensatedModel:
             viscous=line_from_document(entry(document, "viscous", where=where), J, where="model: viscous"),
             finer=beyond,
             **arrays,
+            **told,
         )
     except (TypeError, ValueError) as wrong:
         raise BadInput(f"model: {wrong}") from None

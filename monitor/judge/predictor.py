@@ -34,8 +34,9 @@ class TorquePrediction(NamedTuple):
     torque: Array
     rigid: Array
     friction: Array
-    std: Array
+    std: Array  # of the torque itself
     extrapolated: np.ndarray  # (N, J) the temperature is outside what was learnt
+    measured_std: Array  # of one measured sample of it
 
 
 class Sample(NamedTuple):
@@ -46,6 +47,7 @@ class Sample(NamedTuple):
     friction: list[float]
     std: list[float]
     extrapolated: list[bool]
+    measured_std: list[float]
 
 
 class Predictor:
@@ -68,7 +70,9 @@ class Predictor:
         cov[:, unknown] = np.nan
         self._var = cov[:, None, :, 0, 0], 2.0 * cov[:, None, :, 0, 1], cov[:, None, :, 1, 1]
         self._correlation = 2.0 * model.friction_correlation
-        self._wear_var, self._rest_var = model.wear_std**2, model.residual_rms_nm**2
+        error_nm, sample_nm = (model.residual_rms_nm if of is None else of for of in (model.error_rms_nm, model.measured_rms_nm))
+        self._wear_var, self._rest_var = model.wear_std**2, error_nm**2
+        self._noise_var = np.maximum(sample_nm**2 - self._rest_var, 0.0)  # NaN stays
         low, high = model.viscous.range_c.T
         self._range_c = low - model.viscous.margin_k, high + model.viscous.margin_k
         self._beyond = None if model.finer is None else model.finer.terms.T[:, None]  # (4, 1, J)
@@ -81,7 +85,7 @@ class Predictor:
             self._finer = list(zip(*(part.tolist() for part in each), strict=True))  # J tuples
         self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
         per_joint = (self._reference_c, self._level, self._slope, self._floor, *self._var)  # (2, 1, J) each
-        whole = (self._correlation, self._wear_var, self._rest_var, *self._range_c, self._unknown)  # (J,) each
+        whole = (self._correlation, self._wear_var, self._rest_var, *self._range_c, self._unknown, self._noise_var)  # (J,) each
         figures = [part[k, 0].tolist() for k in (0, 1) for part in per_joint] + [part.tolist() for part in whole]
         self._figures = list(zip(*figures, strict=True))  # J tuples
 
@@ -108,14 +112,14 @@ class Predictor:
         outside = (temperature_c < low) | (temperature_c > high) | self._unknown
         if outside.shape != q.shape:
             outside = np.broadcast_to(outside, q.shape)
-        return TorquePrediction(rigid + friction, rigid, friction, np.sqrt(total), outside)
+        return TorquePrediction(rigid + friction, rigid, friction, np.sqrt(total), outside, np.sqrt(total + self._noise_var))
 
     def sample(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], temperature_c: Sequence[float]) -> Sample:
         """`torque` of one sample, J finite figures each. The same formulas on plain numbers: a tenth of the time of arrays of six."""
         rigid = self._rigid.sample(q, qd, qdd)
-        torque, friction, stds, outside = [], [], [], []
+        torque, friction, stds, outside, measured = [], [], [], [], []
         for j, (rest, v, T, figures) in enumerate(zip(rigid, qd, temperature_c, self._figures, strict=True)):
-            rc, lc, sc, fc, c0, c1, c2, rv, lv, sv, fv, v0, v1, v2, correlation, wear_var, rest_var, low, high, unknown = figures
+            rc, lc, sc, fc, c0, c1, c2, rv, lv, sv, fv, v0, v1, v2, correlation, wear_var, rest_var, low, high, unknown, noise_var = figures
             s = math.tanh(v / SIGN_SPEED_RAD_S)
             t = T - rc
             var_c = max(c0 + (c1 + c2 * t) * t, 0.0) * s * s  # what is unknown is NaN, and stays so
@@ -131,7 +135,9 @@ class Predictor:
                 rubs += math.copysign(1.0, v) * max(more, -LEAST_OFF * abs(rubs))
             torque.append(rest + rubs)
             friction.append(rubs)
-            stds.append(math.sqrt(var_c + var_v + correlation * math.sqrt(var_c * var_v) + rubs * rubs * wear_var + rest_var))
+            var = var_c + var_v + correlation * math.sqrt(var_c * var_v) + rubs * rubs * wear_var + rest_var
+            stds.append(math.sqrt(var))
+            measured.append(math.sqrt(var + noise_var))
             outside.append(unknown or not low <= T <= high)
         return Sample(torque, rigid, friction, stds, outside)
 

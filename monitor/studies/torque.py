@@ -74,8 +74,14 @@ def foresee(
         recording = replace(recording, context=replace(recording.context, recorded_at_unix_s=START_UNIX_S + day * DAY_S))
         began = clock()
         told = assess(
-            recording, robot=arm, mounting=Mounting(), belief=last.belief if last else None, health=health, settings=settings
-        )  # fmt: skip
+            recording,
+            robot=arm,
+            mounting=Mounting(),
+            belief=last.belief if last else None,
+            health=health,
+            settings=settings,
+            model=last.model if last else None,
+        )
         slowest = max(slowest, clock() - began if day else 0.0)  # the first one loads and compiles what all use
         if not isinstance(told, Assessment):
             raise BadInput(f"torque study: replay {day} was rejected: {told.reason}")
