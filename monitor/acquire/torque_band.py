@@ -10,12 +10,15 @@ import numpy as np
 
 from monitor.acquire.rows import PLACE
 from monitor.judge.compensation import CompensatedModel
+from monitor.judge.predictor import prepared
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
 OUTSIDE_S = 0.04  # five rows at 125 Hz: a spike of the measured current is no collision
-SIGMAS = 6.0  # of the model's own standard deviation: chance alone leaves it once in years
+SIGMAS = 6.0  # of one measured sample from what replays foreseen have shown: chance alone leaves it once in years
 TELLING_A = 0.2  # of predicted current: less than that times an unknown gain says nothing
+STILL_RAD_S = 0.02  # slower, a joint may be held either way by all its friction: what it needs is told by no model
+BREAKAWAY = 1.5  # times what it drags when it slides slowly; 1.1–1.3 on the harmonic drives that were measured
 LEAST_SHARE = 0.05  # of a joint's largest torque: a model that is sure of itself still does not know its ripple
 
 
@@ -92,8 +95,11 @@ class TorqueBand:
     def _at(self, q: Array, qd: Array, qdd: Array, temperature_c: Array) -> _Band:
         most = self._robot.max_torque_nm
         if self._model is not None and np.all(np.isfinite(temperature_c)):
-            found = self._model.torque(self._robot, q, qd, qdd, temperature_c)
-            allowed = np.maximum(SIGMAS * np.nan_to_num(found.std[0], nan=np.inf), LEAST_SHARE * most)
-            return _Band(found.torque[0], np.minimum(allowed, self._share * most))
+            still = np.abs(qd) < STILL_RAD_S
+            slides = np.where(still, STILL_RAD_S, qd)
+            found = prepared(self._model, self._robot).sample(*(x.tolist() for x in (q, slides, qdd, temperature_c)))
+            friction, std = np.array(found.friction), np.nan_to_num(found.measured_std, nan=np.inf)
+            allowed = np.maximum(SIGMAS * std, LEAST_SHARE * most) + np.where(still, BREAKAWAY * friction, 0.0)
+            return _Band(np.array(found.rigid) + np.where(still, 0.0, friction), np.minimum(allowed, self._share * most))
         predicted: Array = self._rnea(self._arm, self._data, q, qd, qdd)
         return _Band(predicted.copy(), self._share * most)

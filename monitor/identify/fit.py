@@ -114,9 +114,9 @@ def fit(equations: Sequence[Equations], law: FrictionLaw, layout: Layout, prior:
 
 
 def refit(equations: Sequence[Equations], paper: Fit, law: FrictionLaw, layout: Layout, prior: Array) -> tuple[Solution, list[Array]]:
-    """What `fit` makes of a richer law: its solution and residuals (N, J); from a fit of the paper's, whose trust it keeps.
+    """What `fit` makes of a richer law, to a hundredth of what it leaves: solution and residuals (N, J), from a fit of the paper's.
 
-    Only each joint's own columns change from round to round, so the rest is triangulated once: a third of the time.
+    Only each joint's own columns change from round to round, so the rest is triangulated once. Rows keep the trust of that fit.
     """
     B, J = len(prior), len(paper.weights)
     own = [Projected(paper.rows, j) for j in range(J)]
@@ -127,9 +127,7 @@ def refit(equations: Sequence[Equations], paper: Fit, law: FrictionLaw, layout: 
         solution = _solved(equations, joints, weights, law, layout, prior)
         values, weights = solution.values[:B], _weights(joints, solution)  # scales and load settle together
     beyond = solution.values[B:].reshape(J, -1)  # (J, E)
-    left = [
-        rec.torque_nm - rec.Y @ values - np.einsum("nje,je->nj", part, beyond) for rec, part in zip(paper.rows, columns, strict=True)
-    ]
+    left = [rec.torque_nm - rec.Y @ values - np.einsum("nje,je->nj", part, beyond) for rec, part in zip(paper.rows, columns, strict=True)]
     return solution, left
 
 

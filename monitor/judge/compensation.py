@@ -143,7 +143,9 @@ def model_from_document(document: Any) -> CompensatedModel:
     if beyond is not None:
         shapes = {name: (J, 4) if name == "terms" else (J,) for name in Finer._fields}
         beyond = Finer(**{name: array(beyond, name, shape, where="model: finer") for name, shape in shapes.items()})
-    told = {name: array(document, name, (J,), where=where) for name in ("error_rms_nm", "measured_rms_nm") if document.get(name) is not None}
+    told = {
+        name: array(document, name, (J,), where=where) for name in ("error_rms_nm", "measured_rms_nm") if document.get(name) is not None
+    }
     columns = array(document, "columns", arrays["values"].shape, where=where)
     try:
         return CompensatedModel(

@@ -139,7 +139,7 @@ class Predictor:
             stds.append(math.sqrt(var))
             measured.append(math.sqrt(var + noise_var))
             outside.append(unknown or not low <= T <= high)
-        return Sample(torque, rigid, friction, stds, outside)
+        return Sample(torque, rigid, friction, stds, outside, measured)
 
 
 class _Rigid:

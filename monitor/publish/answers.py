@@ -20,7 +20,7 @@ RANGES = {
 }
 _LOW, _HIGH = np.array(list(RANGES.values())).T[:, :, None, None]  # (4, 1, 1) each
 _NUMBERS = {int, float}
-_PARTS = ("torque_nm", "rigid_nm", "friction_nm", "std_nm", "extrapolated", "temperature_c")
+_PARTS = ("torque_nm", "rigid_nm", "friction_nm", "std_nm", "extrapolated", "measured_std_nm", "temperature_c")
 
 
 def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | None, request: Mapping[str, Any]) -> dict[str, Any]:

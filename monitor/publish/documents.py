@@ -170,7 +170,10 @@ class Events(Document):
 
 
 class Model(Document):
-    """The temperature-compensated model, complete: torque = Y·values + s(q̇)·fc(T) + q̇·fv(T) + what is `finer`."""
+    """The temperature-compensated model, complete: torque = Y·values + s(q̇)·fc(T) + q̇·fv(T) + what is `finer`.
+
+    Older ones lack what may be null: friction is then fc and fv alone, and `residual_rms_nm` stands for both doubts.
+    """
 
     robot: str
     mounting: dict[str, Number]
@@ -187,6 +190,8 @@ class Model(Document):
     finer: dict[str, Any] | None = Field(
         default=None, description="friction beyond fc and fv: of s, q̇, |τ|·s, |q̇|^½·s at temperature_c, in proportion to fv(T)"
     )
+    error_rms_nm: list[Maybe] | None = Field(default=None, description="of the torque itself, as replays foreseen have shown it")
+    measured_rms_nm: list[Maybe] | None = Field(default=None, description="of single unfiltered samples from it, likewise")
 
 
 class TorqueRequest(Request):
@@ -199,12 +204,13 @@ class TorqueRequest(Request):
 
 
 class Torque(Document):
-    """Answer to `torque`: joint torque at temperature, its parts and its standard deviation, in the shape of the question."""
+    """Answer to `torque`: joint torque at temperature, its parts and standard deviations, in the shape of the question."""
 
     torque_nm: Rows
     rigid_nm: Rows
     friction_nm: Rows
-    std_nm: list[Maybe] | list[list[Maybe]]
+    std_nm: list[Maybe] | list[list[Maybe]] = Field(description="of the torque itself")
+    measured_std_nm: list[Maybe] | list[list[Maybe]] | None = Field(default=None, description="of one unfiltered measurement of it")
     extrapolated: list[bool] | list[list[bool]]
     temperature_c: Rows
     model_revision: int
@@ -218,7 +224,8 @@ class TorqueLive(Document):
     qd_rad_s: list[Number]
     temperature_c: list[Maybe]
     predicted_nm: list[Number]
-    std_nm: list[Maybe]
+    std_nm: list[Maybe] = Field(description="of the residual: model and measurement")
+    torque_std_nm: list[Maybe] | None = Field(default=None, description="of the torque itself")
     measured_nm: list[Number] | None
     residual_nm: list[Number] | None
     extrapolated: list[bool]

@@ -23,7 +23,9 @@ def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0
         qd = dice.choice([-1.0, 1.0], J) * dice.uniform(0.1, 1.0, J)
         friction = np.sign(qd) * (6.0 + 2.0 * np.abs(qd))
         rigid = dice.normal(size=J) * 20.0
-        predicted = TorquePrediction((rigid + friction)[None], rigid[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool))
+        predicted = TorquePrediction(
+            (rigid + friction)[None], rigid[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
+        )
         measured = rigid + friction * (1.0 + rise + bias) + 10.0 * dice.normal(size=J)
         so_far = heard(so_far, revision, predicted, measured, qd, np.zeros(J), 0.2, settings)
     return so_far
@@ -52,7 +54,9 @@ def test_a_new_model_begins_anew_and_unfit_samples_say_nothing():
     """Slow, hard, extrapolated or without a measurement."""
     heard_before = at_work(0.5, spans=5)
     assert at_work(0.0, spans=0, so_far=heard_before, revision=2).looks.max() == 0
-    predicted = TorquePrediction(np.ones((1, J)), np.zeros((1, J)), np.ones((1, J)), np.ones((1, J)), np.zeros((1, J), dtype=bool))
+    predicted = TorquePrediction(
+        np.ones((1, J)), np.zeros((1, J)), np.ones((1, J)), np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
+    )
     fit = (np.full(J, 2.0), np.full(J, 0.5), np.zeros(J))
     for measured, qd, qdd, extrapolated in (
         (np.full(J, np.nan), *fit[1:], False),
@@ -88,7 +92,9 @@ def test_a_replay_is_asked_for_once_a_model():
     for k in range(3000):
         qd = dice.choice([-1.0, 1.0], J) * 0.5
         friction = 7.0 * np.sign(qd)
-        predicted = TorquePrediction(friction[None], 0 * qd[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool))
+        predicted = TorquePrediction(
+            friction[None], 0 * qd[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
+        )
         production.worked(model, predicted, Sample(0.2 * k, qd, 0 * qd, friction * (1.0 + 0.6 * (k > 1000))), 0.2)
         why = production.pull_forward()
         asked += [why] if why else []
@@ -130,7 +136,7 @@ def test_other_settings_begin_the_looks_anew_and_the_same_ones_do_not():
     short = replace(SETTINGS, span_s=60.0, min_samples=10)
     production, model = Production(short), SimpleNamespace(revision=1)
     qd = np.full(J, 0.5)
-    predicted = TorquePrediction(qd[None], 0 * qd[None], qd[None], np.ones((1, J)), np.zeros((1, J), dtype=bool))
+    predicted = TorquePrediction(qd[None], 0 * qd[None], qd[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J)))
 
     def work():
         for k in range(400):
