@@ -163,3 +163,15 @@ def test_a_payload_of_nothing_is_refused():
         identify_payload([], found, UR5)
     with pytest.raises(BadInput, match="payload: the parameters are of ur5"):
         identify_payload([rec], found, load_robot("ur3"))
+
+
+def test_the_finer_terms_are_those_of_the_concave_law():
+    """Fitted on rows triangulated once, with scales and load settled together: within a fiftieth of what the law itself leaves."""
+    rec = recording(with_gears(seed=1))
+    whole, beside = identify([rec], UR5, GROUND, friction="concave"), identify([rec], UR5, GROUND, finer=True)
+    np.testing.assert_allclose(beside.finer.rms_nm, whole.rms_nm, rtol=0.02)
+    x = np.stack([[1.0, v, 20.0, np.sqrt(v)] for v in (0.2, 0.6, 1.2)])  # (3, K) at 20 N·m of load
+    np.testing.assert_allclose(beside.finer.friction @ x.T, whole.friction.values @ x.T, atol=0.02 * np.max(whole.rms_nm) + 0.02)
+    plain = identify([rec], UR5, GROUND)
+    np.testing.assert_array_equal(beside.coulomb_nm, plain.coulomb_nm)
+    np.testing.assert_array_equal(beside.covariance, plain.covariance)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from monitor.assess import Assessment, judge_identification
 from monitor.errors import BadInput, Unidentifiable
 from monitor.files import read_recording
 from monitor.identify.payload import identify_payload
@@ -12,6 +13,7 @@ from monitor.identify.torque import joint_torque
 from monitor.identify.validate import validate
 from monitor.model.regressor import regressor
 from monitor.model.robot import Mounting, load_robot
+from monitor.recording import Context
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # of that arm's authors [N·m/A]
@@ -185,3 +187,32 @@ def test_the_measured_torque_of_a_real_arm_stays_in_its_interval(ur10e, name):
     held = np.abs(torque - predicted)[moved.moving()] < 1.645 * np.broadcast_to(found.rms_nm, torque.shape)[moved.moving()]
     print(name, "held %", np.round(100 * held.mean(), 1))
     assert 0.84 <= held.mean() <= 0.95
+
+
+@pytest.mark.parametrize("name", HELD_OUT)
+def test_the_finer_terms_foresee_a_real_arm_no_worse(ur10e, name):
+    """Torque of the compensated model with and without them on motions never fitted, and raw samples in their 90 % interval.
+
+    Measured is the raw current; its noise is told by the run that was fitted, the accelerations are those of the filtered motion.
+    """
+    robot, _, read = ur10e
+    fitted, other = "ur-20_02_12-50sec_12harm.csv", read(name)
+    context = Context(robot="ur10e", recorded_at_unix_s=1.0)
+    models = []
+    for finer in (False, True):
+        found = identify([read(fitted)], robot, GROUND, gains=GAINS, finer=finer)
+        outcome = judge_identification(found, context, belief=None, health=None)
+        assert isinstance(outcome, Assessment), outcome
+        models.append(outcome.model)
+
+    def off(model, recording):
+        """(n, J) residual of filtered torque, NaN where a joint stands; (n,) of time."""
+        moved = motion(recording)
+        left = joint_torque(moved, robot, GAINS) - model.torque(robot, moved.q, moved.qd, moved.qdd).torque
+        return np.where(moved.moving(), left, np.nan)
+
+    rms = [np.sqrt(np.nanmean(off(model, other) ** 2, axis=0)) for model in models]
+    held = np.abs(off(models[1], other)) < 1.645 * models[1].residual_rms_nm
+    share = held.sum() / np.isfinite(off(models[1], other)).sum()
+    print(name, "with over without", np.round(rms[1] / rms[0], 3), "rms", np.round(rms[1], 2), "held %", np.round(100 * share, 1))
+    assert np.sqrt(np.sum(rms[1] ** 2) / np.sum(rms[0] ** 2)) <= 1.0

@@ -1,0 +1,169 @@
+"""Torque's own interval and a measurement's: told apart by replays foreseen, the same after a restart, and read from older histories."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from synthetic_arm import Arm, History
+
+from monitor.assess import Assessment, assess
+from monitor.chronicle import held
+from monitor.config import find_excitation
+from monitor.judge.belief import belief_from_document
+from monitor.judge.compensation import CompensatedModel, model_from_document
+from monitor.judge.doubt import OWN_REPLAYS, WILDEST, Doubt, Missed, believed, missed, pooled
+from monitor.model.robot import Mounting, load_robot
+from monitor.recording import Context, Recording
+from monitor.store import Store
+
+UR5 = load_robot("ur5")
+GAIN = np.array(UR5.drive_gain_nm_per_a)
+DAY_S = 86_400.0
+
+
+def _motion():
+    t_s, state = find_excitation("ur5-ground", Path()).sampled(125.0)
+    return t_s[:1251], *(signal[:1251] for signal in state)
+
+
+@pytest.fixture(scope="module")
+def model() -> CompensatedModel:
+    """After 12 replays between 20 and 40 °C."""
+    history, dice, arm = History(), np.random.default_rng(1), Arm(seed=1, noise=0.01)
+    for day in range(12):
+        history.add(day, arm.replay(dice.uniform(20, 40)))
+    return history.last.model
+
+
+def recording(model: CompensatedModel, *, error_nm: float, noise_nm: float, seed: int, temperature_c: float = 30.0) -> Recording:
+    """The model's torque, off by a wave of 0.7 s and by noise whose successive samples are correlated by 0.3, of these RMS."""
+    dice = np.random.default_rng(seed)
+    t_s, q, qd, qdd = _motion()
+    T = np.full_like(q, temperature_c)
+    wave = error_nm * np.sqrt(2.0) * np.sin(2 * np.pi * t_s[:, None] / 0.7 + dice.uniform(0, 6, 6))
+    noise = noise_nm * np.sqrt(1.0 - 0.3**2) * lfilter([1.0], [1.0, -0.3], dice.normal(size=q.shape), axis=0)
+    torque = model.torque(UR5, q, qd, qdd, T).torque + wave + noise
+    context = Context(robot="ur5", recorded_at_unix_s=1.75e9 + seed * DAY_S)
+    return Recording(t_s=t_s, q=q, qd=qd, target_qdd=qdd, current=torque / GAIN, temperature_c=T, context=context, source=f"day {seed}")
+
+
+def test_the_models_error_is_told_apart_from_the_noise_of_its_measurement(model):
+    """Fifteen replays off by 0.4 N·m, measured with 1.2 N·m of noise: 0.36 … 0.5, for the wave's covariance falls by a tenth in 50 ms and
+    the first model's own residual of 1 N·m is not forgotten yet; and a sample is off by both, to 3 %.
+    """
+    doubt, own = None, np.full(6, 1.0)
+    for k in range(15):
+        told = missed(recording(model, error_nm=0.4, noise_nm=1.2, seed=k), model, UR5, None)
+        assert told is not None
+        doubt = pooled(doubt, told, own)
+    error, sample = believed(doubt, own)
+    assert np.all((error > 0.34) & (error < 0.55))
+    assert sample == pytest.approx(np.full(6, np.hypot(0.4, 1.2)), rel=0.03)
+
+
+def test_where_torque_cannot_be_compared_nothing_is_told(model):
+    """Without accelerations, too few samples, or at a temperature that the model does not know."""
+    sound = recording(model, error_nm=0.1, noise_nm=0.1, seed=1)
+    assert missed(replace(sound, target_qdd=None), model, UR5, None) is None
+    told = missed(recording(model, error_nm=0.1, noise_nm=0.1, seed=1, temperature_c=80.0), model, UR5, None)
+    assert told is not None
+    assert np.all(np.isnan(told.error_nm2))
+    before = Doubt(*(np.full(6, x) for x in (5.0, 0.2, 1.0)))
+    assert all(np.array_equal(a, b) for a, b in zip(pooled(before, told, np.ones(6)), before, strict=True))
+
+
+def test_a_wild_replay_says_no_more_than_four_times_what_is_believed():
+    """Somebody leant on the arm: neither figure runs away, nor does the error vanish after a replay whose estimate is negative."""
+    own, before = np.full(6, 0.5), Doubt(*(np.full(6, x) for x in (9.0, 0.09, 1.0)))
+    error, sample = believed(pooled(before, Missed(np.full(6, 1e6), np.full(6, 1e6)), own), own)
+    was, was_sample = believed(before, own)
+    limit = np.sqrt(was**2 * (1.0 + WILDEST / (OWN_REPLAYS + 10.0)))
+    assert np.all(error <= limit + 1e-12)
+    assert np.all(sample <= was_sample * np.sqrt(1.0 + WILDEST / 10.0))
+    gone, _ = believed(pooled(None, Missed(np.full(6, -1e6), np.full(6, 1.0)), own), own)
+    assert np.all(gone >= 0.1)
+
+
+@pytest.fixture(scope="module")
+def lived(model) -> Assessment:
+    """Three recordings judged, each with what the one before left."""
+    last = None
+    for seed, temperature_c in enumerate((26.0, 30.0, 31.0)):
+        seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=seed, temperature_c=temperature_c)
+        state = {} if last is None else {"model": last.model}
+        belief, health = (None, None) if last is None else (last.belief, last.health)
+        last = assess(seen, robot=UR5, mounting=Mounting(), belief=belief, health=health, **state)
+        assert isinstance(last, Assessment), last
+    return last
+
+
+def asked(model: CompensatedModel) -> list[np.ndarray]:
+    _, q, qd, qdd = _motion()
+    return list(model.torque(UR5, q[::50], qd[::50], qdd[::50], np.full(6, 29.0)))
+
+
+def stored(folder: Path, belief: dict, health: dict, model: dict) -> None:
+    with Store.open(folder) as store:
+        ledger_id = store.claim(1.0, "scheduled", 1.0)
+        store.recording_path(ledger_id).write_bytes(b"PAR1")
+        store.recorded(ledger_id)
+        told = {"at_unix_s": 10.0, "recorded_at_unix_s": 5.0, "assessment": {}, "friction": [], "events": []}
+        store.commit(ledger_id, belief=belief, health=health, model=model, **told)
+
+
+def test_torque_is_the_same_to_the_last_bit_after_a_restart(lived, tmp_path):
+    """What is finer than fc and fv, and both doubts, come back from the history with the rest."""
+    assert lived.model.finer is not None
+    assert lived.model.error_rms_nm is not None
+    stored(tmp_path, lived.belief.as_document(), lived.health.as_document(), lived.model.as_document())
+    with Store.open(tmp_path) as store:
+        back = held(store)
+    assert all(np.array_equal(a, b) for a, b in zip(asked(lived.model), asked(back.model), strict=True))
+    assert json.dumps(back.belief.as_document()) == json.dumps(lived.belief.as_document())
+
+
+def test_a_history_from_before_is_read_and_goes_on(lived, model, tmp_path):
+    """Neither belief nor model knew of it: the torque is that of fc and fv with the fit's residual, until the next replay."""
+    belief, old = lived.belief.as_document(), lived.model.as_document()
+    for key in ("finer", "error_rms_nm", "measured_rms_nm"):
+        del old[key]
+    del belief["doubt"]
+    stored(tmp_path, belief, lived.health.as_document(), old)
+    with Store.open(tmp_path) as store:
+        back = held(store)
+    plain = replace(lived.model, finer=None, error_rms_nm=None, measured_rms_nm=None)
+    assert all(np.array_equal(a, b) for a, b in zip(asked(plain), asked(back.model), strict=True))
+    seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)
+    state = {"belief": back.belief, "health": back.health, "model": back.model}
+    after = assess(seen, robot=UR5, mounting=Mounting(), **state)
+    assert isinstance(after, Assessment)
+    assert after.model.finer is not None
+    assert np.all(after.belief.doubt.replays == 1)
+
+
+def test_verdicts_do_not_depend_on_the_model_before(lived, model):
+    """A recomputation that begins at a checkpoint holds none: the document comes out the same."""
+    seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)
+    state = {"robot": UR5, "mounting": Mounting(), "belief": lived.belief, "health": lived.health}
+    with_model, without = (assess(seen, **state, model=known) for known in (lived.model, None))
+    assert with_model.as_document() == without.as_document()
+
+
+def test_another_payload_is_no_error_of_the_model(lived, model):
+    """What was declared to have changed is not held against it."""
+    seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)
+    heavier = replace(seen, context=replace(seen.context, payload_kg=2.0))
+    after = assess(heavier, robot=UR5, mounting=Mounting(), belief=lived.belief, health=lived.health, model=lived.model)
+    assert isinstance(after, Assessment)
+    assert np.array_equal(after.belief.doubt.replays, lived.belief.doubt.replays)
+
+
+def test_a_document_survives_with_joints_that_nothing_is_known_of(lived):
+    """NaN travels as null."""
+    odd = replace(lived.belief, doubt=lived.belief.doubt._replace(error_nm2=np.array([np.nan, 1, 2, 3, 4, 5])))
+    back = belief_from_document(json.loads(json.dumps(odd.as_document(), allow_nan=False)))
+    assert np.array_equal(back.doubt.error_nm2, odd.doubt.error_nm2, equal_nan=True)
+    assert np.array_equal(model_from_document(lived.model.as_document()).error_rms_nm, lived.model.error_rms_nm)
