@@ -1,5 +1,7 @@
 """Real arms: figures that must not get worse. Skipped where the recordings are absent."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,10 @@ from monitor.identify.signals import motion
 from monitor.identify.solve import identify
 from monitor.identify.torque import joint_torque
 from monitor.identify.validate import validate
+from monitor.judge import doubt
 from monitor.model.regressor import regressor
 from monitor.model.robot import Mounting, load_robot
-from monitor.recording import Context
+from monitor.recording import Context, Recording
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # of that arm's authors [N·m/A]
@@ -189,30 +192,50 @@ def test_the_measured_torque_of_a_real_arm_stays_in_its_interval(ur10e, name):
     assert 0.84 <= held.mean() <= 0.95
 
 
-@pytest.mark.parametrize("name", HELD_OUT)
-def test_the_finer_terms_foresee_a_real_arm_no_worse(ur10e, name):
-    """Torque of the compensated model with and without them on motions never fitted, and raw samples in their 90 % interval.
-
-    Measured is the raw current; its noise is told by the run that was fitted, the accelerations are those of the filtered motion.
-    """
+@pytest.fixture(scope="module")
+def compensated(ur10e):
+    """The model of the 50 s run, without the finer terms and with them."""
     robot, _, read = ur10e
-    fitted, other = "ur-20_02_12-50sec_12harm.csv", read(name)
-    context = Context(robot="ur10e", recorded_at_unix_s=1.0)
     models = []
     for finer in (False, True):
-        found = identify([read(fitted)], robot, GROUND, gains=GAINS, finer=finer)
-        outcome = judge_identification(found, context, belief=None, health=None)
+        found = identify([read("ur-20_02_12-50sec_12harm.csv")], robot, GROUND, gains=GAINS, finer=finer)
+        found = replace(found, temperature_c=np.full(6, 30.0))  # was not recorded, and must be something
+        outcome = judge_identification(found, Context(robot="ur10e", recorded_at_unix_s=1.0), belief=None, health=None)
         assert isinstance(outcome, Assessment), outcome
         models.append(outcome.model)
+    return models
 
-    def off(model, recording):
-        """(n, J) residual of filtered torque, NaN where a joint stands; (n,) of time."""
-        moved = motion(recording)
-        left = joint_torque(moved, robot, GAINS) - model.torque(robot, moved.q, moved.qd, moved.qdd).torque
-        return np.where(moved.moving(), left, np.nan)
 
-    rms = [np.sqrt(np.nanmean(off(model, other) ** 2, axis=0)) for model in models]
-    held = np.abs(off(models[1], other)) < 1.645 * models[1].residual_rms_nm
-    share = held.sum() / np.isfinite(off(models[1], other)).sum()
-    print(name, "with over without", np.round(rms[1] / rms[0], 3), "rms", np.round(rms[1], 2), "held %", np.round(100 * share, 1))
-    assert np.sqrt(np.sum(rms[1] ** 2) / np.sum(rms[0] ** 2)) <= 1.0
+@pytest.mark.parametrize("name", HELD_OUT)
+def test_the_finer_terms_foresee_a_real_arm_better(ur10e, compensated, name):
+    """Filtered torque on motions never fitted: 0.60 and 0.55 of the error without them, no joint more than 1 % worse."""
+    robot, _, read = ur10e
+    moved = motion(read(name))
+    torque = joint_torque(moved, robot, GAINS)
+    left = [np.where(moved.moving(), torque - model.torque(robot, moved.q, moved.qd, moved.qdd).torque, 0.0) for model in compensated]
+    rms = [np.sqrt(np.mean(e**2, axis=0)) for e in left]
+    print(name, "with over without", np.round(rms[1] / rms[0], 2), "all", np.linalg.norm(rms[1]) / np.linalg.norm(rms[0]))
+    assert np.all(rms[1] <= 1.02 * rms[0])
+    assert np.linalg.norm(rms[1]) <= 0.75 * np.linalg.norm(rms[0])
+
+
+@pytest.mark.parametrize(("told", "asked"), [HELD_OUT, HELD_OUT[::-1]])
+def test_a_real_arms_samples_stay_in_the_interval_that_another_replay_has_shown(ur10e, compensated, told, asked):
+    """90 % intervals of unfiltered currents, on one motion never fitted, as told by another: they hold 93.9 and 90.7 %."""
+    robot, _, read = ur10e
+
+    def raw(name):
+        recording, moved = read(name), motion(read(name))
+        current = np.stack([np.interp(moved.t_s, recording.t_s, column) for column in recording.current.T], axis=1)
+        T = np.full_like(moved.q, 30.0)
+        return Recording(t_s=moved.t_s, q=moved.q, qd=moved.qd, target_qdd=moved.qdd, current=current, temperature_c=T)
+
+    model = compensated[1]
+    shown = doubt.pooled(None, doubt.missed(raw(told), model, robot, GAINS), model.residual_rms_nm)
+    error_nm, measured_nm = doubt.believed(shown, model.residual_rms_nm)
+    sure, seen = replace(model, error_rms_nm=error_nm, measured_rms_nm=measured_nm), raw(asked)
+    foreseen = sure.torque(robot, seen.q, seen.qd, seen.target_qdd, seen.temperature_c)
+    moving = np.abs(seen.qd) > 0.02
+    held = (np.abs(seen.current * GAINS - foreseen.torque) < 1.645 * foreseen.measured_std)[moving].mean()
+    print(asked, "held %", round(100 * held, 1), "error", np.round(error_nm, 2), "measured", np.round(measured_nm, 2))
+    assert 0.85 <= held <= 0.95
