@@ -27,11 +27,6 @@ NOTES = """
 - **P10–P90 of remaining life** is wider than it says. The pace of wear that is let wander (`drift.pace_walk_per_sqrt_day`), as real wear
   does and this fleet's does not, is little of it: on another seed, 250 arms, P10–P90 holds 85.1 % at 0.004 and 84.3 % at 0.0025
   (± 2.3 points each, the same arms in both). At half-life the pace is doubted by 10 % (median); what of it is too much is not known yet.
-- **Torque at another temperature.** Friction itself is corrected to an eighth. What remains, of joint 2 above all, is there at any
-  temperature: friction that grows with load and is concave in speed, which fc and fv cannot follow. Fitted to one replay without
-  noise, joint 2 is left with 0.90 N·m by fc and fv, with 0.45 by `--friction load` and with 0.27 by `--friction concave`.
-- **90 % intervals of torque** are a little wide: the residual of a replay with noise is counted, the truth has none. Taking off the
-  noise that the last replay tells was tried: 72.0 % on seed 2021 and 85.5 % on seed 78, as one replay tells the rest too badly.
 """
 EXCITATION = Path("config/excitation/ur5-ground.json")
 HEAD = """# What the verdicts are worth
