@@ -81,11 +81,11 @@ class Predictor:
             then = np.maximum(self._level[1, 0] + self._slope[1, 0] * (at - self._reference_c[1, 0]), self._floor[1, 0])
             self._per_viscous = np.divide(1.0, then, out=np.zeros_like(then), where=then > 0)  # (J,)
             self._speed, self._load = model.finer.speed_rad_s, model.finer.load_nm
-            each = (*model.finer.terms.T, self._per_viscous, self._speed, self._load)
-            self._finer = list(zip(*(part.tolist() for part in each), strict=True))  # J tuples
         self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
         per_joint = (self._reference_c, self._level, self._slope, self._floor, *self._var)  # (2, 1, J) each
         whole = (self._correlation, self._wear_var, self._rest_var, *self._range_c, self._unknown, self._noise_var)  # (J,) each
+        if model.finer is not None:
+            whole += (*(model.finer.terms.T * self._per_viscous), self._speed, self._load, self._rigid.rotor)
         figures = [part[k, 0].tolist() for k in (0, 1) for part in per_joint] + [part.tolist() for part in whole]
         self._figures = list(zip(*figures, strict=True))  # J tuples
 
@@ -118,8 +118,31 @@ class Predictor:
         """`torque` of one sample, J finite figures each. The same formulas on plain numbers: a tenth of the time of arrays of six."""
         rigid = self._rigid.sample(q, qd, qdd)
         torque, friction, stds, outside, measured = [], [], [], [], []
-        for j, (rest, v, T, figures) in enumerate(zip(rigid, qd, temperature_c, self._figures, strict=True)):
-            rc, lc, sc, fc, c0, c1, c2, rv, lv, sv, fv, v0, v1, v2, correlation, wear_var, rest_var, low, high, unknown, noise_var = figures
+        for rest, v, a, T, figures in zip(rigid, qd, qdd, temperature_c, self._figures, strict=True):
+            (
+                rc,
+                lc,
+                sc,
+                fc,
+                c0,
+                c1,
+                c2,
+                rv,
+                lv,
+                sv,
+                fv,
+                v0,
+                v1,
+                v2,
+                correlation,
+                wear_var,
+                rest_var,
+                low,
+                high,
+                unknown,
+                noise_var,
+                *more,
+            ) = figures
             s = math.tanh(v / SIGN_SPEED_RAD_S)
             t = T - rc
             var_c = max(c0 + (c1 + c2 * t) * t, 0.0) * s * s  # what is unknown is NaN, and stays so
@@ -128,11 +151,13 @@ class Predictor:
             var_v = max(v0 + (v1 + v2 * t) * t, 0.0) * v * v
             viscous = max(lv + sv * t, fv)
             rubs += viscous * v
-            if self._beyond is not None:
-                c, linear, per_load, root, per_viscous, fastest, heaviest = self._finer[j]
-                speed, load = min(abs(v), fastest), min(abs(rest - qdd[j] * self._rigid.rotors[j]), heaviest)
-                more = (abs(s) * (c + per_load * load + root * math.sqrt(speed)) + linear * speed) * viscous * per_viscous
-                rubs += math.copysign(1.0, v) * max(more, -LEAST_OFF * abs(rubs))
+            if more:
+                c, linear, per_load, root, fastest, heaviest, rotor = more
+                speed, load = abs(v), abs(rest - a * rotor)
+                speed, load = fastest if speed > fastest else speed, heaviest if load > heaviest else load
+                beyond = (abs(s) * (c + per_load * load + root * math.sqrt(speed)) + linear * speed) * viscous
+                least = -LEAST_OFF * abs(rubs)
+                rubs += math.copysign(least if beyond < least else beyond, v)
             torque.append(rest + rubs)
             friction.append(rubs)
             var = var_c + var_v + correlation * math.sqrt(var_c * var_v) + rubs * rubs * wear_var + rest_var
