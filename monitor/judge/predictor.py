@@ -83,7 +83,14 @@ class Predictor:
             self._speed, self._load = model.finer.speed_rad_s, model.finer.load_nm
         self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
         per_joint = (self._reference_c, self._level, self._slope, self._floor, *self._var)  # (2, 1, J) each
-        whole = (self._correlation, self._wear_var, self._rest_var, *self._range_c, self._unknown, self._noise_var)  # (J,) each
+        whole: tuple[Array, ...] = (
+            self._correlation,
+            self._wear_var,
+            self._rest_var,
+            *self._range_c,
+            self._unknown,
+            self._noise_var,
+        )  # (J,) each
         if model.finer is not None:
             whole += (*(model.finer.terms.T * self._per_viscous), self._speed, self._load, self._rigid.rotor)
         figures = [part[k, 0].tolist() for k in (0, 1) for part in per_joint] + [part.tolist() for part in whole]
@@ -157,7 +164,7 @@ class Predictor:
                 speed, load = fastest if speed > fastest else speed, heaviest if load > heaviest else load
                 beyond = (abs(s) * (c + per_load * load + root * math.sqrt(speed)) + linear * speed) * viscous
                 least = -LEAST_OFF * abs(rubs)
-                rubs += math.copysign(least if beyond < least else beyond, v)
+                rubs += math.copysign(1.0, v) * (least if beyond < least else beyond)
             torque.append(rest + rubs)
             friction.append(rubs)
             var = var_c + var_v + correlation * math.sqrt(var_c * var_v) + rubs * rubs * wear_var + rest_var
