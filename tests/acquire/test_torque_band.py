@@ -201,6 +201,7 @@ def test_a_sound_arm_stays_in_the_band_of_its_model_and_what_pushes_does_not(lea
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(900)
 def test_no_sound_replay_leaves_the_band_of_the_model_before_it(soak_row):
     """50 replays of the simulated arm at full pace, its room between 4 and 34 °C, cold and at work: each foreseen by the model before."""
     arm, dice = Controller(SimulateSettings(seed=5)), np.random.default_rng(5)
