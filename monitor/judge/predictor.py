@@ -91,10 +91,12 @@ class Predictor:
             self._unknown,
             self._noise_var,
         )  # (J,) each
-        if model.finer is not None:
-            whole += (*(model.finer.terms.T * self._per_viscous), self._speed, self._load, self._rigid.rotor)
         figures = [part[k, 0].tolist() for k in (0, 1) for part in per_joint] + [part.tolist() for part in whole]
-        self._figures = list(zip(*figures, strict=True))  # J tuples
+        finer = [()] * len(worn)
+        if model.finer is not None:
+            parts = (*(model.finer.terms.T * self._per_viscous), self._speed, self._load, self._rigid.rotor)
+            finer = list(zip(*(part.tolist() for part in parts), strict=True))
+        self._figures = list(zip(*figures, finer, strict=True))  # J tuples
 
     def torque(self, q: Array, qd: Array, qdd: Array, temperature_c: Array) -> TorquePrediction:
         """Everything at states q, qd, qdd (N, J) [rad, rad/s, rad/s²] and temperatures (N, J) or (J,), finite and of these shapes."""
@@ -148,7 +150,7 @@ class Predictor:
                 high,
                 unknown,
                 noise_var,
-                *more,
+                more,
             ) = figures
             s = math.tanh(v / SIGN_SPEED_RAD_S)
             t = T - rc
