@@ -14,6 +14,7 @@ import numpy as np
 from monitor.recording import Array
 from monitor.simulate import primary
 from monitor.simulate.faults import Place
+from monitor.simulate.gathering import Variable
 from monitor.simulate.inputs import REGISTERS, Inputs, Outputs, Recipe
 from monitor.simulate.kinematics import Kinematics
 from monitor.simulate.life import Life
@@ -29,7 +30,7 @@ from monitor.simulate.sensors import Sensors
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.thermal import Temperatures
 from monitor.simulate.truth import truth
-from monitor.simulate.variables import Moments, Variable, output_variables
+from monitor.simulate.variables import Moments, output_variables
 
 log = logging.getLogger(__name__)
 

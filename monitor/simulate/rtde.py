@@ -6,11 +6,11 @@ Nothing is ever sent unasked before the reply to START: ur-rtde reads one packet
 import logging
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from monitor.simulate.gathering import reader
 from monitor.simulate.inputs import Recipe, recipe
-from monitor.simulate.variables import joined
 
 if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
@@ -20,8 +20,6 @@ log = logging.getLogger(__name__)
 NAMES_MAX_BYTES = 2048  # of a list of names, as documented
 INPUT_RECIPES_MAX = 255
 DATA_HEAD = struct.Struct(">HBB")  # length, type, recipe
-
-Read = Callable[[], Sequence[float]]
 
 
 class ProtocolError(Exception):
@@ -34,9 +32,8 @@ class RtdeSession:
     def __init__(self, controller: "Controller", connection: int) -> None:
         self._controller, self._connection = controller, connection
         self._buffer = b""
-        self._reads: list[Read] = []
         self._output: Recipe | None = None
-        self._layout, self._size = DATA_HEAD, DATA_HEAD.size  # of the data packet: head, recipe 1, values
+        self._packet: Callable[[], bytes] = bytes  # of the present values: head, recipe 1, values
         self._every = 1  # ticks per packet
         self._inputs: list[Recipe] = []
         self.started = False
@@ -64,10 +61,7 @@ class RtdeSession:
             return None
         packet = made.get(self._output.names)
         if packet is None:
-            values: list[float] = [self._size, 85, 1]
-            for read in self._reads:
-                values += read()
-            packet = made[self._output.names] = self._layout.pack(*values)
+            packet = made[self._output.names] = self._packet()
         return packet
 
     def close(self) -> None:
@@ -109,9 +103,10 @@ class RtdeSession:
         types = [variables[name].kind if name in variables else "NOT_FOUND" for name in names]
         known = bool(names) and "NOT_FOUND" not in types
         self._output = recipe(names, {name: variables[name].kind for name in names}) if known else None
-        self._reads = joined(variables[name] for name in names) if known else []
-        self._layout = struct.Struct(DATA_HEAD.format + (self._output.layout.format[1:] if self._output is not None else ""))
-        self._size = self._layout.size
+        if self._output is not None:
+            layout = struct.Struct(DATA_HEAD.format + self._output.layout.format[1:])
+            read = reader(self._controller, [variables[name] for name in names], layout.size, 85, 1)
+            self._packet = lambda: layout.pack(*read())
         rate_hz = self._controller.settings.arm.rate_hz
         wanted_hz = min(max(frequency_hz, 1.0), rate_hz) if math.isfinite(frequency_hz) else rate_hz
         self._every = int(rate_hz / wanted_hz + 1e-9)
