@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate import primary
+from monitor.simulate import primary, realtime
 from monitor.simulate.faults import Place
 from monitor.simulate.gathering import Variable
 from monitor.simulate.inputs import REGISTERS, Inputs, Outputs, Recipe
@@ -116,6 +116,7 @@ class Controller:
             if settings.scenario is not None and settings.scenario.room is not None:
                 self.arm.set_temperatures(self.arm.thermal.idle(self.arm.ambient_c))
         self.variables: dict[str, Variable] = output_variables(self)
+        self.realtime = realtime.packing(self)
 
     @property
     def clock_s(self) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_sim_controller import Pendant
 
-from monitor.simulate import primary, realtime
+from monitor.simulate import primary
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 
@@ -119,7 +119,7 @@ REALTIME_5_10 = {  # offset in bytes → what the guide's table puts there
 
 def test_a_realtime_packet_has_every_field_at_its_published_place(ur5e):
     """1220 bytes; each field where the table of RealTime 5.10 says."""
-    packet = realtime.packet(ur5e)
+    packet = ur5e.realtime()
     assert struct.unpack_from(">i", packet) == (1220,)
     assert len(packet) == 1220
     for offset, name in REALTIME_5_10.items():
@@ -141,7 +141,7 @@ def test_a_realtime_packet_has_every_field_at_its_published_place(ur5e):
 )
 def test_a_realtime_packet_is_as_long_as_its_version_says(robot, version, size):
     """The length field and the bytes."""
-    packet = realtime.packet(Controller(SimulateSettings(robot=robot, version=version)))
+    packet = Controller(SimulateSettings(robot=robot, version=version)).realtime()
     assert struct.unpack_from(">i", packet)[0] == len(packet) == size
 
 
