@@ -31,6 +31,10 @@ class Limits:
             return f"the drive of joint {int(np.argmax(size / self._robot.max_torque_nm)) + 1} is at its torque limit"
         return self.outside(seen)
 
+    def deviation_ratio(self, wanted: Array, seen: Array) -> float:
+        """1 and more: the arm is protected."""
+        return float(np.abs(wanted - seen).max()) / DEVIATION_MAX_RAD
+
     def forget(self) -> None:
         """A protective stop is over: the drives have their time again."""
         self._saturated_s = 0.0

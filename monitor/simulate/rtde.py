@@ -103,8 +103,8 @@ class RtdeSession:
             raise ProtocolError("output recipe without a frequency")
         (frequency_hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        missing = self._controller.missing
-        variables = {name: variable for name, variable in self._controller.variables.items() if name not in missing}
+        c = self._controller
+        variables = {name: variable for name, variable in c.variables.items() if c.knows(name) and name not in c.missing}
         types = [variables[name].kind if name in variables else "NOT_FOUND" for name in names]
         known = bool(names) and "NOT_FOUND" not in types
         self._output = recipe(names, {name: variables[name].kind for name in names}) if known else None

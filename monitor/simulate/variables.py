@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 SUPPLY_V = 48.0
 ELECTRONICS_A = 0.9  # of the whole arm at rest
 JOINT_RUNNING, JOINT_POWER_OFF = 253, 239
+TOOL_RUNNING, TOOL_OFF = 253, 239
 POWER_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1  # robot_status_bits
 NORMAL, PROTECTIVE, ROBOT_EMERGENCY, EMERGENCY, STOPPED = 1 << 0, 1 << 2, 1 << 6, 1 << 7, 1 << 10  # safety_status_bits
 
@@ -22,13 +23,11 @@ NORMAL, PROTECTIVE, ROBOT_EMERGENCY, EMERGENCY, STOPPED = 1 << 0, 1 << 2, 1 << 6
 NOT_MODELLED = {  # published outputs that are constantly zero here
     "output_bit_registers0_to_31": "UINT32",
     "output_bit_registers32_to_63": "UINT32",
-    "analog_io_types": "UINT32",
     "io_current": "DOUBLE",
     "euromap67_input_bits": "UINT32",
     "euromap67_output_bits": "UINT32",
     "euromap67_24V_voltage": "DOUBLE",
     "euromap67_24V_current": "DOUBLE",
-    "tool_mode": "UINT32",
     "tool_output_mode": "UINT8",
     "tool_digital_output0_mode": "UINT8",
     "tool_digital_output1_mode": "UINT8",
@@ -37,22 +36,24 @@ NOT_MODELLED = {  # published outputs that are constantly zero here
     "tool_analog_input1": "DOUBLE",
     "tool_output_voltage": "INT32",
     "tool_output_current": "DOUBLE",
-    "script_control_line": "UINT32",
+    "script_control_line": "UINT32",  # scripts are played, not run line by line
+    "time_scale_source": "INT32",
+    "collision_detection_ratio": "DOUBLE",  # nothing is ever hit
 }
 
 
 def output_variables(c: "Controller") -> dict[str, Variable]:
-    """Every output that any version knows; `published` tells which of them the emulated one does.
+    """Every output that any version up to 5.23 knows; `published` tells which of them the emulated one does.
 
-    Not modelled and constantly zero: forces at the tool, momentum, analogue inputs.
+    Not modelled and constantly zero: forces at the tool but for a payload's weight, momentum, analogue inputs.
     """
     tool = _ToolState(c)
     actual, target = Source(Sort.COMPUTED, 12, tool.actual), Source(Sort.COMPUTED, 12, tool.target)
-    state = Source(Sort.LISTED, 11, _State(c).read)
+    state = Source(Sort.LISTED, 12, _State(c).read)
     gain = c.arm.gain_nm_per_a
     pace = number("DOUBLE", c, "speed_fraction")
     payload, analog = Source(Sort.LISTED, 4, lambda: c.declared_payload), Source(Sort.LISTED, 2, lambda: c.outputs.analog)
-    none6, zero = constant("VECTOR6D", *[0.0] * 6), constant("DOUBLE", 0.0)
+    zero = constant("DOUBLE", 0.0)
     table = {
         "timestamp": number("DOUBLE", c, "clock_s"),
         "target_q": array(c, "reference.q"),
@@ -71,9 +72,9 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "actual_TCP_speed": Variable("VECTOR6D", actual, 6),
         "target_TCP_pose": Variable("VECTOR6D", target),
         "target_TCP_speed": Variable("VECTOR6D", target, 6),
-        "actual_TCP_force": none6,
-        "ft_raw_wrench": none6,
-        "payload_inertia": none6,
+        "actual_TCP_force": constant("VECTOR6D", *[0.0] * 6),
+        "tcp_offset": array(c, "kinematics.tool"),
+        "ft_raw_wrench": computed("VECTOR6D", tool.weight),
         "robot_mode": Variable("INT32", state),
         "safety_mode": Variable("INT32", state, 1),
         "safety_status": Variable("INT32", state, 1),
@@ -81,13 +82,13 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "robot_status_bits": Variable("UINT32", state, 3),
         "safety_status_bits": Variable("UINT32", state, 4),
         "joint_mode": Variable("VECTOR6INT32", state, 5),
+        "tool_mode": Variable("UINT32", state, 11),
         "actual_execution_time": constant("DOUBLE", 1e3 * c.tick_s / 4),
         "speed_scaling": pace,
         "target_speed_fraction": pace,
         "actual_momentum": zero,
         "tcp_force_scalar": zero,
-        "joint_position_deviation_ratio": zero,
-        "collision_detection_ratio": zero,
+        "joint_position_deviation_ratio": number("DOUBLE", c, "deviation_ratio"),
         "tool_temperature": number("DOUBLE", c, "arm.ambient_c"),
         "actual_main_voltage": constant("DOUBLE", SUPPLY_V),
         "actual_robot_voltage": constant("DOUBLE", SUPPLY_V),
@@ -95,8 +96,10 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "actual_tool_accelerometer": computed("VECTOR3D", tool.accelerometer),
         "payload": Variable("DOUBLE", payload),
         "payload_cog": Variable("VECTOR3D", payload, 1),
+        "payload_inertia": listed("VECTOR6D", lambda: c.declared_inertia),
         "actual_digital_input_bits": number("UINT64", c, "digital_inputs"),
         "actual_digital_output_bits": number("UINT64", c, "outputs.digital"),
+        "analog_io_types": number("UINT32", c, "outputs.analog_types"),
         **{f"standard_analog_input{i}": zero for i in (0, 1)},
         "standard_analog_output0": Variable("DOUBLE", analog),
         "standard_analog_output1": Variable("DOUBLE", analog, 1),
@@ -104,8 +107,7 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         "elbow_velocity": computed("VECTOR3D", lambda: c.kinematics.elbow_speed(c.measured.q, c.measured.qd)),
         "actual_current_window": constant("VECTOR6D", *(0.1 * c.robot.max_torque_nm / gain).tolist()),
         **{name: constant(kind, *[0] * (1 if kind != "VECTOR6D" else 6)) for name, kind in NOT_MODELLED.items()},
-        **{f"output_bit_register_{i}": constant("BOOL", False) for i in range(128)},
-        **{f"input_bit_register_{i}": constant("BOOL", False) for i in range(64)},
+        **{f"output_bit_register_{i}": constant("BOOL", False) for i in range(64, 128)},  # the others are words of 32
         **{
             name: listed(kind, lambda name=name: (c.inputs.others.get(name, 0),))  # type: ignore[misc,arg-type]
             for name, kind in INPUT_TYPES.items()
@@ -132,12 +134,13 @@ class _State:
         self._known: tuple[int, ...] = ()
 
     def read(self) -> tuple[int, ...]:
-        """Robot mode, safety mode, state of the program, bits of the robot, bits of safety, mode of each joint."""
+        """Robot mode, safety mode, state of the program, bits of the robot, bits of safety, mode of each joint, of the tool."""
         c = self._c
         of = c.robot_mode, c.safety_mode, c.runtime
         if of != self._of:
             self._of = of
-            self._known = (*map(int, of), robot_status_bits(c), safety_status_bits(c), *[joint_mode(c)] * 6)
+            tool = TOOL_RUNNING if c.robot_mode > 3 else TOOL_OFF
+            self._known = (*map(int, of), robot_status_bits(c), safety_status_bits(c), *[joint_mode(c)] * 6, tool)
         return self._known
 
 
@@ -188,6 +191,12 @@ class _ToolState:
         self.actual()
         upwards: Array = self._upwards.dot(self._actual.flange.rotation)
         return upwards
+
+    def weight(self) -> Array:
+        """(6,) [N, N·m] that the payload, told or not, puts on the flange at rest, in its frame: a raw sensor without bias and noise."""
+        arm = self._c.arm
+        force = -arm.payload_kg * self.accelerometer()
+        return np.concatenate((force, np.cross(arm.payload_com_m, force)))
 
 
 def joint_mode(c: "Controller") -> int:

@@ -169,6 +169,13 @@ def test_queries_and_settings(pendant):
     assert pendant.controller.arm.payload_kg == 0.0  # told is not carried
 
 
+def test_a_payloads_inertia_is_told_back(pendant):
+    """setTargetPayload: kg, centre of mass, inertia."""
+    assert pendant.do(FOURTEEN, [65, 1.2, 0, 0, 0.1, 0.01, 0.02, 0.03, 0, 0, 0.001, 0, 0, 0, 0]) >= 0
+    assert pendant.controller.variables["payload"].read() == (1.2,)
+    assert pendant.controller.variables["payload_inertia"].read() == (0.01, 0.02, 0.03, 0.0, 0.0, 0.001)
+
+
 @pytest.mark.parametrize(
     ("written", "values"),
     [

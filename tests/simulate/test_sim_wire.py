@@ -57,6 +57,7 @@ while last - begun < 3.0:
         errors.append(max(abs(a - s - swing) for a, s in zip(r.getActualQ(), start)))
     assert c.servoJ([s + swing for s in start], 0.0, 0.0, 0.008, 0.03, 500.0)
 stopped = c.servoStop(10.0)
+time.sleep(0.1)  # the arm settles; the watchdog waits for 0.2 s
 answers = dict(moved=moved, watched=watched, stopped=stopped, steady=c.isSteady(), payload=c.setPayload(1.0, [0, 0, 0.1]),
                within=c.isJointsWithinSafetyLimits([0.0] * 6), beyond=c.isJointsWithinSafetyLimits([0.0, 0, 4.0, 0, 0, 0]))
 c.stopScript()
