@@ -19,6 +19,7 @@ log = logging.getLogger(__name__)
 
 NAMES_MAX_BYTES = 2048  # of a list of names, as documented
 INPUT_RECIPES_MAX = 255
+HEAD = struct.Struct(">HB")  # length, type
 DATA_HEAD = struct.Struct(">HBB")  # length, type, recipe
 
 
@@ -48,16 +49,19 @@ class RtdeSession:
 
         Raises ProtocolError where a header cannot be one.
         """
-        self._buffer += data
-        replies = b""
-        while len(self._buffer) >= 3:
-            size, kind = struct.unpack_from(">HB", self._buffer)
+        buffer, replies = self._buffer + data, b""
+        while len(buffer) >= 3:
+            size, kind = HEAD.unpack_from(buffer)
             if size < 3:
                 raise ProtocolError(f"packet of {size} bytes; the header alone has 3")
-            if len(self._buffer) < size:
+            if len(buffer) < size:
                 break
-            payload, self._buffer = self._buffer[3:size], self._buffer[size:]
-            replies += self._answer(kind, payload)
+            payload, buffer = buffer[3:size], buffer[size:]
+            if kind == 85:  # U, nearly always
+                self._write_input(payload)
+            else:
+                replies += self._answer(kind, payload)
+        self._buffer = buffer
         return replies
 
     def output(self, tick: int, made: dict[tuple[str, ...], bytes]) -> bytes | None:
@@ -90,8 +94,6 @@ class RtdeSession:
             case 80:  # P
                 self.started = False
                 return _packet(kind, b"\x01")
-            case 85:  # U
-                self._write_input(payload)
             case 77:  # M
                 log.info("rtde client says: %s", payload[1:].decode("utf-8", "replace")[:200])
             case _:

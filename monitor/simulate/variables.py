@@ -120,7 +120,7 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
         ("input_int", "INT32", c.inputs.ints),
         ("input_double", "DOUBLE", c.inputs.doubles),
     ):
-        all_of_them = Source(Sort.LISTED, REGISTERS, lambda values=values: values)  # type: ignore[misc]
+        all_of_them = Source(Sort.LISTED, REGISTERS, values.copy)
         table |= {f"{name}_register_{i}": Variable(kind, all_of_them, i) for i in range(REGISTERS)}
     return table
 
