@@ -17,6 +17,7 @@ DAMPING = 1e-8  # of the squared Jacobian: enough to pass a singularity
 STEP_MAX_RAD = 0.5
 RESTARTS = 6  # from elsewhere, if the nearest configuration does not lead to the pose
 NO_TOOL = np.zeros(6)
+BASE_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 def se3(pose: Sequence[float] | Array) -> "pin.SE3":
@@ -67,7 +68,7 @@ class Kinematics:
 
     def jacobian(self, q: Array) -> Array:
         """(6, J) q̇ → velocity of the tool's point and of its rotation, both along the base's axes."""
-        J = pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        J = pin.computeFrameJacobian(self._model, self._data, q, self._frame, BASE_AXES)
         if self.tool.any():
             arm = self.at(q).translation - self.flange(q).translation
             J = J.copy()
@@ -90,7 +91,7 @@ class Kinematics:
         """(3,) of that point [m/s]."""
         pin.forwardKinematics(self._model, self._data, q, qd)
         joint = min(3, self._joints)
-        speed: Array = pin.getVelocity(self._model, self._data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).linear.copy()
+        speed: Array = pin.getVelocity(self._model, self._data, joint, BASE_AXES).linear.copy()
         return speed
 
     def towards(self, q: Array, velocity: Array) -> Array:
@@ -137,7 +138,7 @@ class ToolWatch:
         model, data = self._model, self._data
         pin.forwardKinematics(model, data, q, qd)
         flange = self.flange = pin.updateFramePlacement(model, data, self._frame)
-        twist: Array = pin.getFrameVelocity(model, data, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).vector
+        twist: Array = pin.getFrameVelocity(model, data, self._frame, BASE_AXES).vector
         if tool is not NO_TOOL:
             arm = flange.rotation @ tool[:3]
             twist = np.concatenate((twist[:3] + np.cross(twist[3:], arm), twist[3:]))

@@ -52,7 +52,7 @@ def output_variables(c: "Controller") -> dict[str, Variable]:
     state = Source(Sort.LISTED, 12, _State(c).read)
     gain = c.arm.gain_nm_per_a
     pace = number("DOUBLE", c, "speed_fraction")
-    payload, analog = Source(Sort.LISTED, 4, lambda: c.declared_payload), Source(Sort.LISTED, 2, lambda: c.outputs.analog)
+    payload, analog = Source(Sort.LISTED, 4, lambda: c.declared_payload), Source(Sort.LISTED, 2, c.outputs.analog.copy)
     zero = constant("DOUBLE", 0.0)
     table = {
         "timestamp": number("DOUBLE", c, "clock_s"),
