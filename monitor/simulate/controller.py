@@ -104,6 +104,7 @@ class Controller:
         self.joint_serials = [f"{settings.serial}-{i + 1}" for i in range(robot.joints)]
         self.messages: deque[bytes] = deque(maxlen=LOG_LENGTH)  # for the primary port
         self.reported_version, self.remote_control = settings.polyscope, settings.remote_control
+        self.user_role, self.operational_mode = "PROGRAMMER", "NONE"  # as the dashboard was told
         self.missing: set[str] = set()  # outputs that it has forgotten, on command
         self.outputs = Outputs()
         if before is not None:

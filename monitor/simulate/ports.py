@@ -5,6 +5,7 @@ import logging
 import socket
 import struct
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +16,6 @@ from monitor.simulate.rtde import ProtocolError, RtdeSession, text_message
 from monitor.simulate.scripts import Framer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from monitor.simulate.controller import Controller
 
 log = logging.getLogger(__name__)
@@ -35,6 +34,7 @@ class Ports:
         self.controller = controller
         self.open: dict[str, set[Port]] = {service: set() for service in SERVICES}
         self.faults = WireFaults()
+        self.shut_down: Callable[[], None] = lambda: None  # the whole simulator
         self._dice = np.random.default_rng(controller.settings.seed)
         self._held_until_s = 0.0
         self._state_every = max(1, round(primary.PERIOD_S / controller.tick_s))
@@ -245,8 +245,10 @@ class DashboardPort(Port):
                 return
             answer = dashboard.reply(self.ports.controller, line[: dashboard.LINE_MAX_BYTES].decode("utf-8", "replace"))
             transport.write(answer.encode() + b"\n")
-            if answer == "Disconnected":
+            if answer in (dashboard.QUIT, dashboard.SHUTDOWN):
                 transport.close()
+                if answer == dashboard.SHUTDOWN:
+                    self.ports.shut_down()
                 return
         if len(self._buffer) > dashboard.LINE_MAX_BYTES or self.full:
             transport.abort()
@@ -273,7 +275,7 @@ class StatePort(Port):
             self.ports.controller.run_script(text)
 
 
-def _to_all(ports: set[Port], packet: "Callable[[], bytes]") -> None:
+def _to_all(ports: set[Port], packet: Callable[[], bytes]) -> None:
     """Built only where somebody reads: ur-rtde's control client never does."""
     made: bytes | None = None
     for port in tuple(ports):

@@ -195,6 +195,7 @@ async def _run(
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, end.set)
     ports = Ports(Controller(settings))
+    ports.shut_down = end.set
     listeners = Listeners(settings, ports, sockets)
 
     def place() -> Place:

@@ -380,6 +380,14 @@ def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
         Remote(first.address)
 
 
+def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client):
+    """As somebody who turns it off from afar: answered, then gone, exit 0."""
+    simulator = spawn()
+    code = "import sys; from dashboard_client import DashboardClient; d = DashboardClient(sys.argv[1]); d.connect(); d.shutdown()"
+    assert client(code, simulator.address).wait(timeout=20) == 0
+    assert simulator.process.wait(timeout=5) == 0
+
+
 def test_requests_are_json_lines(ur5):
     """By hand, without Remote: a question, an answer; an error says what would be right."""
     with socket.create_connection((ur5.address, 30020), timeout=5) as wire, wire.makefile("rwb") as file:
