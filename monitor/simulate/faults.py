@@ -33,11 +33,6 @@ class WireFaults:
     skip_share: float = 0.0  # of the ticks are never sent
     text_at_connect: bool = False
 
-    @property
-    def punctual(self) -> bool:
-        """Whether every data packet leaves in its tick."""
-        return not (self.muted_until_s or self.mute or self.late_share or self.skip_share)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:

@@ -173,9 +173,8 @@ class RtdePort(Port):
         transport = self.writable
         if transport is None:
             return
-        if not (self._session.every_tick and self.ports.faults.punctual):  # else the tick's packet, due at once, acknowledges
-            # acknowledge at once: ur-rtde's small writes wait for it (its TCP_NODELAY is lost), and would come in bunches; not lasting
-            self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        # acknowledge at once: ur-rtde's small writes wait for it (its TCP_NODELAY is lost), and would come in bunches; not lasting
+        self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         if self.ports.faults.mute:
             return
         try:

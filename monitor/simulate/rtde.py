@@ -39,11 +39,6 @@ class RtdeSession:
         self._inputs: list[Recipe] = []
         self.started = False
 
-    @property
-    def every_tick(self) -> bool:
-        """Whether a data packet leaves in every tick."""
-        return self.started and self._every == 1 and self._output is not None
-
     def feed(self, data: bytes) -> bytes:
         """Replies to whatever complete packets have arrived.
 
