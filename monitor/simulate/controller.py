@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate import primary
+from monitor.simulate import primary, realtime
 from monitor.simulate.faults import Place
+from monitor.simulate.gathering import Variable
 from monitor.simulate.inputs import REGISTERS, Inputs, Outputs, Recipe
 from monitor.simulate.kinematics import Kinematics
 from monitor.simulate.life import Life
@@ -22,6 +23,7 @@ from monitor.simulate.modes import RobotMode, Runtime, SafetyMode, Stop
 from monitor.simulate.moves import PROGRAM_STOP_RAD_S2, Moves
 from monitor.simulate.physics import Arm, Target, arm_model
 from monitor.simulate.program import ControlProgram, SteppedProgram, StepsProgram
+from monitor.simulate.published import known
 from monitor.simulate.reference import Reference
 from monitor.simulate.scenario import Scenario
 from monitor.simulate.scripts import ControlScript, Immediate, Refused, Steps, parse
@@ -29,7 +31,7 @@ from monitor.simulate.sensors import Sensors
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.thermal import Temperatures
 from monitor.simulate.truth import truth
-from monitor.simulate.variables import Moments, Variable, output_variables
+from monitor.simulate.variables import Moments, output_variables
 
 log = logging.getLogger(__name__)
 
@@ -74,9 +76,10 @@ class Controller:
         self.sensors = Sensors(robot, settings.seed, self.tick_s)
         self.sensors.louder(settings.current_noise)
         self.measured = self.sensors.read(self.arm)
-        self.inputs = Inputs()
+        self.inputs = Inputs(self.knows)
         self.output_ints, self.output_doubles = [0] * REGISTERS, [0.0] * REGISTERS
         self.declared_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)
+        self.declared_inertia: tuple[float, ...] = (0.0,) * 6  # told on, not reckoned with
         self.declared_gravity: Array = settings.mounting.gravity_in_base
         self.moments = Moments(self.arm.believed)
         self.digital_inputs = 0  # bits 0–7 standard, 8–15 configurable, 16–17 tool
@@ -101,6 +104,7 @@ class Controller:
         self.joint_serials = [f"{settings.serial}-{i + 1}" for i in range(robot.joints)]
         self.messages: deque[bytes] = deque(maxlen=LOG_LENGTH)  # for the primary port
         self.reported_version, self.remote_control = settings.polyscope, settings.remote_control
+        self.user_role, self.operational_mode = "PROGRAMMER", "NONE"  # as the dashboard was told
         self.missing: set[str] = set()  # outputs that it has forgotten, on command
         self.outputs = Outputs()
         if before is not None:
@@ -115,6 +119,11 @@ class Controller:
             if settings.scenario is not None and settings.scenario.room is not None:
                 self.arm.set_temperatures(self.arm.thermal.idle(self.arm.ambient_c))
         self.variables: dict[str, Variable] = output_variables(self)
+        self.realtime = realtime.packing(self)
+
+    def knows(self, name: str) -> bool:
+        """Whether this version has a variable of this name, if any has."""
+        return known(name, self.settings.polyscope)
 
     @property
     def clock_s(self) -> float:
@@ -152,8 +161,7 @@ class Controller:
 
     def _supervise(self) -> None:
         if self.robot_mode == RobotMode.RUNNING and self.safety_mode == SafetyMode.NORMAL:
-            seen = self.arm.q + self._offset if self._shifted else self.arm.q
-            why = self.limits.broken(self.reference.q, seen, self.arm.torque_nm)
+            why = self.limits.broken(self.reference.q, self.seen_q, self.arm.torque_nm)
             if why:
                 self.protective_stop(why)
         if self._standing and self.standing:
@@ -351,6 +359,16 @@ class Controller:
     def _seen(self, target: Target) -> Target:
         """Where the servo really drives to: what the encoders make of the reference."""
         return target._replace(q=target.q - self._offset) if self._shifted else target
+
+    @property
+    def seen_q(self) -> Array:
+        """(J,) where the encoders show the arm, noise aside."""
+        return self.arm.q + self._offset if self._shifted else self.arm.q
+
+    @property
+    def deviation_ratio(self) -> float:
+        """Following error as a share of the one that protects the arm."""
+        return self.limits.deviation_ratio(self.reference.q, self.seen_q)
 
     @property
     def speed_fraction(self) -> float:

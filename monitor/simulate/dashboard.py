@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX_BYTES = 4096
+QUIT, SHUTDOWN = "Disconnected", "Shutting down"  # after which the connection, or the controller, is gone
+USER_ROLES, OPERATIONAL_MODES = {"PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"}, {"MANUAL", "AUTOMATIC"}
 PROGRAM = "rtde_control.urp"  # programs that come over a script port have no file; the dashboard needs a name
 
 
@@ -65,12 +67,49 @@ def reply(controller: "Controller", line: str) -> str:
             return "closing popup"
         case "restart safety":
             return "Restarting safety"
+        case "version":
+            return ".".join(map(str, controller.reported_version))
         case "quit":
-            return "Disconnected"
+            return QUIT
+        case "shutdown":
+            return SHUTDOWN
+    answer = _of_generation(controller, command)
+    if answer:
+        return answer
     if word.startswith("popup "):
         return "showing popup"
     if word.startswith("addtolog "):
         return "Added log message"
     if word.startswith("load "):
-        return f"File not found: {re.sub(r'[^ -~]', '?', command[5:])[:200]}"  # there are no files here
-    return f"could not understand: {re.sub(r'[^ -~]', '?', command)[:200]}"
+        named = command[18:] if word.startswith("load installation ") else command[5:]
+        return f"File not found: {_printable(named)}"  # there are no files here
+    return f"could not understand: {_printable(command)}"
+
+
+def _of_generation(controller: "Controller", command: str) -> str:
+    """What only CB3 or only the e-Series answers, or nothing: whoever may use the pendant, which this arm has not."""
+    word, _, given = command.rpartition(" ")
+    if controller.settings.polyscope.major < 5:
+        if command.lower() == "getuserrole":
+            return controller.user_role
+        if word.lower() == "setuserrole":
+            if given.upper() not in USER_ROLES:
+                return f"Failed setting user role: {_printable(given)}"
+            controller.user_role = given.upper()
+            return f"Setting user role: {given}"
+        return ""
+    if command.lower() == "get operational mode":
+        return controller.operational_mode
+    if command.lower() == "clear operational mode":
+        controller.operational_mode = "NONE"
+        return "operational mode is no longer controlled by Dashboard Server"
+    if word.lower() == "set operational mode":
+        if given.upper() not in OPERATIONAL_MODES:
+            return f"Failed setting operational mode: {_printable(given)}"
+        controller.operational_mode = given.upper()
+        return f"Setting operational mode: {given}"
+    return ""
+
+
+def _printable(text: str) -> str:
+    return re.sub(r"[^ -~]", "?", text)[:200]

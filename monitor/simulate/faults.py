@@ -176,7 +176,7 @@ def _version(place: Place, a: dict[str, Any]) -> str:
 
 def _not_found(place: Place, a: dict[str, Any]) -> str:
     names = [name for name in a["names"].split(",") if name]
-    unknown = [name for name in names if name not in place.controller.variables]
+    unknown = [name for name in names if name not in place.controller.variables or not place.controller.knows(name)]
     if unknown:
         raise BadInput(f"fault not_found: {', '.join(unknown)} is no output of this controller")
     place.controller.missing.update(names)

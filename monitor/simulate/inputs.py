@@ -1,7 +1,7 @@
 """Input variables of the RTDE interface: values that last, and one owner a variable."""
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 REGISTERS = 48
@@ -80,7 +80,9 @@ def _runs(names: Sequence[str], widths: Sequence[int]) -> tuple[Run, ...]:
 class Inputs:
     """What clients wrote last, and which connection may write what."""
 
-    def __init__(self) -> None:
+    def __init__(self, knows: Callable[[str], bool] = lambda _: True) -> None:
+        """`knows`: whether the emulated version has an input of this name."""
+        self._knows = knows
         self.ints = [0] * REGISTERS
         self.doubles = [0.0] * REGISTERS
         self.others: dict[str, float | tuple[float, ...]] = {}
@@ -91,7 +93,7 @@ class Inputs:
         """Types of the names as the reply to I: `NOT_FOUND`, or `IN_USE` where another connection owns one; then nothing is taken."""
         types = []
         for name in names:
-            if name not in INPUT_TYPES:
+            if name not in INPUT_TYPES or not self._knows(name):
                 types.append("NOT_FOUND")
             elif self._owner.get(name, owner) != owner:
                 types.append("IN_USE")
@@ -130,6 +132,7 @@ class Outputs:
     def __init__(self) -> None:
         self.digital = 0  # bits 0–7 standard, 8–15 configurable, 16–17 tool
         self.analog = [0.0, 0.0]  # V or A, as `standard_analog_output_type` says
+        self.analog_types = 0  # bits 2 and 3: whether each output gives V
 
     def take(self, written: Mapping[str, float | tuple[float, ...]]) -> None:
         """What was written last."""
@@ -143,5 +146,6 @@ class Outputs:
                 share = written.get(f"standard_analog_output_{i}", 0.0)
                 full = 10.0 if int(kind) >> i & 1 else 0.02  # type: ignore[arg-type]
                 lowest = 0.0 if int(kind) >> i & 1 else 0.004  # type: ignore[arg-type]
+                self.analog_types = self.analog_types & ~(4 << i) | (int(kind) >> i & 1) << (2 + i)  # type: ignore[arg-type]
                 if isinstance(share, (int, float)) and 0.0 <= share <= 1.0:
                     self.analog[i] = lowest + share * (full - lowest)

@@ -17,6 +17,7 @@ DAMPING = 1e-8  # of the squared Jacobian: enough to pass a singularity
 STEP_MAX_RAD = 0.5
 RESTARTS = 6  # from elsewhere, if the nearest configuration does not lead to the pose
 NO_TOOL = np.zeros(6)
+BASE_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 def se3(pose: Sequence[float] | Array) -> "pin.SE3":
@@ -61,24 +62,13 @@ class Kinematics:
         """(6,)."""
         return pose_of(self.at(q, tool))
 
-    def state(self, q: Array, qd: Array) -> tuple[tuple[list[float], list[float]], Array]:
-        """Pose and speed of the tool, 6 each: what `pose` and `speed` say, in one pass for what asks every tick; flange → base (3, 3)."""
-        model, data, tool = self._model, self._data, self.tool
-        pin.forwardKinematics(model, data, q, qd)
-        flange = pin.updateFramePlacement(model, data, self._frame)
-        speed = pin.getFrameVelocity(model, data, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        linear, angular = speed.linear, speed.angular
-        rotation: Array = flange.rotation.copy()
-        if tool is not NO_TOOL:
-            arm = flange.rotation @ tool[:3]
-            linear = linear + np.cross(angular, arm)
-            flange = flange * se3(tool)
-        pose = [*flange.translation.tolist(), *pin.log3(flange.rotation).tolist()]
-        return (pose, [*linear.tolist(), *angular.tolist()]), rotation
+    def watch(self) -> "ToolWatch":
+        """For what asks every tick where the tool is."""
+        return ToolWatch(self, self._model, self._frame)
 
     def jacobian(self, q: Array) -> Array:
         """(6, J) q̇ → velocity of the tool's point and of its rotation, both along the base's axes."""
-        J = pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        J = pin.computeFrameJacobian(self._model, self._data, q, self._frame, BASE_AXES)
         if self.tool.any():
             arm = self.at(q).translation - self.flange(q).translation
             J = J.copy()
@@ -101,7 +91,7 @@ class Kinematics:
         """(3,) of that point [m/s]."""
         pin.forwardKinematics(self._model, self._data, q, qd)
         joint = min(3, self._joints)
-        speed: Array = pin.getVelocity(self._model, self._data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).linear.copy()
+        speed: Array = pin.getVelocity(self._model, self._data, joint, BASE_AXES).linear.copy()
         return speed
 
     def towards(self, q: Array, velocity: Array) -> Array:
@@ -128,3 +118,31 @@ class Kinematics:
                 step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(6), np.concatenate([away, about]))
                 q = q + step * min(1.0, STEP_MAX_RAD / max(float(np.abs(step).max()), 1e-12))
         return None
+
+
+class ToolWatch:
+    """Pose and speed of the tool, what `Kinematics.pose` and `Kinematics.speed` say, in one pass and once for equal arguments."""
+
+    def __init__(self, kinematics: Kinematics, model: "pin.Model", frame: int) -> None:
+        self._kinematics, self._model, self._frame = kinematics, model, frame
+        self._data = model.createData()
+        self._q = self._qd = self._tool = self._known = np.empty(0)
+        self.flange = pin.SE3.Identity()  # as of the last call
+
+    def at(self, q: Array, qd: Array) -> Array:
+        """(12,) at q, q̇ (J,)."""
+        tool = self._kinematics.tool
+        if q is self._q and qd is self._qd and tool is self._tool:
+            return self._known
+        self._q, self._qd, self._tool = q, qd, tool
+        model, data = self._model, self._data
+        pin.forwardKinematics(model, data, q, qd)
+        flange = self.flange = pin.updateFramePlacement(model, data, self._frame)
+        twist: Array = pin.getFrameVelocity(model, data, self._frame, BASE_AXES).vector
+        if tool is not NO_TOOL:
+            arm = flange.rotation @ tool[:3]
+            twist = np.concatenate((twist[:3] + np.cross(twist[3:], arm), twist[3:]))
+            flange = flange * se3(tool)
+        known: Array = np.concatenate((flange.translation, pin.log3(flange.rotation), twist))
+        self._known = known
+        return known

@@ -1,6 +1,7 @@
 """What a controller guards: following error, torque at the drives' limit, the joints' ranges, jumps of servoj's target."""
 
 from collections.abc import Sequence
+from operator import sub
 
 import numpy as np
 
@@ -19,6 +20,7 @@ class Limits:
         self._robot, self._tick_s = robot, tick_s
         self._limit = robot.max_position_rad + LIMIT_MARGIN_RAD
         self._max_speed: list[float] = robot.max_speed_rad_s.tolist()
+        self._slowest = min(self._max_speed)
         self._saturated_s = 0.0
 
     def broken(self, wanted: Array, seen: Array, torque_nm: Array) -> str:
@@ -30,6 +32,10 @@ class Limits:
         if self._saturated_s > SATURATED_MAX_S:
             return f"the drive of joint {int(np.argmax(size / self._robot.max_torque_nm)) + 1} is at its torque limit"
         return self.outside(seen)
+
+    def deviation_ratio(self, wanted: Array, seen: Array) -> float:
+        """1 and more: the arm is protected."""
+        return float(np.abs(wanted - seen).max()) / DEVIATION_MAX_RAD
 
     def forget(self) -> None:
         """A protective stop is over: the drives have their time again."""
@@ -45,6 +51,8 @@ class Limits:
 
     def jump(self, target: Sequence[float], before: Sequence[float], since_s: float) -> str:
         """Whether a servoj target lies further from the one before than the arm could have gone since; says which joint, or nothing."""
+        if max(map(abs, map(sub, target, before))) <= DEVIATION_MAX_RAD + self._slowest * since_s:
+            return ""  # whichever joint it is
         for joint, (to, was, fastest) in enumerate(zip(target, before, self._max_speed, strict=True)):
             if not abs(to - was) <= DEVIATION_MAX_RAD + fastest * since_s:
                 return f"sudden change of the target of joint {joint + 1} by {abs(to - was):.3f} rad within {1000 * since_s:.0f} ms"

@@ -5,18 +5,17 @@ import logging
 import socket
 import struct
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from monitor.simulate import dashboard, primary, realtime
+from monitor.simulate import dashboard, primary
 from monitor.simulate.faults import SERVICES, WireFaults
 from monitor.simulate.rtde import ProtocolError, RtdeSession, text_message
 from monitor.simulate.scripts import Framer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from monitor.simulate.controller import Controller
 
 log = logging.getLogger(__name__)
@@ -35,6 +34,7 @@ class Ports:
         self.controller = controller
         self.open: dict[str, set[Port]] = {service: set() for service in SERVICES}
         self.faults = WireFaults()
+        self.shut_down: Callable[[], None] = lambda: None  # the whole simulator
         self._dice = np.random.default_rng(controller.settings.seed)
         self._held_until_s = 0.0
         self._state_every = max(1, round(primary.PERIOD_S / controller.tick_s))
@@ -48,7 +48,10 @@ class Ports:
     @property
     def streaming(self) -> bool:
         """Whether clients only stream: some do over RTDE, and none is still introducing itself."""
-        return bool(self.open["rtde"]) and all(isinstance(port, RtdePort) and port.started for port in self.open["rtde"])
+        for port in self.open["rtde"]:
+            if not port.started:
+                return False
+        return bool(self.open["rtde"])
 
     def publish(self, now_s: float) -> None:
         """Send what is due in this tick to everyone who reads."""
@@ -57,9 +60,10 @@ class Ports:
         if opened["rtde"]:
             self._publish_rtde(tick, now_s)
         if opened["realtime"]:
-            _to_all(opened["realtime"], lambda: realtime.packet(controller))
-        messages, controller.messages = controller.messages, deque(maxlen=controller.messages.maxlen)
-        for message in messages if opened["primary"] else ():
+            _to_all(opened["realtime"], controller.realtime)
+        messages = controller.messages
+        while messages:
+            message = messages.popleft()
             _to_all(opened["primary"], lambda message=message: message)  # type: ignore[misc]
         if tick % self._state_every == 0 and (opened["primary"] or opened["secondary"]):
             state = primary.state(controller)
@@ -73,9 +77,8 @@ class Ports:
             self._held_until_s = now_s + faults.late_s
         hold = now_s < self._held_until_s
         made: dict[tuple[str, ...], bytes] = {}
-        for port in list(self.open["rtde"]):
-            if isinstance(port, RtdePort):
-                port.publish(tick, now_s, made, hold=hold)
+        for port in tuple(self.open["rtde"]):
+            port.publish(tick, now_s, made, hold=hold)
 
     def drop(self, service: str, *, reset: bool) -> int:
         """Close the connections of one service or of `all`, with FIN or RST; how many there were."""
@@ -89,11 +92,15 @@ class Port(asyncio.Protocol):
     """One connection to one service."""
 
     service = ""
+    backlog_bytes = BACKLOG_MAX_BYTES
 
     def __init__(self, ports: Ports, service: str | None = None) -> None:
         self.ports = ports
         self.service = service or self.service
         self.transport: asyncio.Transport | None = None
+        self.full = False  # more waits to be read than may
+        self.started = False  # RTDE's data flow
+        self.skipped = 0  # packets
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Accept, unless there are too many."""
@@ -104,12 +111,24 @@ class Port(asyncio.Protocol):
             return
         wire = transport.get_extra_info("socket")
         wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        transport.set_write_buffer_limits(self.backlog_bytes, self.backlog_bytes)
         self.transport = transport
         mine.add(self)
         self.accepted(transport)
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """The connection is there."""
+
+    def pause_writing(self) -> None:
+        """More waits to be read than may: asyncio's call."""
+        self.full = True
+
+    def resume_writing(self) -> None:
+        """The client has read."""
+        self.full = False
+
+    def publish(self, tick: int, now_s: float, made: dict[tuple[str, ...], bytes], *, hold: bool) -> None:
+        """What is due in this tick: RTDE's data."""
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
         """Forget it; RST is as normal an end as FIN."""
@@ -142,7 +161,6 @@ class RtdePort(Port):
         self._session = RtdeSession(ports.controller, ports.number())
         self._deaf_since_s: float | None = None
         self._held: deque[bytes] = deque(maxlen=LATE_MAX)
-        self.skipped = 0
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """Nothing is said first, unless a fault wants it."""
@@ -166,21 +184,17 @@ class RtdePort(Port):
             transport.abort()
             return
         if replies:
+            self.started = self._session.started
             transport.write(replies)
-            if transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
+            if self.full:
                 transport.abort()  # asks and never reads
-
-    @property
-    def started(self) -> bool:
-        """Whether data flow."""
-        return self._session.started
 
     def publish(self, tick: int, now_s: float, made: dict[tuple[str, ...], bytes], *, hold: bool) -> None:
         """The data packet of this tick, or none while the client does not read."""
-        transport = self.writable
-        if transport is None:
+        transport = self.transport
+        if transport is None or transport.is_closing():
             return
-        if transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
+        if self.full:
             self.skipped += 1
             self._deaf_since_s = self._deaf_since_s or now_s
             if now_s - self._deaf_since_s > DEAF_AFTER_S:
@@ -189,10 +203,11 @@ class RtdePort(Port):
             return
         self._deaf_since_s = None
         packet = self._session.output(tick, made)
-        if hold and packet is not None:
-            self._held.append(packet)
+        if hold:
+            if packet is not None:
+                self._held.append(packet)
             return
-        if self._held and not hold:
+        if self._held:
             packet = b"".join(self._held) + (packet or b"")
             self._held.clear()
         if packet is not None:
@@ -229,20 +244,23 @@ class DashboardPort(Port):
                 return
             answer = dashboard.reply(self.ports.controller, line[: dashboard.LINE_MAX_BYTES].decode("utf-8", "replace"))
             transport.write(answer.encode() + b"\n")
-            if answer == "Disconnected":
+            if answer in (dashboard.QUIT, dashboard.SHUTDOWN):
                 transport.close()
+                if answer == dashboard.SHUTDOWN:
+                    self.ports.shut_down()
                 return
-        if len(self._buffer) > dashboard.LINE_MAX_BYTES or transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
+        if len(self._buffer) > dashboard.LINE_MAX_BYTES or self.full:
             transport.abort()
 
 
 class StatePort(Port):
     """One connection to 30001, 30002 or 30003: state goes out and is never queued, scripts may come in."""
 
+    backlog_bytes = 0
+
     def __init__(self, ports: Ports, service: str) -> None:
         super().__init__(ports, service)
         self._framer = Framer()
-        self.skipped = 0
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """The version first, except on the real-time port."""
@@ -250,35 +268,19 @@ class StatePort(Port):
         if self.service != "realtime":
             transport.write(primary.version(self.ports.controller))
 
-    def send(self, packet: bytes) -> None:
-        """One packet, or nothing while an earlier one has not left."""
-        transport = self.writable
-        if transport is None:
-            return
-        if transport.get_write_buffer_size():
-            self.skipped += 1
-        else:
-            transport.write(packet)
-
-    @property
-    def ready(self) -> bool:
-        """Whether a packet would leave now."""
-        transport = self.writable
-        return transport is not None and not transport.get_write_buffer_size()
-
     def data_received(self, data: bytes) -> None:
         """Run what is complete."""
         for text in self._framer.feed(data):
             self.ports.controller.run_script(text)
 
 
-def _to_all(ports: set[Port], packet: "Callable[[], bytes]") -> None:
+def _to_all(ports: set[Port], packet: Callable[[], bytes]) -> None:
     """Built only where somebody reads: ur-rtde's control client never does."""
     made: bytes | None = None
-    for port in list(ports):
-        if isinstance(port, StatePort):
-            if not port.ready:
-                port.skipped += 1
-                continue
-            made = packet() if made is None else made
-            port.send(made)
+    for port in tuple(ports):
+        transport = port.transport
+        if port.full or transport is None or transport.is_closing():
+            port.skipped += 1
+            continue
+        made = packet() if made is None else made
+        transport.write(made)

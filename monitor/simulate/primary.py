@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from monitor.simulate.variables import SUPPLY_V, joint_mode, supply_current
+from monitor.simulate.variables import SUPPLY_V, TOOL_OFF, TOOL_RUNNING, joint_mode, supply_current
 
 if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
@@ -20,7 +20,6 @@ ROBOT_MODE, JOINTS, TOOL, MASTERBOARD, CARTESIAN, FORCE, ADDITIONAL = 0, 1, 2, 3
 VERSION, SAFETY, ERROR, KEY, EXCEPTION = 3, 5, 6, 7, 10
 FROM_CONTROLLER = 7
 POSITION_CONTROL = 0  # of the control modes
-TOOL_RUNNING, TOOL_OFF = 253, 239
 PERIOD_S = 0.1
 PROTECTIVE_STOP_CODE = 153  # "C153": position deviates from path; the only one that this controller tells
 

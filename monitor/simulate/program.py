@@ -33,6 +33,7 @@ class ControlProgram:
 
     def __init__(self, script: ControlScript, controller: "Controller") -> None:
         self._int, self._double = script.int_offset, script.double_offset
+        self.command_register = f"input_int_register_{self._int}"  # carries commands, and the watchdog listens to it
         self._controller = controller
         self._executing = False
         self._busy: Callable[[], bool] | None = None  # a blocking motion keeps the loop busy
@@ -46,11 +47,6 @@ class ControlProgram:
         self._set(0, READY)
 
     # --- registers ----------------------------------------------------------------------------------------------
-    @property
-    def command_register(self) -> str:
-        """The variable that carries commands, and that the watchdog listens to."""
-        return f"input_int_register_{self._int}"
-
     def _input(self, index: int) -> int:
         return self._controller.inputs.ints[self._int + index]
 

@@ -38,6 +38,13 @@ def _set_payload(p: "ControlProgram") -> Result:
     return None
 
 
+def _set_target_payload(p: "ControlProgram") -> Result:
+    inertia = _finite("set_target_payload", p.vector(4, 6))
+    _set_payload(p)
+    p.controller.declared_inertia = tuple(inertia.tolist())
+    return None
+
+
 def _set_tcp(p: "ControlProgram") -> Result:
     p.controller.kinematics.tool = _finite("set_tcp", p.vector())
     return None
@@ -133,7 +140,7 @@ ONCE: dict[int, Callable[["ControlProgram"], Result]] = {
     59: _set_gravity,
     60: _has_solution,
     61: _has_solution_near,
-    65: _set_payload,  # setTargetPayload: the inertia is not modelled
+    65: _set_target_payload,
 }
 
 

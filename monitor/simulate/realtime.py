@@ -5,11 +5,10 @@ manufacturer's; that CB3 grew in step is taken over from the paired releases and
 """
 
 import struct
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from monitor.recording import Array
+from monitor.simulate.gathering import constant, reader
 
 if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
@@ -66,14 +65,11 @@ def length(major: int, minor: int) -> int:
     return LENGTHS[max(since for since in LENGTHS if since[0] == major and since <= (major, minor))]
 
 
-def packet(c: "Controller") -> bytes:
-    """The packet of the present tick."""
+def packing(c: "Controller") -> Callable[[], bytes]:
+    """Makes the packet of the present tick."""
     size = length(c.settings.polyscope.major, c.settings.polyscope.minor)
-    values: list[float] = []
-    for entry in LAYOUT:
-        if isinstance(entry, int):
-            values += [0.0] * entry
-        else:
-            values += c.variables[entry].read()
-    doubles: Array = np.array(values[: (size - 4) // 8], dtype=">f8")
-    return struct.pack(">i", size) + doubles.tobytes()
+    zero = constant("DOUBLE", 0.0)
+    variables = [v for entry in LAYOUT for v in ([zero] * entry if isinstance(entry, int) else [c.variables[entry]])]
+    doubles = (size - 4) // 8
+    layout, read = struct.Struct(f">i{doubles}d"), reader(c, variables, size)
+    return lambda: layout.pack(*read()[: 1 + doubles])

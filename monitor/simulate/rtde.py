@@ -6,11 +6,11 @@ Nothing is ever sent unasked before the reply to START: ur-rtde reads one packet
 import logging
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from monitor.simulate.gathering import reader
 from monitor.simulate.inputs import Recipe, recipe
-from monitor.simulate.variables import joined
 
 if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
@@ -19,9 +19,8 @@ log = logging.getLogger(__name__)
 
 NAMES_MAX_BYTES = 2048  # of a list of names, as documented
 INPUT_RECIPES_MAX = 255
+HEAD = struct.Struct(">HB")  # length, type
 DATA_HEAD = struct.Struct(">HBB")  # length, type, recipe
-
-Read = Callable[[], Sequence[float]]
 
 
 class ProtocolError(Exception):
@@ -34,9 +33,8 @@ class RtdeSession:
     def __init__(self, controller: "Controller", connection: int) -> None:
         self._controller, self._connection = controller, connection
         self._buffer = b""
-        self._reads: list[Read] = []
         self._output: Recipe | None = None
-        self._layout, self._size = DATA_HEAD, DATA_HEAD.size  # of the data packet: head, recipe 1, values
+        self._packet: Callable[[], bytes] = bytes  # of the present values: head, recipe 1, values
         self._every = 1  # ticks per packet
         self._inputs: list[Recipe] = []
         self.started = False
@@ -46,16 +44,19 @@ class RtdeSession:
 
         Raises ProtocolError where a header cannot be one.
         """
-        self._buffer += data
-        replies = b""
-        while len(self._buffer) >= 3:
-            size, kind = struct.unpack_from(">HB", self._buffer)
+        buffer, replies = self._buffer + data, b""
+        while len(buffer) >= 3:
+            size, kind = HEAD.unpack_from(buffer)
             if size < 3:
                 raise ProtocolError(f"packet of {size} bytes; the header alone has 3")
-            if len(self._buffer) < size:
+            if len(buffer) < size:
                 break
-            payload, self._buffer = self._buffer[3:size], self._buffer[size:]
-            replies += self._answer(kind, payload)
+            payload, buffer = buffer[3:size], buffer[size:]
+            if kind == 85:  # U, nearly always
+                self._write_input(payload)
+            else:
+                replies += self._answer(kind, payload)
+        self._buffer = buffer
         return replies
 
     def output(self, tick: int, made: dict[tuple[str, ...], bytes]) -> bytes | None:
@@ -64,10 +65,7 @@ class RtdeSession:
             return None
         packet = made.get(self._output.names)
         if packet is None:
-            values: list[float] = [self._size, 85, 1]
-            for read in self._reads:
-                values += read()
-            packet = made[self._output.names] = self._layout.pack(*values)
+            packet = made[self._output.names] = self._packet()
         return packet
 
     def close(self) -> None:
@@ -91,8 +89,6 @@ class RtdeSession:
             case 80:  # P
                 self.started = False
                 return _packet(kind, b"\x01")
-            case 85:  # U
-                self._write_input(payload)
             case 77:  # M
                 log.info("rtde client says: %s", payload[1:].decode("utf-8", "replace")[:200])
             case _:
@@ -104,14 +100,15 @@ class RtdeSession:
             raise ProtocolError("output recipe without a frequency")
         (frequency_hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        missing = self._controller.missing
-        variables = {name: variable for name, variable in self._controller.variables.items() if name not in missing}
+        c = self._controller
+        variables = {name: variable for name, variable in c.variables.items() if c.knows(name) and name not in c.missing}
         types = [variables[name].kind if name in variables else "NOT_FOUND" for name in names]
         known = bool(names) and "NOT_FOUND" not in types
         self._output = recipe(names, {name: variables[name].kind for name in names}) if known else None
-        self._reads = joined(variables[name] for name in names) if known else []
-        self._layout = struct.Struct(DATA_HEAD.format + (self._output.layout.format[1:] if self._output is not None else ""))
-        self._size = self._layout.size
+        if self._output is not None:
+            layout = struct.Struct(DATA_HEAD.format + self._output.layout.format[1:])
+            read = reader(self._controller, [variables[name] for name in names], layout.size, 85, 1)
+            self._packet = lambda: layout.pack(*read())
         rate_hz = self._controller.settings.arm.rate_hz
         wanted_hz = min(max(frequency_hz, 1.0), rate_hz) if math.isfinite(frequency_hz) else rate_hz
         self._every = int(rate_hz / wanted_hz + 1e-9)

@@ -195,6 +195,7 @@ async def _run(
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, end.set)
     ports = Ports(Controller(settings))
+    ports.shut_down = end.set
     listeners = Listeners(settings, ports, sockets)
 
     def place() -> Place:
@@ -229,6 +230,7 @@ class _Clock:
 
     def __init__(self, ports: Ports, commands: Commands, listeners: Listeners) -> None:
         self._ports, self._commands, self._listeners = ports, commands, listeners
+        self._time = asyncio.get_running_loop().time
         tick_s = ports.controller.tick_s
         self._catch_up = max(1, round(CATCH_UP_S / tick_s))
         self._figures = commands.ticks
@@ -237,7 +239,7 @@ class _Clock:
     def tick(self, timer: int) -> None:
         """Make good what is due; while a stepped replay owns the clock only tell what is."""
         due = expirations(timer)
-        now_s = asyncio.get_running_loop().time()
+        now_s = self._time()
         if self._listeners.down:
             return
         if self._commands.stepping:

@@ -69,12 +69,15 @@ class Servoj:
         late = round(self._age_s / spacing) - arrived
         count = arrived if late <= 0 else self._fitting(target, spacing, arrived, min(late, STREAM_BURST))
         between = count * spacing
-        room = SPEED_CHANGE_MAX_RAD_S2 * between
-        for j, (new, old, qd, qdd) in enumerate(zip(target, self._goal, self._between_qd, self._goal_qdd, strict=True)):
-            change = min(max((new - old) / between - qd, -room), room)
-            self._between_qd[j] = qd + change
-            self._goal_qdd[j] = qdd + ACCELERATION_TRUST * (change / between - qdd)
-            self._goal_qd[j] = self._between_qd[j] + 0.5 * between * self._goal_qdd[j]
+        room, half = SPEED_CHANGE_MAX_RAD_S2 * between, 0.5 * between
+        between_qd, goal_qd, goal_qdd = self._between_qd, self._goal_qd, self._goal_qdd
+        for j, (new, old, qd, qdd) in enumerate(zip(target, self._goal, between_qd, goal_qdd, strict=True)):
+            change = (new - old) / between - qd
+            if not -room <= change <= room:
+                change = min(max(change, -room), room)
+            between_qd[j] = speed = qd + change
+            goal_qdd[j] = acceleration = qdd + ACCELERATION_TRUST * (change / between - qdd)
+            goal_qd[j] = speed + half * acceleration
         self._age_s = min(max(PHASE_KEEP * (self._age_s - between), -period), 2.0 * period)
         self._goal = list(target)
         self._goals = np.array((self._goal, self._goal_qd, self._goal_qdd))

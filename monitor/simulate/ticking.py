@@ -29,11 +29,13 @@ class TickSelector(selectors.EpollSelector):
 
     def select(self, timeout: float | None = None) -> Ready:
         """As selectors.BaseSelector says."""
-        if self._timer >= 0 and (timeout is None or timeout > 0) and self.ticking():
-            # rounded up: a timeout cut to nothing would spin
-            self._tick.poll(None if timeout is None else int(1000.0 * timeout) + 1)
-            timeout = 0
-        found = super().select(timeout)
+        if self._timer < 0 or (timeout is not None and timeout <= 0) or not self.ticking():
+            return self._tick_last(super().select(timeout))
+        # rounded up: a timeout cut to nothing would spin
+        self._tick.poll(None if timeout is None else int(1000.0 * timeout) + 1)
+        return self._tick_last(super().select(0))
+
+    def _tick_last(self, found: Ready) -> Ready:
         if len(found) > 1:
             found.sort(key=lambda each: each[0].fd == self._timer)  # stable: a target that has come counts in this tick
         return found

@@ -2,7 +2,7 @@
 
 import ctypes
 import os
-import struct
+import sys
 
 CLOCK_MONOTONIC = 1
 NONBLOCK, CLOSE_ON_EXEC = os.O_NONBLOCK, os.O_CLOEXEC
@@ -33,6 +33,6 @@ def periodic_timer(period_s: float) -> int:
 def expirations(fd: int) -> int:
     """Periods that have ended since the last call."""
     try:
-        return int(struct.unpack("Q", os.read(fd, 8))[0])
+        return int.from_bytes(os.read(fd, 8), sys.byteorder)
     except BlockingIOError:
         return 0

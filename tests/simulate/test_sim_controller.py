@@ -169,6 +169,13 @@ def test_queries_and_settings(pendant):
     assert pendant.controller.arm.payload_kg == 0.0  # told is not carried
 
 
+def test_a_payloads_inertia_is_told_back(pendant):
+    """setTargetPayload: kg, centre of mass, inertia."""
+    assert pendant.do(FOURTEEN, [65, 1.2, 0, 0, 0.1, 0.01, 0.02, 0.03, 0, 0, 0.001, 0, 0, 0, 0]) >= 0
+    assert pendant.controller.variables["payload"].read() == (1.2,)
+    assert pendant.controller.variables["payload_inertia"].read() == (0.01, 0.02, 0.03, 0.0, 0.0, 0.001)
+
+
 @pytest.mark.parametrize(
     ("written", "values"),
     [
@@ -403,10 +410,36 @@ def test_the_dashboard_answers_literally(pendant):
         "popup hello": "showing popup",
         "addToLog hello": "Added log message",
         "load nothing.urp": "File not found: nothing.urp",
+        "load installation nothing.installation": "File not found: nothing.installation",
+        "version": "3.15.8.106339",
+        "setUserRole operator": "Setting user role: operator",
+        "getUserRole": "OPERATOR",
+        "setUserRole king": "Failed setting user role: king",
         "quit": "Disconnected",
         "sing": "could not understand: sing",
     }
     assert {line: dashboard.reply(pendant.controller, line) for line in replies} == replies
+
+
+def test_the_dashboard_knows_its_generations_commands():
+    """The role of a user is CB3's, operational modes are the e-Series'; a mode that was set is told until it is cleared."""
+    cb3, e_series = Controller(SimulateSettings()), Controller(SimulateSettings(robot="ur5e"))
+    assert dashboard.reply(cb3, "get operational mode").startswith("could not understand")
+    assert dashboard.reply(e_series, "setUserRole operator").startswith("could not understand")
+    asked = (
+        "set operational mode sideways",
+        "set operational mode automatic",
+        "get operational mode",
+        "clear operational mode",
+        "get operational mode",
+    )
+    assert [dashboard.reply(e_series, line) for line in asked] == [
+        "Failed setting operational mode: sideways",
+        "Setting operational mode: automatic",
+        "AUTOMATIC",
+        "operational mode is no longer controlled by Dashboard Server",
+        "NONE",
+    ]
 
 
 def test_months_pass_at_once_only_without_a_program(pendant):

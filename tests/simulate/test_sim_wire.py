@@ -57,6 +57,7 @@ while last - begun < 3.0:
         errors.append(max(abs(a - s - swing) for a, s in zip(r.getActualQ(), start)))
     assert c.servoJ([s + swing for s in start], 0.0, 0.0, 0.008, 0.03, 500.0)
 stopped = c.servoStop(10.0)
+time.sleep(0.1)  # the arm settles; the watchdog waits for 0.2 s
 answers = dict(moved=moved, watched=watched, stopped=stopped, steady=c.isSteady(), payload=c.setPayload(1.0, [0, 0, 0.1]),
                within=c.isJointsWithinSafetyLimits([0.0] * 6), beyond=c.isJointsWithinSafetyLimits([0.0, 0, 4.0, 0, 0, 0]))
 c.stopScript()
@@ -377,6 +378,14 @@ def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
         again.communicate()
     with pytest.raises(RobotUnreachable, match=first.address):
         Remote(first.address)
+
+
+def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client):
+    """As somebody who turns it off from afar: answered, then gone, exit 0."""
+    simulator = spawn()
+    code = "import sys; from dashboard_client import DashboardClient; d = DashboardClient(sys.argv[1]); d.connect(); d.shutdown()"
+    assert client(code, simulator.address).wait(timeout=20) == 0
+    assert simulator.process.wait(timeout=5) == 0
 
 
 def test_requests_are_json_lines(ur5):
