@@ -140,7 +140,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
 
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=lambda: diary.clock_unix_s, play=have))
-        served = stack.enter_context(page(configuration, daemon.bus, store))
+        served = stack.enter_context(page(configuration, daemon.bus, store, now=lambda: diary.clock_unix_s))
         console.print(f"status page while it runs: {served.url}", highlight=False)
         client = stack.enter_context(Client(endpoint, "demo", "ur5"))
         done = threading.Event()

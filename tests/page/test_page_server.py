@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from life import configuration, grow, monitor
+from life import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
 
 from monitor.errors import BadConfiguration, BadInput, BusError
 from monitor.page.content import columns, thinned
@@ -110,9 +110,9 @@ def test_what_is_live_is_what_the_bus_says(served):
     assert stream.getheader("content-type").startswith("text/event-stream")
 
     def next_value():
-        while not (line := stream.readline()).startswith(b"data: "):
+        while (line := stream.readline()) != b"event: value\n":
             assert line
-        key, _, document = line[6:].partition(b" ")
+        key, _, document = stream.readline()[6:].partition(b" ")
         return json.loads(key), json.loads(document)
 
     last = daemon.bus.last_values()
@@ -121,6 +121,21 @@ def test_what_is_live_is_what_the_bus_says(served):
     key, document = next_value()
     assert key == "health"
     assert document["next_replay_due"] == "2030-03-17T17:46:40Z"
+    connection.close()
+
+
+def test_a_stream_says_the_monitors_time_so_that_silence_is_news(served, monkeypatch):
+    """Nothing new on the bus: the clock comes all the same, and comes again."""
+    monkeypatch.setattr("monitor.page.server.SAYS_TIME_S", 0.3)
+    server, _, _ = served
+    host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    connection = http.client.HTTPConnection(host, int(port), timeout=10)
+    connection.request("GET", "/api/live")
+    stream, times = connection.getresponse(), []
+    while len(times) < 2:
+        if stream.readline() == b"event: time\n":
+            times.append(int(stream.readline()[6:]))
+    assert times[0] == times[1] == pytest.approx(1000 * (FIRST_UNIX_S + 40 * DAY_S))  # the fixture's clock stands
     connection.close()
 
 
@@ -219,6 +234,8 @@ def test_without_the_token_nothing_is_shown(guarded):
     session = cookie.partition(";")[0]
     assert ask(guarded, "/api/about", Cookie=session)[0] == 200
     assert ask(guarded, "/api/about", Cookie=session + "x")[0] == 401
+    # a browser gives a host's cookies to all its ports: another monitor of this machine must not sign one out here
+    assert session.partition("=")[0].endswith(guarded.url.rstrip("/").rsplit(":", 1)[1])
 
 
 def test_five_years_of_history_are_told_at_once(tmp_path):
