@@ -374,11 +374,11 @@ class _Screen:
 
 
 def _wear(friction: dict[str, Any]) -> str:
-    return f"{100 * friction['wear']:+.1f} ± {100 * friction['wear_std']:.1f} %"
+    return f"{100 * friction['wear']:+z.1f} ± {100 * friction['wear_std']:.1f} %"
 
 
 def _percent(fraction: float | None) -> str:
-    return "–" if fraction is None else f"{100 * fraction:+.1f} %"
+    return "–" if fraction is None else f"{100 * fraction:+z.1f} %"
 
 
 def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], took_s: float, *, as_json: bool) -> int:
