@@ -74,7 +74,7 @@ def _friction(key: str, document: Document) -> Text:
     return Text(
         f"{key}  fc {document['coulomb_nm']:.2f} Nm  fv {document['viscous_nm_s_per_rad']:.2f} Nm·s/rad  "
         f"at {'–' if temperature is None else format(temperature, '.1f')} °C  "
-        f"wear {100 * document['wear']:+.1f} ± {100 * document['wear_std']:.1f} %"
+        f"wear {100 * document['wear']:+z.1f} ± {100 * document['wear_std']:.1f} %"
     )
 
 
@@ -84,7 +84,7 @@ def _live(key: str, document: Document) -> Text:
         told.append(f"J{j + 1} {predicted:.1f}")
         if residual is not None:
             std = document["std_nm"][j]
-            told.append(f" {residual[j]:+.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
+            told.append(f" {residual[j]:+z.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
         told.append("  ")
     return told.append("Nm: predicted, and measured − predicted" if residual is not None else "Nm: predicted", "dim")
 
