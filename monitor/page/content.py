@@ -49,6 +49,9 @@ class Past(Ledger, Protocol):
     def ledger(self, *, limit: int | None = None, states: Sequence[str] = ()) -> Sequence[Any]:
         """Windows, oldest first."""
 
+    def waiting_stops(self) -> Sequence[Any]:
+        """Stops that nobody has acknowledged: nothing moves until somebody has."""
+
     def events(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> Sequence[Any]:
         """Transitions, oldest first."""
 
@@ -128,6 +131,7 @@ class Content:
             "history_mb": round(history.stat().st_size / 1e6, 2) if history.is_file() else None,
             "documents_dropped": self.bus.dropped,
             "last_windows": counts,
+            "stops": [stop.told for stop in self.past.waiting_stops()],
         }
 
 

@@ -126,6 +126,9 @@ def test_everything_can_be_done_by_keyboard(opened, served):
     """Tabs by arrows, a joint of the drawing by Enter, the dialog by Tab, Escape and Enter; focus is always seen."""
     _, _, store = served
     page = opened[0]()
+    # by Tab one comes to things in the order in which the eye does
+    tops = page.evaluate("[...document.querySelectorAll('main > section')].map((one) => one.getBoundingClientRect().top)")
+    assert tops == sorted(tops)
     page.locator("#tab-3").focus()
     page.keyboard.press("ArrowRight")
     expect(page.locator("#which")).to_have_text("4")
@@ -305,7 +308,7 @@ def blank(tmp_path, browser):
     """A monitor without a past, and a page that looks at it on a phone; whatever is markup by mistake fails the test."""
     settings = configuration(tmp_path)
     settings = replace(settings, robot=replace(settings.robot, tool="t" * 200))
-    with monitor(tmp_path, days=0, settings=settings, moving=False) as (server, daemon, _):
+    with monitor(tmp_path, days=0, settings=settings, moving=False) as (server, daemon, store):
         page = browser.new_page(viewport=SIZES["phone"])
         wrong = []
         page.on("dialog", lambda dialog: wrong.append(dialog.message))
@@ -313,14 +316,14 @@ def blank(tmp_path, browser):
         page.clock.install()
         page.goto(server.url)
         expect(page.locator("#link")).to_have_text("live")
-        yield page, daemon
+        yield page, daemon, store
         page.close()
         assert not wrong
 
 
 def test_who_works_by_keyboard_stays_with_his_alert_however_many_there_are(blank):
     """Eight at once with words that never end: nothing sticks out, what waits comes first, every button says whose it is."""
-    page, daemon = blank
+    page, daemon, _ = blank
     for joint, condition, tier, more in MANY:
         where = "arm" if joint is None else f"j{joint}"
         daemon.bus.stream(f"alert/{where}/{condition}", "alert", {"joint": joint, "condition": condition, "tier": tier, **ALERT, **more})
@@ -362,7 +365,7 @@ def test_who_works_by_keyboard_stays_with_his_alert_however_many_there_are(blank
 
 def test_an_arm_that_is_not_heard_is_told_at_the_top_and_its_torque_is_not_now(blank):
     """Trouble comes and goes with the bus; an old sample is no present torque, whenever the page is opened."""
-    page, daemon = blank
+    page, daemon, store = blank
     trouble = {"name": "arm", "since": "2026-06-01T03:00:00Z", "text": "connection refused"}
     daemon.bus.stream("monitor", "monitor", {"troubles": [trouble]})
     expect(page.locator("#troubles")).to_contain_text("The arm is not heard since")
@@ -376,13 +379,15 @@ def test_an_arm_that_is_not_heard_is_told_at_the_top_and_its_torque_is_not_now(b
     expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
     expect(page.locator("#residual")).to_be_empty()
     daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S), **sample})
+    store.stopped("protective_stop", "safety mode 3", FIRST_UNIX_S)
     page.reload()
     expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
+    expect(page.locator("#troubles")).to_contain_text("Nothing moves until a person has looked at the arm")
 
 
 def test_a_monitor_that_falls_silent_without_a_word_is_noticed_and_found_again(blank):
     """No end of the stream, no error, as when a telephone leaves the network: after 20 s nothing here claims to be of now."""
-    page, _ = blank
+    page, _, _ = blank
     page.route("**/api/live", lambda route: route.abort())
     page.clock.fast_forward(21_000)
     expect(page.locator("#link")).to_have_text("not connected")

@@ -84,7 +84,7 @@ const Charts = (() => {
       const top = ends[0].reduce((a, b) => Math.max(a, b), ahead ? Math.max(6, ahead.early[1]) : 6), low = ends[1].reduce((a, b) => Math.min(a, b), -3);
       const levels = { hooks: { draw: [(u) => this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${name} ${+(100 * rise).toFixed(2)} %`, state === "FAILURE" ? "--fail" : "--maint"]))] } };
       this.draw("wear", {
-        scales: { y: { range: [low * 1.1, top * 1.12] } },
+        scales: { y: { range: [low * 1.1, top * 1.12] }, ...(times.length > 1 ? {} : { x: { range: [times[0] - DAY, times[0] + DAY] } }) },
         axes: axes("", "change [%]"),
         plugins: [levels, ...(ahead ? [{ hooks: { drawAxes: [(u) => this.fan(u, ahead)] } }] : []), { hooks: { drawSeries: [(u, series) => { if (series === 4) this.intervals(u, alone, reach); }] } }],
         bands: [{ series: [2, 3], fill: css("--band") }],

@@ -11,7 +11,7 @@ const UNHEARD_MS = 15000;  // torque comes every 10 s at the least where the arm
 const TOKEN = document.querySelector('meta[name="page-token"]').content;
 const values = {};
 let about = null, past = { t: [], joints: {}, replays: 0 }, drawing = null, charts = null, chosen = null, pending = null;
-let stream = null, lost = null, heard = Date.now(), clock = null, torqueAt = null;
+let stops = [], stream = null, lost = null, heard = Date.now(), clock = null, torqueAt = null;
 
 const make = (tag, text, attributes = {}) => {
   const made = document.createElement(tag);
@@ -91,7 +91,8 @@ function verdict() {
 function troubles() {
   const all = (values.monitor && values.monitor.troubles) || [];
   const name = (trouble) => (trouble.name === "arm" ? "The arm is not heard" : `The monitor has trouble, ${trouble.name.replaceAll("_", " ")}`);
-  const lines = all.map((trouble) => `${name(trouble)} since ${moment(trouble.since)}: ${trouble.text}`);
+  const lines = [...stops.map((stop) => `Nothing moves until a person has looked at the arm and said so (joint-monitor allow): ${stop}`),
+    ...all.map((trouble) => `${name(trouble)} since ${moment(trouble.since)}: ${trouble.text}`)];
   if ([...$("troubles").children].map((line) => line.textContent).join() === lines.join()) return false;
   $("troubles").replaceChildren(...lines.map((line) => make("p", line, { class: "bad" })));
   return true;
@@ -308,6 +309,8 @@ async function history() {
 
 async function self() {
   const own = await read("/api/monitor");
+  stops = own.stops;
+  troubles();
   const hours = own.up_s / 3600;
   const rows = [["Version", own.version], ["Host", (values.info && values.info.host) || "–"], ["Up", hours < 1 ? `${Math.round(own.up_s / 60)} min` : hours < 72 ? `${hours.toFixed(1)} h` : `${(hours / 24).toFixed(0)} d`],
     ["Memory", `${number(own.resident_mb, 0)} MB`], ["History", `${number(own.history_mb, 1)} MB`], ["Disk free", `${own.disk_free_gb} GB (${(100 * own.disk_free_share).toFixed(0)} %)`],
@@ -392,7 +395,7 @@ function told(error) { console.warn(error); }
 function take(key, document_) {
   values[key] = document_;
   if (key === "torque/live") return live();
-  if (key === "monitor" && troubles()) self().catch(told);
+  if ((key === "monitor" && troubles()) || key === "replay") soon();
   if (key === "health" || key === "model") verdict();
   if (key === "health") { joints(); alerts(); }
   if (key.startsWith("alert/")) { alerts(); soon(); }
