@@ -81,7 +81,7 @@ def _friction(key: str, document: Document) -> Text:
 def _live(key: str, document: Document) -> Text:
     told, residual = Text(f"{key}  "), document["residual_nm"]
     for j, predicted in enumerate(document["predicted_nm"]):
-        told.append(f"J{j + 1} {predicted:.1f}")
+        told.append(f"J{j + 1} {predicted:z.1f}")
         if residual is not None:
             std = document["std_nm"][j]
             told.append(f" {residual[j]:+z.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
@@ -108,6 +108,14 @@ def _replay(key: str, document: Document) -> Text:
     return told.append(f": {document['verdict']}{': ' + document['reason'] if document.get('reason') else ''}")
 
 
+def _monitor(key: str, document: Document) -> Text:
+    troubles, due = document["troubles"], document["next_replay_due"]
+    told = Text(f"{key}  ").append(
+        " ".join("; ".join(f"{one['name']}: {one['text']}" for one in troubles).split()) or "no trouble", "yellow" if troubles else ""
+    )
+    return told.append(f"  next replay {due or 'none'}", "dim")
+
+
 _WORDS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = [
     (lambda key: key == "health", _health),
     (lambda key: key.startswith("alert/"), _alert),
@@ -117,4 +125,5 @@ _WORDS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = [
     (lambda key: key == "info", _info),
     (lambda key: key == "model", _model),
     (lambda key: key == "replay", _replay),
+    (lambda key: key == "monitor", _monitor),
 ]
