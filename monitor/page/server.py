@@ -23,6 +23,7 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from monitor.errors import BadInput, BusError
 from monitor.page.content import Content
@@ -57,6 +58,7 @@ LARGEST_COMMAND = 20_000  # bytes
 SESSION_S = 12 * 3600.0
 MOST_SESSIONS = 1000
 PATIENCE_S = 1.0  # before a wrong token is refused
+IDLE_S = 10.0  # a connection that asks nothing for so long twice is closed; a command's body takes no longer
 COOKIE = "joint-monitor-{port}"  # a browser gives a host's cookies to all its ports: each monitor of a machine has its own
 
 
@@ -81,6 +83,7 @@ class PageServer:
             access_log=False,
             server_header=False,
             lifespan="off",
+            http=_Impatient,
             limit_concurrency=200,
             timeout_keep_alive=20,
             timeout_graceful_shutdown=1,
@@ -107,6 +110,26 @@ class PageServer:
         self._server.should_exit = True
         self._thread.join(timeout=5.0)
         self._socket.close()
+
+
+class _Impatient(H11Protocol):
+    """HTTP for a page that others share: uvicorn itself waits for ever for a request that never comes, or never ends."""
+
+    _idle = False
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        self.loop.call_later(IDLE_S, self._look)
+
+    def _look(self) -> None:
+        if self.transport.is_closing():
+            return
+        asks = self.cycle is not None and not self.cycle.response_complete
+        if self._idle and not asks:
+            self.transport.close()
+            return
+        self._idle = not asks
+        self.loop.call_later(IDLE_S, self._look)
 
 
 def _hosts(host: str, port: int) -> frozenset[str]:
@@ -249,7 +272,7 @@ class _App:
             return JSONResponse({"error": "expected application/json"}, status_code=415)
         body = await _body(request)
         if body is None:
-            return JSONResponse({"error": f"more than {LARGEST_COMMAND} bytes"}, status_code=413)
+            return JSONResponse({"error": f"more than {LARGEST_COMMAND} bytes, or slower than {IDLE_S:g} s"}, status_code=413)
         try:
             document = json.loads(body)
             if not isinstance(document, dict):
@@ -263,12 +286,16 @@ class _App:
 
 
 async def _body(request: Request) -> bytes | None:
-    """At most LARGEST_COMMAND bytes; None where there are more."""
+    """At most LARGEST_COMMAND bytes; None where there are more, or they do not come."""
     body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > LARGEST_COMMAND:
-            return None
+    try:
+        async with asyncio.timeout(IDLE_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > LARGEST_COMMAND:
+                    return None
+    except TimeoutError:
+        return None
     return body
 
 

@@ -8,6 +8,7 @@ import sqlite3
 import threading
 import time
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -268,6 +269,22 @@ def test_browsers_that_never_read_hold_nobody_up(served):
     assert ask(server, "/api/live")[0] == 503  # 32 are enough; the others were told so
     for stuck in idle:
         stuck.close()
+
+
+def test_connections_that_ask_nothing_keep_nobody_out_for_long(tmp_path, monkeypatch):
+    """As many as the server takes: silent ones, headers and bodies that never end; soon they are closed, and the page answers."""
+    monkeypatch.setattr("monitor.page.server.IDLE_S", 0.4)
+    with monitor(tmp_path, days=0, moving=False) as (server, _, _), ExitStack() as stack:
+        host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+        head = f"POST /login HTTP/1.1\r\nHost: {host}:{port}\r\n".encode()
+        for k in range(200):
+            silent = stack.enter_context(socket.create_connection((host, int(port)), timeout=10))
+            silent.sendall([b"", head, head + b"Content-Length: 99\r\n\r\n"][k % 3])
+        assert ask(server, "/")[0] == 503
+        until = time.monotonic() + 10.0
+        while ask(server, "/")[0] != 200:
+            assert time.monotonic() < until
+            time.sleep(0.1)
 
 
 def test_a_thousand_wild_requests_leave_the_page_standing(served):
