@@ -154,7 +154,7 @@ class _App:
         routes = [
             Route("/", self._guarded(self._page)),
             Route("/static/{name}", self._file),
-            Route("/login", self._enter, methods=["POST"]),
+            Route("/login", self._enter, methods=["GET", "POST"]),
             Route("/api/about", self._guarded(self._about)),
             Route("/api/history", self._guarded(self._read(content.history))),
             Route("/api/schedule", self._guarded(self._read(content.schedule))),
@@ -191,6 +191,8 @@ class _App:
         return until is not None and time.monotonic() < until
 
     async def _enter(self, request: Request) -> Response:
+        if request.method != "POST":  # somebody typed the address that a wrong token had left him at
+            return _finished(RedirectResponse("/", status_code=303))
         body = await _body(request)
         given = parse_qs((body or b"").decode("utf-8", "replace")).get("token", [""])[0].strip()
         if not (self._host_is_ours(request) and self._same_origin(request)):

@@ -233,6 +233,8 @@ def test_without_the_token_nothing_is_shown(guarded):
     assert "HttpOnly" in cookie
     assert "SameSite=strict" in cookie
     session = cookie.partition(";")[0]
+    status, headers, _ = ask(guarded, "/login")
+    assert (status, headers["location"]) == (303, "/")
     assert ask(guarded, "/api/about", Cookie=session)[0] == 200
     assert ask(guarded, "/api/about", Cookie=session + "x")[0] == 401
     # a browser gives a host's cookies to all its ports: another monitor of this machine must not sign one out here
