@@ -208,7 +208,8 @@ def _sure(alert: Mapping[str, Any]) -> str:
         what = "has fallen by more than the wear tier's rise"
     else:
         return ""
-    return paragraph(f"Probability that friction {what}: {100 * alert['probability']:.2f} %.")
+    chance = alert["probability"]  # no evidence makes it 100 %
+    return paragraph(f"Probability that friction {what}: {'more than 99.99' if chance > 0.9999 else f'{100 * chance:.2f}'} %.")
 
 
 def _by(event: Mapping[str, Any]) -> str | None:

@@ -197,7 +197,8 @@ def test_a_condition_of_the_data_claims_no_probability(lived):
     whole = told(lived)
     (alert,) = whole["alerts"]
     for condition, words in (("temperature_sensor", None), ("friction_falling", "has fallen by"), ("wear_rising", "has risen by")):
-        text = report_page([{**whole, "alerts": [{**alert, "condition": condition}]}])
+        text = report_page([{**whole, "alerts": [{**alert, "condition": condition, "probability": 1.0}]}])
+        assert "100.00 %" not in text
         assert text.count("Probability") == (words is not None)
         assert words is None or words in text
 

@@ -152,7 +152,8 @@ const waits = (alert) => !alert.acknowledged_at && !shelved(alert);
 function sure(alert) {
   const what = RISES.includes(alert.condition) || alert.condition === "common_mode" ? "has risen by more than the tier's rise"
     : alert.condition === "friction_falling" ? "has fallen by more than the wear tier's rise" : null;
-  return what && `Probability that friction ${what}: ${number(100 * alert.probability, 2)} %. Change ${percent(alert.change)}.`;
+  const chance = alert.probability > 0.9999 ? "more than 99.99" : number(100 * alert.probability, 2);  // no evidence makes it 100 %
+  return what && `Probability that friction ${what}: ${chance} %. Change ${percent(alert.change)}.`;
 }
 
 function alertCard(alert) {
