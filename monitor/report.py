@@ -11,7 +11,7 @@ from monitor.config import Configuration
 from monitor.errors import BadInput
 from monitor.judge.health import TIERS
 from monitor.schedule import DAY_S
-from monitor.store import Event, Store
+from monitor.store import Event, Stop, Store
 from monitor.timestamps import outside, rfc3339
 
 GAP = 2.5  # times the usual interval: longer, and the arm was not watched
@@ -70,6 +70,7 @@ def report(
             "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
             "contexts": contexts,
             "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.model.joints),
+            "stops": [_stop(stop, end) for stop in store.stops() if begin <= stop.at_unix_s < end],
             "warnings": warnings,
             "limits": list(LIMITS),
             "history": rows,
@@ -177,6 +178,20 @@ def _alerts(until: Sequence[Event], health: Mapping[str, Any] | None, begin: flo
         if alert["raised_at_unix_s"] < end and (alert["cleared_at_unix_s"] is None or alert["cleared_at_unix_s"] >= begin)
     ]
     return sorted(told, key=lambda alert: (not alert["active"], TIERS.index(alert["tier"]) * -1, alert["raised_at_unix_s"]))
+
+
+def _stop(stop: Stop, end: float) -> dict[str, Any]:
+    """A stop that a person had to look at; who had said until the end that the arm may move again."""
+    allowed = stop.allowed_at_unix_s is not None and stop.allowed_at_unix_s < end
+    return {
+        "at_unix_s": stop.at_unix_s,
+        "replay": stop.ledger_id,
+        "cause": stop.cause,
+        "reason": stop.reason,
+        "allowed_at_unix_s": stop.allowed_at_unix_s if allowed else None,
+        "allowed_by": stop.allowed_by if allowed else None,
+        "allowed_why": stop.allowed_why if allowed else None,
+    }
 
 
 def _short(event: Mapping[str, Any]) -> dict[str, Any]:

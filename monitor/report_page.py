@@ -77,6 +77,7 @@ def _robot(told: Mapping[str, Any], *, new_page: bool) -> list[str]:
         if unwatched["windows"]
         else paragraph("No window was attempted: the monitor did not run, or its schedule had none.", "warn"),
         *_unwatched(told),
+        *_stops(told),
         heading("Thresholds in force when this was made", 3),
         paragraph(_thresholds(told["thresholds"])),
         heading("What this method cannot see", 3),
@@ -263,6 +264,26 @@ def _unwatched(told: Mapping[str, Any]) -> list[str]:
     elif not parts:
         parts.append(paragraph("Nothing was left out.", "good"))
     return parts
+
+
+def _stops(told: Mapping[str, Any]) -> list[str]:
+    """Stops that a person had to look at; nothing where there was none."""
+    if not told["stops"]:
+        return []
+    rows = [
+        [
+            _time(stop["at"]),
+            f"{_plain(stop['cause'])}: {stop['reason']}",
+            Markup('<b class="warn">nobody: nothing moves</b>')
+            if stop["allowed_at"] is None
+            else f"{stop['allowed_by']}, {_time(stop['allowed_at'])}: {stop['allowed_why'] or 'no reason'}",
+        ]
+        for stop in told["stops"]
+    ]
+    return [
+        heading("Stops that a person had to look at", 3),
+        table(["when", "what ended the replay", "who allowed motion again, and why"], rows),
+    ]
 
 
 def _thresholds(of: Mapping[str, Any]) -> str:

@@ -208,3 +208,23 @@ def test_tier_and_limit_are_told_apart_in_grey(lived):
     text = report_page([told(lived)])
     assert len(set(re.findall(r"stroke-dasharray: ([\d., ]+)", text))) >= 3  # tier, limit, P50
     assert "5 % dashed, the limit at 30 % dash-dotted" in text
+
+
+def test_a_stop_is_in_the_file_with_who_allowed_motion_again(tmp_path):
+    """Two by hand: one looked at within the period, the other after it; until then nothing moves. Names are text, never markup."""
+    settings = configuration(tmp_path)
+    with Store.open(settings.state_directory) as store:
+        ledger = store.claim(FIRST_UNIX_S, "scheduled", FIRST_UNIX_S)
+        store.end(ledger, "skipped", "no permission", FIRST_UNIX_S)
+        store.stopped("protective_stop", "safety mode 3", FIRST_UNIX_S + 10)
+        store.allow("<i>Ada</i>", "a box stood in the way", FIRST_UNIX_S + 20)
+        store.stopped("torque_band", "joint 2", FIRST_UNIX_S + 30)
+        store.allow("Grace", "looked at", FIRST_UNIX_S + 2 * DAY_S)
+        whole = report(settings, store, None, FIRST_UNIX_S + DAY_S, END)
+        later = report(settings, store, None, FIRST_UNIX_S + 3 * DAY_S, END)
+    assert [stop["allowed_by"] for stop in whole["stops"]] == ["<i>Ada</i>", None]
+    assert [stop["allowed_by"] for stop in later["stops"]] == ["<i>Ada</i>", "Grace"]
+    text = report_page([whole])
+    for part in ("protective stop: safety mode 3", "&lt;i&gt;Ada&lt;/i&gt;", "a box stood in the way", "nobody: nothing moves"):
+        assert part in text, part
+    assert "nobody: nothing moves" not in report_page([later])
