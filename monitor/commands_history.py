@@ -24,6 +24,7 @@ def schedule(
     as_json: JsonOption = False,
 ) -> None:
     """The next windows, and what became of the last ones; works without the daemon."""
+    from contextlib import ExitStack
     from datetime import datetime
 
     from monitor.config import load
@@ -33,13 +34,12 @@ def schedule(
 
     configuration = load(config)
     settings, now = configuration.schedule, time.time()
-    began, known, last = None, set[float](), []
-    if (configuration.state_directory / "history.sqlite").is_file():
-        with Store.reader(configuration.state_directory) as store:
-            began, last = store.began_unix_s(), store.ledger(limit=5)
-            known = store.windows(now - DAY_S, now + 400 * DAY_S)
+    with ExitStack() as stack:
+        begun = (configuration.state_directory / "history.sqlite").is_file()
+        store = stack.enter_context(Store.reader(configuration.state_directory)) if begun else None
+        began, last = (None, []) if store is None else (store.began_unix_s(), store.ledger(limit=5))
+        found = expected(settings, now, count, store, configuration.key_prefix)
     zone = settings.zone()
-    found = expected(settings, now, count, began, known, configuration.key_prefix)
     learning = settings.learning_every_h > 0 and settings.learning_days > 0
     document: dict[str, Any] = {
         "robot": configuration.robot.id,

@@ -9,8 +9,9 @@ from typing import Any
 from monitor import __version__
 from monitor.config import Configuration
 from monitor.errors import BadInput
+from monitor.judge.health import TIERS
 from monitor.schedule import DAY_S
-from monitor.store import Store
+from monitor.store import Event, Stop, Store
 from monitor.timestamps import outside, rfc3339
 
 GAP = 2.5  # times the usual interval: longer, and the arm was not watched
@@ -29,16 +30,13 @@ def report(
 ) -> dict[str, Any]:
     """Everything that the page says, as one JSON document; the period is [from, to).
 
-    Raises BadInput where the period ends before it begins or holds nothing at all.
+    Raises BadInput where the period ends before it begins, or lies before the first window or in the future.
     """
-    begin, end = _period(store, from_unix_s, to_unix_s, now_unix_s)
+    begin, end = _period(configuration.robot.id, store, from_unix_s, to_unix_s, now_unix_s)
     rows = _rows(store, begin, end)
     windows = [row for row in store.ledger() if begin <= row.window_unix_s < end]
-    if not rows and not windows:
-        raise BadInput(
-            f"{configuration.robot.id}: nothing was attempted from {rfc3339(begin)} to {rfc3339(end)}; expected a period with replays"
-        )
-    events = [event for event in store.events() if begin <= event.at_unix_s < end]
+    until = [event for event in store.events() if event.at_unix_s < end]
+    events = [event for event in until if begin <= event.at_unix_s]
     contexts, warnings, last = _told(store, begin, end)
     state = store.state()
     told: Any = outside(
@@ -68,10 +66,11 @@ def report(
             },
             "joints": _newest(rows),
             "stale": _stale(rows, begin, min(end, now_unix_s), configuration),
-            "alerts": _alerts(state.health if state else None, begin, end),
+            "alerts": _alerts(until, state.health if state else None, begin, end),
             "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
             "contexts": contexts,
-            "unwatched": _unwatched(windows, rows, begin, end, configuration.model.joints),
+            "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.model.joints),
+            "stops": [_stop(stop, end) for stop in store.stops() if begin <= stop.at_unix_s < end],
             "warnings": warnings,
             "limits": list(LIMITS),
             "history": rows,
@@ -81,12 +80,19 @@ def report(
     return told
 
 
-def _period(store: Store, from_unix_s: float | None, to_unix_s: float | None, now_unix_s: float) -> tuple[float, float]:
-    windows = store.ledger()
-    begin = from_unix_s if from_unix_s is not None else min((row.window_unix_s for row in windows), default=now_unix_s)
-    end = to_unix_s if to_unix_s is not None else max([now_unix_s, *(row.window_unix_s + 1.0 for row in windows[-1:])])
+def _period(robot: str, store: Store, from_unix_s: float | None, to_unix_s: float | None, now_unix_s: float) -> tuple[float, float]:
+    windows = [row.window_unix_s for row in store.ledger()]
+    if not windows:
+        raise BadInput(f"{robot}: no replay was attempted yet: there is nothing to report")
+    begin = from_unix_s if from_unix_s is not None else min(windows)
+    end = to_unix_s if to_unix_s is not None else max(now_unix_s, windows[-1] + 1.0)
     if not begin < end:
         raise BadInput(f"the period ends at {rfc3339(end)}, before it begins at {rfc3339(begin)}; expected --from before --to")
+    if end <= min(windows) or begin > max(now_unix_s, windows[-1]):
+        raise BadInput(
+            f"{robot}: nothing was attempted from {rfc3339(begin)} to {rfc3339(end)}; expected a period after {rfc3339(min(windows))}, "
+            f"when the first window was, and not in the future"
+        )
     return begin, end
 
 
@@ -157,14 +163,35 @@ def _stale(rows: Sequence[Mapping[str, Any]], begin: float, end: float, configur
     return [{"joint": joint, "learnt_at_unix_s": at} for joint, at in learnt.items() if (begin if at is None else at) < limit]
 
 
-def _alerts(health: Mapping[str, Any] | None, begin: float, end: float) -> list[dict[str, Any]]:
-    """The last alert of every condition that was active at some time of the period, as it is told now."""
-    alerts = [dict(alert) for alert in (health or {}).get("alerts", ())]
-    return [
+def _alerts(until: Sequence[Event], health: Mapping[str, Any] | None, begin: float, end: float) -> list[dict[str, Any]]:
+    """The last alert of every condition that was active at some time of the period, as it stood at the period's end.
+
+    until : all transitions before the end; `health` knows alerts of a history that has lost its transitions.
+    """
+    found = {(alert["joint"], alert["condition"]): dict(alert) for alert in (health or {}).get("alerts", ())}
+    for event in until:
+        alert = {name: value for name, value in event.document.items() if name != "kind"}
+        found[alert["joint"], alert["condition"]] = alert
+    told = [
         alert | {"active": alert["cleared_at_unix_s"] is None}
-        for alert in alerts
+        for alert in found.values()
         if alert["raised_at_unix_s"] < end and (alert["cleared_at_unix_s"] is None or alert["cleared_at_unix_s"] >= begin)
     ]
+    return sorted(told, key=lambda alert: (not alert["active"], TIERS.index(alert["tier"]) * -1, alert["raised_at_unix_s"]))
+
+
+def _stop(stop: Stop, end: float) -> dict[str, Any]:
+    """A stop that a person had to look at; who had said until the end that the arm may move again."""
+    allowed = stop.allowed_at_unix_s is not None and stop.allowed_at_unix_s < end
+    return {
+        "at_unix_s": stop.at_unix_s,
+        "replay": stop.ledger_id,
+        "cause": stop.cause,
+        "reason": stop.reason,
+        "allowed_at_unix_s": stop.allowed_at_unix_s if allowed else None,
+        "allowed_by": stop.allowed_by if allowed else None,
+        "allowed_why": stop.allowed_why if allowed else None,
+    }
 
 
 def _short(event: Mapping[str, Any]) -> dict[str, Any]:
@@ -177,10 +204,9 @@ def _unwatched(windows: Sequence[Any], rows: Sequence[Mapping[str, Any]], begin:
     times = sorted({float(row["recorded_at_unix_s"]) for row in rows})
     usual = statistics.median(b - a for a, b in pairwise(times)) if len(times) > 1 else None
     gaps = []
-    if usual is not None:
-        for a, b in zip([begin, *times], [*times, end], strict=True):
-            if b - a > GAP * usual:
-                gaps.append({"from_unix_s": a, "to_unix_s": b})
+    for a, b in zip([begin, *times], [*times, end], strict=True):
+        if b - a > (GAP * usual if usual is not None else DAY_S if times else 0.0):
+            gaps.append({"from_unix_s": a, "to_unix_s": b})
     silent: Counter[int] = Counter(int(row["joint"]) for row in rows if row.get("reference_torque_nm") is None)
     states = Counter(row.state for row in windows)
     return {

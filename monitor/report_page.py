@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.judge.health import COMMON_MODE, FRICTION_FALLING, RISES
+from monitor.judge.verdict import stale_words
 from monitor.printed import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 
 if TYPE_CHECKING:
@@ -71,9 +73,12 @@ def _robot(told: Mapping[str, Any], *, new_page: bool) -> list[str]:
     failed = len(unwatched["failed"])
     parts += [
         heading("What was not monitored, and why", 3),
-        paragraph(f"{unwatched['assessed']} of {unwatched['windows']} windows were assessed; {failed} taught nothing."),
+        paragraph(f"{unwatched['assessed']} of {unwatched['windows']} windows were assessed; {failed} taught nothing.")
+        if unwatched["windows"]
+        else paragraph("No window was attempted: the monitor did not run, or its schedule had none.", "warn"),
         *_unwatched(told),
-        heading("Thresholds in force", 3),
+        *_stops(told),
+        heading("Thresholds in force when this was made", 3),
         paragraph(_thresholds(told["thresholds"])),
         heading("What this method cannot see", 3),
         bullets(told["limits"]),
@@ -92,7 +97,7 @@ def _verdict(told: Mapping[str, Any]) -> str:
     lines = [
         paragraph(Markup(f"{_chip(verdict['health']['arm'])} {escaped(_plain(verdict['why']['arm']))}")),
         paragraph(
-            f"As of the last replay of the period, {_time(verdict['at'])}. Active alerts when this was made: {len(active)}.",
+            f"As of the last replay of the period, {_time(verdict['at'])}. Active alerts at the end of the period: {len(active)}.",
             "dim",
         ),
     ]
@@ -103,11 +108,10 @@ def _stale(told: Mapping[str, Any]) -> str:
     old = told["stale"]
     if not old:
         return ""
-    who = "all joints" if len(old) == len(told["joints"]) else f"joints {' '.join(str(one['joint']) for one in old)}"
     known = [one["learnt_at"] for one in old if one["learnt_at"]]
     since = f"since {_time(min(known))}" if known else "in this period"
-    text = f"STALE: {who}: nothing was learnt {since}; the state is of then, not of the period's end. Find out below why, and have the arm "
-    return paragraph(text + "replayed before relying on it.", "warn")
+    text = stale_words([one["joint"] for one in old], len(told["joints"]), since, "the period's end")
+    return paragraph(f"{text}. Find out below why, and have the arm replayed before relying on it.", "warn")
 
 
 def _chip(state: str) -> Markup:
@@ -124,8 +128,8 @@ def _joints(told: Mapping[str, Any]) -> str:
             [
                 f"joint {row['joint']}",
                 Markup(_chip(states[row["joint"] - 1]) + (" <b class=warn>STALE</b>" if row["joint"] in old else "")),
-                f"{100 * row['wear']:+.1f} ± {100 * row['wear_std']:.1f}",
-                f"{3000 * row['wear_rate_per_day']:+.1f} ± {3000 * row['wear_rate_std_per_day']:.1f}",
+                f"{100 * row['wear']:+z.1f} ± {100 * row['wear_std']:.1f}",
+                f"{3000 * row['wear_rate_per_day']:+z.1f} ± {3000 * row['wear_rate_std_per_day']:.1f}",
                 _life(life),
                 f"{100 * life.get('before_service_probability', 0.0):.0f}",
                 _pair(row["coulomb_nm"], row["coulomb_std_nm"]),
@@ -167,7 +171,7 @@ def _alerts(told: Mapping[str, Any]) -> list[str]:
                 )
             ),
             paragraph(alert["text"]),
-            paragraph(f"Probability that the change exceeds the tier's rise: {100 * alert['probability']:.2f} %."),
+            _sure(alert),
             paragraph(f"Asked: {alert['action']}") if alert["active"] else "",
         ]
         if alert["acknowledged_at"]:
@@ -195,6 +199,18 @@ def _alerts(told: Mapping[str, Any]) -> list[str]:
         ]
         parts += [paragraph("Every transition:", "dim"), table(["when", "", "condition", "what", "by whom and why"], rows)]
     return parts
+
+
+def _sure(alert: Mapping[str, Any]) -> str:
+    """What the alert's figure is the probability of; conditions of the data have none."""
+    if alert["condition"] in {*RISES, COMMON_MODE}:
+        what = "has risen by more than the tier's rise"
+    elif alert["condition"] == FRICTION_FALLING:
+        what = "has fallen by more than the wear tier's rise"
+    else:
+        return ""
+    chance = alert["probability"]  # no evidence makes it 100 %
+    return paragraph(f"Probability that friction {what}: {'more than 99.99' if chance > 0.9999 else f'{100 * chance:.2f}'} %.")
 
 
 def _by(event: Mapping[str, Any]) -> str | None:
@@ -250,6 +266,26 @@ def _unwatched(told: Mapping[str, Any]) -> list[str]:
     return parts
 
 
+def _stops(told: Mapping[str, Any]) -> list[str]:
+    """Stops that a person had to look at; nothing where there was none."""
+    if not told["stops"]:
+        return []
+    rows = [
+        [
+            _time(stop["at"]),
+            f"{_plain(stop['cause'])}: {stop['reason']}",
+            Markup('<b class="warn">nobody: nothing moves</b>')
+            if stop["allowed_at"] is None
+            else f"{stop['allowed_by']}, {_time(stop['allowed_at'])}: {stop['allowed_why'] or 'no reason'}",
+        ]
+        for stop in told["stops"]
+    ]
+    return [
+        heading("Stops that a person had to look at", 3),
+        table(["when", "what ended the replay", "who allowed motion again, and why"], rows),
+    ]
+
+
 def _thresholds(of: Mapping[str, Any]) -> str:
     return (
         f"Advisory from {100 * of['advisory_rise']:g} %, wear tier from {100 * of['wear_rise']:g} %, limit from {100 * of['limit_rise']:g} "
@@ -278,7 +314,9 @@ def _over_time_says(told: Mapping[str, Any]) -> str:
     rows = told["history"]
     text = "Friction since the beginning, temperature taken out: the estimate from all replays until then as a line with its 2σ band, "
     text += "and what each replay says by itself as a point with its own 2σ interval. Where there is a trend, a fan leads to the "
-    text += "limit (P10 to P90, P50 dashed)."
+    of = told["thresholds"]
+    text += f"limit (P10 to P90, P50 dashed). Across: the wear tier at {100 * of['wear_rise']:g} % dashed, the limit at "
+    text += f"{100 * of['limit_rise']:g} % dash-dotted."
     missing = sum(1 for row in rows if row.get("replay_torque_nm") is None)
     if missing:
         text += f" Of {missing} of {len(rows)} figures the history keeps the estimate only, so they have no point."
@@ -311,9 +349,10 @@ def _over_time(told: Mapping[str, Any]) -> "Figure":
         one.errorbar(at, alone, 2 * alone_std, fmt=".", ms=2 if many else 3, lw=0.25 if many else 0.4, color=POINT, alpha=0.5)
         one.plot(at, wear, "-", lw=1.4, color=LINE)
         top = max(float(np.max(wear + 2 * std)), float(np.nanmax([0.0, *(alone + 2 * alone_std)])), 100 * of["wear_rise"] * 1.3)
-        for level, colour in ((of["wear_rise"], COLOURS["MAINTENANCE_REQUIRED"]), (of["limit_rise"], COLOURS["FAILURE"])):
+        # by their dashes too: the page may be printed in grey
+        for level, colour, dash in ((of["wear_rise"], COLOURS["MAINTENANCE_REQUIRED"], "--"), (of["limit_rise"], COLOURS["FAILURE"], "-.")):
             if 100 * level < 1.2 * top:
-                one.axhline(100 * level, color=colour, lw=0.9, ls="--")
+                one.axhline(100 * level, color=colour, lw=0.9, ls=dash)
         one.set_ylim(min(-3.0, float(np.min(wear - 2 * std)), float(np.nanmin([0.0, *(alone - 2 * alone_std)]))), 1.15 * top)
         _ahead(one, at, rows[-1], of["life_limit_rise"])
         locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
@@ -354,7 +393,7 @@ def _over_temperature(told: Mapping[str, Any]) -> "Figure":
             ends = np.array(law["range_c"] or [T.min(), T.max()])
             line = law["viscous_nm_s_per_rad"] + law["slope_nm_s_per_rad_k"] * (ends - law["reference_temperature_c"])
             pace = 100 * law["slope_nm_s_per_rad_k"] / law["viscous_nm_s_per_rad"]
-            one.plot(ends, line, lw=1.4, color=LINE, label=f"{pace:+.2f} %/K")
+            one.plot(ends, line, lw=1.4, color=LINE, label=f"{pace:+z.2f} %/K")
             one.legend(fontsize="x-small", frameon=False, loc="upper right")
         if j >= 3:
             one.set_xlabel("T [°C]", fontsize="small")

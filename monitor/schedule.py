@@ -6,11 +6,11 @@ restart, a second process or a clock that jumps finds the same ones; the ledger,
 
 import hashlib
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 from functools import cache
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Protocol
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from monitor.bounds import between
@@ -157,11 +157,20 @@ def coming(settings: ScheduleSettings, now_unix_s: float, count: int, began_unix
     return found[:count]
 
 
-def expected(
-    settings: ScheduleSettings, now_unix_s: float, count: int, began_unix_s: float | None, taken: Collection[float], salt: str = ""
-) -> list[Window]:
-    """The next windows that the ledger does not have yet, which `taken` names by their keys."""
-    found = coming(settings, now_unix_s, count + len(taken), began_unix_s, salt)
+class Ledger(Protocol):
+    """What is asked of the history."""
+
+    def began_unix_s(self) -> float | None:
+        """When the first window was entered."""
+
+    def windows(self, from_unix_s: float, to_unix_s: float) -> set[float]:
+        """Keys of the windows that it has."""
+
+
+def expected(settings: ScheduleSettings, now_unix_s: float, count: int, ledger: Ledger | None, salt: str = "") -> list[Window]:
+    """The next windows that the ledger does not have yet; None is a history that has not begun."""
+    taken = set() if ledger is None else ledger.windows(now_unix_s - DAY_S, now_unix_s + 400 * DAY_S)
+    found = coming(settings, now_unix_s, count + len(taken), None if ledger is None else ledger.began_unix_s(), salt)
     return [window for window in found if window.key_unix_s not in taken][:count]
 
 

@@ -72,6 +72,9 @@ class Stop:
     at_unix_s: float
     cause: str
     reason: str
+    allowed_at_unix_s: float | None = None  # None: nobody has yet
+    allowed_by: str | None = None
+    allowed_why: str | None = None
 
     @property
     def told(self) -> str:
@@ -326,8 +329,13 @@ class Store:
 
     def waiting_stops(self) -> list[Stop]:
         """Stops that nobody has acknowledged, oldest first."""
-        rows = self._rows("SELECT id, ledger_id, at_unix_s, cause, reason FROM stop WHERE allowed_at_unix_s IS NULL ORDER BY id")
-        return [Stop(id=id_, ledger_id=ledger, at_unix_s=at, cause=cause, reason=reason) for id_, ledger, at, cause, reason in rows]
+        return [stop for stop in self.stops() if stop.allowed_at_unix_s is None]
+
+    def stops(self) -> list[Stop]:
+        """All of them, oldest first, each with who said that the arm may move again."""
+        keys = ("id", "ledger_id", "at_unix_s", "cause", "reason", "allowed_at_unix_s", "allowed_by", "allowed_why")
+        rows = self._rows(f"SELECT {', '.join(keys)} FROM stop ORDER BY id")  # noqa: S608 - fixed names
+        return [Stop(**dict(zip(keys, row, strict=True))) for row in rows]
 
     def allow(self, by: str, why: str, at_unix_s: float) -> list[Stop]:
         """A person has looked: the arm may move again. Returns the stops that were waiting, and keeps by whom and why with them."""

@@ -133,8 +133,8 @@ def print_status(document: dict[str, Any]) -> None:
                 _number(row.get("temperature_c"), ".1f"),
                 f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
                 f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",
-                f"{100 * row['wear']:+.1f} ± {100 * row['wear_std']:.1f}",
-                f"{3000 * row['wear_rate_per_day']:+.1f}",
+                f"{100 * row['wear']:+z.1f} ± {100 * row['wear_std']:.1f}",
+                f"{3000 * row['wear_rate_per_day']:+z.1f}",
                 remaining_life(row.get("remaining_life")),
             )
         console.print(table)
@@ -231,7 +231,7 @@ def _print_beyond(console: Console, document: dict[str, Any]) -> None:
         physical = document["physical"]
         masses = "  ".join(f"{link['mass_kg']:.2f}" for link in physical["links"])
         console.print(
-            f"physically consistent: masses {masses} kg; residual {100 * (physical['residual_ratio'] - 1):+.2f} % beside unconstrained",
+            f"physically consistent: masses {masses} kg; residual {100 * (physical['residual_ratio'] - 1):+z.2f} % beside unconstrained",
             highlight=False,
         )
     if "payload" in document:
@@ -381,7 +381,7 @@ def print_assessment(document: dict[str, Any], why: int | None = None) -> None:
     for row in document["friction"]:
         by_file.setdefault(row["recorded_at"], []).append(row)
     for row in document["recordings"]:
-        wear = [f"{100 * j['wear']:+.1f} ± {100 * j['wear_std']:.1f}" for j in by_file.get(row["recorded_at"], [])]
+        wear = [f"{100 * j['wear']:+z.1f} ± {100 * j['wear_std']:.1f}" for j in by_file.get(row["recorded_at"], [])]
         table.add_row(row["file"], row["recorded_at"], row["verdict"], *wear)
     console.print(table)
     for alert in document["alerts"]:
@@ -468,7 +468,7 @@ def print_history(rows: list[dict[str, Any]], left_out: int) -> None:
             _pair(row.get("coulomb_nm"), row.get("coulomb_std_nm")),
             _pair(row.get("viscous_nm_s_per_rad"), row.get("viscous_std_nm_s_per_rad")),
             _pair(row.get("reference_torque_nm"), row.get("reference_torque_std_nm")),
-            f"{100 * row['wear']:+.1f} ± {100 * row['wear_std']:.1f}",
+            f"{100 * row['wear']:+z.1f} ± {100 * row['wear_std']:.1f}",
         )
     console.print(table)
     if left_out:

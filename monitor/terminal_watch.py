@@ -74,17 +74,17 @@ def _friction(key: str, document: Document) -> Text:
     return Text(
         f"{key}  fc {document['coulomb_nm']:.2f} Nm  fv {document['viscous_nm_s_per_rad']:.2f} Nm·s/rad  "
         f"at {'–' if temperature is None else format(temperature, '.1f')} °C  "
-        f"wear {100 * document['wear']:+.1f} ± {100 * document['wear_std']:.1f} %"
+        f"wear {100 * document['wear']:+z.1f} ± {100 * document['wear_std']:.1f} %"
     )
 
 
 def _live(key: str, document: Document) -> Text:
     told, residual = Text(f"{key}  "), document["residual_nm"]
     for j, predicted in enumerate(document["predicted_nm"]):
-        told.append(f"J{j + 1} {predicted:.1f}")
+        told.append(f"J{j + 1} {predicted:z.1f}")
         if residual is not None:
             std = document["std_nm"][j]
-            told.append(f" {residual[j]:+.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
+            told.append(f" {residual[j]:+z.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
         told.append("  ")
     return told.append("Nm: predicted, and measured − predicted" if residual is not None else "Nm: predicted", "dim")
 
@@ -108,6 +108,14 @@ def _replay(key: str, document: Document) -> Text:
     return told.append(f": {document['verdict']}{': ' + document['reason'] if document.get('reason') else ''}")
 
 
+def _monitor(key: str, document: Document) -> Text:
+    troubles, due = document["troubles"], document["next_replay_due"]
+    told = Text(f"{key}  ").append(
+        " ".join("; ".join(f"{one['name']}: {one['text']}" for one in troubles).split()) or "no trouble", "yellow" if troubles else ""
+    )
+    return told.append(f"  next replay {due or 'none'}", "dim")
+
+
 _WORDS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = [
     (lambda key: key == "health", _health),
     (lambda key: key.startswith("alert/"), _alert),
@@ -117,4 +125,5 @@ _WORDS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = [
     (lambda key: key == "info", _info),
     (lambda key: key == "model", _model),
     (lambda key: key == "replay", _replay),
+    (lambda key: key == "monitor", _monitor),
 ]

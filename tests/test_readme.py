@@ -1,6 +1,8 @@
 """The README against the code: what it tells people to type must exist."""
 
 import re
+import shutil
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -8,6 +10,7 @@ import pytest
 import typer.main
 
 from monitor.cli import app
+from monitor.config import load
 from monitor.judge.health import ACTIONS
 from monitor.publish.documents import KINDS
 from monitor.publish.permit import KEY as PERMIT
@@ -77,6 +80,26 @@ def test_every_alert_condition_and_tier_is_in_the_table_with_what_it_asks():
     assert {condition for condition, _ in ACTIONS} <= told
     for tier in {tier for _, tier in ACTIONS}:
         assert re.search(rf"\| {tier} \|", text), tier
+
+
+def test_the_configuration_of_the_first_steps_is_one(tmp_path):
+    """As it stands, with the shipped example of a cell and a shipped trajectory beside it: nothing is refused, and nothing may move."""
+    root = Path(__file__).parent.parent
+    steps = README.partition("### A real arm, step by step")[2]
+    text = textwrap.dedent(re.search(r"```toml\n(.*?)```", steps, re.DOTALL).group(1).replace("\n   ", "\n").removeprefix("   "))
+    (tmp_path / "cell-1.toml").write_text(text)
+    shutil.copy(root / "config" / "cell" / "example.toml", tmp_path / "cell.toml")
+    shutil.copy(root / "config" / "excitation" / "ur5e-ground.json", tmp_path / "motion.json")
+    configuration = load(tmp_path / "cell-1.toml")
+    assert configuration.replay.allow_motion is False
+    assert configuration.replay.cell.name == "press 3"
+
+
+def test_every_link_within_the_readme_leads_somewhere():
+    """Headings as GitHub makes anchors of them."""
+    titles = re.findall(r"^#+ (.+)$", re.sub(r"```.*?```", "", README, flags=re.DOTALL), re.MULTILINE)
+    anchors = {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+    assert {link.replace("\n", "") for link in re.findall(r"\]\(#([^)]+)\)", README)} <= anchors
 
 
 def test_every_section_of_the_configuration_is_spoken_of():

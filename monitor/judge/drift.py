@@ -239,12 +239,11 @@ def _told(belief: Belief) -> list[Caveat]:
     caveats = []
     track = belief.track
     for j in np.flatnonzero(belief.event == OUTLIER):
-        text = f"joint {j + 1}: {track.innovation[j]:+.1%} from the expected friction, {abs(track.normalised[j]):.1f} σ: not learnt from"
+        text = f"joint {j + 1}: {track.innovation[j]:+z.1%} from the expected friction, {abs(track.normalised[j]):.1f} σ: not learnt from"
         caveats.append(Caveat("outlier", text))
     for j in np.flatnonzero(belief.event == STEP):
-        text = (
-            f"joint {j + 1}: {track.agreeing[j]:.0f} replays are best explained by a change of the joint: wear is now {belief.wear[j]:+.1%}"
-        )
+        text = f"joint {j + 1}: {track.agreeing[j]:.0f} replays are best explained by a change of the joint: "
+        text += f"wear is now {belief.wear[j]:+z.1%}"
         caveats.append(Caveat("step", text))
     if (belief.event == UNSEEN).any():
         text = (

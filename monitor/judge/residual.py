@@ -121,7 +121,7 @@ def pull_forward(residuals: Residuals | None, settings: ResidualSettings) -> str
         j = each.joint - 1
         if each.change >= settings.rise and each.probability >= settings.sure and residuals.agreeing[j] >= settings.min_looks:
             return (
-                f"joint {each.joint}: at work, friction is {each.change:+.0%} ± {each.std:.0%} from what is usual, "
+                f"joint {each.joint}: at work, friction is {each.change:+z.0%} ± {each.std:.0%} from what is usual, "
                 f"in {residuals.agreeing[j]:.0f} spans of motion in a row: a replay shall tell"
             )
     return None

@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -115,6 +115,12 @@ def stale(health: Health, now_unix_s: float, settings: HealthSettings) -> tuple[
     return tuple(joint.told_unix_s is None or joint.told_unix_s < limit for joint in health.joints)
 
 
+def stale_words(old: Sequence[int], joints: int, since: str, then: str) -> str:
+    """Of which joints nothing was learnt, and that the state is not of `then`: one wording for bus, page and report."""
+    who = "all joints" if len(old) == joints else f"joint{'s' if len(old) > 1 else ''} {' '.join(map(str, old))}"
+    return f"STALE: {who}: nothing was learnt {since}: the state is of then, not of {then}"
+
+
 # --- what is found ------------------------------------------------------------------------------------------
 
 
@@ -149,7 +155,7 @@ def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: 
     shift = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
     holds = 0 if shift >= settings.clear_fraction * settings.advisory_rise else None
     text = partial(
-        "Friction has risen in most joints together, by about {:+.1%} in {} replays: not the wear of one joint.".format,
+        "Friction has risen in most joints together, by about {:+z.1%} in {} replays: not the wear of one joint.".format,
         shift,
         common.replays,
     )
@@ -206,13 +212,13 @@ def _joint_state(
 ) -> JointHealth:
     """The gravest of what holds for a joint, and why."""
     j = joint.joint - 1
-    reasons = [(NORMAL, f"friction {math.expm1(belief.wear[j]):+.1%} ± {belief.wear_std[j]:.1%} since the beginning")]
+    reasons = [(NORMAL, f"friction {math.expm1(belief.wear[j]):+z.1%} ± {belief.wear_std[j]:.1%} since the beginning")]
     if contradiction.condition is not None:
         reasons.append((CHECK_FUNCTION, f"nothing is learnt of wear: {contradiction.text}"))
     elif belief.event[j] == UNSEEN:
         reasons.append((CHECK_FUNCTION, "the last replay does not resolve this joint's friction"))
     if belief.event[j] == OUTLIER:
-        reasons.append((CHECK_FUNCTION, f"the last replay is {belief.track.innovation[j]:+.1%} off: waiting for the next"))
+        reasons.append((CHECK_FUNCTION, f"the last replay is {belief.track.innovation[j]:+z.1%} off: waiting for the next"))
     outside = math.isfinite(belief.temperature_c[j]) and not belief.inside_range[j]
     if outside and belief.replays > settings.learning_replays:
         reasons.append((OFF_SPEC, f"{belief.temperature_c[j]:.1f} °C is outside the temperatures learnt so far"))
@@ -222,7 +228,8 @@ def _joint_state(
                 state = STATE_OF_TIER[alert.tier]
             else:
                 state = OFF_SPEC if alert.condition == OUTSIDE_RANGE else CHECK_FUNCTION
-            reasons.append((state, f"{alert.condition} ({alert.tier}): {alert.change:+.1%}"))
+            change = f": {alert.change:+z.1%}" if alert.condition in {*RISES, FRICTION_FALLING} else ""  # the others are of the data
+            reasons.append((state, f"{alert.condition} ({alert.tier}){change}"))
     state, why = max(reasons, key=lambda reason: STATES.index(reason[0]))
     since = joint.since_unix_s if state == joint.state else belief.at_unix_s
     return replace(joint, state=state, why=why, since_unix_s=since)
@@ -244,14 +251,14 @@ def _joint_text(belief: Belief, j: int, evidence: Evidence, parts: Split | None)
     std = math.exp(wear) * belief.wear_std[j]
     text = (
         f"Joint {j + 1}: friction at {belief.reference_speed_rad_s:g} rad/s and {belief.reference_temperature_c[j]:.1f} °C went from "
-        f"{math.exp(level):.2f} to {math.exp(level + wear):.2f} N·m ({math.expm1(wear):+.1%} ± {std:.1%}), temperature "
+        f"{math.exp(level):.2f} to {math.exp(level + wear):.2f} N·m ({math.expm1(wear):+z.1%} ± {std:.1%}), temperature "
         f"taken out ({belief.slope[j]:.2%}/K); {evidence.replays} replays on {evidence.days} days in a row agree."
     )
     if parts is None:
         return text
     return (
-        f"{text} Of the measured {math.expm1(parts.whole):+.1%}, temperature makes {math.expm1(parts.temperature):+.1%}, payload and "
-        f"context {math.expm1(parts.payload):+.1%}, wear {math.expm1(parts.wear):+.1%}, chance {math.expm1(parts.rest):+.1%}."
+        f"{text} Of the measured {math.expm1(parts.whole):+z.1%}, temperature makes {math.expm1(parts.temperature):+z.1%}, payload and "
+        f"context {math.expm1(parts.payload):+z.1%}, wear {math.expm1(parts.wear):+z.1%}, chance {math.expm1(parts.rest):+z.1%}."
     )
 
 

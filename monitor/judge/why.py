@@ -30,14 +30,14 @@ def why_not_alerting(health: Health, belief: Belief, joint: int, settings: Healt
         settings,
     )
     rise, change = settings.rises[tier], math.expm1(found.excess[j])
-    reasons = [f"next is the {TIERS[tier]} tier, from {rise:+.0%}; friction has changed by {change:+.1%} ± {belief.wear_std[j]:.1%}"]
+    reasons = [f"next is the {TIERS[tier]} tier, from {rise:+z.0%}; friction has changed by {change:+z.1%} ± {belief.wear_std[j]:.1%}"]
     if found.common[0] > 0:
-        reasons.append(f"all joints have risen together by {math.expm1(found.common[0]):+.1%}: that is taken off")
+        reasons.append(f"all joints have risen together by {math.expm1(found.common[0]):+z.1%}: that is taken off")
     needed = advisory_sigmas(belief.joints, settings)
     if found.sigmas[j] < needed:
         reasons.append(f"that is {found.sigmas[j]:.1f} of its standard deviations; {needed:.1f} are asked for")
     if tier == 0 and change < rise:
-        reasons.append(f"it is below {rise:+.0%}")
+        reasons.append(f"it is below {rise:+z.0%}")
     if tier > 0 and found.above[j, tier] < (sure := (settings.wear_sure, settings.limit_sure)[tier - 1]):
         reasons.append(f"P(more than {rise:.0%}) is {found.above[j, tier]:.2f}; {sure:.2f} is asked for")
     if not belief.learnt_from[j]:

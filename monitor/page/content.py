@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from monitor import __version__
-from monitor.schedule import DAY_S, ScheduleSettings, expected
+from monitor.schedule import Ledger, ScheduleSettings, expected
 from monitor.timestamps import rfc3339
 
 MOST_REPLAYS = 400  # of a joint's line: more would be less than three pixels apart
@@ -35,7 +35,7 @@ class Window(Protocol):
     reason: str | None
 
 
-class Past(Protocol):
+class Past(Ledger, Protocol):
     """What the page asks of the store."""
 
     directory: Path
@@ -49,11 +49,8 @@ class Past(Protocol):
     def ledger(self, *, limit: int | None = None, states: Sequence[str] = ()) -> Sequence[Any]:
         """Windows, oldest first."""
 
-    def began_unix_s(self) -> float | None:
-        """When the first window was entered."""
-
-    def windows(self, from_unix_s: float, to_unix_s: float) -> set[float]:
-        """Keys of the windows that the ledger has."""
+    def waiting_stops(self) -> Sequence[Any]:
+        """Stops that nobody has acknowledged: nothing moves until somebody has."""
 
     def events(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> Sequence[Any]:
         """Transitions, oldest first."""
@@ -114,10 +111,7 @@ class Content:
 
     def _coming(self) -> list[dict[str, Any]]:
         """The next windows, why each is there; one that waits for the arm says so by its `why`."""
-        now = self.now()
-        taken = self.past.windows(now - DAY_S, now + 400 * DAY_S)
-        salt = str(self.about.get("key_prefix", ""))
-        found = expected(self.schedule_settings, now, COMING, self.past.began_unix_s(), taken, salt)
+        found = expected(self.schedule_settings, self.now(), COMING, self.past, str(self.about.get("key_prefix", "")))
         return [{"opens": rfc3339(w.opens_unix_s), "closes": rfc3339(w.closes_unix_s), "why": w.why} for w in found]
 
     def monitor(self) -> dict[str, Any]:
@@ -137,6 +131,7 @@ class Content:
             "history_mb": round(history.stat().st_size / 1e6, 2) if history.is_file() else None,
             "documents_dropped": self.bus.dropped,
             "last_windows": counts,
+            "stops": [stop.told for stop in self.past.waiting_stops()],
         }
 
 

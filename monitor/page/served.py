@@ -3,6 +3,8 @@
 `configuration` is a `monitor.config.Configuration`, which lies above this room.
 """
 
+import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -11,14 +13,14 @@ import numpy as np
 from monitor.page.content import Ask, Content, Past
 
 
-def page(configuration: Any, bus: Ask, store: Past) -> AbstractContextManager[Any]:
+def page(configuration: Any, bus: Ask, store: Past, now: Callable[[], float] = time.time) -> AbstractContextManager[Any]:
     """The server while it is in use; nothing where no page is configured. Raises BusError, or BadInput for a token that cannot be read."""
     if not configuration.page.listen:
         return nullcontext()
     from monitor.page.server import PageServer  # 0.3 s, and only where there is a page
 
     token = configuration.page.token(configuration.path.parent)
-    return PageServer(configuration.page, Content(store, bus, about(configuration), configuration.schedule), token)
+    return PageServer(configuration.page, Content(store, bus, about(configuration), configuration.schedule, now), token)
 
 
 def about(configuration: Any) -> dict[str, Any]:

@@ -8,6 +8,7 @@ served from here can read.
 import asyncio
 import json
 import logging
+import math
 import secrets
 import socket
 import threading
@@ -22,6 +23,7 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from monitor.errors import BadInput, BusError
 from monitor.page.content import Content
@@ -50,13 +52,14 @@ HEADERS = {
 }
 COMMANDS = ("ack", "shelve", "replay")
 LOOK_S = 0.2  # how often a stream looks for something newer
-SAYS_SOMETHING_S = 15.0  # so that a proxy does not take a quiet stream for a dead one
+SAYS_TIME_S = 5.0  # the monitor's clock: a page that misses it knows that it is cut off, and a proxy that the stream is alive
 MOST_STREAMS = 32
 LARGEST_COMMAND = 20_000  # bytes
 SESSION_S = 12 * 3600.0
 MOST_SESSIONS = 1000
 PATIENCE_S = 1.0  # before a wrong token is refused
-COOKIE = "joint-monitor"
+IDLE_S = 10.0  # a connection that asks nothing for so long twice is closed; a command's body takes no longer
+COOKIE = "joint-monitor-{port}"  # a browser gives a host's cookies to all its ports: each monitor of a machine has its own
 
 
 class PageServer:
@@ -73,13 +76,14 @@ class PageServer:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         port = int(self._socket.getsockname()[1])
         self.url = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
-        self._app = _App(content, token, hosts=_hosts(host, port) if token is None else None)
+        self._app = _App(content, token, COOKIE.format(port=port), hosts=_hosts(host, port) if token is None else None)
         config = uvicorn.Config(
             self._app.starlette,
             log_config=None,
             access_log=False,
             server_header=False,
             lifespan="off",
+            http=_Impatient,
             limit_concurrency=200,
             timeout_keep_alive=20,
             timeout_graceful_shutdown=1,
@@ -108,6 +112,26 @@ class PageServer:
         self._socket.close()
 
 
+class _Impatient(H11Protocol):
+    """HTTP for a page that others share: uvicorn itself waits for ever for a request that never comes, or never ends."""
+
+    _idle = False
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        self.loop.call_later(IDLE_S, self._look)
+
+    def _look(self) -> None:
+        if self.transport.is_closing():
+            return
+        asks = self.cycle is not None and not self.cycle.response_complete
+        if self._idle and not asks:
+            self.transport.close()
+            return
+        self._idle = not asks
+        self.loop.call_later(IDLE_S, self._look)
+
+
 def _hosts(host: str, port: int) -> frozenset[str]:
     """Names by which a browser of this machine may call a page without a token: any other is somebody else's name for it."""
     names = {host, "localhost", "127.0.0.1", "[::1]"}
@@ -117,8 +141,8 @@ def _hosts(host: str, port: int) -> frozenset[str]:
 class _App:
     """Routes, and who may use them."""
 
-    def __init__(self, content: Content, token: str | None, hosts: frozenset[str] | None) -> None:
-        self._content, self._token, self._hosts = content, token, hosts
+    def __init__(self, content: Content, token: str | None, cookie: str, hosts: frozenset[str] | None) -> None:
+        self._content, self._token, self._cookie, self._hosts = content, token, cookie, hosts
         self._csrf = secrets.token_urlsafe(24)
         self._sessions: dict[str, float] = {}
         self._streams = 0
@@ -130,7 +154,7 @@ class _App:
         routes = [
             Route("/", self._guarded(self._page)),
             Route("/static/{name}", self._file),
-            Route("/login", self._enter, methods=["POST"]),
+            Route("/login", self._enter, methods=["GET", "POST"]),
             Route("/api/about", self._guarded(self._about)),
             Route("/api/history", self._guarded(self._read(content.history))),
             Route("/api/schedule", self._guarded(self._read(content.schedule))),
@@ -146,7 +170,7 @@ class _App:
         async def guarded(request: Request) -> Response:
             if not self._host_is_ours(request):
                 return _finished(Response("this name is not this page's", status_code=421))
-            if self._token is not None and not self._known(request.cookies.get(COOKIE, "")):
+            if self._token is not None and not self._known(request.cookies.get(self._cookie, "")):
                 if request.url.path == "/":
                     return _finished(Response(self._login, status_code=401, media_type="text/html"))
                 return _finished(JSONResponse({"error": "sign in first"}, status_code=401))
@@ -167,6 +191,8 @@ class _App:
         return until is not None and time.monotonic() < until
 
     async def _enter(self, request: Request) -> Response:
+        if request.method != "POST":  # somebody typed the address that a wrong token had left him at
+            return _finished(RedirectResponse("/", status_code=303))
         body = await _body(request)
         given = parse_qs((body or b"").decode("utf-8", "replace")).get("token", [""])[0].strip()
         if not (self._host_is_ours(request) and self._same_origin(request)):
@@ -182,7 +208,7 @@ class _App:
         self._sessions[session] = now + SESSION_S
         response = RedirectResponse("/", status_code=303)
         secure = request.url.scheme == "https" or request.headers.get("x-forwarded-proto") == "https"
-        response.set_cookie(COOKIE, session, max_age=int(SESSION_S), httponly=True, samesite="strict", secure=secure)
+        response.set_cookie(self._cookie, session, max_age=int(SESSION_S), httponly=True, samesite="strict", secure=secure)
         return _finished(response)
 
     # --- what is shown ---------------------------------------------------------------------------
@@ -218,19 +244,19 @@ class _App:
         self._streams += 1
         try:
             told: dict[str, bytes] = {}
-            quiet_s = 0.0
+            said = -math.inf
             while not self.closing.is_set():
                 last = self._content.bus.last_payloads()
                 new = [(key, payload) for key, payload in last.items() if told.get(key) is not payload]
-                if new:
-                    quiet_s = 0.0
-                    told.update(new)
-                    # JSON as the bus encodes it holds no line break, so a document is one line
-                    yield b"".join(b"event: value\ndata: " + json.dumps(key).encode() + b" " + payload + b"\n\n" for key, payload in new)
-                elif quiet_s >= SAYS_SOMETHING_S:
-                    quiet_s = 0.0
-                    yield b": still here\n\n"
-                quiet_s += LOOK_S
+                told.update(new)
+                lines = []
+                if time.monotonic() - said >= SAYS_TIME_S:
+                    said = time.monotonic()
+                    lines.append(f"event: time\ndata: {1000.0 * self._content.now():.0f}\n\n".encode())
+                # JSON as the bus encodes it holds no line break, so a document is one line
+                lines += [b"event: value\ndata: " + json.dumps(key).encode() + b" " + payload + b"\n\n" for key, payload in new]
+                if lines:
+                    yield b"".join(lines)
                 await asyncio.sleep(LOOK_S)
         finally:
             self._streams -= 1
@@ -248,7 +274,7 @@ class _App:
             return JSONResponse({"error": "expected application/json"}, status_code=415)
         body = await _body(request)
         if body is None:
-            return JSONResponse({"error": f"more than {LARGEST_COMMAND} bytes"}, status_code=413)
+            return JSONResponse({"error": f"more than {LARGEST_COMMAND} bytes, or slower than {IDLE_S:g} s"}, status_code=413)
         try:
             document = json.loads(body)
             if not isinstance(document, dict):
@@ -262,12 +288,16 @@ class _App:
 
 
 async def _body(request: Request) -> bytes | None:
-    """At most LARGEST_COMMAND bytes; None where there are more."""
+    """At most LARGEST_COMMAND bytes; None where there are more, or they do not come."""
     body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > LARGEST_COMMAND:
-            return None
+    try:
+        async with asyncio.timeout(IDLE_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > LARGEST_COMMAND:
+                    return None
+    except TimeoutError:
+        return None
     return body
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from monitor.assess import alert_document
 from monitor.judge.health import Health, HealthSettings, health_from_document
-from monitor.judge.verdict import stale
+from monitor.judge.verdict import stale, stale_words
 
 
 def health_told(health: Health | None, now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
@@ -50,7 +50,7 @@ def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, sett
     if not any(silent):
         return None
     old = [joint for joint, is_old in zip(health.joints, silent, strict=True) if is_old]
-    who = "all joints" if all(silent) else f"joints {' '.join(str(joint.joint) for joint in old)}"
     known = [joint.told_unix_s for joint in old if joint.told_unix_s is not None]
     since = f"for {(now_unix_s - min(known)) / 86_400.0:.0f} days" if known else "yet"
-    return f"STALE: {who}: nothing was learnt {since} (health.stale_days = {settings.stale_days:g}): the state is of then, not of now"
+    since = f"{since} (health.stale_days = {settings.stale_days:g})"
+    return stale_words([joint.joint for joint in old], len(health.joints), since, "now")

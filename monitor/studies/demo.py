@@ -140,7 +140,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
 
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=lambda: diary.clock_unix_s, play=have))
-        served = stack.enter_context(page(configuration, daemon.bus, store))
+        served = stack.enter_context(page(configuration, daemon.bus, store, now=lambda: diary.clock_unix_s))
         console.print(f"status page while it runs: {served.url}", highlight=False)
         client = stack.enter_context(Client(endpoint, "demo", "ur5"))
         done = threading.Event()
@@ -374,11 +374,11 @@ class _Screen:
 
 
 def _wear(friction: dict[str, Any]) -> str:
-    return f"{100 * friction['wear']:+.1f} ± {100 * friction['wear_std']:.1f} %"
+    return f"{100 * friction['wear']:+z.1f} ± {100 * friction['wear_std']:.1f} %"
 
 
 def _percent(fraction: float | None) -> str:
-    return "–" if fraction is None else f"{100 * fraction:+.1f} %"
+    return "–" if fraction is None else f"{100 * fraction:+z.1f} %"
 
 
 def _summary(console: Console, diary: Diary, seen: Seen, asked: dict[str, Any], took_s: float, *, as_json: bool) -> int:

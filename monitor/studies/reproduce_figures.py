@@ -103,6 +103,8 @@ def parameters(found: Campaign) -> "Figure":
         axes.set_yscale("symlog", linthresh=0.1)
         axes.set_ylabel("SI units")
         axes.grid(alpha=0.25)
+        shown = np.concatenate([identified.values[part] + sign * 3 * identified.std[part] for sign in (1, -1)])
+        axes.set_ylim(min(2.0 * shown.min(), -0.15), 2.0 * shown.max())  # what is largest stands within the frame, not on it
     halves[0].legend(fontsize="small", ncols=2)
     return figure
 
@@ -126,7 +128,7 @@ def cold_and_warm(found: Campaign) -> "Figure":
     t = found.cold_warm_t_s[::EVERY]
     for j, one in enumerate(axes):
         one.plot(t, found.cold_nm[::EVERY, j], color="#1f6fb4", lw=1.2, label="cold")
-        one.plot(t, found.warm_nm[::EVERY, j], color="#b3261e", lw=1.2, label="warm")
+        one.plot(t, found.warm_nm[::EVERY, j], color="#b3261e", lw=1.2, ls="--", label="warm")
         one.set_ylabel("torque [Nm]", fontsize="small")
     return _finished(figure, axes, "t [s]")
 

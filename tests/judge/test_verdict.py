@@ -254,7 +254,7 @@ def test_status_says_what_is_stale_of_a_stored_health_and_keeps_the_rest(capsys)
     assert [joint["stale"] for joint in told["joints"]] == [True] + [False] * 5
     assert {key: value for key, value in told.items() if key not in {"stale", "stale_why", "joints"}}.items() <= stored.items()
     print_status({"robot": "cell-1", "model_revision": 2, "health": outside(told), "friction": [], "ledger": []})
-    assert "STALE: joints 1: nothing was learnt for 8 days" in " ".join(capsys.readouterr().out.split())
+    assert "STALE: joint 1: nothing was learnt for 8 days" in " ".join(capsys.readouterr().out.split())
     fresh = with_stale(health.as_document(), START_S + 5 * DAY_S, SETTINGS)
     assert (fresh["stale"], fresh["stale_why"]) == (False, None)
 

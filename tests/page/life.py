@@ -126,7 +126,7 @@ def monitor(directory, days=45, settings=None, moving=True, before=None, later_d
         clock = [FIRST_UNIX_S + (max(days, 1) + later_days) * DAY_S]
         daemon = stack.enter_context(Daemon(settings, store, now=lambda: clock[0], play=no_arm))
         daemon.next_due(clock[0] + DAY_S)
-        served = stack.enter_context(page(settings, daemon.bus, store))
+        served = stack.enter_context(page(settings, daemon.bus, store, now=lambda: clock[0]))
         if moving:
             done = threading.Event()
             arm = threading.Thread(target=_move, args=(daemon, clock, done))

@@ -5,9 +5,12 @@ Skips, saying so, where no Chromium or Playwright is installed.
 
 import re
 import shutil
+from dataclasses import replace
 
 import pytest
-from life import configuration, monitor
+from life import DAY_S, FIRST_UNIX_S, configuration, monitor
+
+from monitor.timestamps import rfc3339
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 if CHROMIUM is None:
@@ -123,6 +126,9 @@ def test_everything_can_be_done_by_keyboard(opened, served):
     """Tabs by arrows, a joint of the drawing by Enter, the dialog by Tab, Escape and Enter; focus is always seen."""
     _, _, store = served
     page = opened[0]()
+    # by Tab one comes to things in the order in which the eye does
+    tops = page.evaluate("[...document.querySelectorAll('main > section')].map((one) => one.getBoundingClientRect().top)")
+    assert tops == sorted(tops)
     page.locator("#tab-3").focus()
     page.keyboard.press("ArrowRight")
     expect(page.locator("#which")).to_have_text("4")
@@ -274,3 +280,120 @@ def test_what_was_learnt_too_long_ago_is_marked_and_says_what_to_do(browser, tmp
         expect(page.locator("#joints .old")).to_have_count(6)
         assert page.title().startswith("STALE")
         page.close()
+
+
+ALERT = {
+    "active": True,
+    "raised_at": "2026-06-01T03:00:00Z",
+    "updated_at": "2026-06-01T03:00:00Z",
+    "change": 0.0,
+    "probability": 1.0,
+    "text": "<img src=x onerror=alert(1)> " + "W" * 300,
+    "action": "Look.",
+}
+MANY = [
+    (1, "wear_rising", "wear", {}),
+    (2, "sudden_step", "limit", {}),
+    (3, "friction_falling", "advisory", {}),
+    (4, "temperature_sensor", "advisory", {}),
+    (5, "wear_rising", "advisory", {}),
+    (6, "wear_rising", "limit", {"acknowledged_at": "2026-06-02T03:00:00Z", "acknowledged_by": "A" * 200}),
+    (6, "data_quality", "advisory", {"shelved_until": "2030-01-01T00:00:00Z", "shelved_by": "Grace", "shelved_why": "spare on its way"}),
+    (None, "common_mode", "advisory", {}),
+]
+
+
+@pytest.fixture
+def blank(tmp_path, browser):
+    """A monitor without a past, and a page that looks at it on a phone; whatever is markup by mistake fails the test."""
+    settings = configuration(tmp_path)
+    settings = replace(settings, robot=replace(settings.robot, tool="t" * 200))
+    with monitor(tmp_path, days=0, settings=settings, moving=False) as (server, daemon, store):
+        page = browser.new_page(viewport=SIZES["phone"])
+        wrong = []
+        page.on("dialog", lambda dialog: wrong.append(dialog.message))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.clock.install()
+        page.goto(server.url)
+        expect(page.locator("#link")).to_have_text("live")
+        yield page, daemon, store
+        page.close()
+        assert not wrong
+
+
+def test_who_works_by_keyboard_stays_with_his_alert_however_many_there_are(blank):
+    """Eight at once with words that never end: nothing sticks out, what waits comes first, every button says whose it is."""
+    page, daemon, _ = blank
+    for joint, condition, tier, more in MANY:
+        where = "arm" if joint is None else f"j{joint}"
+        daemon.bus.stream(f"alert/{where}/{condition}", "alert", {"joint": joint, "condition": condition, "tier": tier, **ALERT, **more})
+    cards = page.locator("#active .alert")
+    expect(cards).to_have_count(8)
+    expect(page.locator("#count")).to_have_text("6")  # neither acknowledged nor shelved
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert cards.evaluate_all("all => all.map(one => one.dataset.key)") == [
+        "2/sudden_step", "1/wear_rising", "3/friction_falling", "4/temperature_sensor", "5/wear_rising", "null/common_mode",
+        "6/wear_rising", "6/data_quality",
+    ]  # fmt: skip
+    labels = page.locator("#active button").evaluate_all("all => all.map(one => one.getAttribute('aria-label') || one.textContent)")
+    assert len({label for label in labels if "Look" not in label}) == sum("Look" not in label for label in labels) == 15
+    expect(page.locator('[data-key="5/wear_rising"]')).to_have_attribute("data-state", "advice")  # its joint is NORMAL
+    # a figure is a probability only where the condition has one
+    assert "Probability" not in page.locator('[data-key="4/temperature_sensor"]').text_content()
+    assert "has fallen" in page.locator('[data-key="3/friction_falling"]').text_content()
+    page.locator('[data-key="4/temperature_sensor"] [data-do="ack"]').focus()
+    before = cards.first.element_handle()
+    daemon.bus.stream(
+        "alert/j1/wear_rising", "alert", {"joint": 1, "condition": "wear_rising", "tier": "wear", **ALERT, "text": "said anew"}
+    )
+    expect(page.locator('[data-key="1/wear_rising"]')).to_contain_text("said anew")
+    assert not before.evaluate("one => one.isConnected")  # all were made anew
+    assert page.evaluate("document.activeElement.closest('.alert').dataset.key + document.activeElement.dataset.do") == (
+        "4/temperature_sensorack"
+    )
+    # hours that were typed for a shelf keep no acknowledgement from being sent
+    page.locator('[data-key="4/temperature_sensor"] [data-do="shelve"]').click()
+    page.locator("#hours").fill("99999")
+    page.keyboard.press("Escape")
+    page.locator('[data-key="4/temperature_sensor"] [data-do="ack"]').click()
+    page.locator("#by").fill("Ada")
+    page.locator("#ok").click()
+    expect(page.locator("#problem")).to_contain_text("no alert can be acknowledged")  # the daemon's own word: it was sent
+    page.keyboard.press("Escape")
+    assert page.evaluate("document.activeElement.closest('.alert').dataset.key") == "4/temperature_sensor"
+
+
+def test_an_arm_that_is_not_heard_is_told_at_the_top_and_its_torque_is_not_now(blank):
+    """Trouble comes and goes with the bus; an old sample is no present torque, whenever the page is opened."""
+    page, daemon, store = blank
+    trouble = {"name": "arm", "since": "2026-06-01T03:00:00Z", "text": "connection refused"}
+    daemon.bus.stream("monitor", "monitor", {"troubles": [trouble]})
+    expect(page.locator("#troubles")).to_contain_text("The arm is not heard since")
+    expect(page.locator("#troubles")).to_contain_text("connection refused")
+    daemon.bus.stream("monitor", "monitor", {"troubles": []})
+    expect(page.locator("#troubles")).to_be_empty()
+    sample = {name: [0.0] * 6 for name in ("q_rad", "predicted_nm", "std_nm", "measured_nm", "residual_nm", "extrapolated")}
+    daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S + DAY_S), **sample})
+    expect(page.locator("#torque canvas")).to_be_visible()
+    page.clock.fast_forward(16_000)
+    expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
+    expect(page.locator("#residual")).to_be_empty()
+    daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S), **sample})
+    store.stopped("protective_stop", "safety mode 3", FIRST_UNIX_S)
+    page.reload()
+    expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
+    expect(page.locator("#troubles")).to_contain_text("Nothing moves until a person has looked at the arm")
+
+
+def test_a_monitor_that_falls_silent_without_a_word_is_noticed_and_found_again(blank):
+    """No end of the stream, no error, as when a telephone leaves the network: after 20 s nothing here claims to be of now."""
+    page, _, _ = blank
+    page.route("**/api/live", lambda route: route.abort())
+    page.clock.fast_forward(21_000)
+    expect(page.locator("#link")).to_have_text("not connected")
+    expect(page.locator("#lost")).to_contain_text("all that stands here is of then")
+    assert page.title().startswith("NOT CONNECTED")
+    page.unroute("**/api/live")
+    page.clock.fast_forward(21_000)
+    expect(page.locator("#link")).to_have_text("live")
+    expect(page.locator("#lost")).to_be_hidden()

@@ -35,7 +35,7 @@ def test_the_service_serves_its_page_and_ends_in_time_with_a_browser_looking(tmp
                     assert process.poll() is None, process.stderr.read()
                     assert time.monotonic() < until
                     time.sleep(0.2)
-            assert stream.readline() == b"event: value\n"
+            assert stream.readline() == b"event: time\n"
             began = time.monotonic()
             process.send_signal(signal.SIGTERM)
             assert process.wait(timeout=20) == 0

@@ -8,10 +8,11 @@ import sqlite3
 import threading
 import time
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from life import configuration, grow, monitor
+from life import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
 
 from monitor.errors import BadConfiguration, BadInput, BusError
 from monitor.page.content import columns, thinned
@@ -110,9 +111,9 @@ def test_what_is_live_is_what_the_bus_says(served):
     assert stream.getheader("content-type").startswith("text/event-stream")
 
     def next_value():
-        while not (line := stream.readline()).startswith(b"data: "):
+        while (line := stream.readline()) != b"event: value\n":
             assert line
-        key, _, document = line[6:].partition(b" ")
+        key, _, document = stream.readline()[6:].partition(b" ")
         return json.loads(key), json.loads(document)
 
     last = daemon.bus.last_values()
@@ -121,6 +122,21 @@ def test_what_is_live_is_what_the_bus_says(served):
     key, document = next_value()
     assert key == "health"
     assert document["next_replay_due"] == "2030-03-17T17:46:40Z"
+    connection.close()
+
+
+def test_a_stream_says_the_monitors_time_so_that_silence_is_news(served, monkeypatch):
+    """Nothing new on the bus: the clock comes all the same, and comes again."""
+    monkeypatch.setattr("monitor.page.server.SAYS_TIME_S", 0.3)
+    server, _, _ = served
+    host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    connection = http.client.HTTPConnection(host, int(port), timeout=10)
+    connection.request("GET", "/api/live")
+    stream, times = connection.getresponse(), []
+    while len(times) < 2:
+        if stream.readline() == b"event: time\n":
+            times.append(int(stream.readline()[6:]))
+    assert times[0] == times[1] == pytest.approx(1000 * (FIRST_UNIX_S + 40 * DAY_S))  # the fixture's clock stands
     connection.close()
 
 
@@ -217,8 +233,12 @@ def test_without_the_token_nothing_is_shown(guarded):
     assert "HttpOnly" in cookie
     assert "SameSite=strict" in cookie
     session = cookie.partition(";")[0]
+    status, headers, _ = ask(guarded, "/login")
+    assert (status, headers["location"]) == (303, "/")
     assert ask(guarded, "/api/about", Cookie=session)[0] == 200
     assert ask(guarded, "/api/about", Cookie=session + "x")[0] == 401
+    # a browser gives a host's cookies to all its ports: another monitor of this machine must not sign one out here
+    assert session.partition("=")[0].endswith(guarded.url.rstrip("/").rsplit(":", 1)[1])
 
 
 def test_five_years_of_history_are_told_at_once(tmp_path):
@@ -251,6 +271,22 @@ def test_browsers_that_never_read_hold_nobody_up(served):
     assert ask(server, "/api/live")[0] == 503  # 32 are enough; the others were told so
     for stuck in idle:
         stuck.close()
+
+
+def test_connections_that_ask_nothing_keep_nobody_out_for_long(tmp_path, monkeypatch):
+    """As many as the server takes: silent ones, headers and bodies that never end; soon they are closed, and the page answers."""
+    monkeypatch.setattr("monitor.page.server.IDLE_S", 0.4)
+    with monitor(tmp_path, days=0, moving=False) as (server, _, _), ExitStack() as stack:
+        host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+        head = f"POST /login HTTP/1.1\r\nHost: {host}:{port}\r\n".encode()
+        for k in range(200):
+            silent = stack.enter_context(socket.create_connection((host, int(port)), timeout=10))
+            silent.sendall([b"", head, head + b"Content-Length: 99\r\n\r\n"][k % 3])
+        assert ask(server, "/")[0] == 503
+        until = time.monotonic() + 10.0
+        while ask(server, "/")[0] != 200:
+            assert time.monotonic() < until
+            time.sleep(0.1)
 
 
 def test_a_thousand_wild_requests_leave_the_page_standing(served):

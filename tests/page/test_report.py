@@ -152,7 +152,74 @@ def test_a_report_made_long_after_the_last_replay_says_that_the_state_is_of_then
     """Eight days after, all six joints are STALE with when they were learnt of; the period that ends with its last replay has none."""
     whole = told(lived)
     assert [one["joint"] for one in whole["stale"]] == [1, 2, 3, 4, 5, 6]
-    assert "STALE: all joints" in report_page([whole])
+    assert "STALE: all joints" in report_page([whole | {"history": []}])  # nothing to draw
     fresh = told(lived, FIRST_UNIX_S, END)
     assert fresh["stale"] == []
-    assert "STALE" not in report_page([fresh])
+    assert "STALE" not in report_page([fresh | {"history": []}])
+
+
+def test_an_alert_is_told_as_it_stood_at_the_end_of_the_period(lived):
+    """What happened later belongs to a later report: on that day it was an advisory, and fewer replays agreed."""
+    early = told(lived, FIRST_UNIX_S, FIRST_UNIX_S + 29 * DAY_S)
+    (then,), (now,) = early["alerts"], told(lived)["alerts"]
+    assert (then["tier"], now["tier"]) == ("advisory", "wear")
+    assert then["change"] < now["change"]
+    assert then["updated_at"] < early["to"] < now["updated_at"]
+    assert "Active alerts at the end of the period: 1" in report_page([early | {"history": []}])
+
+
+def test_a_period_in_which_nothing_was_attempted_is_reported_as_that(lived):
+    """A shut plant has a page for the file too; a period before the first window, in the future or of no history is a mistake."""
+    idle = told(lived, END + DAY_S, END + 6 * DAY_S)
+    assert idle["unwatched"]["gaps"] == [{"from": rfc3339(END + DAY_S), "to": rfc3339(END + 6 * DAY_S)}]
+    assert "No window was attempted" in report_page([idle])
+    assert told(lived, END, END + 99 * DAY_S)["unwatched"]["gaps"][0]["to"] == rfc3339(END + 8 * DAY_S)  # the future is no gap
+    with pytest.raises(BadInput, match="nothing was attempted"):
+        told(lived, END + 9 * DAY_S, END + 10 * DAY_S)
+
+
+def test_a_history_without_any_window_has_nothing_to_report(tmp_path):
+    """In words that say so."""
+    settings = configuration(tmp_path)
+    with Store.open(settings.state_directory) as store, pytest.raises(BadInput, match="no replay was attempted yet"):
+        report(settings, store, None, None, END)
+
+
+def test_no_figure_is_minus_nothing_and_levels_are_told_apart_in_grey(lived):
+    """What rounds to zero has no sign that would mean less friction; tier and limit have dashes of their own."""
+    text = report_page([told(lived)])
+    words = re.sub(r"<svg.*?</svg>|<style.*?</style>", "", text, flags=re.DOTALL)
+    assert not re.search(r"[-\u2212]0(\.0+)?(?![\d.])", words)
+    assert len(set(re.findall(r"stroke-dasharray: ([\d., ]+)", text))) >= 3  # tier, limit, P50
+    assert "5 % dashed, the limit at 30 % dash-dotted" in words
+
+
+def test_a_condition_of_the_data_claims_no_probability(lived):
+    """Its figure is 1 because it has none; and what has fallen has not risen."""
+    whole = told(lived) | {"history": []}  # nothing to draw
+    (alert,) = whole["alerts"]
+    for condition, words in (("temperature_sensor", None), ("friction_falling", "has fallen by"), ("wear_rising", "has risen by")):
+        text = report_page([{**whole, "alerts": [{**alert, "condition": condition, "probability": 1.0}]}])
+        assert "100.00 %" not in text
+        assert text.count("Probability") == (words is not None)
+        assert words is None or words in text
+
+
+def test_a_stop_is_in_the_file_with_who_allowed_motion_again(tmp_path):
+    """Two by hand: one looked at within the period, the other after it; until then nothing moves. Names are text, never markup."""
+    settings = configuration(tmp_path)
+    with Store.open(settings.state_directory) as store:
+        ledger = store.claim(FIRST_UNIX_S, "scheduled", FIRST_UNIX_S)
+        store.end(ledger, "skipped", "no permission", FIRST_UNIX_S)
+        store.stopped("protective_stop", "safety mode 3", FIRST_UNIX_S + 10)
+        store.allow("<i>Ada</i>", "a box stood in the way", FIRST_UNIX_S + 20)
+        store.stopped("torque_band", "joint 2", FIRST_UNIX_S + 30)
+        store.allow("Grace", "looked at", FIRST_UNIX_S + 2 * DAY_S)
+        whole = report(settings, store, None, FIRST_UNIX_S + DAY_S, END)
+        later = report(settings, store, None, FIRST_UNIX_S + 3 * DAY_S, END)
+    assert [stop["allowed_by"] for stop in whole["stops"]] == ["<i>Ada</i>", None]
+    assert [stop["allowed_by"] for stop in later["stops"]] == ["<i>Ada</i>", "Grace"]
+    text = report_page([whole])
+    for part in ("protective stop: safety mode 3", "&lt;i&gt;Ada&lt;/i&gt;", "a box stood in the way", "nobody: nothing moves"):
+        assert part in text, part
+    assert "nobody: nothing moves" not in report_page([later])

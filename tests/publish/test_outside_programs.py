@@ -142,12 +142,22 @@ def test_whatever_is_said_is_one_line_and_streams_have_words(path):
     told = line(recorded["key"], recorded["document"]).plain
     assert "\n" not in told
     assert len(told) < 400
-    if recorded["kind"] in ("health", "alert", "event", "friction", "torque-live", "info", "model", "replay"):
+    if recorded["kind"] in ("health", "alert", "event", "friction", "torque-live", "info", "model", "replay", "monitor"):
         assert "{" not in told
 
 
-@pytest.mark.parametrize("key", ["health", "alert/j1/x", "event", "joint/1/friction", "torque/live", "info", "model", "replay", "new/kind"])
+@pytest.mark.parametrize(
+    "key", ["health", "alert/j1/x", "event", "joint/1/friction", "torque/live", "info", "model", "replay", "monitor", "new/kind"]
+)
 @pytest.mark.parametrize("strange", [{}, {"state": 1, "joints": [{}]}, {"text": None, "active": 1, "tier": []}, {"predicted_nm": ["x"]}])
 def test_a_document_that_is_not_as_expected_is_still_shown(key, strange):
     """A watch never ends over what somebody says."""
     assert key in line(key, strange).plain
+
+
+def test_what_is_wrong_with_the_monitor_is_a_line_and_no_json():
+    """Every ten seconds: its troubles, else none, and when the next replay is."""
+    fine = {"troubles": [], "next_replay_due": "2026-11-21T17:00:00Z"}
+    assert line("monitor", fine).plain == "monitor  no trouble  next replay 2026-11-21T17:00:00Z"
+    wrong = {"troubles": [{"name": "arm", "text": "127.0.0.2:\nnobody"}, {"name": "disk", "text": "full"}], "next_replay_due": None}
+    assert line("monitor", wrong).plain == "monitor  arm: 127.0.0.2: nobody; disk: full  next replay none"

@@ -84,7 +84,7 @@ const Charts = (() => {
       const top = ends[0].reduce((a, b) => Math.max(a, b), ahead ? Math.max(6, ahead.early[1]) : 6), low = ends[1].reduce((a, b) => Math.min(a, b), -3);
       const levels = { hooks: { draw: [(u) => this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${name} ${+(100 * rise).toFixed(2)} %`, state === "FAILURE" ? "--fail" : "--maint"]))] } };
       this.draw("wear", {
-        scales: { y: { range: [low * 1.1, top * 1.12] } },
+        scales: { y: { range: [low * 1.1, top * 1.12] }, ...(times.length > 1 ? {} : { x: { range: [times[0] - DAY, times[0] + DAY] } }) },
         axes: axes("", "change [%]"),
         plugins: [levels, ...(ahead ? [{ hooks: { drawAxes: [(u) => this.fan(u, ahead)] } }] : []), { hooks: { drawSeries: [(u, series) => { if (series === 4) this.intervals(u, alone, reach); }] } }],
         bands: [{ series: [2, 3], fill: css("--band") }],
@@ -172,6 +172,9 @@ const Charts = (() => {
         : `Joint ${joint}: no line yet`);
     }
 
+    // the arm is no longer heard: nothing of the past may look like now
+    still(text) { this.live = []; this.empty("torque", text); this.quiet = text; document.getElementById("torque").setAttribute("aria-label", text); }
+
     sample(document_) {
       const at = Date.now() / 1000;
       this.live.push({ ...document_, at });
@@ -180,7 +183,7 @@ const Charts = (() => {
 
     torque(joint) {
       const j = joint - 1, all = this.live;
-      if (!all.length) return this.empty("torque", "Nothing is heard of the arm, or no replay has been assessed yet.");
+      if (!all.length) return this.empty("torque", this.quiet || "Nothing is heard of the arm, or no replay has been assessed yet.");
       const x = all.map((one) => one.at), predicted = all.map((one) => one.predicted_nm[j]);
       const measured = all.map((one) => (one.measured_nm ? one.measured_nm[j] : null));
       const side = (sign) => all.map((one, k) => (one.std_nm[j] == null ? predicted[k] : predicted[k] + sign * 2 * one.std_nm[j]));

@@ -5,10 +5,13 @@ const STATES = {
   NORMAL: ["✓", "Normal"], CHECK_FUNCTION: ["C", "Check function"], OFF_SPEC: ["S", "Out of specification"],
   MAINTENANCE_REQUIRED: ["M", "Maintenance required"], FAILURE: ["F", "Failure"], null: ["?", "Not known yet"],
 };
-const TIER_STATE = { advisory: "CHECK_FUNCTION", wear: "MAINTENANCE_REQUIRED", limit: "FAILURE" };
+const RISES = ["wear_rising", "sudden_step"];
+const SILENT_MS = 20000;  // the monitor says its time every 5 s
+const UNHEARD_MS = 15000;  // torque comes every 10 s at the least where the arm is heard
 const TOKEN = document.querySelector('meta[name="page-token"]').content;
 const values = {};
-let about = null, past = { t: [], joints: {}, replays: 0 }, drawing = null, charts = null, chosen = null, lost = false, pending = null;
+let about = null, past = { t: [], joints: {}, replays: 0 }, drawing = null, charts = null, chosen = null, pending = null;
+let stops = [], stream = null, lost = null, heard = Date.now(), clock = null, torqueAt = null;
 
 const make = (tag, text, attributes = {}) => {
   const made = document.createElement(tag);
@@ -30,7 +33,11 @@ const moment = (text, seconds = false) => {
   const at = new Date(text);
   return at.toLocaleString(undefined, { year: "numeric", month: "short", day: "numeric", hour: "2-digit", minute: "2-digit", ...(seconds ? { second: "2-digit" } : {}) });
 };
-const brief = (text) => new Date(text).toLocaleString(undefined, { month: "short", day: "numeric", hour: "2-digit", minute: "2-digit" });
+const now = () => (clock ? clock.told + Date.now() - clock.at : Date.now());  // by the monitor's clock: a telephone's may be wrong
+const brief = (text) => {  // with its year where that is another one
+  const at = new Date(text), other = at.getFullYear() !== new Date(now()).getFullYear();
+  return at.toLocaleString(undefined, { ...(other ? { year: "numeric" } : {}), month: "short", day: "numeric", hour: "2-digit", minute: "2-digit" });
+};
 const timed = (tag, text) => make(tag, text ? brief(text) : "–", text ? { title: text, class: "time" } : {});
 const words = (condition) => condition.replaceAll("_", " ").replace(/^./, (letter) => letter.toUpperCase());
 const spoken = (why) => (why || "").replace(/\b[a-z]+(_[a-z]+)+\b/g, (word) => word.replaceAll("_", " "));
@@ -64,19 +71,31 @@ function verdict() {
   const state = $("state");
   state.replaceWith(Object.assign(chip(health.state), { id: "state" }));
   $("why").textContent = spoken(health.why) || "No replay has been assessed yet.";
-  $("since").textContent = health.since ? `since ${moment(health.since)}; said ${moment(health.said_at)}` : "";
+  $("since").textContent = health.since ? `since ${moment(health.since)}` : "";
+  $("said").textContent = moment(health.said_at);  // outside what is read aloud when it changes: it does so every minute
   $("old").hidden = $("stale").hidden = !health.stale;
   $("stale").textContent = health.stale ? `${health.stale_why.replace(/^STALE: /, "").replace(/^./, (letter) => letter.toUpperCase())}. ${MEND}` : "";
   $("due").textContent = moment(health.next_replay_due);
   $("revision").textContent = values.model ? String(values.model.revision) : "0";
   $("verdict").dataset.state = String(health.state);
-  document.title = `${health.stale ? "STALE, " : ""}${(STATES[health.state] || STATES.null)[1]}: ${about ? about.robot.id : ""} – joint-monitor`;
+  document.title = `${lost ? "NOT CONNECTED, " : ""}${health.stale ? "STALE, " : ""}${(STATES[health.state] || STATES.null)[1]}: ${about ? about.robot.id : ""} – joint-monitor`;
   for (let j = 1; j <= count(); j++) {
     const one = stateOf(j);
     if (drawing) drawing.state(j, String(one.state), `Joint ${j}, ${about.arm.links[j - 1].replaceAll("_", " ")}: ${(STATES[one.state] || STATES.null)[1]}${one.stale ? ", STALE" : ""}. ${one.why}`, one.stale);
     const tab = $(`tab-${j}`);
     if (tab) { tab.dataset.state = String(one.state); tab.classList.toggle("stale", Boolean(one.stale)); }
   }
+}
+
+// what is wrong with the monitor itself stands at the top: a page that says NORMAL of an arm that is switched off would deceive
+function troubles() {
+  const all = (values.monitor && values.monitor.troubles) || [];
+  const name = (trouble) => (trouble.name === "arm" ? "The arm is not heard" : `The monitor has trouble, ${trouble.name.replaceAll("_", " ")}`);
+  const lines = [...stops.map((stop) => `Nothing moves until a person has looked at the arm and said so (joint-monitor allow): ${stop}`),
+    ...all.map((trouble) => `${name(trouble)} since ${moment(trouble.since)}: ${trouble.text}`)];
+  if ([...$("troubles").children].map((line) => line.textContent).join() === lines.join()) return false;
+  $("troubles").replaceChildren(...lines.map((line) => make("p", line, { class: "bad" })));
+  return true;
 }
 
 function joints() {
@@ -119,35 +138,55 @@ function split(parts) {
   return table;
 }
 
+// as the monitor itself judges: an advisory of wear leaves its joint NORMAL
+function stateOfAlert(alert) {
+  if (!alert.active) return "null";
+  if (RISES.includes(alert.condition)) return { wear: "MAINTENANCE_REQUIRED", limit: "FAILURE" }[alert.tier] || "advice";
+  return alert.condition === "outside_range" ? "OFF_SPEC" : "CHECK_FUNCTION";
+}
+const keyOf = (alert) => `${alert.joint}/${alert.condition}`;
+const shelved = (alert) => Boolean(alert.shelved_until) && Date.parse(alert.shelved_until) > now();
+const waits = (alert) => !alert.acknowledged_at && !shelved(alert);
+
+// what the alert's figure is the probability of; conditions of the data have none
+function sure(alert) {
+  const what = RISES.includes(alert.condition) || alert.condition === "common_mode" ? "has risen by more than the tier's rise"
+    : alert.condition === "friction_falling" ? "has fallen by more than the wear tier's rise" : null;
+  const chance = alert.probability > 0.9999 ? "more than 99.99" : number(100 * alert.probability, 2);  // no evidence makes it 100 %
+  return what && `Probability that friction ${what}: ${chance} %. Change ${percent(alert.change)}.`;
+}
+
 function alertCard(alert) {
-  const state = TIER_STATE[alert.tier] || "null";
-  const card = make("article", null, { class: "alert", "data-state": alert.active ? state : "null" });
-  const title = make("h3", `${place(alert.joint)}: ${words(alert.condition)}`);
+  const card = make("article", null, { class: "alert", "data-state": stateOfAlert(alert), "data-key": keyOf(alert) });
+  const name = `${place(alert.joint)}: ${words(alert.condition)}`, title = make("h3", name);
   title.append(make("span", alert.active ? alert.tier : "cleared", { class: "pill" }));
+  if (alert.active && alert.acknowledged_at) title.append(make("span", "acknowledged", { class: "pill" }));
+  if (alert.active && shelved(alert)) title.append(make("span", "shelved", { class: "pill" }));
   card.append(title, make("p", alert.text), make("p", alert.active ? alert.action : "", { class: "action" }));
   const told = [`raised ${moment(alert.raised_at)}`];
   if (alert.updated_at !== alert.raised_at && alert.active) told.push(`updated ${moment(alert.updated_at)}`);
   if (alert.cleared_at) told.push(`cleared ${moment(alert.cleared_at)}`);
   if (alert.acknowledged_at) told.push(`acknowledged by ${alert.acknowledged_by}, ${moment(alert.acknowledged_at)}${alert.acknowledged_why ? `: ${alert.acknowledged_why}` : ""}`);
-  if (alert.shelved_until) told.push(`shelved by ${alert.shelved_by} until ${moment(alert.shelved_until)}`);
+  if (alert.shelved_until) told.push(`${shelved(alert) ? "" : "was "}shelved by ${alert.shelved_by} until ${moment(alert.shelved_until)}${alert.shelved_why ? `: ${alert.shelved_why}` : ""}`);
   card.append(make("p", told.join(" · "), { class: "dim" }));
-  const evidence = make("details");
-  evidence.append(make("summary", "Evidence"), make("p", `Probability that the change exceeds the tier's rise: ${number(100 * alert.probability, 2)} %. Change ${percent(alert.change)}.`));
+  const evidence = make("details"), figure = sure(alert);
+  evidence.append(make("summary", "Evidence", { "aria-label": `Evidence of ${name}` }));
+  if (figure) evidence.append(make("p", figure));
   if (alert.split) evidence.append(split(alert.split));
-  card.append(evidence);
+  if (evidence.childElementCount > 1) card.append(evidence);
   if (alert.active) {
     const row = make("div", null, { class: "row" });
     const what = { joint: alert.joint, condition: alert.condition };
     if (!alert.acknowledged_at) {
-      const button = make("button", "Acknowledge…", { type: "button", class: "primary" });
+      const button = make("button", "Acknowledge…", { type: "button", class: "primary", "data-do": "ack", "aria-label": `Acknowledge… ${name}` });
       button.addEventListener("click", () => ask("ack", what, `Acknowledge: ${place(alert.joint)}, ${words(alert.condition).toLowerCase()}`, "It has been seen. It clears by itself once its condition is gone."));
       row.append(button);
     }
-    const shelf = make("button", "Shelve…", { type: "button" });
-    shelf.addEventListener("click", () => ask("shelve", what, `Shelve: ${place(alert.joint)}, ${words(alert.condition).toLowerCase()}`, "It stays active, and need not be shown until then."));
+    const shelf = make("button", "Shelve…", { type: "button", "data-do": "shelve", "aria-label": `Shelve… ${name}` });
+    shelf.addEventListener("click", () => ask("shelve", what, `Shelve: ${place(alert.joint)}, ${words(alert.condition).toLowerCase()}`, "It stays active, and goes to the end of the list until then."));
     row.append(shelf);
     if (alert.joint != null) {
-      const look = make("button", `Look at joint ${alert.joint}`, { type: "button" });
+      const look = make("button", `Look at joint ${alert.joint}`, { type: "button", "data-do": "look" });
       look.addEventListener("click", () => { choose(alert.joint); $("detail-h").scrollIntoView({ block: "start" }); });
       row.append(look);
     }
@@ -159,23 +198,30 @@ function alertCard(alert) {
 function alerts() {
   const all = Object.entries(values).filter(([key]) => key.startsWith("alert/")).map(([, document_]) => document_);
   const order = ["limit", "wear", "advisory"];
-  const active = all.filter((alert) => alert.active).sort((a, b) => order.indexOf(a.tier) - order.indexOf(b.tier) || a.raised_at.localeCompare(b.raised_at));
-  const open = active.filter((alert) => !alert.acknowledged_at).length;
-  $("count").textContent = open ? String(open) : "";
-  $("count").title = open ? `${open} not acknowledged` : "";
-  const opened = new Set([...document.querySelectorAll("#active details[open]")].map((one) => one.dataset.key));
-  const focused = document.activeElement && document.activeElement.closest("#active") ? document.activeElement.textContent : null;
+  const active = all.filter((alert) => alert.active)
+    .sort((a, b) => waits(b) - waits(a) || order.indexOf(a.tier) - order.indexOf(b.tier) || a.raised_at.localeCompare(b.raised_at));
+  const waiting = active.filter(waits).length;
+  $("count").textContent = waiting ? String(waiting) : "";
+  $("count").title = waiting ? `${waiting} neither acknowledged nor shelved` : "";
+  const opened = new Set([...document.querySelectorAll("#active details[open]")].map((one) => one.closest(".alert").dataset.key));
+  const focused = document.activeElement && document.activeElement.closest("#active .alert");
+  const had = focused && [focused.dataset.key, document.activeElement.dataset.do];
   const cards = active.map((alert) => {
-    const card = alertCard(alert), key = `${alert.joint}/${alert.condition}`, evidence = card.querySelector("details");
-    evidence.dataset.key = key;
-    evidence.open = opened.has(key);
+    const card = alertCard(alert), evidence = card.querySelector("details");
+    if (evidence) evidence.open = opened.has(keyOf(alert));
     return card;
   });
   $("active").replaceChildren(...(cards.length ? cards : [values.health && values.health.state ? make("p", "✓ No active alert.", { class: "none" }) : make("p", "Nothing can be said yet.", { class: "dim" })]));
-  if (focused) [...$("active").querySelectorAll("button")].find((button) => button.textContent === focused)?.focus();
+  if (had) refocus(...had);
   const gone = all.filter((alert) => !alert.active);
   $("past").hidden = !gone.length;
   $("cleared").replaceChildren(...gone.map(alertCard));
+}
+
+// the cards are made anew with every word of theirs: who works by keyboard stays with the alert that he was at
+function refocus(key, what) {
+  const card = [...document.querySelectorAll("#active .alert")].find((one) => one.dataset.key === key);
+  if (card) (card.querySelector(what ? `[data-do="${what}"]` : "summary") || card.querySelector("button, summary")).focus();
 }
 
 function figures() {
@@ -226,13 +272,21 @@ function choose(joint) {
 }
 
 function live() {
-  const now = values["torque/live"];
-  if (!now) return;
-  charts.sample(now);
-  drawing.pose(now.q_rad);
+  const told = values["torque/live"];
+  if (!told) return;
+  drawing.pose(told.q_rad);
+  if (now() - Date.parse(told.at) > UNHEARD_MS) return unheard();  // the last word of an arm that is gone
+  torqueAt = Date.now();
+  charts.sample(told);
   charts.torque(chosen);
-  const left = now.residual_nm ? now.residual_nm[chosen - 1] : null;
-  $("residual").textContent = left == null ? "" : `residual ${left.toFixed(2)} Nm${now.extrapolated[chosen - 1] ? ", outside the temperatures learnt" : ""}`;
+  const left = told.residual_nm ? told.residual_nm[chosen - 1] : null;
+  $("residual").textContent = left == null ? "" : `residual ${signed(left, 2)} Nm${told.extrapolated[chosen - 1] ? ", outside the temperatures learnt" : ""}`;
+}
+
+function unheard() {
+  torqueAt = null;
+  charts.still(`Nothing is heard of the arm since ${moment(values["torque/live"].at, true)}.`);
+  $("residual").textContent = "";
 }
 
 async function history() {
@@ -256,6 +310,8 @@ async function history() {
 
 async function self() {
   const own = await read("/api/monitor");
+  stops = own.stops;
+  troubles();
   const hours = own.up_s / 3600;
   const rows = [["Version", own.version], ["Host", (values.info && values.info.host) || "–"], ["Up", hours < 1 ? `${Math.round(own.up_s / 60)} min` : hours < 72 ? `${hours.toFixed(1)} h` : `${(hours / 24).toFixed(0)} d`],
     ["Memory", `${number(own.resident_mb, 0)} MB`], ["History", `${number(own.history_mb, 1)} MB`], ["Disk free", `${own.disk_free_gb} GB (${(100 * own.disk_free_share).toFixed(0)} %)`],
@@ -275,11 +331,12 @@ async function self() {
 // --- what is done -------------------------------------------------------------------------------------
 
 function ask(command, what, title, text) {
-  pending = { command, what };
+  pending = { command, what, key: keyOf(what) };
   $("dialog-h").textContent = title;
   $("dialog-text").textContent = text;
   $("problem").textContent = "";
-  $("hours-l").hidden = command !== "shelve";
+  $("hours-l").hidden = $("hours").disabled = command !== "shelve";  // what is hidden must not be asked for
+  if (command === "shelve") $("hours").value = "24";
   $("by").value = localStorage.getItem("joint-monitor-name") || "";
   $("reason").value = "";
   $("ok").textContent = { ack: "Acknowledge", shelve: "Shelve", replay: "Ask for a replay" }[command];
@@ -288,6 +345,7 @@ function ask(command, what, title, text) {
 }
 
 $("cancel").addEventListener("click", () => $("dialog").close());
+$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else refocus(pending.key, pending.command); });
 $("form").addEventListener("submit", async (event) => {
   event.preventDefault();
   const { command, what } = pending;
@@ -338,6 +396,7 @@ function told(error) { console.warn(error); }
 function take(key, document_) {
   values[key] = document_;
   if (key === "torque/live") return live();
+  if ((key === "monitor" && troubles()) || key === "replay") soon();
   if (key === "health" || key === "model") verdict();
   if (key === "health") { joints(); alerts(); }
   if (key.startsWith("alert/")) { alerts(); soon(); }
@@ -346,21 +405,43 @@ function take(key, document_) {
 }
 
 function listen() {
-  const stream = new EventSource("/api/live");
+  if (stream) stream.close();
+  heard = Date.now();
+  stream = new EventSource("/api/live");
+  stream.addEventListener("time", (event) => { heard = Date.now(); clock = { told: Number(event.data), at: heard }; });
   stream.addEventListener("value", (event) => {
-    const cut = event.data.indexOf(" ");
-    take(JSON.parse(event.data.slice(0, cut)), JSON.parse(event.data.slice(cut + 1)));
+    heard = Date.now();
+    const space = event.data.indexOf(" ");
+    take(JSON.parse(event.data.slice(0, space)), JSON.parse(event.data.slice(space + 1)));
     if (!$("active").childElementCount) alerts();
   });
   stream.addEventListener("open", () => {
     if (lost && !$("dialog").open) return location.reload();  // the monitor was started anew: its tokens are new, too
-    lost = false;
-    $("link").textContent = "live"; $("link").className = "pill live";
+    lost = null;
+    link();
   });
-  stream.addEventListener("error", () => {
-    lost = true;
-    $("link").textContent = "not connected"; $("link").className = "pill lost";
-  });
+  stream.addEventListener("error", cut);
+}
+
+function cut() {
+  if (!lost) lost = heard;
+  link();
+}
+
+// whether what stands here is of now
+function link() {
+  $("link").textContent = lost ? "not connected" : "live";
+  $("link").className = `pill ${lost ? "lost" : "live"}`;
+  $("lost").hidden = !lost;
+  if (lost) $("lost").textContent = `Nothing is heard of the monitor since ${moment(lost, true)}: all that stands here is of then. Trying again.`;
+  document.body.classList.toggle("cut", Boolean(lost));
+  verdict();
+}
+
+// every second: a link that died without a word, a stream that was refused, an arm that is no longer heard
+function tick() {
+  if (Date.now() - heard > SILENT_MS) { cut(); listen(); }
+  if (torqueAt && Date.now() - torqueAt > UNHEARD_MS) unheard();
 }
 
 async function begin() {
@@ -380,6 +461,8 @@ async function begin() {
   await history();
   self().catch(told);
   setInterval(() => self().catch(told), 30000);
+  setInterval(tick, 1000);
+  $("zone").textContent = `Times are those of ${Intl.DateTimeFormat().resolvedOptions().timeZone}.`;
   let first = true;
   const worst = () => {  // the first look is at the joint that matters most
     if (!first || !values.health) return;
