@@ -40,6 +40,9 @@ class DriftSettings:
         4.85  # likelihood ratio from which a step one replay ago is believed, in σ; n ago, of √(4.85² − 2·ln n) σ
     )
     pace_sigma: Annotated[float, between(2.0, 20.0)] = 4.65  # the same for a pace of wear; from 20 replays on
+    onsets_per_year: Annotated[float, between(0.0, 12.0)] = 0.3  # of a joint's wear, as the ± of wear supposes before evidence shows any …
+    unseen_pace_std_per_day: Annotated[float, between(1e-6, 0.1)] = 8e-4  # … at a pace about as large, 30 % a year
+    unseen_step_std: Annotated[float, between(1e-4, 1.0)] = 0.05  # … or at once
     resolution: Annotated[float, between(1e-6, 1.0)] = 0.25  # a replay whose own std is a larger fraction of F says nothing of that joint
     grease_lag_min: Annotated[float, between(0.0, 60.0)] = 3.0  # the grease follows the motor's sensor by about so many minutes …
     grease_lag_std_min: Annotated[float, between(0.0, 60.0)] = 1.5  # … give or take, until this arm has told

@@ -15,6 +15,7 @@ from monitor.judge.follow import followed
 from monitor.judge.prognosis import remaining_life
 from monitor.judge.tiers import Counts, Grounds, grounds, nothing_counted
 from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot, repaced
+from monitor.judge.unseen import unseen
 from monitor.judge.usage import Usage, uncounted, worked
 from monitor.recording import Array
 from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
@@ -120,7 +121,8 @@ def play(
             common_day[found.together & np.isnan(common_day)] = day
             truth = np.log(fleet.torque(T0.reshape(A, J), np.exp(now.worn))).ravel()
             mean, std_log = track.reference(T0, slot)
-            held = np.abs(truth - mean) < 1.645 * np.hypot(std_log, drift.between_floor)
+            more, more_var = unseen(track, track.row(T0 - track.origin_c, np.zeros(N), slot, noise=0.0), drift)
+            held = np.abs(truth - mean - more) < 1.645 * np.sqrt(std_log**2 + more_var + drift.between_floor**2)
             covered, asked = covered + (held & here), asked + here
             worn = (now.worn.ravel() > 0) & here
             worn_covered, worn_asked = worn_covered + float((held & worn).sum()), worn_asked + float(worn.sum())
