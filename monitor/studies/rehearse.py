@@ -5,6 +5,7 @@ The same functions judge the daemon's one arm; here they run on the arrays of a 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,10 @@ from monitor.recording import Array
 from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
 
 LEARNING_DAYS = 60
+LATEST_ONSET = 425  # as long as alerts that mean nothing are counted: wear may begin on any day of it
+BASELINES = (LEARNING_DAYS, 100, 180, LATEST_ONSET)  # [d] before the onset, between which detection is told apart
 DAYS_A_YEAR = 365.0
+LIFE_GROUPS = 5  # of arms that wear about as fast
 COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
 """Where there is a replay every day against one baseline: delays in days mean replays there."""
 
@@ -210,6 +214,7 @@ class Delay:
     median_at_most: float  # one-sided 95 %, by order statistics
     p90_days: float
     within_30: Share
+    by_baseline: tuple[tuple[int, int, Share], ...]  # from, to days before the onset: within 30 of these
     right_joint: Share  # of the arms in which anything was told
     wear_tier_median_days: float
 
@@ -236,6 +241,7 @@ def delay(played: Played, wear: Wear) -> Delay:
     rank = int(np.ceil(n / 2 + 1.645 * np.sqrt(n) / 2))
     wear_days = (played.tier_day[:, :, 1][np.arange(A), joint] - wear.onset_day)[sound] + 1.0
     told = np.isfinite(days)
+    before = wear.onset_day[sound]
     wrong = (others[sound] >= wear.onset_day[sound]) & (others[sound] < wear.onset_day[sound] + days)
     return Delay(
         arms=n,
@@ -243,6 +249,11 @@ def delay(played: Played, wear: Wear) -> Delay:
         median_at_most=float(ordered[min(rank, n - 1)]),
         p90_days=float(np.quantile(days, 0.9, method="higher")),
         within_30=Share(hits=int((days <= 30).sum()), of=n),
+        by_baseline=tuple(
+            (low, high, Share(hits=int((days[here] <= 30).sum()), of=int(here.sum())))
+            for low, high in pairwise(BASELINES)
+            for here in [(before >= low) & (before < high)]
+        ),
         right_joint=Share(hits=int((told & ~wrong).sum()), of=int(told.sum())),
         wear_tier_median_days=float(np.median(np.where(np.isnan(wear_days), np.inf, wear_days))),
     )
@@ -255,8 +266,8 @@ def _others(first: Array, joint: np.ndarray) -> Array:
     return soonest
 
 
-def onsets(arms: int, seed: int, *, step: float = 0.0, per_day: float = 0.0, latest: int = 300) -> Wear:
-    """One joint of each arm wears from a day between the end of learning and `latest` on."""
+def onsets(arms: int, seed: int, *, step: float = 0.0, per_day: float = 0.0, latest: int = LATEST_ONSET) -> Wear:
+    """One joint of each arm wears from a day on, drawn evenly between the end of learning and `latest`."""
     dice = np.random.default_rng(seed)
     return Wear(
         joint=dice.integers(0, 6, arms).astype(float),
@@ -281,14 +292,27 @@ def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float,
     Joints wear by a constant rate a revolution, `per_year` in a year of mean work; half-life is where half of the limit is worn.
     """
     dice = np.random.default_rng(seed)
-    pace = np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms)) / DAYS_A_YEAR  # a mean day of work
-    rise = assess.prognosis.limit_rise
-    wear = Wear(joint=dice.integers(0, 6, arms).astype(float), onset_day=np.full(arms, 60.0), step=np.zeros(arms), per_day=pace)
-    inside, near, asked = [], [], np.zeros(arms, dtype=bool)
-    none = 0
+    paces = np.sort(np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms))) / DAYS_A_YEAR  # a mean day of work
+    answers: list[tuple[bool, bool | None]] = []
+    for k, pace in enumerate(np.array_split(paces, min(LIFE_GROUPS, max(arms // 12, 1)))):  # those that wear fast need fewer days
+        answers += _lives(pace, dice.integers(0, 6, len(pace)), assess, replace(base, arms=len(pace), seed=seed * LIFE_GROUPS + k))
+    inside = [held for _, held in answers if held is not None]
+    near = sum(close for close, _ in answers)
+    return Life(
+        interval=Share(hits=sum(inside), of=len(inside)),
+        alpha_lambda=Share(hits=near, of=len(answers)),
+        no_trend=len(answers) - len(inside),
+    )
+
+
+def _lives(pace: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSettings) -> list[tuple[bool, bool | None]]:
+    """Of each arm at half-life: whether P50 was near, and whether P10–P90 held the truth; None where no date was given."""
+    arms, rise = len(pace), assess.prognosis.limit_rise
+    wear = Wear(joint=joint.astype(float), onset_day=np.full(arms, 60.0), step=np.zeros(arms), per_day=pace)
+    answers: list[tuple[bool, bool | None]] = []
+    asked = np.zeros(arms, dtype=bool)
 
     def watch(_: int, now: Day, track: Track, usage: Usage) -> None:
-        nonlocal none
         worn = now.used_days * pace
         for arm in np.flatnonzero(now.replayed & ~asked & (worn >= 0.5 * rise)):
             asked[arm] = True
@@ -301,19 +325,16 @@ def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float,
             )
             truth = (rise - worn[arm]) / pace[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
             if told.p50_days is None or told.p10_days is None:
-                none += 1
-                near.append(False)
+                answers.append((False, None))
                 continue
             usual = usage.per_day[n]
             latest = np.inf if told.p90_days is None else told.p90_days * usual
-            near.append(abs(told.p50_days * usual - truth) <= 0.2 * truth)
-            inside.append(told.p10_days * usual <= truth <= latest)
+            near = abs(told.p50_days * usual - truth) <= 0.2 * truth
+            answers.append((bool(near), bool(told.p10_days * usual <= truth <= latest)))
 
     days = int(60 + 0.5 * rise / pace.min()) + 30  # the last weeks of work may have been short
-    play(replace(base, arms=arms, days=days, seed=seed, scenarios=COMPARABLE), assess, wear, watch=watch)
-    return Life(
-        interval=Share(hits=int(sum(inside)), of=len(inside)), alpha_lambda=Share(hits=int(sum(near)), of=len(near)), no_trend=none
-    )  # fmt: skip
+    play(replace(base, days=days, scenarios=COMPARABLE), assess, wear, watch=watch)
+    return answers
 
 
 def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: float = 0.02, robot: str = "ur5") -> dict[str, Any]:
@@ -344,19 +365,23 @@ def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: f
     ):
         few = arms if step == 0.05 else max(arms // 3, 12)  # the share within 30 days is asked for on a bound of 99 %
         wear = onsets(few, seed + 1, step=step, per_day=per_year / DAYS_A_YEAR)
-        days = 300 + (60 if step >= 0.05 else 250)
-        played = play(replace(base, arms=few, days=days, seed=seed + 2, scenarios=COMPARABLE), assess, wear)
+        played = play(replace(base, arms=few, days=days_to_play(step, per_year), seed=seed + 2, scenarios=COMPARABLE), assess, wear)
         told = delay(played, wear)
         document["detection"].append(
             {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": played.covered_worn}
         )
-    lives = life(max(arms // 2, 12), assess, seed=seed + 3, base=base)
+    lives = life(max(arms, 12), assess, seed=seed + 3, base=base)
     document["remaining_life"] = {
         "p10_p90_holds": _share(lives.interval),
         "alpha_lambda_at_half_life": _share(lives.alpha_lambda),
         "no_trend": lives.no_trend,
     }
     return document
+
+
+def days_to_play(step: float, per_year: float) -> int:
+    """Until what began on the last day is found in nearly every arm."""
+    return LATEST_ONSET + (60 if step >= 0.05 else 120 if per_year >= 0.3 else 250)
 
 
 def detection_row(label: str, step: float, per_year: float, told: Delay, interval_90: float) -> dict[str, Any]:
@@ -382,6 +407,7 @@ def _delay(told: Delay) -> dict[str, Any]:
         "median_at_most_days": known(told.median_at_most),
         "p90_days": known(told.p90_days),
         "within_30_days": _share(told.within_30),
+        "by_baseline": [{"from_days": low, "to_days": high, "within_30_days": _share(share)} for low, high, share in told.by_baseline],
         "right_joint": _share(told.right_joint),
         "wear_tier_median_days": known(told.wear_tier_median_days),
     }

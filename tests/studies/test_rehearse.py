@@ -133,7 +133,7 @@ def test_the_card_says_what_was_not_reached():
         "slope_left_per_k": 0.0002,
         "detection": rows,
         "remaining_life": {
-            "p10_p90_holds": {**share, "share": 1.0},
+            "p10_p90_holds": {**share, "share": 1.0, "at_least": 0.74, "at_most": 1.0},
             "alpha_lambda_at_half_life": {**share, "share": 1.0, "at_least": 0.74},
         },
     }
@@ -147,6 +147,9 @@ def test_the_card_says_what_was_not_reached():
         "assess_s": 0.2,
     }
     text = card(document, [{"between_std": 0.01, **rows[0]}], torque, seed=1, arm_days_a_minute=1e5)
+    assert "| 100.0 % (≥ 74.1 %, ≤ 100.0 %) | 75–85 % ✗ not reached |" in text
+    low, high, early = told.by_baseline[0]
+    assert f"{low}–{high - 1} days {early.hits} of {early.of}" in text
     assert "by joint 0.30, 0.60 | 0.43 | ≤ 0.33 ✗ not reached |" in text
     assert "there were 2 more (0.122 a robot-year" in text
     assert "| all | 100 | 30 | 0.300 | 0.410 | ≤ 0.1 ✗ not reached |" in text
