@@ -5,6 +5,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,11 @@ from monitor.assess import AssessSettings
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.studies.fleet import FleetSettings
 from monitor.studies.rehearse import (
-    COMPARABLE,
     LATEST_ONSET,
     LEARNING_DAYS,
+    Kind,
     Share,
-    days_to_play,
-    delay,
-    detection_row,
-    onsets,
+    detected,
     play,
     rehearse,
 )
@@ -122,20 +120,19 @@ def card(
     return text + NOTES
 
 
-def make(excitation: Excitation, *, arms: int, seed: int) -> str:
-    """Play everything and write it down."""
+def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = None) -> str:
+    """Play everything, on so many processes, and write it down."""
     assess = AssessSettings()
     began = time.monotonic()
     speed = play(FleetSettings(arms=64, days=90, seed=seed), assess)
     arm_days_a_minute = 64 * (speed.days + 60) / (time.monotonic() - began) * 60.0
-    document = rehearse(assess, arms=arms, seed=seed)
     few = max(arms // 3, 12)
-    rows = []
-    for label, step, per_year in (("2 % step", 0.02, 0.0), ("5 % step", 0.05, 0.0), ("10 %/year", 0.0, 0.10)):
-        wear = onsets(few, seed + 4, step=step, per_day=per_year / 365.0)
-        base = FleetSettings(arms=few, days=days_to_play(step, per_year), seed=seed + 5, between_std=0.01, scenarios=COMPARABLE)
-        quieter = play(base, assess, wear)
-        rows.append({"between_std": 0.01, **detection_row(label, step, per_year, delay(quieter, wear), quieter.covered_worn)})
+    base = FleetSettings(arms=few, seed=seed, between_std=0.01)
+    quieter = [Kind("2 % step", 0.02, 0.0, few), Kind("5 % step", 0.05, 0.0, few), Kind("10 %/year", 0.0, 0.10, few)]
+    with ProcessPoolExecutor(workers) as pool:
+        later = [pool.submit(detected, base, assess, kind, seed + 4) for kind in quieter]
+        document = rehearse(assess, arms=arms, seed=seed, each=pool.map)
+        rows = [{"between_std": 0.01, **one.result()} for one in later]
     torque = foresee(excitation, assess, replays=40, tests=12, seed=seed, clock=time.perf_counter)
     return card(document, rows, torque.as_document(), seed=seed, arm_days_a_minute=arm_days_a_minute)
 
@@ -181,12 +178,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m monitor.studies.card", description=__doc__)
     parser.add_argument("--arms", type=int, default=1200, help="on which nothing wears; a third as many in each kind of wear")
     parser.add_argument("--seed", type=int, default=2021)
+    parser.add_argument("--workers", type=int, default=None, help="processes; as many as there are cores")
     parser.add_argument("--output", type=Path, default=TARGET)
     arguments = parser.parse_args()
     if arguments.arms < 16:
         parser.error("--arms: expected 16 or more, two of each scenario")
     excitation = replace(excitation_from_document(json.loads(EXCITATION.read_text("utf-8"))), repetitions=1)
-    text = make(excitation, arms=arguments.arms, seed=arguments.seed)
+    text = make(excitation, arms=arguments.arms, seed=arguments.seed, workers=arguments.workers)
     arguments.output.write_text(text, "utf-8")
     sys.stdout.write(text)
 

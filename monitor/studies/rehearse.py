@@ -3,10 +3,11 @@
 The same functions judge the daemon's one arm; here they run on the arrays of a whole fleet. Learning days are left out of every figure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import beta, chi2
@@ -25,6 +26,7 @@ LEARNING_DAYS = 60
 LATEST_ONSET = 425  # as long as alerts that mean nothing are counted: wear may begin on any day of it
 BASELINES = (LEARNING_DAYS, 100, 180, LATEST_ONSET)  # [d] before the onset, between which detection is told apart
 DAYS_A_YEAR = 365.0
+PACES_PER_YEAR = (0.10, 0.60)  # of arms that are asked how long they have left
 LIFE_GROUPS = 5  # of arms that wear about as fast
 COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
 """Where there is a replay every day against one baseline: delays in days mean replays there."""
@@ -45,6 +47,9 @@ class Played:
     slope_error_per_k: Array  # (A, J) what temperature still does to friction after it was taken out
     track: Track
 
+
+Each = Callable[[Callable[[Any], Any], list[Any]], Iterable[Any]]
+"""`map`, or that of a pool of processes."""
 
 Watcher = Callable[[int, Day, Track, Usage], None]
 """Called after each day's replays: day, what happened, what is believed, how much was worked."""
@@ -286,21 +291,33 @@ class Life:
     no_trend: int  # arms without an answer then
 
 
-def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float] = (0.10, 0.60), base: FleetSettings) -> Life:
+def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float] = PACES_PER_YEAR, base: FleetSettings) -> Life:
     """α-λ (Saxena et al., 2008) with α = 0.2 and coverage of P10–P90 at half-life, in revolutions; each arm asked once.
 
     Joints wear by a constant rate a revolution, `per_year` in a year of mean work; half-life is where half of the limit is worn.
     """
+    return _life(map(_done, _life_jobs(arms, assess, seed=seed, per_year=per_year, base=base)))
+
+
+def _life_jobs(
+    arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float], base: FleetSettings
+) -> list[Callable[[], Any]]:
+    """Those that wear fast need fewer days: groups of about the same pace."""
     dice = np.random.default_rng(seed)
     paces = np.sort(np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms))) / DAYS_A_YEAR  # a mean day of work
-    answers: list[tuple[bool, bool | None]] = []
-    for k, pace in enumerate(np.array_split(paces, min(LIFE_GROUPS, max(arms // 12, 1)))):  # those that wear fast need fewer days
-        answers += _lives(pace, dice.integers(0, 6, len(pace)), assess, replace(base, arms=len(pace), seed=seed * LIFE_GROUPS + k))
+    groups = np.array_split(paces, min(LIFE_GROUPS, max(arms // 12, 1)))
+    return [
+        partial(_lives, pace, dice.integers(0, 6, len(pace)), assess, replace(base, arms=len(pace), seed=seed * LIFE_GROUPS + k))
+        for k, pace in enumerate(groups)
+    ]
+
+
+def _life(groups: Iterable[list[tuple[bool, bool | None]]]) -> Life:
+    answers = [answer for group in groups for answer in group]
     inside = [held for _, held in answers if held is not None]
-    near = sum(close for close, _ in answers)
     return Life(
         interval=Share(hits=sum(inside), of=len(inside)),
-        alpha_lambda=Share(hits=near, of=len(answers)),
+        alpha_lambda=Share(hits=sum(near for near, _ in answers), of=len(answers)),
         no_trend=len(answers) - len(inside),
     )
 
@@ -337,46 +354,72 @@ def _lives(pace: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSe
     return answers
 
 
-def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: float = 0.02, robot: str = "ur5") -> dict[str, Any]:
-    """False alarms, delays against pace, coverage and life quality, as one document."""
+def rehearse(
+    assess: AssessSettings, *, arms: int, seed: int = 0, between_std: float = 0.02, robot: str = "ur5", each: Each = map
+) -> dict[str, Any]:
+    """False alarms, delays against pace, coverage and life quality, as one document; the same whoever does `each`, e.g. a pool's map."""
     base = FleetSettings(
         arms=arms, seed=seed, between_std=between_std, robot=robot, reference_speed_rad_s=assess.drift.reference_speed_rad_s
     )  # fmt: skip
+    few = max(arms // 3, 12)
+    kinds = [
+        Kind("2 % step", 0.02, 0.0, few),
+        Kind("5 % step", 0.05, 0.0, arms),  # the share within 30 days is asked for on a bound of 99 %
+        Kind("5 %/year", 0.0, 0.05, few),
+        Kind("10 %/year", 0.0, 0.10, few),
+        Kind("30 %/year", 0.0, 0.30, few),
+        Kind("100 %/year", 0.0, 1.00, few),
+    ]
+    jobs = [partial(_quiet, base, assess), *(partial(detected, base, assess, kind, seed + 1) for kind in kinds)]
+    lives = _life_jobs(max(arms, 12), assess, seed=seed + 3, per_year=PACES_PER_YEAR, base=base)
+    quiet, *rest = each(_done, [*jobs, *lives])
+    told = _life(rest[len(kinds) :])
+    return {
+        **quiet,
+        "detection": rest[: len(kinds)],
+        "remaining_life": {
+            "p10_p90_holds": _share(told.interval),
+            "alpha_lambda_at_half_life": _share(told.alpha_lambda),
+            "no_trend": told.no_trend,
+        },
+    }
+
+
+def _done(job: Callable[[], Any]) -> Any:
+    return job()
+
+
+def _quiet(base: FleetSettings, assess: AssessSettings) -> dict[str, Any]:
+    """What is told of a fleet on which nothing wears."""
     quiet = play(base, assess)
-    document: dict[str, Any] = {
-        "robot_years": arms * quiet.days / DAYS_A_YEAR,
+    return {
+        "robot_years": base.arms * quiet.days / DAYS_A_YEAR,
         "learning_days": LEARNING_DAYS,
-        "while_learning": _rate(Rate(events=quiet.early, robot_years=arms * LEARNING_DAYS / DAYS_A_YEAR)),
-        "between_std": between_std,
+        "while_learning": _rate(Rate(events=quiet.early, robot_years=base.arms * LEARNING_DAYS / DAYS_A_YEAR)),
+        "between_std": base.between_std,
         "autocorrelation": base.autocorrelation,
         "false_alarms": {name or "all": _rate(false_alarms(quiet, name)) for name in (None, *SCENARIOS)},
         "false_wear_alerts": int(np.isfinite(quiet.tier_day[:, :, 1]).sum()),
         "friction_interval_90": float(np.mean(quiet.covered)),
         "slope_left_per_k": float(np.nanmedian(np.abs(quiet.slope_error_per_k))),
-        "detection": [],
     }
-    for label, step, per_year in (
-        ("2 % step", 0.02, 0.0),
-        ("5 % step", 0.05, 0.0),
-        ("5 %/year", 0.0, 0.05),
-        ("10 %/year", 0.0, 0.10),
-        ("30 %/year", 0.0, 0.30),
-        ("100 %/year", 0.0, 1.00),
-    ):
-        few = arms if step == 0.05 else max(arms // 3, 12)  # the share within 30 days is asked for on a bound of 99 %
-        wear = onsets(few, seed + 1, step=step, per_day=per_year / DAYS_A_YEAR)
-        played = play(replace(base, arms=few, days=days_to_play(step, per_year), seed=seed + 2, scenarios=COMPARABLE), assess, wear)
-        told = delay(played, wear)
-        document["detection"].append(
-            {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": played.covered_worn}
-        )
-    lives = life(max(arms, 12), assess, seed=seed + 3, base=base)
-    document["remaining_life"] = {
-        "p10_p90_holds": _share(lives.interval),
-        "alpha_lambda_at_half_life": _share(lives.alpha_lambda),
-        "no_trend": lives.no_trend,
-    }
-    return document
+
+
+class Kind(NamedTuple):
+    """One kind of wear, and in how many arms it is played."""
+
+    label: str
+    step: float
+    per_year: float
+    arms: int
+
+
+def detected(base: FleetSettings, assess: AssessSettings, kind: Kind, seed: int) -> dict[str, Any]:
+    """What was told of one kind of wear, as a document."""
+    wear = onsets(kind.arms, seed, step=kind.step, per_day=kind.per_year / DAYS_A_YEAR)
+    days = days_to_play(kind.step, kind.per_year)
+    played = play(replace(base, arms=kind.arms, days=days, seed=seed + 1, scenarios=COMPARABLE), assess, wear)
+    return detection_row(kind.label, kind.step, kind.per_year, delay(played, wear), played.covered_worn)
 
 
 def days_to_play(step: float, per_year: float) -> int:
