@@ -371,7 +371,8 @@ def rehearse(
         Kind("100 %/year", 0.0, 1.00, few),
     ]
     jobs = [partial(_quiet, base, assess), *(partial(detected, base, assess, kind, seed + 1) for kind in kinds)]
-    lives = _life_jobs(max(arms, 12), assess, seed=seed + 3, per_year=PACES_PER_YEAR, base=base)
+    # P10–P90 is to be held between two bounds: ± 1.3 points of 1200 · 2 arms
+    lives = _life_jobs(max(2 * arms, 12), assess, seed=seed + 3, per_year=PACES_PER_YEAR, base=base)
     quiet, *rest = each(_done, [*jobs, *lives])
     told = _life(rest[len(kinds) :])
     return {
@@ -450,7 +451,9 @@ def _delay(told: Delay) -> dict[str, Any]:
         "median_at_most_days": known(told.median_at_most),
         "p90_days": known(told.p90_days),
         "within_30_days": _share(told.within_30),
-        "by_baseline": [{"from_days": low, "to_days": high, "within_30_days": _share(share)} for low, high, share in told.by_baseline],
+        "by_baseline": [
+            {"from_days": low, "to_days": high, "within_30_days": _share(share)} for low, high, share in told.by_baseline if share.of
+        ],
         "right_joint": _share(told.right_joint),
         "wear_tier_median_days": known(told.wear_tier_median_days),
     }
