@@ -11,7 +11,7 @@ from monitor.judge.evidence import DriftSettings
 from monitor.judge.track import KINDS, WINDOW, Track
 from monitor.recording import Array
 
-SCALES = ((0.75, 1.0), (0.25, 10.0))  # of how large a change is: mostly as set, one in four from a prior ten times as wide
+SCALES = ((0.9, 1.0), (0.1, 4.0))  # of how large a change is: mostly as set, one in ten from a prior four times as wide
 PACES_OF_ALL = 0.75  # of changes, as `follow` has it: joints wear more often than they jump
 
 
