@@ -305,7 +305,7 @@ def _life_jobs(
     """Those that wear fast need fewer days: groups of about the same pace."""
     dice = np.random.default_rng(seed)
     paces = np.sort(np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms))) / DAYS_A_YEAR  # a mean day of work
-    groups = np.array_split(paces, min(LIFE_GROUPS, max(arms // 12, 1)))
+    groups = np.array_split(paces, min(LIFE_GROUPS, max(arms // 48, 1)))
     return [
         partial(_lives, pace, dice.integers(0, 6, len(pace)), assess, replace(base, arms=len(pace), seed=seed * LIFE_GROUPS + k))
         for k, pace in enumerate(groups)
@@ -355,9 +355,19 @@ def _lives(pace: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSe
 
 
 def rehearse(
-    assess: AssessSettings, *, arms: int, seed: int = 0, between_std: float = 0.02, robot: str = "ur5", each: Each = map
+    assess: AssessSettings,
+    *,
+    arms: int,
+    seed: int = 0,
+    between_std: float = 0.02,
+    robot: str = "ur5",
+    lives: int | None = None,
+    each: Each = map,
 ) -> dict[str, Any]:
-    """False alarms, delays against pace, coverage and life quality, as one document; the same whoever does `each`, e.g. a pool's map."""
+    """False alarms, delays against pace, coverage and life quality, as one document; the same whoever does `each`, e.g. a pool's map.
+
+    lives : arms that are asked for their remaining life; half of `arms` where it is not said.
+    """
     base = FleetSettings(
         arms=arms, seed=seed, between_std=between_std, robot=robot, reference_speed_rad_s=assess.drift.reference_speed_rad_s
     )  # fmt: skip
@@ -371,9 +381,9 @@ def rehearse(
         Kind("100 %/year", 0.0, 1.00, few),
     ]
     jobs = [partial(_quiet, base, assess), *(partial(detected, base, assess, kind, seed + 1) for kind in kinds)]
-    # P10–P90 is to be held between two bounds: ± 1.3 points of 1200 · 2 arms
-    lives = _life_jobs(max(2 * arms, 12), assess, seed=seed + 3, per_year=PACES_PER_YEAR, base=base)
-    quiet, *rest = each(_done, [*jobs, *lives])
+    asked = max(arms // 2 if lives is None else lives, 12)
+    groups = _life_jobs(asked, assess, seed=seed + 3, per_year=PACES_PER_YEAR, base=base)
+    quiet, *rest = each(_done, [*jobs, *groups])
     told = _life(rest[len(kinds) :])
     return {
         **quiet,
