@@ -11,7 +11,7 @@ from monitor.assess import AssessSettings
 from monitor.identify.solve import identify
 from monitor.judge.evidence import DriftSettings, observe
 from monitor.model.robot import Mounting, load_robot
-from monitor.studies.card import card
+from monitor.studies.card import card, notes
 from monitor.studies.fleet import SCENARIOS, Fleet, FleetSettings, Wear
 from monitor.studies.rehearse import COMPARABLE, Rate, Share, delay, detection_row, false_alarms, life, onsets, play, rehearse
 
@@ -155,6 +155,15 @@ def test_the_card_says_what_was_not_reached():
     assert "| all | 100 | 30 | 0.300 | 0.410 | ≤ 0.1 ✗ not reached |" in text
     assert "90.0 % | 85–95 % ✓" in text
     assert "0.020 %/K | ≤ 0.1 %/K ✓" in text
+
+
+def test_the_card_explains_what_was_not_reached_and_nothing_else():
+    """One row missed, one explanation; none missed, no heading."""
+    row = "| P10–P90 of remaining life hold the truth | 90 % | 75–85 % {} |\n"
+    assert notes(row.format("✓")) == ""
+    told = notes(row.format("✗ not reached"))
+    assert "P10–P90" in told
+    assert told.count("- **") == 1
 
 
 @pytest.mark.soak
