@@ -187,7 +187,7 @@ def judge_identification(
     belief, told, said = learn(
         belief, identification, context, at, settings=settings.drift, laws=settings.temperature, health=settings.health
     )
-    judged = judge(health, belief, settings.health, said)
+    judged = judge(health, belief, settings.health, said, drift=settings.drift)
     coulomb, viscous = belief.lines(settings.temperature)
     return Assessment(
         robot=identification.robot,
@@ -244,10 +244,11 @@ def _friction(
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
     means, covs = belief.rate()
+    wear, wear_std = belief.wear_told(settings.drift)
     joints = []
     for j in range(belief.joints):
         mean, cov = means[j], covs[j]
-        rise = math.exp(belief.wear[j])
+        rise = math.exp(wear[j])
         life = remaining_life(mean, cov, wear_walk_per_sqrt_day=settings.drift.wear_walk_per_sqrt_day, settings=settings.prognosis)
         usual = belief.usage.per_day[j]
         left = tuple(None if days is None else _known(days * usual) for days in (life.p10_days, life.p50_days, life.p90_days))
@@ -264,7 +265,7 @@ def _friction(
                 reference_torque_nm=_known(torque[j]),
                 reference_torque_std_nm=_known(torque_std[j]),
                 wear=rise - 1.0,
-                wear_std=rise * float(belief.wear_std[j]),
+                wear_std=rise * float(wear_std[j]),
                 wear_rate_per_day=float(mean[1]),
                 wear_rate_std_per_day=math.sqrt(max(cov[1, 1], 0.0)),
                 remaining_life=life,

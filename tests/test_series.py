@@ -73,6 +73,7 @@ def test_assess_prints_one_object(recordings):
     assert document["health"]["arm"] in {"NORMAL", "OFF_SPEC"}
 
 
+@pytest.mark.timeout(400)  # half a minute of processor time, of which a loaded machine gives little
 def test_rehearse_answers_for_a_configuration(tmp_path):
     """A small fleet: false alarms, delays and life in one object, and a picture."""
     picture = tmp_path / "delays.png"

@@ -15,6 +15,7 @@ from monitor.judge.evidence import DriftSettings
 from monitor.judge.migrate import from_version_2
 from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
 from monitor.judge.track import KINDS, RATE, STATES, WEAR, WINDOW, Track
+from monitor.judge.unseen import unseen
 from monitor.judge.usage import Usage, usage_from_document
 from monitor.recording import Array, Context
 
@@ -106,13 +107,24 @@ class Belief:
         pair = [WEAR, RATE]
         return self.track.mean[:, pair], self.track.cov[:, pair][:, :, pair]
 
+    def wear_told(self, settings: DriftSettings) -> tuple[Array, Array]:
+        """Wear, log, and its standard deviation, (J,) each, with what may have begun unseen: what a person reads, no alert's ground."""
+        H = np.zeros((self.joints, STATES))
+        H[:, WEAR] = 1.0
+        more, more_var = unseen(self.track, H, settings)
+        return self.wear + more, np.sqrt(self.wear_std**2 + more_var)
+
     def noise_std(self, settings: DriftSettings) -> Array:
         """(J,) of y between replays."""
         return np.sqrt(self.track.noise_var(self.joints, settings))
 
     def reference_torque_nm(self, settings: DriftSettings) -> tuple[Array, Array]:
         """F(v*, T0), wear included, and its standard deviation, (J,) each [N·m]; NaN where a joint was never seen."""
-        mean, std = self.track.reference(self.reference_temperature_c, self.slot)
+        track = self.track
+        mean, std = track.reference(self.reference_temperature_c, self.slot)
+        H = track.row(self.reference_temperature_c - track.origin_c, np.zeros(self.joints), self.slot, noise=0.0)
+        more, more_var = unseen(track, H, settings)
+        mean, std = mean + more, np.sqrt(std**2 + more_var)
         torque = np.where(self.track.replays > 0, np.exp(mean), np.nan)
         return torque, torque * np.hypot(std, settings.between_floor)
 

@@ -32,14 +32,17 @@ class DriftSettings:
     rate_walk_per_sqrt_day: Annotated[float, between(0.0, 0.01)] = (
         1e-6  # a pace once found changes by so much; more is found as another change
     )
-    pace_walk_per_sqrt_day: Annotated[float, between(0.0, 1.0)] = 0.004  # fraction of its own by which a pace of wear wanders
+    pace_walk_per_sqrt_day: Annotated[float, between(0.0, 1.0)] = 0.001  # fraction of its own by which a pace of wear wanders
     wear_walk_per_sqrt_day: Annotated[float, between(0.0, 0.01)] = 1e-4  # 0.2 % in a year by chance
     gate_sigma: Annotated[float, between(2.0, 20.0)] = 4.0  # one replay further off than this is not learnt from …
     gate_run: Annotated[int, between(2, 20)] = 3  # … so many in a row on one side are a step
     shift_sigma: Annotated[float, between(2.0, 20.0)] = (
-        4.85  # likelihood ratio from which a step one replay ago is believed, in σ; n ago, of √(4.85² − 2·ln n) σ
+        5.2  # likelihood ratio from which a step one replay ago is believed, in σ; n ago, of √(5.2² − 2·ln n) σ
     )
-    pace_sigma: Annotated[float, between(2.0, 20.0)] = 4.65  # the same for a pace of wear; from 20 replays on
+    pace_sigma: Annotated[float, between(2.0, 20.0)] = 4.8  # the same for a pace of wear; from 20 replays on
+    onsets_per_year: Annotated[float, between(0.0, 12.0)] = 0.3  # of a joint's wear, as the ± of wear supposes before evidence shows any …
+    unseen_pace_std_per_day: Annotated[float, between(1e-6, 0.1)] = 8e-4  # … at a pace about as large, 30 % a year
+    unseen_step_std: Annotated[float, between(1e-4, 1.0)] = 0.05  # … or at once
     resolution: Annotated[float, between(1e-6, 1.0)] = 0.25  # a replay whose own std is a larger fraction of F says nothing of that joint
     grease_lag_min: Annotated[float, between(0.0, 60.0)] = 3.0  # the grease follows the motor's sensor by about so many minutes …
     grease_lag_std_min: Annotated[float, between(0.0, 60.0)] = 1.5  # … give or take, until this arm has told

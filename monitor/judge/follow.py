@@ -62,7 +62,8 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     S = np.einsum("na,na->n", H, PH) + within
     quiet = track.noise_var(arm, settings) + within
     z = nu / np.sqrt(S)
-    level_var = S - within - 2.0 * PH[:, NOISE] + cov[:, NOISE, NOISE]
+    shared = PH[:, NOISE] - cov[:, NOISE, NOISE]
+    level_var = S - within - 2.0 * shared - cov[:, NOISE, NOISE]
     # only where a replay was foreseen well does its surprise tell of noise and shifts
     settling = level_var > 2.0 * quiet
     gated = np.abs(z) > settings.gate_sigma
@@ -105,7 +106,7 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     responses = responses - G[..., None] * K[:, None, None, :]
     forget = found[:, None, None]
     return replace(
-        _with_noise(track, nu, level_var, within, event, settings),
+        _with_noise(track, nu, level_var, shared, within, event, arm, settings),
         mean=mean,
         cov=cov,
         replays=track.replays + learnt,
@@ -228,20 +229,29 @@ def _believed(
     return mean, cov, jumped, age
 
 
-def _with_noise(track: Track, nu: Array, level_var: Array, within: Array, event: Array, settings: DriftSettings) -> Track:
+def _with_noise(
+    track: Track, nu: Array, level_var: Array, shared: Array, within: Array, event: Array, arm: int, settings: DriftSettings
+) -> Track:
     """The noise between replays, learnt from two successive ones.
 
-    Residuals are taken against a level that was fitted to their like: their product is short by the level's variance.
+    Residuals are taken against a level L (wear and temperature in it) that was fitted to their like, and is in doubt itself. With its
+    variance L and its covariance C with the noise, as the filter has them (`shared`), innovations being white:
+
+        E[r²] = σ² + R + L + 2C,   E[rₖ·rₖ₋₁] = ρ·(σ² + C),
+
+    so that what the doubt of level and pace adds is not taken for noise. In a joint that wears it is as much as a sixth of σ².
     """
+    rho = track.autocorrelation(arm, settings)
     now = nu + track.mean[:, NOISE]  # what was foreseen without noise is what is compared
     usable = (event == ORDINARY) & np.isfinite(track.residual)
     before = np.where(usable, track.residual, 0.0)
     n = np.where(usable, np.minimum(track.noise_weight + 1.0, settings.memory_replays), track.noise_weight)
     limit = 3.0 * np.sqrt(np.maximum(track.step_var + track.product, 0.0) + within)  # one wild replay says no more than this
     clipped, clipped_before = np.clip(now, -limit, limit), np.clip(before, -limit, limit)
-    half = 0.5 * (clipped - clipped_before) ** 2 - within
+    half = 0.5 * (clipped - clipped_before) ** 2 - within - np.maximum(level_var + (2.0 - rho) * shared, 0.0)
     step_var = np.where(usable, track.step_var + (half - track.step_var) / n, track.step_var)
-    product = np.where(usable, track.product + (clipped * clipped_before + 0.4 * level_var - track.product) / n, track.product)
+    alike = clipped * clipped_before - rho * np.minimum(shared, 0.0)
+    product = np.where(usable, track.product + (alike - track.product) / n, track.product)
     residual = np.where(event == UNSEEN, track.residual, np.where((event == ORDINARY) | (event == OUTLIER), now, np.nan))
     return replace(
         track, step_var=np.maximum(step_var, settings.between_floor**2), product=product, noise_weight=n, residual=residual

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from monitor.judge.health import ACTIONS, SEVERITY, TIERS, Alert, HealthSettings, Split, Transition
 from monitor.recording import Array
@@ -26,19 +26,7 @@ def next_step(alert: Alert | None, key: tuple[int | None, str], finding: Finding
     if alert is None or not alert.active:
         if tier is None:
             return None
-        raised = Alert(
-            joint=joint,
-            condition=condition,
-            tier=TIERS[tier],
-            raised_at_unix_s=at,
-            updated_at_unix_s=at,
-            change=finding.change,
-            probability=float(finding.probabilities[tier]),
-            text=finding.text(),
-            action=ACTIONS[condition, TIERS[tier]],
-            severity=SEVERITY[TIERS[tier]],
-            split=finding.split,
-        )
+        raised = Alert(joint=joint, condition=condition, raised_at_unix_s=at, **_told(condition, tier, finding, at))
         return Transition("raised", raised)
 
     now = TIERS.index(alert.tier)
@@ -55,17 +43,21 @@ def next_step(alert: Alert | None, key: tuple[int | None, str], finding: Finding
         highest = min(highest, now) if acknowledged else now  # latched: it steps down only once somebody has seen it
     if highest == now and abs(finding.change - alert.change) < settings.update_step:
         return None
-    told = replace(
-        alert,
-        tier=TIERS[highest],
-        updated_at_unix_s=at,
-        change=finding.change,
-        probability=float(finding.probabilities[highest]),
-        text=finding.text(),
-        action=ACTIONS[condition, TIERS[highest]],
-        severity=SEVERITY[TIERS[highest]],
-        split=finding.split,
-    )
+    told = replace(alert, **_told(condition, highest, finding, at))
     if highest > now:  # a graver alert is to be seen again
         told = replace(told, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
     return Transition("updated", told)
+
+
+def _told(condition: str, tier: int, finding: Finding, at: float) -> dict[str, Any]:
+    """What an alert says at a tier, raised or told again."""
+    return {
+        "tier": TIERS[tier],
+        "updated_at_unix_s": at,
+        "change": finding.change,
+        "probability": float(finding.probabilities[tier]),
+        "text": finding.text(),
+        "action": ACTIONS[condition, TIERS[tier]],
+        "severity": SEVERITY[TIERS[tier]],
+        "split": finding.split,
+    }

@@ -13,6 +13,7 @@ import numpy as np
 
 from monitor.judge.belief import Belief
 from monitor.judge.contradiction import NOTHING_SAID, Contradiction
+from monitor.judge.evidence import DriftSettings
 from monitor.judge.health import (
     CHECK_FUNCTION,
     COMMON_MODE,
@@ -39,6 +40,7 @@ from monitor.judge.life import Finding, next_step
 from monitor.judge.tiers import FALLING, Counts, Grounds, grounds
 from monitor.judge.track import OUTLIER, UNSEEN
 from monitor.judge.why import counts_of
+from monitor.recording import Array
 
 
 class Judged(NamedTuple):
@@ -48,8 +50,15 @@ class Judged(NamedTuple):
     transitions: tuple[Transition, ...]
 
 
-def judge(health: Health | None, belief: Belief, settings: HealthSettings, contradiction: Contradiction = NOTHING_SAID) -> Judged:
-    """Health after the belief's last replay."""
+def judge(
+    health: Health | None,
+    belief: Belief,
+    settings: HealthSettings,
+    contradiction: Contradiction = NOTHING_SAID,
+    *,
+    drift: DriftSettings | None = None,
+) -> Judged:
+    """Health after the belief's last replay. `drift` says how wear is put into words, and decides nothing."""
     at, J = belief.at_unix_s, belief.joints
     day = math.floor(at / 86_400.0)
     before = health or Health(joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
@@ -85,7 +94,8 @@ def judge(health: Health | None, belief: Belief, settings: HealthSettings, contr
             known[key] = step.alert
             transitions.append(step)
     alerts = tuple(known.values())
-    joints = tuple(_joint_state(joint, belief, alerts, settings, contradiction) for joint in counted)
+    wear = belief.wear_told(drift or DriftSettings())
+    joints = tuple(_joint_state(joint, belief, wear, alerts, settings, contradiction) for joint in counted)
     state, why = _arm_state(joints, alerts, contradiction)
     since = before.since_unix_s if state == before.state else at
     after = Health(
@@ -208,11 +218,16 @@ def _first_slot(belief: Belief) -> int:
 
 
 def _joint_state(
-    joint: JointHealth, belief: Belief, alerts: tuple[Alert, ...], settings: HealthSettings, contradiction: Contradiction
+    joint: JointHealth,
+    belief: Belief,
+    wear: tuple[Array, Array],
+    alerts: tuple[Alert, ...],
+    settings: HealthSettings,
+    contradiction: Contradiction,
 ) -> JointHealth:
     """The gravest of what holds for a joint, and why."""
     j = joint.joint - 1
-    reasons = [(NORMAL, f"friction {math.expm1(belief.wear[j]):+z.1%} ± {belief.wear_std[j]:.1%} since the beginning")]
+    reasons = [(NORMAL, f"friction {math.expm1(wear[0][j]):+z.1%} ± {wear[1][j]:.1%} since the beginning")]
     if contradiction.condition is not None:
         reasons.append((CHECK_FUNCTION, f"nothing is learnt of wear: {contradiction.text}"))
     elif belief.event[j] == UNSEEN:

@@ -3,9 +3,11 @@
 The same functions judge the daemon's one arm; here they run on the arrays of a whole fleet. Learning days are left out of every figure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import beta, chi2
@@ -15,12 +17,17 @@ from monitor.judge.follow import followed
 from monitor.judge.prognosis import remaining_life
 from monitor.judge.tiers import Counts, Grounds, grounds, nothing_counted
 from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot, repaced
+from monitor.judge.unseen import unseen
 from monitor.judge.usage import Usage, uncounted, worked
 from monitor.recording import Array
 from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
 
 LEARNING_DAYS = 60
+LATEST_ONSET = 425  # as long as alerts that mean nothing are counted: wear may begin on any day of it
+BASELINES = (LEARNING_DAYS, 100, 180, LATEST_ONSET)  # [d] before the onset, between which detection is told apart
 DAYS_A_YEAR = 365.0
+PACES_PER_YEAR = (0.10, 0.60)  # of arms that are asked how long they have left
+LIFE_GROUPS = 5  # of arms that wear about as fast
 COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
 """Where there is a replay every day against one baseline: delays in days mean replays there."""
 
@@ -40,6 +47,9 @@ class Played:
     slope_error_per_k: Array  # (A, J) what temperature still does to friction after it was taken out
     track: Track
 
+
+Each = Callable[[Callable[[Any], Any], list[Any]], Iterable[Any]]
+"""`map`, or that of a pool of processes."""
 
 Watcher = Callable[[int, Day, Track, Usage], None]
 """Called after each day's replays: day, what happened, what is believed, how much was worked."""
@@ -120,7 +130,8 @@ def play(
             common_day[found.together & np.isnan(common_day)] = day
             truth = np.log(fleet.torque(T0.reshape(A, J), np.exp(now.worn))).ravel()
             mean, std_log = track.reference(T0, slot)
-            held = np.abs(truth - mean) < 1.645 * np.hypot(std_log, drift.between_floor)
+            more, more_var = unseen(track, track.row(T0 - track.origin_c, np.zeros(N), slot, noise=0.0), drift)
+            held = np.abs(truth - mean - more) < 1.645 * np.sqrt(std_log**2 + more_var + drift.between_floor**2)
             covered, asked = covered + (held & here), asked + here
             worn = (now.worn.ravel() > 0) & here
             worn_covered, worn_asked = worn_covered + float((held & worn).sum()), worn_asked + float(worn.sum())
@@ -208,6 +219,7 @@ class Delay:
     median_at_most: float  # one-sided 95 %, by order statistics
     p90_days: float
     within_30: Share
+    by_baseline: tuple[tuple[int, int, Share], ...]  # from, to days before the onset: within 30 of these
     right_joint: Share  # of the arms in which anything was told
     wear_tier_median_days: float
 
@@ -234,6 +246,7 @@ def delay(played: Played, wear: Wear) -> Delay:
     rank = int(np.ceil(n / 2 + 1.645 * np.sqrt(n) / 2))
     wear_days = (played.tier_day[:, :, 1][np.arange(A), joint] - wear.onset_day)[sound] + 1.0
     told = np.isfinite(days)
+    before = wear.onset_day[sound]
     wrong = (others[sound] >= wear.onset_day[sound]) & (others[sound] < wear.onset_day[sound] + days)
     return Delay(
         arms=n,
@@ -241,6 +254,11 @@ def delay(played: Played, wear: Wear) -> Delay:
         median_at_most=float(ordered[min(rank, n - 1)]),
         p90_days=float(np.quantile(days, 0.9, method="higher")),
         within_30=Share(hits=int((days <= 30).sum()), of=n),
+        by_baseline=tuple(
+            (low, high, Share(hits=int((days[here] <= 30).sum()), of=int(here.sum())))
+            for low, high in pairwise(BASELINES)
+            for here in [(before >= low) & (before < high)]
+        ),
         right_joint=Share(hits=int((told & ~wrong).sum()), of=int(told.sum())),
         wear_tier_median_days=float(np.median(np.where(np.isnan(wear_days), np.inf, wear_days))),
     )
@@ -253,8 +271,8 @@ def _others(first: Array, joint: np.ndarray) -> Array:
     return soonest
 
 
-def onsets(arms: int, seed: int, *, step: float = 0.0, per_day: float = 0.0, latest: int = 300) -> Wear:
-    """One joint of each arm wears from a day between the end of learning and `latest` on."""
+def onsets(arms: int, seed: int, *, step: float = 0.0, per_day: float = 0.0, latest: int = LATEST_ONSET) -> Wear:
+    """One joint of each arm wears from a day on, drawn evenly between the end of learning and `latest`."""
     dice = np.random.default_rng(seed)
     return Wear(
         joint=dice.integers(0, 6, arms).astype(float),
@@ -273,20 +291,45 @@ class Life:
     no_trend: int  # arms without an answer then
 
 
-def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float] = (0.10, 0.60), base: FleetSettings) -> Life:
+def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float] = PACES_PER_YEAR, base: FleetSettings) -> Life:
     """α-λ (Saxena et al., 2008) with α = 0.2 and coverage of P10–P90 at half-life, in revolutions; each arm asked once.
 
     Joints wear by a constant rate a revolution, `per_year` in a year of mean work; half-life is where half of the limit is worn.
     """
+    return _life(map(_done, _life_jobs(arms, assess, seed=seed, per_year=per_year, base=base)))
+
+
+def _life_jobs(
+    arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float], base: FleetSettings
+) -> list[Callable[[], Any]]:
+    """Those that wear fast need fewer days: groups of about the same pace."""
     dice = np.random.default_rng(seed)
-    pace = np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms)) / DAYS_A_YEAR  # a mean day of work
-    rise = assess.prognosis.limit_rise
-    wear = Wear(joint=dice.integers(0, 6, arms).astype(float), onset_day=np.full(arms, 60.0), step=np.zeros(arms), per_day=pace)
-    inside, near, asked = [], [], np.zeros(arms, dtype=bool)
-    none = 0
+    paces = np.sort(np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms))) / DAYS_A_YEAR  # a mean day of work
+    groups = np.array_split(paces, min(LIFE_GROUPS, max(arms // 48, 1)))
+    return [
+        partial(_lives, pace, dice.integers(0, 6, len(pace)), assess, replace(base, arms=len(pace), seed=seed * LIFE_GROUPS + k))
+        for k, pace in enumerate(groups)
+    ]
+
+
+def _life(groups: Iterable[list[tuple[bool, bool | None]]]) -> Life:
+    answers = [answer for group in groups for answer in group]
+    inside = [held for _, held in answers if held is not None]
+    return Life(
+        interval=Share(hits=sum(inside), of=len(inside)),
+        alpha_lambda=Share(hits=sum(near for near, _ in answers), of=len(answers)),
+        no_trend=len(answers) - len(inside),
+    )
+
+
+def _lives(pace: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSettings) -> list[tuple[bool, bool | None]]:
+    """Of each arm at half-life: whether P50 was near, and whether P10–P90 held the truth; None where no date was given."""
+    arms, rise = len(pace), assess.prognosis.limit_rise
+    wear = Wear(joint=joint.astype(float), onset_day=np.full(arms, 60.0), step=np.zeros(arms), per_day=pace)
+    answers: list[tuple[bool, bool | None]] = []
+    asked = np.zeros(arms, dtype=bool)
 
     def watch(_: int, now: Day, track: Track, usage: Usage) -> None:
-        nonlocal none
         worn = now.used_days * pace
         for arm in np.flatnonzero(now.replayed & ~asked & (worn >= 0.5 * rise)):
             asked[arm] = True
@@ -299,62 +342,100 @@ def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float,
             )
             truth = (rise - worn[arm]) / pace[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
             if told.p50_days is None or told.p10_days is None:
-                none += 1
-                near.append(False)
+                answers.append((False, None))
                 continue
             usual = usage.per_day[n]
             latest = np.inf if told.p90_days is None else told.p90_days * usual
-            near.append(abs(told.p50_days * usual - truth) <= 0.2 * truth)
-            inside.append(told.p10_days * usual <= truth <= latest)
+            near = abs(told.p50_days * usual - truth) <= 0.2 * truth
+            answers.append((bool(near), bool(told.p10_days * usual <= truth <= latest)))
 
     days = int(60 + 0.5 * rise / pace.min()) + 30  # the last weeks of work may have been short
-    play(replace(base, arms=arms, days=days, seed=seed, scenarios=COMPARABLE), assess, wear, watch=watch)
-    return Life(
-        interval=Share(hits=int(sum(inside)), of=len(inside)), alpha_lambda=Share(hits=int(sum(near)), of=len(near)), no_trend=none
-    )  # fmt: skip
+    play(replace(base, days=days, scenarios=COMPARABLE), assess, wear, watch=watch)
+    return answers
 
 
-def rehearse(assess: AssessSettings, *, arms: int, seed: int = 0, between_std: float = 0.02, robot: str = "ur5") -> dict[str, Any]:
-    """False alarms, delays against pace, coverage and life quality, as one document."""
+def rehearse(
+    assess: AssessSettings,
+    *,
+    arms: int,
+    seed: int = 0,
+    between_std: float = 0.02,
+    robot: str = "ur5",
+    lives: int | None = None,
+    each: Each = map,
+) -> dict[str, Any]:
+    """False alarms, delays against pace, coverage and life quality, as one document; the same whoever does `each`, e.g. a pool's map.
+
+    lives : arms that are asked for their remaining life; half of `arms` where it is not said.
+    """
     base = FleetSettings(
         arms=arms, seed=seed, between_std=between_std, robot=robot, reference_speed_rad_s=assess.drift.reference_speed_rad_s
     )  # fmt: skip
+    few = max(arms // 3, 12)
+    kinds = [
+        Kind("2 % step", 0.02, 0.0, few),
+        Kind("5 % step", 0.05, 0.0, arms),  # the share within 30 days is asked for on a bound of 99 %
+        Kind("5 %/year", 0.0, 0.05, few),
+        Kind("10 %/year", 0.0, 0.10, few),
+        Kind("30 %/year", 0.0, 0.30, few),
+        Kind("100 %/year", 0.0, 1.00, few),
+    ]
+    jobs = [partial(_quiet, base, assess), *(partial(detected, base, assess, kind, seed + 1) for kind in kinds)]
+    asked = max(arms // 2 if lives is None else lives, 12)
+    groups = _life_jobs(asked, assess, seed=seed + 3, per_year=PACES_PER_YEAR, base=base)
+    quiet, *rest = each(_done, [*jobs, *groups])
+    told = _life(rest[len(kinds) :])
+    return {
+        **quiet,
+        "detection": rest[: len(kinds)],
+        "remaining_life": {
+            "p10_p90_holds": _share(told.interval),
+            "alpha_lambda_at_half_life": _share(told.alpha_lambda),
+            "no_trend": told.no_trend,
+        },
+    }
+
+
+def _done(job: Callable[[], Any]) -> Any:
+    return job()
+
+
+def _quiet(base: FleetSettings, assess: AssessSettings) -> dict[str, Any]:
+    """What is told of a fleet on which nothing wears."""
     quiet = play(base, assess)
-    document: dict[str, Any] = {
-        "robot_years": arms * quiet.days / DAYS_A_YEAR,
+    return {
+        "robot_years": base.arms * quiet.days / DAYS_A_YEAR,
         "learning_days": LEARNING_DAYS,
-        "while_learning": _rate(Rate(events=quiet.early, robot_years=arms * LEARNING_DAYS / DAYS_A_YEAR)),
-        "between_std": between_std,
+        "while_learning": _rate(Rate(events=quiet.early, robot_years=base.arms * LEARNING_DAYS / DAYS_A_YEAR)),
+        "between_std": base.between_std,
         "autocorrelation": base.autocorrelation,
         "false_alarms": {name or "all": _rate(false_alarms(quiet, name)) for name in (None, *SCENARIOS)},
         "false_wear_alerts": int(np.isfinite(quiet.tier_day[:, :, 1]).sum()),
         "friction_interval_90": float(np.mean(quiet.covered)),
         "slope_left_per_k": float(np.nanmedian(np.abs(quiet.slope_error_per_k))),
-        "detection": [],
     }
-    for label, step, per_year in (
-        ("2 % step", 0.02, 0.0),
-        ("5 % step", 0.05, 0.0),
-        ("5 %/year", 0.0, 0.05),
-        ("10 %/year", 0.0, 0.10),
-        ("30 %/year", 0.0, 0.30),
-        ("100 %/year", 0.0, 1.00),
-    ):
-        few = arms if step == 0.05 else max(arms // 3, 12)  # the share within 30 days is asked for on a bound of 99 %
-        wear = onsets(few, seed + 1, step=step, per_day=per_year / DAYS_A_YEAR)
-        days = 300 + (60 if step >= 0.05 else 250)
-        played = play(replace(base, arms=few, days=days, seed=seed + 2, scenarios=COMPARABLE), assess, wear)
-        told = delay(played, wear)
-        document["detection"].append(
-            {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": played.covered_worn}
-        )
-    lives = life(max(arms // 2, 12), assess, seed=seed + 3, base=base)
-    document["remaining_life"] = {
-        "p10_p90_holds": _share(lives.interval),
-        "alpha_lambda_at_half_life": _share(lives.alpha_lambda),
-        "no_trend": lives.no_trend,
-    }
-    return document
+
+
+class Kind(NamedTuple):
+    """One kind of wear, and in how many arms it is played."""
+
+    label: str
+    step: float
+    per_year: float
+    arms: int
+
+
+def detected(base: FleetSettings, assess: AssessSettings, kind: Kind, seed: int) -> dict[str, Any]:
+    """What was told of one kind of wear, as a document."""
+    wear = onsets(kind.arms, seed, step=kind.step, per_day=kind.per_year / DAYS_A_YEAR)
+    days = days_to_play(kind.step, kind.per_year)
+    played = play(replace(base, arms=kind.arms, days=days, seed=seed + 1, scenarios=COMPARABLE), assess, wear)
+    return detection_row(kind.label, kind.step, kind.per_year, delay(played, wear), played.covered_worn)
+
+
+def days_to_play(step: float, per_year: float) -> int:
+    """Until what began on the last day is found in nearly every arm."""
+    return LATEST_ONSET + (60 if step >= 0.05 else 120 if per_year >= 0.3 else 250)
 
 
 def detection_row(label: str, step: float, per_year: float, told: Delay, interval_90: float) -> dict[str, Any]:
@@ -380,6 +461,9 @@ def _delay(told: Delay) -> dict[str, Any]:
         "median_at_most_days": known(told.median_at_most),
         "p90_days": known(told.p90_days),
         "within_30_days": _share(told.within_30),
+        "by_baseline": [
+            {"from_days": low, "to_days": high, "within_30_days": _share(share)} for low, high, share in told.by_baseline if share.of
+        ],
         "right_joint": _share(told.right_joint),
         "wear_tier_median_days": known(told.wear_tier_median_days),
     }

@@ -1,0 +1,52 @@
+"""What may have begun unseen: a doubt that grows with the suspicion, and ends where a change is believed."""
+
+from dataclasses import replace
+
+import numpy as np
+from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
+
+from monitor.judge.belief import Belief
+from monitor.judge.drift import begin, learn
+from monitor.judge.evidence import DriftSettings
+from monitor.judge.temperature import TemperatureSettings
+from monitor.judge.track import STEP
+
+DRIFT, LAWS = DriftSettings(), TemperatureSettings()
+
+
+def lived(wear_per_day: float, days: int, onset: int = 60) -> list[Belief]:
+    """Joint 3 wears from `onset` on; one belief a day."""
+    arm = Arm(seed=1, autocorrelation=0.5)
+    belief, beliefs = None, []
+    for day in range(days):
+        worn = np.array([0.0, 0.0, wear_per_day * max(day - onset, 0), 0.0, 0.0, 0.0])
+        replay, at = arm.replay(30.0, worn), START_S + day * DAY_S
+        belief = belief or begin("ur5", CONTEXT, replay, at, settings=DRIFT, laws=LAWS)
+        belief = learn(belief, replay, CONTEXT, at, settings=DRIFT, laws=LAWS).belief
+        beliefs.append(belief)
+    return beliefs
+
+
+def test_the_plus_minus_of_wear_grows_before_a_change_is_found_and_is_the_filters_after():
+    """0.1 % a day in joint 3: before the change is believed its ± is wider than the filter's own and nearer to the truth; then the same."""
+    beliefs = lived(0.001, 130)
+    found = next(day for day, belief in enumerate(beliefs) if day > 60 and belief.event[2] == STEP)
+    before, after = beliefs[found - 1], beliefs[found]
+    mean, std = before.wear_told(DRIFT)
+    truth = np.log1p(0.001 * (found - 1 - 60))
+    assert std[2] > 1.5 * before.wear_std[2]
+    assert abs(mean[2] - truth) < abs(before.wear[2] - truth)
+    assert abs(mean[2] - truth) < 1.645 * std[2]
+    mean, std = after.wear_told(DRIFT)
+    assert np.allclose([mean[2], std[2]], [after.wear[2], after.wear_std[2]], rtol=1e-9)
+
+
+def test_a_joint_that_is_well_is_doubted_a_little():
+    """By 0.2–0.4 %, where the filter alone says 0.14; with nobody supposing that wear begins, exactly what the filter says."""
+    belief = lived(0.0, 90)[-1]
+    _, std = belief.wear_told(DRIFT)
+    assert np.all(std >= belief.wear_std)
+    assert np.all(std < 0.006)
+    mean, std = belief.wear_told(replace(DRIFT, onsets_per_year=0.0))
+    assert np.allclose(mean, belief.wear, rtol=0, atol=1e-15)  # rounding
+    assert np.allclose(std, belief.wear_std, rtol=1e-12)
