@@ -362,11 +362,13 @@ def rehearse(
     between_std: float = 0.02,
     robot: str = "ur5",
     lives: int | None = None,
+    steps: int | None = None,
     each: Each = map,
 ) -> dict[str, Any]:
     """False alarms, delays against pace, coverage and life quality, as one document; the same whoever does `each`, e.g. a pool's map.
 
     lives : arms that are asked for their remaining life; half of `arms` where it is not said.
+    steps : arms in which a 5 % step comes; `arms` where it is not said.
     """
     base = FleetSettings(
         arms=arms, seed=seed, between_std=between_std, robot=robot, reference_speed_rad_s=assess.drift.reference_speed_rad_s
@@ -374,7 +376,7 @@ def rehearse(
     few = max(arms // 3, 12)
     kinds = [
         Kind("2 % step", 0.02, 0.0, few),
-        Kind("5 % step", 0.05, 0.0, arms),  # the share within 30 days is asked for on a bound of 99 %
+        Kind("5 % step", 0.05, 0.0, arms if steps is None else steps),  # the share within 30 days is asked for on a bound of 99 %
         Kind("5 %/year", 0.0, 0.05, few),
         Kind("10 %/year", 0.0, 0.10, few),
         Kind("30 %/year", 0.0, 0.30, few),
