@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 import orjson
 
 from monitor.errors import StoreError
-from monitor.keep.backup import HISTORY, Restored, back_up, lost, restore
+from monitor.keep.backup import HISTORY, Restored, back_up, connected, lost, restore
 from monitor.keep.retention import Kept, to_let_go
-from monitor.keep.schema import check_version, migrate
+from monitor.keep.schema import check_version, migrate, schema_of
 
 _LEDGER_KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
 CHECKPOINT_EVERY = 30  # assessments; a recomputation need not go further back, and 5 years are 240 of them
@@ -126,6 +126,7 @@ class Store:
             restored = restore(directory, wrong) if wrong is not None else None
             try:
                 connection = sqlite3.connect(directory / HISTORY, isolation_level=None, check_same_thread=False)
+                schema_of(connection, directory)  # before anything is changed in it
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit, a few a replay: durability costs nothing here
                 connection.execute("PRAGMA foreign_keys = ON")
@@ -148,7 +149,7 @@ class Store:
         path = directory / HISTORY
         if not path.is_file():
             raise StoreError(f"{path}: no history yet; it is made by the first `joint-monitor run` with this configuration")
-        connection = sqlite3.connect(f"file:{path}?mode=ro", uri=True, isolation_level=None)
+        connection = connected(path, "ro", isolation_level=None)
         try:
             check_version(connection, directory)
             yield cls(directory, connection, None)
@@ -171,6 +172,7 @@ class Store:
         except (OSError, sqlite3.OperationalError) as error:
             raise StoreError(f"{directory}: cannot be written: {error}") from None
         try:
+            schema_of(connection, directory)
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             migrate(connection, directory)

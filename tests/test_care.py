@@ -55,9 +55,27 @@ def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_pla
         assert store.restored is not None
         assert store.restored.backup == good
         assert store.restored.set_aside.is_file()
+        assert "***" not in store.restored.told  # what is wrong, not which database
         assert len(store.verdicts()) == 3
     with Store.open(tmp_path) as store:
         assert store.restored is None
+
+
+def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_never_written_over(tmp_path: Path):
+    """Deleted, or a crash in the middle of a restoration; without a backup the recordings alone say that there was one."""
+    history(tmp_path)
+    back_up(tmp_path, 14)
+    (tmp_path / HISTORY).unlink()
+    with Store.open(tmp_path) as store:
+        assert store.restored is not None
+        assert "gone" in store.restored.told
+        assert len(store.verdicts()) == 3
+    for path in (tmp_path / "backups").iterdir():
+        path.unlink()
+    (tmp_path / HISTORY).unlink()
+    with Store.open(tmp_path) as store:
+        assert store.restored is not None
+        assert [number for number, _ in store.orphans()] == [1, 2, 3]
 
 
 def test_a_damaged_history_without_a_backup_begins_anew_and_keeps_what_it_was(tmp_path: Path):

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from contextlib import closing, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from monitor.errors import StoreError
 
@@ -21,7 +22,7 @@ class Restored(NamedTuple):
     """What became of a damaged history."""
 
     why: str  # what was wrong with it
-    set_aside: Path  # where it lies now
+    set_aside: Path | None  # where it lies now; None: it was gone
     backup: Path | None  # what took its place; None: there was no good one, and a new history begins
     at_unix_s: float
 
@@ -31,7 +32,13 @@ class Restored(NamedTuple):
         source = (
             f"the backup {self.backup.name}" if self.backup else "nothing: there was no good backup; recordings on disk are judged anew"
         )
-        return f"the history was damaged ({self.why}) and was replaced by {source}; it was kept as {self.set_aside.name}"
+        kept = f"; it was kept as {self.set_aside.name}" if self.set_aside else ""
+        return f"the history was damaged ({self.why}) and was replaced by {source}{kept}"
+
+
+def connected(path: Path, mode: str, **options: Any) -> sqlite3.Connection:
+    """A database file as it is named, whatever a URI would make of `#`, `?` and `%`; it is never created. mode : ro or rw."""
+    return sqlite3.connect(f"file:{quote(str(path))}?mode={mode}", uri=True, **options)
 
 
 def fault(path: Path) -> str | None:
@@ -41,27 +48,29 @@ def fault(path: Path) -> str | None:
     """
     try:
         # not read-only: after a power cut there may be a log without its index, and only a writer may make that anew
-        with closing(sqlite3.connect(f"file:{path}?mode=rw", uri=True, isolation_level=None, timeout=2.0)) as connection:
+        with closing(connected(path, "rw", isolation_level=None, timeout=2.0)) as connection:
             said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
     except sqlite3.DatabaseError as error:
         if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
             raise StoreError(f"{path}: {error}") from None
         return str(error)
-    return None if said == "ok" else str(said).splitlines()[0]
+    # the first line only names the database: `*** in database main ***`
+    return None if said == "ok" else next((line for line in str(said).splitlines() if not line.startswith("***")), "damaged")
 
 
 def lost(directory: Path) -> str | None:
-    """What makes the history in a directory unusable, damage or nothing left of it though there were backups; None where it is sound.
+    """What makes the history in a directory unusable: damage, or nothing left of it though there was one; None where it is sound, or new.
 
     Raises StoreError as `fault`.
     """
     path = directory / HISTORY
-    if not path.is_file():
-        return None  # a new one, or a person has moved it away to begin anew
-    if path.stat().st_size == 0 and backups(directory):
-        return "the file is empty, though there are backups of it"
-    return fault(path)
+    is_there = path.exists()
+    if not is_there or path.stat().st_size == 0:
+        left = "backups of it" if backups(directory) else "recordings" if any((directory / "recordings").glob("replay-*.parquet")) else ""
+        if left:
+            return f"the file is {'empty' if is_there else 'gone'}, though there are {left}"
+    return fault(path) if is_there else None
 
 
 def back_up(directory: Path, keep: int) -> Path:
@@ -77,7 +86,7 @@ def back_up(directory: Path, keep: int) -> Path:
         for leftover in folder.glob(".*.tmp*"):
             leftover.unlink()
         with (
-            closing(sqlite3.connect(f"file:{directory / HISTORY}?mode=ro", uri=True)) as source,
+            closing(connected(directory / HISTORY, "ro")) as source,
             closing(sqlite3.connect(temporary)) as copy,
         ):
             source.backup(copy)
@@ -120,14 +129,16 @@ def restore(directory: Path, why: str) -> Restored:
         for suffix in ("-wal", "-shm"):  # pages that belong to the damaged file, and to no other
             with suppress(FileNotFoundError):
                 os.replace(directory / f"{HISTORY}{suffix}", f"{aside}{suffix}")
-        os.replace(directory / HISTORY, aside)
+        is_there = (directory / HISTORY).exists()
+        if is_there:
+            os.replace(directory / HISTORY, aside)
         if good is not None:
             temporary = directory / f".{HISTORY}.tmp"
             temporary.write_bytes(good.read_bytes())
             settle(temporary, directory / HISTORY)
     except OSError as error:
         raise StoreError(f"{directory / HISTORY}: damaged ({why}), and cannot be replaced: {error}") from None
-    return Restored(why, aside, good, at)
+    return Restored(why, aside if is_there else None, good, at)
 
 
 def settle(temporary: Path, target: Path) -> None:
