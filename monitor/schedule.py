@@ -52,11 +52,12 @@ class ScheduleSettings:
             raise BadInput(
                 f"schedule.jitter_s = {self.jitter_s:g}: expected less than grace_s = {self.grace_s:g}, or windows close unopened"
             )
-        for text in self.blackout:
-            _days(text)
-        for text in self.evidence_windows:
-            if not _SPAN.match(text):
-                raise BadInput(f"schedule.evidence_windows = {text!r}: expected HH:MM-HH:MM, e.g. 22:00-05:00")
+        wrong = [text for text in self.blackout if not _is_days(text)]
+        if wrong:
+            raise BadInput(f"schedule.blackout = {_listed(wrong)}: expected a day or two, e.g. 2026-12-25 or 2026-12-24..2027-01-02")
+        wrong = [text for text in self.evidence_windows if not _SPAN.match(text)]
+        if wrong:
+            raise BadInput(f"schedule.evidence_windows = {_listed(wrong)}: expected HH:MM-HH:MM, e.g. 22:00-05:00")
 
     def zone(self) -> ZoneInfo:
         """The time zone. Raises BadInput."""
@@ -337,12 +338,18 @@ def _weekdays(field: str) -> str:
 
 
 def _days(text: str) -> tuple[date, date]:
-    """The first and the last day of a blackout. Raises BadInput."""
+    """The first and the last day of a blackout. Raises ValueError."""
     first, _, last = (part.strip() for part in text.partition(".."))
+    return date.fromisoformat(first), date.fromisoformat(last or first)
+
+
+def _is_days(text: str) -> bool:
     try:
-        days = date.fromisoformat(first), date.fromisoformat(last or first)
+        first, last = _days(text)
     except ValueError:
-        days = (date.max, date.min)
-    if days[0] > days[1]:
-        raise BadInput(f"schedule.blackout = {text!r}: expected a day or two, e.g. 2026-12-25 or 2026-12-24..2027-01-02")
-    return days
+        return False
+    return first <= last
+
+
+def _listed(texts: Iterable[str]) -> str:
+    return ", ".join(repr(text) for text in texts)
