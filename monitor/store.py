@@ -21,11 +21,12 @@ from typing import Any, NamedTuple
 import orjson
 
 from monitor.errors import StoreError
-from monitor.keep.backup import HISTORY, Restored, back_up, connected, lost, restore
+from monitor.keep.backup import HISTORY, Restored, back_up, connected, lost, refused_by, restore
 from monitor.keep.retention import Kept, to_let_go
 from monitor.keep.schema import check_version, migrate, schema_of
 
 _LEDGER_KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
+RESTORED = "restored_untold"  # note: what became of a damaged history, until an alert has said so
 CHECKPOINT_EVERY = 30  # assessments; a recomputation need not go further back, and 5 years are 240 of them
 
 
@@ -115,7 +116,7 @@ class Store:
             (directory / "recordings").mkdir(parents=True, exist_ok=True)
             lock = os.open(directory / "lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
         except OSError as error:
-            raise StoreError(f"{directory}: cannot be written: {error.strerror}") from None
+            raise refused_by(error, directory) from None
         connection: sqlite3.Connection | None = None
         try:
             try:
@@ -132,8 +133,12 @@ class Store:
                 connection.execute("PRAGMA foreign_keys = ON")
                 migrate(connection, directory)
             except sqlite3.DatabaseError as error:
-                raise StoreError(f"{directory / HISTORY}: {error}") from None
-            yield cls(directory, connection, lock, restored)
+                raise refused_by(error, directory / HISTORY) from None
+            store = cls(directory, connection, lock, restored)
+            if restored is not None:
+                store._number_events_from(restored.at_unix_s)
+                store.set_note(RESTORED, restored.told)
+            yield store
         finally:
             if connection is not None:
                 connection.close()
@@ -154,7 +159,7 @@ class Store:
             check_version(connection, directory)
             yield cls(directory, connection, None)
         except sqlite3.DatabaseError as error:
-            raise StoreError(f"{path}: {error}") from None
+            raise refused_by(error, path) from None
         finally:
             connection.close()
 
@@ -170,7 +175,7 @@ class Store:
             (directory / "recordings").mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, isolation_level=None, timeout=5.0)
         except (OSError, sqlite3.OperationalError) as error:
-            raise StoreError(f"{directory}: cannot be written: {error}") from None
+            raise refused_by(error, directory) from None
         try:
             schema_of(connection, directory)
             connection.execute("PRAGMA journal_mode = WAL")
@@ -178,7 +183,7 @@ class Store:
             migrate(connection, directory)
             yield cls(directory, connection, None)
         except sqlite3.DatabaseError as error:
-            raise StoreError(f"{path}: {error}") from None
+            raise refused_by(error, path) from None
         finally:
             connection.close()
 
@@ -197,14 +202,14 @@ class Store:
             except sqlite3.Error as error:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")
-                raise StoreError(f"{self.directory / HISTORY}: {error}") from error
+                raise refused_by(error, self.directory / HISTORY) from error
 
     def _rows(self, query: str, values: Sequence[Any] = ()) -> list[Any]:
         with self._turn:
             try:
                 return self._db.execute(query, values).fetchall()
             except sqlite3.Error as error:
-                raise StoreError(f"{self.directory / HISTORY}: {error}") from error
+                raise refused_by(error, self.directory / HISTORY) from error
 
     # --- the ledger -------------------------------------------------------------------------
 
@@ -291,8 +296,8 @@ class Store:
         }
 
     def newest_unix_s(self) -> float | None:
-        """The latest time that the ledger knows."""
-        ((at,),) = self._rows("SELECT max(started_at_unix_s) FROM ledger")
+        """The latest time at which something was entered that is, or may become, part of what is held true."""
+        ((at,),) = self._rows("SELECT max(started_at_unix_s) FROM ledger WHERE state IN ('started', 'recorded', 'assessed')")
         return None if at is None else float(at)
 
     def began_unix_s(self) -> float | None:
@@ -515,6 +520,15 @@ class Store:
             (0 if unpublished else 1, after, -1 if limit is None else limit),
         )
         return [Event(seq, at, json.loads(document), ledger_id) for seq, at, document, ledger_id in reversed(rows)]
+
+    def _number_events_from(self, at_unix_s: float) -> None:
+        """The numbers that a damaged history gave out since its backup are not known, and must not mean something else to who heard them.
+
+        Transitions are rarer than one a minute: the minutes since 1970 are a number that none of them had.
+        """
+        with self._transaction() as db:
+            db.execute("INSERT INTO sqlite_sequence SELECT 'event', 0 WHERE NOT EXISTS (SELECT 1 FROM sqlite_sequence WHERE name = 'event')")
+            db.execute("UPDATE sqlite_sequence SET seq = max(seq, ?) WHERE name = 'event'", (int(at_unix_s / 60.0),))
 
     def event_range(self) -> tuple[int, int] | None:
         """Numbers of the oldest and of the newest transition kept; None where there is none."""

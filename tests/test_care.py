@@ -24,7 +24,7 @@ from monitor.recording import Recording
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store import Store
+from monitor.store import RESTORED, Store
 
 HISTORY = "history.sqlite"
 
@@ -57,8 +57,12 @@ def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_pla
         assert store.restored.set_aside.is_file()
         assert "***" not in store.restored.told  # what is wrong, not which database
         assert len(store.verdicts()) == 3
+        commit(store, replayed(store, 9 * DAY))
+        assert store.events()[-1].seq > 1_000_000  # not a number that the damaged history may have given to something else
+        assert "replaced by the backup" in store.note(RESTORED)  # until an alert has said so
     with Store.open(tmp_path) as store:
         assert store.restored is None
+        assert store.note(RESTORED)
 
 
 def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_never_written_over(tmp_path: Path):

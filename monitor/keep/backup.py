@@ -1,5 +1,6 @@
 """Backups of the history, and what happens when it is damaged: set aside, never deleted; the newest good backup takes its place."""
 
+import errno
 import os
 import re
 import sqlite3
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from monitor.errors import StoreError
+from monitor.errors import StoreError, StoreUnavailable
 
 HISTORY = "history.sqlite"
 _NAME = re.compile(r"history-(\d{8}T\d{6}Z)\.sqlite\Z")
@@ -41,6 +42,18 @@ def connected(path: Path, mode: str, **options: Any) -> sqlite3.Connection:
     return sqlite3.connect(f"file:{quote(str(path))}?mode={mode}", uri=True, **options)
 
 
+def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
+    """What a disk or a database said, as a sentence; StoreUnavailable where the same may succeed later."""
+    if isinstance(error, OSError):
+        kind = StoreUnavailable if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO} else StoreError
+        return kind(f"{path}: cannot be written: {error.strerror}")
+    code = getattr(error, "sqlite_errorcode", None)
+    told = {sqlite3.SQLITE_FULL: " (no space is left)", sqlite3.SQLITE_IOERR: " (the disk is full, or fails)"}
+    known = None if code is None else code & 0xFF
+    kind = StoreUnavailable if known in {*told, sqlite3.SQLITE_READONLY} else StoreError
+    return kind(f"{path}: {error}{told.get(known, '') if known is not None else ''}")
+
+
 def fault(path: Path) -> str | None:
     """What is damaged in a database file; None where it is sound.
 
@@ -53,7 +66,7 @@ def fault(path: Path) -> str | None:
             connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
     except sqlite3.DatabaseError as error:
         if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
-            raise StoreError(f"{path}: {error}") from None
+            raise refused_by(error, path) from None
         return str(error)
     # the first line only names the database: `*** in database main ***`
     return None if said == "ok" else next((line for line in str(said).splitlines() if not line.startswith("***")), "damaged")
@@ -137,7 +150,7 @@ def restore(directory: Path, why: str) -> Restored:
             temporary.write_bytes(good.read_bytes())
             settle(temporary, directory / HISTORY)
     except OSError as error:
-        raise StoreError(f"{directory / HISTORY}: damaged ({why}), and cannot be replaced: {error}") from None
+        raise refused_by(error, directory / f"{HISTORY} is damaged ({why}), and its backup") from None
     return Restored(why, aside if is_there else None, good, at)
 
 

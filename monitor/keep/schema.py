@@ -108,6 +108,6 @@ def schema_of(connection: sqlite3.Connection, directory: Path) -> int:
     if version > SCHEMA_VERSION:
         raise StoreError(f"{directory}: written by a newer joint-monitor (schema {version}; this one knows {SCHEMA_VERSION})")
     tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
-    if tables and (version == 0 or "ledger" not in tables) or (version and not tables):
+    if (tables and (version == 0 or "ledger" not in tables)) or (version and not tables):
         raise StoreError(f"{directory}: its history.sqlite is another program's; expected one of joint-monitor's, or none")
     return version
