@@ -378,9 +378,9 @@ def _section(name: str, cls: type, value: Any, mistakes: list[str], left_out: fr
     except (BadInput, ValueError) as error:  # a room may refuse a figure, or a combination, that its type allows
         # a room says its name and, where it is one key's, the key: `replay: gain = 5.0; expected …`, `schedule.cron = …`
         said = re.sub(rf"\A\[?{re.escape(name)}\]?[.:] *", "", str(error))
-        key = re.match(r"\w+(?= = )", said)
-        mistakes.append(f"{name}.{said}" if key else f"[{name}] {said}")
-        wrong = {key[0]} if key else set()
+        named = re.match(r"\w+(?= = )", said)
+        mistakes.append(f"{name}.{said}" if named else f"[{name}] {said}")
+        wrong = {named[0]} if named else set()
     if wrong & value.keys():
         rest = {key: entry for key, entry in value.items() if key not in wrong}
         _section(name, cls, rest, mistakes, left_out | wrong)

@@ -527,8 +527,9 @@ class Store:
         Transitions are rarer than one a minute: the minutes since 1970 are a number that none of them had.
         """
         with self._transaction() as db:
-            db.execute("INSERT INTO sqlite_sequence SELECT 'event', 0 WHERE NOT EXISTS (SELECT 1 FROM sqlite_sequence WHERE name = 'event')")
-            db.execute("UPDATE sqlite_sequence SET seq = max(seq, ?) WHERE name = 'event'", (int(at_unix_s / 60.0),))
+            ((newest,),) = db.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = 'event'").fetchall()
+            db.execute("DELETE FROM sqlite_sequence WHERE name = 'event'")
+            db.execute("INSERT INTO sqlite_sequence VALUES ('event', ?)", (max(newest or 0, int(at_unix_s / 60.0)),))
 
     def event_range(self) -> tuple[int, int] | None:
         """Numbers of the oldest and of the newest transition kept; None where there is none."""

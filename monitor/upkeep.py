@@ -102,8 +102,9 @@ class Upkeep:
 
     def _stopped(self) -> str | None:
         """Whether a replay ended in a way that a person must look at before anything moves again."""
-        waiting = self._store.waiting_stops()
-        return f"{waiting[0].told}; nothing moves until a person has looked at the arm and says so: joint-monitor allow" if waiting else None
+        for stop in self._store.waiting_stops():
+            return f"{stop.told}; nothing moves until a person has looked at the arm and says so: joint-monitor allow"
+        return None
 
     def document(self, more: dict[str, Any]) -> dict[str, Any]:
         """How the monitor is, with `more` from those who know it."""

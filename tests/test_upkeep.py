@@ -102,7 +102,7 @@ def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(upkeep
 
 def test_it_says_how_it_is_also_where_the_history_cannot_be_read(upkeep, monkeypatch: pytest.MonkeyPatch):
     """A disk that fails is a trouble among others, and no reason to be silent, or to seem dead to the watchdog."""
-    upkeep, store, troubles, _ = upkeep
+    upkeep, store, _, _ = upkeep
 
     def failing(*_: object, **__: object) -> None:
         raise StoreUnavailable("disk I/O error")

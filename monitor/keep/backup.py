@@ -39,7 +39,8 @@ class Restored(NamedTuple):
 
 def connected(path: Path, mode: str, **options: Any) -> sqlite3.Connection:
     """A database file as it is named, whatever a URI would make of `#`, `?` and `%`; it is never created. mode : ro or rw."""
-    return sqlite3.connect(f"file:{quote(str(path))}?mode={mode}", uri=True, **options)
+    connection: sqlite3.Connection = sqlite3.connect(f"file:{quote(str(path))}?mode={mode}", uri=True, **options)
+    return connection
 
 
 def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
