@@ -183,6 +183,15 @@ class Daemon:
     def _model(self) -> CompensatedModel | None:
         return self._held.model
 
+    def reconfigured(self, configuration: Configuration) -> None:
+        """Other settings from now on, and `info` says so."""
+        self.configuration = configuration
+        self.production.use(configuration.assess.residual)
+        with self._judging:
+            self._prepare_live(self._last_recording())
+        self._say_info()
+        self.say_health()
+
     # --- one replay ------------------------------------------------------------------------------
 
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
@@ -636,8 +645,7 @@ def reload(daemon: Daemon, mover: Mover, upkeep: Upkeep) -> None:
         log.error("reload refused, the old configuration stays: %s", error)
         upkeep.reload = {"at_unix_s": time.time(), "done": False, "told": str(error), "waiting": []}
     else:
-        daemon.configuration = found.configuration
-        daemon.production.use(found.configuration.assess.residual)
+        daemon.reconfigured(found.configuration)
         mover.reconsider()
         log.info("reloaded: %s", found.told)
         upkeep.reload = {"at_unix_s": time.time(), "done": True, "told": found.told, "waiting": list(found.waiting)}
