@@ -27,6 +27,7 @@ def schedule(
     from datetime import datetime
 
     from monitor.config import load
+    from monitor.keep.backup import present
     from monitor.schedule import DAY_S, expected
     from monitor.store import Store
     from monitor.timestamps import rfc3339
@@ -34,7 +35,7 @@ def schedule(
     configuration = load(config)
     settings, now = configuration.schedule, time.time()
     began, known, last = None, set[float](), []
-    if (configuration.state_directory / "history.sqlite").is_file():
+    if present(configuration.state_directory):
         with Store.reader(configuration.state_directory) as store:
             began, last = store.began_unix_s(), store.ledger(limit=5)
             known = store.windows(now - DAY_S, now + 400 * DAY_S)

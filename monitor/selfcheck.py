@@ -11,7 +11,7 @@ from pathlib import Path
 from monitor.acquire.conditions import Condition
 from monitor.config import Configuration
 from monitor.errors import StoreError
-from monitor.keep.backup import HISTORY, backups, connected, lost, made_at_unix_s
+from monitor.keep.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
 from monitor.keep.schema import schema_of
 from monitor.timestamps import rfc3339
 
@@ -33,12 +33,16 @@ def _configuration(configuration: Configuration) -> Condition:
 def _history(configuration: Configuration) -> Condition:
     directory = configuration.state_directory
     path = directory / HISTORY
-    if not path.is_file() and (wrong := lost(directory)) is None:
-        parent = next(folder for folder in (directory, *directory.parents) if folder.exists())
+    try:
+        is_there = present(directory)
+    except StoreError as error:
+        return Condition(name="history", holds=False, told=str(error))
+    if not is_there and (wrong := lost(directory)) is None:
+        parent = next(folder for folder in (directory, *directory.parents) if os.access(folder, os.F_OK))
         if not os.access(parent, os.W_OK):
             return Condition(name="history", holds=False, told=f"{directory}: cannot be made: {parent} cannot be written to")
         return Condition(name="history", holds=True, told=f"{directory}: nothing yet; the first run makes it")
-    if not path.is_file():
+    if not is_there:
         return Condition(name="history", holds=False, told=f"{path}: {wrong}; the next `joint-monitor run` restores what can be")
     try:
         with closing(connected(path, "ro")) as connection:
@@ -60,7 +64,7 @@ def _history(configuration: Configuration) -> Condition:
 
 def _disk(configuration: Configuration) -> Condition:
     directory = configuration.state_directory
-    folder = next(each for each in (directory, *directory.parents) if each.exists())
+    folder = next(each for each in (directory, *directory.parents) if os.access(each, os.F_OK))
     free_mb = shutil.disk_usage(folder).free / 1e6
     least_mb = configuration.store.least_free_mb
     told = f"{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB"

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import orjson
 
 from monitor.errors import StoreError
-from monitor.keep.backup import HISTORY, Restored, back_up, connected, lost, refused_by, restore
+from monitor.keep.backup import HISTORY, Restored, back_up, connected, lost, present, refused_by, restore
 from monitor.keep.retention import Kept, to_let_go
 from monitor.keep.schema import check_version, migrate, schema_of
 
@@ -152,7 +152,7 @@ class Store:
         Raises StoreError where there is no history yet.
         """
         path = directory / HISTORY
-        if not path.is_file():
+        if not present(directory):
             raise StoreError(f"{path}: no history yet; it is made by the first `joint-monitor run` with this configuration")
         connection = connected(path, "ro", isolation_level=None)
         try:

@@ -2,6 +2,7 @@
 
 import os
 import sqlite3
+import tempfile
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
@@ -19,8 +20,10 @@ from monitor.keep import backup as module
 from monitor.keep.backup import back_up, backups, fault
 from monitor.keep.circumstances import differences, processor_family
 from monitor.keep.retention import LEAST_KEPT, Kept, to_let_go
+from monitor.motion import look
 from monitor.recompute import recompute
 from monitor.recording import Recording
+from monitor.selfcheck import service_conditions
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -105,6 +108,31 @@ def test_a_history_that_cannot_be_read_for_another_reason_is_not_replaced(tmp_pa
         with pytest.raises(StoreError, match="locked"), Store.open(tmp_path):
             pass
     assert list(tmp_path.glob("damaged-*")) == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: cannot become another user, so what one who may not read is told is not tested")
+@pytest.mark.parametrize("may_enter", [False, True])
+def test_who_may_not_read_the_history_is_told_whose_it_is(may_enter: bool):
+    """The service's directory is its own: a sentence with what to do, for every command that reads, and no history is not the answer."""
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o711)
+        folder = Path(name) / "cell-1"
+        history(folder, 1)
+        folder.chmod(0o711 if may_enter else 0o700)
+        document = {"robot": {"model": "ur5", "site": "lab", "id": "a"}, "store": {"directory": str(folder)}}
+        settings = from_document(document, Path(name) / "cell.toml")
+        before = os.geteuid()
+        os.seteuid(65534)
+        try:
+            with pytest.raises(StoreError, match=r"may not be read by this user .*sudo -u root joint-monitor"), Store.reader(folder):
+                pass
+            with pytest.raises(StoreError, match="may not be read"):
+                look(settings)
+            found = {each.name: each for each in service_conditions(settings)}
+        finally:
+            os.seteuid(before)
+    assert "may not be read" in found["history"].told
+    assert found["disk"].told
 
 
 def test_backups_keep_the_newest_of_each_day_and_no_more_days_than_asked(tmp_path: Path):

@@ -43,6 +43,30 @@ def connected(path: Path, mode: str, **options: Any) -> sqlite3.Connection:
     return connection
 
 
+def present(directory: Path) -> bool:
+    """Is there a history in a directory? Raises StoreError where this user may not look into it, which is no answer."""
+    try:
+        (directory / HISTORY).stat()
+        os.listdir(directory)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except PermissionError:
+        owner = _owner(directory)
+        raise StoreError(
+            f"{directory}: may not be read by this user (uid {os.geteuid()}); "
+            + (f"as the one whose it is: sudo -u {owner} joint-monitor …" if owner else "as root: sudo joint-monitor …")
+        ) from None
+    return (directory / HISTORY).is_file()
+
+
+def _owner(directory: Path) -> str | None:
+    """Whose it is; None where even that may not be seen."""
+    for folder in (directory, directory.parent):
+        with suppress(OSError, KeyError):
+            return folder.owner()
+    return None
+
+
 def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
     """What a disk or a database said, as a sentence; StoreUnavailable where the same may succeed later."""
     if isinstance(error, OSError):
