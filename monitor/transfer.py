@@ -17,6 +17,8 @@ from monitor.series import Entry, Series, dated
 from monitor.store import Store
 from monitor.timestamps import rfc3339
 
+AHEAD_S = 300.0  # another host's clock may be so far ahead
+LONGEST_S = 2e11  # until the year 8307: later ones have no calendar
 TABLES = ("friction", "ledger", "events", "assessments")
 
 
@@ -107,7 +109,8 @@ def _as_csv(recording: Recording) -> pd.DataFrame:
 def import_recordings(store: Store, configuration: Configuration, entries: list[Entry], columns: str | None) -> dict[str, Any]:
     """Recordings made elsewhere, judged in the order of their times, and marked as imported.
 
-    Raises BadInput, and nothing is changed, where one is not later than what was learnt last, or hangs otherwise than this arm.
+    Raises BadInput, and nothing is changed, where one is not later than what was learnt last, is of a time to come, or hangs otherwise than
+    this arm.
     """
     robot, mounting = configuration.model, configuration.mounting
     found = dated(Series(entries=entries, robot=robot, mounting=mounting, columns=columns))
@@ -117,6 +120,11 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
         at = recording.context.recorded_at_unix_s or 0.0
         if hangs.angles_rad != mounting.angles_rad:
             raise BadInput(f"{recording.source}: hangs otherwise than [robot] mounting = {configuration.robot.mounting!r}")
+        if not 0.0 <= at <= time.time() + AHEAD_S:
+            when = rfc3339(at) if abs(at) < LONGEST_S else f"{at:g} s after 1970"
+            raise BadInput(
+                f"{recording.source}: was made at {when}; expected a time between 1970 and now, or nothing would be learnt until then"
+            )
         if last is not None and at <= last and at not in store.windows(at, at):
             raise BadInput(
                 f"{recording.source}: was made at {rfc3339(at)}, before the last replay that was learnt from ({rfc3339(last)}); recordings "
