@@ -122,9 +122,7 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
             raise BadInput(f"{recording.source}: hangs otherwise than [robot] mounting = {configuration.robot.mounting!r}")
         if not 0.0 <= at <= time.time() + AHEAD_S:
             when = rfc3339(at) if abs(at) < LONGEST_S else f"{at:g} s after 1970"
-            raise BadInput(
-                f"{recording.source}: was made at {when}; expected a time between 1970 and now, or nothing would be learnt until then"
-            )
+            raise BadInput(f"{recording.source}: was made at {when}; expected a time between 1970 and now")
         if last is not None and at <= last and at not in store.windows(at, at):
             raise BadInput(
                 f"{recording.source}: was made at {rfc3339(at)}, before the last replay that was learnt from ({rfc3339(last)}); recordings "

@@ -83,7 +83,7 @@ def test_what_is_exported_can_be_read_by_others_and_a_recording_be_imported_agai
 
 
 def test_recordings_made_elsewhere_become_history_and_are_marked(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
-    """In time order whatever the order of the files; a second time they are known; older than what was learnt, or of a time to come, none is."""
+    """In time order whatever the order of the files; a second time they are known; none is taken of before or of a time to come."""
     config = tmp_path / "cell.toml"
     config.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "history"\n')
     files = []
