@@ -71,11 +71,13 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	@echo "installed; now write $(DESTDIR)/etc/joint-monitor/NAME.toml and: systemctl enable --now joint-monitor@NAME"
 
 uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monitor and /var/lib/joint-monitor stay
-	test -n "$(DESTDIR)" || systemctl disable --now 'joint-monitor@*.service' 2>/dev/null || true
+	@# stop knows patterns; disable does not, and takes the template for all of its instances
+	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || { systemctl stop 'joint-monitor@*.service'; systemctl disable joint-monitor@.service || true; }
 	rm -rf $(INTO)
 	rm -f $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service $(DESTDIR)$(COMMAND)/joint-monitor
 	rm -f $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
 	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || systemctl daemon-reload
+	@echo "uninstalled; history and configurations stay in /var/lib/joint-monitor and /etc/joint-monitor, and the user joint-monitor with them"
 
 clean: ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
