@@ -23,10 +23,11 @@ import orjson
 from monitor.errors import StoreError
 from monitor.keep.backup import HISTORY, Restored, back_up, connected, lost, present, refused_by, restore
 from monitor.keep.retention import Kept, to_let_go
-from monitor.keep.schema import check_version, migrate, schema_of
+from monitor.keep.schema import SCHEMA_VERSION, check_version, migrate, schema_of
 
 _LEDGER_KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
 RESTORED = "restored_untold"  # note: what became of a damaged history, until an alert has said so
+MOST_BACKUPS = 365  # days: none is let go of where nobody has said how many
 CHECKPOINT_EVERY = 30  # assessments; a recomputation need not go further back, and 5 years are 240 of them
 
 
@@ -127,7 +128,9 @@ class Store:
             restored = restore(directory, wrong) if wrong is not None else None
             try:
                 connection = sqlite3.connect(directory / HISTORY, isolation_level=None, check_same_thread=False)
-                schema_of(connection, directory)  # before anything is changed in it
+                # before anything is changed in it, as it is for whoever must go back to the older program
+                if 0 < schema_of(connection, directory) < SCHEMA_VERSION:
+                    back_up(directory, MOST_BACKUPS)
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit, a few a replay: durability costs nothing here
                 connection.execute("PRAGMA foreign_keys = ON")

@@ -235,3 +235,6 @@ def test_a_history_of_the_first_schema_is_renewed_with_what_it_holds(tmp_path: P
     with Store.open(tmp_path) as store:
         assert [row.state for row in store.ledger()] == ["recorded"]
         assert store.waiting_stops() == []
+    (kept,) = (tmp_path / "backups").iterdir()  # as it was, for whoever must go back to the older program
+    with closing(sqlite3.connect(kept)) as connection:
+        assert connection.execute("PRAGMA user_version").fetchone() == (1,)
