@@ -45,6 +45,7 @@ def schedule(
     document: dict[str, Any] = {
         "robot": configuration.robot.id,
         "timezone": settings.timezone,
+        "motion_allowed": configuration.replay.allow_motion is True,
         "learning_until": rfc3339(began + settings.learning_days * DAY_S) if learning and began is not None else None,
         "windows": [
             {
@@ -66,6 +67,8 @@ def schedule(
         _print_json(document)
         return
     typer.echo(f"{configuration.robot.id}: {len(found)} windows to come, {settings.timezone}; each is open for {settings.grace_s:g} s")
+    if not document["motion_allowed"]:
+        typer.echo("  nothing moves: [replay] allow_motion is not true, and every window is skipped")
     for row in document["last"]:
         typer.echo(f"  {row['window']}  {row['state']}{': ' + row['reason'] if row['reason'] else ''}")
     for window in document["windows"]:

@@ -520,6 +520,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
             signal.signal(number, lambda *_, event=event: threading.Thread(target=event.set, daemon=True).start())
 
         heartbeats, troubles = Heartbeats(), Troubles(time.time)
+        heartbeats.beat("bus", PATIENCE_S)  # one that never sends its first document is missed as well
         mover = Mover(daemon, store, troubles)
         upkeep = Upkeep(store, lambda: daemon.configuration.store, troubles, time.time)
         daemon.wanted, daemon.pull_forward = mover.want, mover.evidence

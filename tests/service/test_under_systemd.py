@@ -133,7 +133,7 @@ def test_a_daemon_that_hangs_is_ended_and_started_again(machine: Machine):
 
 
 def test_it_stops_within_five_seconds_and_leaves_no_process(machine: Machine):
-    """Children too; the stop is a success. Stopped as `make uninstall` does it, which leaves nothing that would start it at the next boot."""
+    """Children too; the stop is a success. Stopped as `make uninstall` does it: the next boot starts nothing either."""
     recipe = subprocess.run(["make", "--dry-run", "uninstall"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     (line,) = [line for line in recipe.splitlines() if "systemctl stop" in line]
     machine.run("systemctl", "enable", UNIT)
