@@ -168,7 +168,8 @@ def test_no_window_opens_on_a_blackout_day_of_the_sites_own_calendar():
 def test_no_window_reaches_into_a_blackout():
     """One that is open at midnight closes then; a jitter past midnight leaves it out; cold starts and evidence alike."""
     settings = ScheduleSettings(
-        timezone="Europe/Berlin", cron="30 23 * * *", grace_s=7200.0, jitter_s=3600.0, blackout=("2026-12-24..2026-12-26", "9999-12-31", "0001-01-01"),
+        timezone="Europe/Berlin", cron="30 23 * * *", grace_s=7200.0, jitter_s=3600.0,
+        blackout=("2026-12-24..2026-12-26", "9999-12-31", "0001-01-01"),
         cold_start_after_h=4.0, evidence_windows=("22:00-05:00",),
     )  # fmt: skip
     eve = datetime(2026, 12, 24, tzinfo=BERLIN).timestamp()
