@@ -58,7 +58,8 @@ class Upkeep:
 
     def look(self) -> None:
         """Disk and clock now; backup and retention at the start and once a day."""
-        self._troubles.said("disk", too_little_room(self._store, self._settings().least_free_mb))
+        short = too_little_room(self._store, self._settings().least_free_mb)
+        self._troubles.said("disk", None if short is None else short.removeprefix("disk: "))
         self._troubles.said("clock_behind", self._behind())
         self._troubles.said("stop", self._stopped())
         if self._cared is None or time.monotonic() - self._cared >= (FRESH_S if "backup" in self._troubles else DAY_S):
