@@ -612,6 +612,7 @@ def _watch(
             daemon.say_health()
         if now - said_monitor >= MONITOR_PERIOD_S or not said_monitor:
             said_monitor = now
+            troubles.said("router", daemon.bus.without_router())
             document = upkeep.document(_known(daemon, listener, mover, heartbeats))
             # the sender's heartbeat is that this document leaves, whatever the history does
             daemon.say_monitor(document, done=lambda: heartbeats.beat("bus", PATIENCE_S))
