@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import orjson
 
 from monitor.errors import StoreError
-from monitor.keep.backup import HISTORY, Restored, back_up, connected, lost, present, refused_by, restore
+from monitor.keep.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
 from monitor.keep.retention import Kept, to_let_go
 from monitor.keep.schema import SCHEMA_VERSION, check_version, migrate, schema_of
 
@@ -145,6 +145,7 @@ class Store:
         finally:
             if connection is not None:
                 connection.close()
+            hand_over(directory)
             os.close(lock)
 
     @classmethod
@@ -189,6 +190,7 @@ class Store:
             raise refused_by(error, path) from None
         finally:
             connection.close()
+            hand_over(directory)
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:

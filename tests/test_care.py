@@ -135,6 +135,21 @@ def test_who_may_not_read_the_history_is_told_whose_it_is(may_enter: bool):
     assert found["disk"].told
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: nothing of root's can be handed over, which is not tested")
+def test_what_root_makes_in_the_services_directory_is_the_services(tmp_path: Path):
+    """An import, or a stop allowed, by an administrator before the first start: the service must be able to write there."""
+    os.chown(tmp_path, 65534, 65534)
+    history(tmp_path, 1)
+    with Store.beside(tmp_path) as store:
+        store.allow("Ada", "seen", 1e9)
+    back_up(tmp_path, 3)
+    with Store.open(tmp_path):
+        pass
+    found = {path: path.stat().st_uid for path in tmp_path.rglob("*")}
+    assert len(found) >= 5
+    assert set(found.values()) == {65534}, found
+
+
 def test_backups_keep_the_newest_of_each_day_and_no_more_days_than_asked(tmp_path: Path):
     """A service that is started a hundred times a day loses no older day."""
     history(tmp_path)

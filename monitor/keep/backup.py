@@ -67,6 +67,19 @@ def _owner(directory: Path) -> str | None:
     return None
 
 
+def hand_over(directory: Path) -> None:
+    """What root has made in a directory that is the service's becomes the service's, which could not write to it else."""
+    if os.geteuid() != 0:
+        return
+    whose = directory.stat()
+    if whose.st_uid == 0:
+        return
+    for path in directory.rglob("*"):
+        with suppress(OSError):  # gone meanwhile
+            if path.lstat().st_uid == 0:
+                os.chown(path, whose.st_uid, whose.st_gid, follow_symlinks=False)
+
+
 def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
     """What a disk or a database said, as a sentence; StoreUnavailable where the same may succeed later."""
     if isinstance(error, OSError):
