@@ -174,8 +174,11 @@ class Mover:
         """The next windows."""
         now = self._clocks.now() if now is None else now
         settings, began = self._daemon.configuration.schedule, self._store.began_unix_s()
+        if now < EARLIEST_UNIX_S:
+            return []
         known = self._store.windows(now - settings.jitter_s, now + 400 * 86_400.0)
-        more = coming(settings, max(now, self._not_before), count + min(len(known), 50), began, self._salt)
+        believed = now + max(0.0, self._doubt_until - self._clocks.monotonic())
+        more = coming(settings, max(believed, self._not_before), count + min(len(known), 50), began, self._salt)
         return [window for window in more if window.key_unix_s not in known][:count]
 
     def _look(self, now: float) -> None:

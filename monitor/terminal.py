@@ -147,7 +147,7 @@ def print_status(document: dict[str, Any]) -> None:
         if (silent_s := document.get("monitor_silent_s")) is not None:
             ago = f"{abs(silent_s) / 60.0:.0f} min {'ago' if silent_s > 0 else 'in the future: the clock was set back'}"
             console.print(
-                f"[bold red]the monitor does not run, or hangs[/]: what follows it said {ago}; start it (joint-monitor run, or systemctl)",
+                f"[bold red]the monitor does not run[/], or cannot write: what follows it said {ago}; look at the service and at its disk",
                 highlight=False,
             )
         console.print(monitor_line(document["monitor"]), highlight=False, markup=False)

@@ -115,6 +115,7 @@ def test_a_clock_set_back_replays_no_window_again_and_one_set_forward_is_doubted
     arm.clock[0] += 365 * DAY + 3 * 3600.0 - 60.0  # into a window
     arm.mover.tick()
     assert "clock" in arm.troubles
+    assert arm.mover.coming(1)[0].opens_unix_s > arm.clock[0] + 3500.0  # nothing is promised for that hour
     arm.passes(300.0)
     assert len(arm.replayed) == len(before) + 1
     arm.passes(2 * DAY)
