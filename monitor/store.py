@@ -11,6 +11,7 @@ import json
 import os
 import sqlite3
 import threading
+import time
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -138,9 +139,12 @@ class Store:
             except sqlite3.DatabaseError as error:
                 raise refused_by(error, directory / HISTORY) from None
             store = cls(directory, connection, lock, restored)
-            if restored is not None:
-                store._number_events_from(restored.at_unix_s)
-                store.set_note(RESTORED, restored.told)
+            if restored is None and (orphans := store.orphans()):  # a torn log ends at its last sound page, and says nothing
+                why = f"{len(orphans)} recordings from replay {orphans[0][0]} on are not in it"
+                store.restored = Restored(why, None, None, time.time(), replaced=False)
+            if store.restored is not None:
+                store._number_events_from(store.restored.at_unix_s)
+                store.set_note(RESTORED, store.restored.told)
             yield store
         finally:
             if connection is not None:

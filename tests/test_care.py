@@ -1,6 +1,7 @@
 """A history is kept for years: backed up, restored when damaged, thinned out, recomputed to the last bit."""
 
 import os
+import shutil
 import sqlite3
 import tempfile
 from collections.abc import Callable
@@ -83,6 +84,28 @@ def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_ne
     with Store.open(tmp_path) as store:
         assert store.restored is not None
         assert [number for number, _ in store.orphans()] == [1, 2, 3]
+
+
+def test_entries_that_a_torn_log_has_lost_are_missed_and_no_recording_is_written_over(tmp_path: Path):
+    """The file itself is sound, and ends a replay earlier: its recording says so, before its number is given to another."""
+    lived_in, copy = tmp_path / "lived", tmp_path / "copy"
+    with Store.open(lived_in) as store:
+        commit(store, replayed(store, DAY))
+        store._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        commit(store, replayed(store, 2 * DAY))
+        shutil.copytree(lived_in, copy)  # as a power cut leaves it
+    with (copy / f"{HISTORY}-wal").open("r+b") as log:
+        log.seek(100)
+        log.write(os.urandom(64))
+    with Store.open(copy) as store:
+        assert [row.id for row in store.ledger()] == [1]
+        assert store.restored is not None
+        assert "lost its newest entries (1 recordings from replay 2 on" in store.restored.told
+        store.adopt(2, 2 * DAY, 3 * DAY)
+        assert store.claim(3 * DAY, "scheduled", 3 * DAY) == 3
+        store.end(3, "rejected", "a test", 3 * DAY)
+    with Store.open(copy) as store:
+        assert store.restored is None
 
 
 def test_a_damaged_history_without_a_backup_begins_anew_and_keeps_what_it_was(tmp_path: Path):

@@ -26,10 +26,13 @@ class Restored(NamedTuple):
     set_aside: Path | None  # where it lies now; None: it was gone
     backup: Path | None  # what took its place; None: there was no good one, and a new history begins
     at_unix_s: float
+    replaced: bool = True  # False: it is sound, and has lost its newest entries
 
     @property
     def told(self) -> str:
         """In words."""
+        if not self.replaced:
+            return f"the history has lost its newest entries ({self.why}); those recordings are judged anew"
         source = (
             f"the backup {self.backup.name}" if self.backup else "nothing: there was no good backup; recordings on disk are judged anew"
         )
