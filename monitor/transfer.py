@@ -19,7 +19,13 @@ from monitor.timestamps import rfc3339
 
 AHEAD_S = 300.0  # another host's clock may be so far ahead
 LONGEST_S = 2e11  # until the year 8307: later ones have no calendar
-TABLES = ("friction", "ledger", "events", "assessments")
+# each with the columns that it has while it is empty: a reader finds a header
+TABLES = {
+    "friction": ("replay", "joint", "recorded_at"),
+    "ledger": ("replay", "window", "kind", "state", "reason", "started_at", "ended_at", "recording", "recording_removed_at"),
+    "events": ("seq", "at", "replay", "kind", "joint", "condition"),
+    "assessments": ("replay", "recorded_at", "made_with", "document"),
+}
 
 
 def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: float | None = None) -> pd.DataFrame:
@@ -62,6 +68,8 @@ def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: 
         ]  # fmt: skip
         at = "recorded_at_unix_s"
     inside = [row for row in rows if _inside(row[at], from_unix_s, to_unix_s)]
+    if not inside:
+        return pd.DataFrame(columns=list(TABLES[what]))
     frame = pd.json_normalize(inside)
     for column in [name for name in frame.columns if name.endswith("_unix_s")]:
         times = pd.to_datetime(pd.to_numeric(frame[column]), unit="s", utc=True)

@@ -73,6 +73,11 @@ def test_what_is_exported_can_be_read_by_others_and_a_recording_be_imported_agai
     with (tmp_path / "friction.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["coulomb_nm"]) for row in rows] == list(parquet["coulomb_nm"])
+    for what, full in (("friction", parquet), ("ledger", pd.read_csv(tmp_path / "ledger.csv"))):
+        run("export", "--config", str(cell), "-o", str(tmp_path / "none.csv"), "--what", what, "--from", "2100-01-01")
+        none = pd.read_csv(tmp_path / "none.csv")
+        assert len(none) == 0
+        assert set(none.columns) <= set(full.columns)
     run("export", "--config", str(cell), "-o", str(tmp_path / "one.csv"), "--what", "recording", "--replay", "2")
     stored = read_recording(cell.parent / "history" / "recordings" / "replay-000002.parquet")
     assert (read_recording(tmp_path / "one.csv").q == stored.q).all()
