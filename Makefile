@@ -49,17 +49,20 @@ excitations: $(STAMP) ## design config/excitation anew, each with its proof: the
 # A service for this machine. Again is an upgrade: history and configuration stay where they are, and the history is migrated by the next start.
 PREFIX ?= /opt/joint-monitor
 SYSTEM ?= /usr/local/lib
+COMMAND ?= /usr/local/bin
 INTO := $(DESTDIR)$(PREFIX)
 install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor), unit and user in place; as root
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }
 	@# the service runs as a user of its own, with ProtectHome
 	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/root/", "/home/")))' || { echo "the service cannot reach a Python below /root or /home; say another: make install PYTHON=/usr/bin/python3" >&2; exit 2; }
-	$(PYTHON) -m venv $(INTO)
-	$(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade .
+	@# the service's user reads what root installs, whatever root's umask is
+	umask 022; $(PYTHON) -m venv $(INTO)
+	umask 022; $(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade .
 	@# a package is built elsewhere than it will lie
 	test -z "$(DESTDIR)" || grep -lI "$(INTO)" $(INTO)/bin/* $(INTO)/pyvenv.cfg | xargs sed -i 's#$(INTO)#$(PREFIX)#g'
-	install -d $(DESTDIR)$(SYSTEM)/systemd/system $(DESTDIR)$(SYSTEM)/sysusers.d $(DESTDIR)$(SYSTEM)/tmpfiles.d $(DESTDIR)/etc/joint-monitor
-	sed 's#/opt/joint-monitor/#$(PREFIX)/#g' deploy/joint-monitor@.service > $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service
+	install -d $(DESTDIR)$(SYSTEM)/systemd/system $(DESTDIR)$(SYSTEM)/sysusers.d $(DESTDIR)$(SYSTEM)/tmpfiles.d $(DESTDIR)/etc/joint-monitor $(DESTDIR)$(COMMAND)
+	umask 022; sed 's#/opt/joint-monitor/#$(PREFIX)/#g' deploy/joint-monitor@.service > $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service
+	ln -sfn $(PREFIX)/bin/joint-monitor $(DESTDIR)$(COMMAND)/joint-monitor
 	install -m 644 deploy/joint-monitor.sysusers $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf
 	install -m 644 deploy/joint-monitor.tmpfiles $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
 	@# ours alone, not whatever else this machine has lying there
@@ -68,11 +71,13 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	@echo "installed; now write $(DESTDIR)/etc/joint-monitor/NAME.toml and: systemctl enable --now joint-monitor@NAME"
 
 uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monitor and /var/lib/joint-monitor stay
-	test -n "$(DESTDIR)" || systemctl disable --now 'joint-monitor@*.service' 2>/dev/null || true
+	@# stop knows patterns; disable does not, and takes the template for all of its instances
+	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || { systemctl stop 'joint-monitor@*.service'; systemctl disable joint-monitor@.service || true; }
 	rm -rf $(INTO)
-	rm -f $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service
+	rm -f $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service $(DESTDIR)$(COMMAND)/joint-monitor
 	rm -f $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
 	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || systemctl daemon-reload
+	@echo "uninstalled; history and configurations stay in /var/lib/joint-monitor and /etc/joint-monitor, and the user joint-monitor with them"
 
 clean: ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

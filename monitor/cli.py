@@ -420,19 +420,21 @@ def status(
     from monitor.store import Store
     from monitor.terminal import print_not_alerting, print_status
     from monitor.timestamps import outside, rfc3339
-    from monitor.upkeep import said
+    from monitor.upkeep import said, silent_s
 
     configuration = _load(config)
     with Store.reader(configuration.state_directory) as store:
         state = store.state()
         newest = store.friction(limit=configuration.model.joints)
         ledger = store.ledger(limit=10)
+    monitor = said(configuration.state_directory)
     document = {
         "robot": configuration.robot.id,
         "model_revision": state.revision if state else 0,
         "health": outside(with_stale(state.health, time.time(), configuration.assess.health)) if state else None,
         "friction": outside(newest),
-        "monitor": said(configuration.state_directory),
+        "monitor": monitor,
+        "monitor_silent_s": None if monitor is None else silent_s(monitor, time.time()),
         "ledger": [
             {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
             for row in ledger

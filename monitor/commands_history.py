@@ -28,6 +28,7 @@ def schedule(
     from datetime import datetime
 
     from monitor.config import load
+    from monitor.keep.backup import present
     from monitor.schedule import DAY_S, expected
     from monitor.store import Store
     from monitor.timestamps import rfc3339
@@ -35,8 +36,7 @@ def schedule(
     configuration = load(config)
     settings, now = configuration.schedule, time.time()
     with ExitStack() as stack:
-        begun = (configuration.state_directory / "history.sqlite").is_file()
-        store = stack.enter_context(Store.reader(configuration.state_directory)) if begun else None
+        store = stack.enter_context(Store.reader(configuration.state_directory)) if present(configuration.state_directory) else None
         began, last = (None, []) if store is None else (store.began_unix_s(), store.ledger(limit=5))
         found = expected(settings, now, count, store, configuration.key_prefix)
     zone = settings.zone()
@@ -44,6 +44,7 @@ def schedule(
     document: dict[str, Any] = {
         "robot": configuration.robot.id,
         "timezone": settings.timezone,
+        "motion_allowed": configuration.replay.allow_motion is True,
         "learning_until": rfc3339(began + settings.learning_days * DAY_S) if learning and began is not None else None,
         "windows": [
             {
@@ -65,6 +66,8 @@ def schedule(
         _print_json(document)
         return
     typer.echo(f"{configuration.robot.id}: {len(found)} windows to come, {settings.timezone}; each is open for {settings.grace_s:g} s")
+    if not document["motion_allowed"]:
+        typer.echo("  nothing moves: [replay] allow_motion is not true, and every window is skipped")
     for row in document["last"]:
         typer.echo(f"  {row['window']}  {row['state']}{': ' + row['reason'] if row['reason'] else ''}")
     for window in document["windows"]:

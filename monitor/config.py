@@ -4,8 +4,9 @@ import dataclasses
 import difflib
 import json
 import os
+import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -128,30 +129,62 @@ def load(path: Path, environment: Mapping[str, str] | None = None) -> Configurat
     """
     environment = os.environ if environment is None else environment
     try:
-        text = path.read_text("utf-8")
+        text = path.read_text("utf-8-sig")  # an editor on another system may have put a mark before the first letter
         document = tomllib.loads(text)
     except OSError as error:
         raise BadConfiguration(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise BadConfiguration(f"{path}:{line}: {error.object[error.start : error.end]!r} is no UTF-8; save the file as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
         raise BadConfiguration(f"{path}: not TOML: {error}") from None
+    except RecursionError:
+        raise BadConfiguration(f"{path}: is nested too deeply; expected tables of keys") from None
     mistakes: list[str] = []
     secrets: dict[str, str] = {}
-    overrides = overridden(document, environment, mistakes)
+    in_file = set(document)
+    overrides = overridden(document, environment, mistakes, _text_keys())
     document = with_credentials(document, environment.get("CREDENTIALS_DIRECTORY"), mistakes, secrets)
     configuration = _from_document(document, path, mistakes)
     if configuration is None:
-        told = [placed(without_secrets(_by_variable(mistake, overrides), secrets), path, text) for mistake in mistakes]
+        told = [placed(without_secrets(_by_variable(mistake, overrides, in_file), secrets), path, text) for mistake in mistakes]
         raise BadConfiguration(told[0] if len(told) == 1 else "\n  ".join((f"{path}: {len(told)} mistakes", *told)))
     return dataclasses.replace(configuration, overrides=tuple(overrides))
 
 
-def _by_variable(mistake: str, overrides: Sequence[str]) -> str:
-    """A mistake in a key that a variable of the environment has set is the variable's."""
+def _by_variable(mistake: str, overrides: Sequence[str], in_file: Collection[str]) -> str:
+    """A mistake in a key that a variable of the environment has set, or in a section that only one has, is the variable's."""
     for name in overrides:
-        key = ".".join(name.removeprefix(PREFIX).lower().split("__"))
-        if mistake.startswith((f"{key}:", f"{key} =")):
+        keys = name.removeprefix(PREFIX).lower().split("__")
+        places = [".".join(keys[:k]) for k in range(2, len(keys) + 1)]
+        if keys[0] not in in_file:
+            places.append(f"[{keys[0]}]")
+        if mistake.startswith(tuple(f"{place}{sign}" for place in places for sign in (":", " ="))):
             return f"environment {name}: {mistake}"
     return mistake
+
+
+def _text_keys() -> set[str]:
+    """Every key that holds text, whatever stands in it: a serial number is all digits."""
+    keys: set[str] = set()
+
+    def collect(cls: type, place: str) -> None:
+        for name, hint in get_type_hints(cls).items():
+            if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+                collect(hint, f"{place}.{name}")
+            elif hint is str or hint == str | None:
+                keys.add(f"{place}.{name}")
+
+    for name, cls in {**_rooms(), "replay": ReplaySettings}.items():
+        collect(cls, name)
+    return keys | {"replay.excitation", "replay.cell"}
+
+
+def _rooms() -> dict[str, type]:
+    """The sections that are one room's settings each."""
+    rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
+    rooms |= {"metrics": MetricsSettings, "page": PageSettings}
+    return rooms | _assess_sections() | {"assess": _FlowSettings}
 
 
 def from_document(document: dict[str, Any], path: Path) -> Configuration:
@@ -169,9 +202,7 @@ def from_document(document: dict[str, Any], path: Path) -> Configuration:
 def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) -> Configuration | None:
     document = {name: dict(section) if isinstance(section, dict) else section for name, section in document.items()}
     sections: dict[str, Any] = {}
-    rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
-    rooms |= {"metrics": MetricsSettings, "page": PageSettings}
-    rooms |= _assess_sections() | {"assess": _FlowSettings}
+    rooms = _rooms()
     names = [*rooms, "replay"]
     for unknown in [name for name in document if name not in names]:
         mistakes.append(f"[{unknown}]: unknown section{_nearest(unknown, names)}")
@@ -309,32 +340,50 @@ def _assess_sections() -> dict[str, type]:
     return {field.name: hints[field.name] for field in dataclasses.fields(AssessSettings) if dataclasses.is_dataclass(hints[field.name])}
 
 
-def _section(name: str, cls: type, value: Any, mistakes: list[str]) -> Any:
-    """One room's settings from its TOML table; None, with the mistakes added, where it does not fit."""
+# in the words of TOML, for what pydantic says in those of Python
+_EXPECTED = {
+    "string_type": "expected text in quotes",
+    "tuple_type": "expected a list in square brackets",
+    "bool_type": "expected true or false",
+    "int_type": "expected a whole number",
+    "float_type": "expected a number",
+    "model_type": "expected a table",
+}
+
+
+def _section(name: str, cls: type, value: Any, mistakes: list[str], left_out: frozenset[Any] = frozenset()) -> Any:
+    """One room's settings from its TOML table; None, with the mistakes added, where it does not fit.
+
+    left_out : keys that were wrong, and told; what is wrong besides is told as well.
+    """
     if not isinstance(value, dict):
         mistakes.append(f"{name}: expected a table [{name}]")
         return None
     schema = _schema(cls)
+    wrong: set[Any]
     try:
         return _made(cls, schema.model_validate(value))
     except ValidationError as error:
-        for problem in error.errors():
+        problems = [problem for problem in error.errors() if not (problem["type"] == "missing" and problem["loc"][0] in left_out)]
+        for problem in problems:
             key = ".".join(str(part) for part in (name, *problem["loc"]))
             if problem["type"] == "extra_forbidden":
                 mistakes.append(f"{key}: unknown key{_nearest(str(problem['loc'][-1]), _keys(cls, problem['loc'][:-1]))}")
             elif problem["type"] == "missing":
                 mistakes.append(f"{key}: missing")
             else:
-                mistakes.append(f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}")
-        wrong = {problem["loc"][0] for problem in error.errors()}
-        if any(key in value for key in wrong):  # what is wrong besides, the room says itself
-            rest = {key: entry for key, entry in value.items() if key not in wrong}
-            if all(problem["type"] != "missing" for problem in error.errors()):
-                _section(name, cls, rest, mistakes)
+                said = _EXPECTED.get(problem["type"], f"{problem['msg'][0].lower()}{problem['msg'][1:]}")
+                mistakes.append(f"{key} = {problem['input']!r}: {said}")
+        wrong = {problem["loc"][0] for problem in problems}
     except (BadInput, ValueError) as error:  # a room may refuse a figure, or a combination, that its type allows
-        said = str(error)
-        # a room that names its key itself is not told its section twice
-        mistakes.append(said if said.startswith(f"{name}.") else f"[{name}] {said}")
+        # a room says its name and, where it is one key's, the key: `replay: gain = 5.0; expected …`, `schedule.cron = …`
+        said = re.sub(rf"\A\[?{re.escape(name)}\]?[.:] *", "", str(error))
+        named = re.match(r"\w+(?= = )", said)
+        mistakes.append(f"{name}.{said}" if named else f"[{name}] {said}")
+        wrong = {named[0]} if named else set()
+    if wrong & value.keys():
+        rest = {key: entry for key, entry in value.items() if key not in wrong}
+        _section(name, cls, rest, mistakes, left_out | wrong)
     return None
 
 

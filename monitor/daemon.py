@@ -7,13 +7,14 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.assess import Rejected, alert_document
 from monitor.chronicle import Held, adopt_orphans, enter_stored, held, now_held
 from monitor.config import Configuration, load
-from monitor.errors import BadConfiguration, BadInput, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
+from monitor.errors import BadConfiguration, BadInput, MotionRefused, ReplayAborted, RobotUnreachable, StoreError, StoreUnavailable
 from monitor.files import read_recording, write_recording
 from monitor.identity import info
 from monitor.judge.compensation import CompensatedModel
@@ -35,7 +36,7 @@ from monitor.recompute import rewind
 from monitor.recording import Array, Context, Recording
 from monitor.reload import reloaded
 from monitor.service import Heartbeats, Watchdog, notify, reloading
-from monitor.store import Event, LedgerRow, Store
+from monitor.store import RESTORED, Event, LedgerRow, Store
 from monitor.timestamps import outside, rfc3339
 from monitor.troubles import Troubles
 from monitor.upkeep import Upkeep
@@ -44,6 +45,7 @@ log = logging.getLogger(__name__)
 
 LONGEST_PAUSE_S = 0.5  # the main loop's: the link to the arm is looked at so often, however seldom its torque is told
 AT_START = 3  # recordings that wait are assessed before the service is ready; more of them, after a restored history, in peace
+WAIT_FOR_DISK_S = 5.0
 PATIENCE_S = 90.0  # with a worker that does not say it is alive: an upload, a permit, an assessment on a busy machine are shorter
 MONITOR_PERIOD_S = 10.0
 STORE_RESTORED = "store_restored"
@@ -75,6 +77,7 @@ class Daemon:
         self._next_due_unix_s: float | None = None
         self.production = Production(configuration.assess.residual)  # what is heard between replays
         self._judging = threading.Lock()  # health changes by a replay's verdict and by people's words, and by one at a time
+        self.restored: str | None = None  # what became of a damaged history, until the alert of it is raised
         self.wanted: Callable[[], None] | None = None  # how a replay that somebody asks for is scheduled
         self.pull_forward: Callable[[float], None] | None = None  # production looked odd at that time: the next replay may come sooner
         self.on_busy: Callable[[], None] | None = None  # told often while a replay is under way, or its assessment
@@ -105,12 +108,16 @@ class Daemon:
         restored = self._store.restored
         if restored is not None:
             log.error("%s", restored.told)
+        self.restored = self._store.note(RESTORED) or None
+        if self.restored is not None:  # also where the last start ended in the middle of it
             adopted = adopt_orphans(self._store, self._now())
             if adopted:
                 log.warning("%d recordings that the restored history does not know wait for their assessment", adopted)
-        self.mend(at_most=AT_START)
-        if restored is not None:
-            self._raise_own(STORE_RESTORED, restored.told)
+        try:
+            self.mend(at_most=AT_START)
+            self._tell_restored()
+        except StoreUnavailable as error:  # the schedule's thread tries again, and tells it
+            log.warning("what the last run left half-way is finished later: %s", error)
         self._say_everything()
         for event in self._store.events(unpublished=True):
             self._say_event(event)
@@ -176,6 +183,15 @@ class Daemon:
     def _model(self) -> CompensatedModel | None:
         return self._held.model
 
+    def reconfigured(self, configuration: Configuration) -> None:
+        """Other settings from now on, and `info` says so."""
+        self.configuration = configuration
+        self.production.use(configuration.assess.residual)
+        with self._judging:
+            self._prepare_live(self._last_recording())
+        self._say_info()
+        self.say_health()
+
     # --- one replay ------------------------------------------------------------------------------
 
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
@@ -200,10 +216,10 @@ class Daemon:
                 log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason, extra=told)
             return row
 
-    def skip(self, window_unix_s: float, reason: str) -> None:
+    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
         """Enter a window that was missed, so that it is seen and never made up for."""
         with self._one_at_a_time:
-            ledger_id = self._store.claim(window_unix_s, "scheduled", self._now())
+            ledger_id = self._store.claim(window_unix_s, kind, self._now())
             if ledger_id is not None:
                 self._store.end(ledger_id, "skipped", reason, self._now())
                 log.warning("window=%.0f verdict=skipped reason=%r", window_unix_s, reason)
@@ -387,8 +403,6 @@ class Daemon:
     def _raise_own(self, condition: str, text: str) -> None:
         """An alert of the arm that the monitor raises about itself; kept by the judge, and cleared once it has been acknowledged."""
         with self._judging:
-            if self._health is None:
-                return  # there is no history that could be in doubt
             at = self._now()
             alert = Alert(
                 joint=None, condition=condition, tier="advisory", raised_at_unix_s=at, updated_at_unix_s=at, change=0.0, probability=1.0,
@@ -396,8 +410,18 @@ class Daemon:
             )  # fmt: skip
             self._revise_own("raised", alert, at)
 
+    def _tell_restored(self) -> None:
+        """Raise what became of a damaged history, as soon as there is a verdict beside which it can stand."""
+        if self.restored is None or self._health is None:
+            return
+        if all(alert.condition != STORE_RESTORED for alert in self._health.active_alerts):  # a crash may have come before the note
+            self._raise_own(STORE_RESTORED, self.restored)
+        self._store.set_note(RESTORED, "")
+        self.restored = None
+
     def clear_own(self) -> None:
         """What the monitor raised about itself is over once a person has seen it."""
+        self._tell_restored()
         with self._judging:
             at = self._now()
             for alert in self._health.active_alerts if self._health else ():
@@ -468,8 +492,9 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
     from monitor.motion import move
 
     log_refusals(configuration.bus)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until there is something that could be reloaded
     with ExitStack() as stack:
-        store = stack.enter_context(Store.open(configuration.state_directory))
+        store = _opened(configuration.state_directory, stack)
 
         def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
             (row,) = store.ledger(limit=1)
@@ -495,6 +520,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
             signal.signal(number, lambda *_, event=event: threading.Thread(target=event.set, daemon=True).start())
 
         heartbeats, troubles = Heartbeats(), Troubles(time.time)
+        heartbeats.beat("bus", PATIENCE_S)  # one that never sends its first document is missed as well
         mover = Mover(daemon, store, troubles)
         upkeep = Upkeep(store, lambda: daemon.configuration.store, troubles, time.time)
         daemon.wanted, daemon.pull_forward = mover.want, mover.evidence
@@ -527,6 +553,25 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
             raise StoreError(f"{store.directory}: the history was found damaged: {upkeep.damaged}; the next start restores it")
 
 
+def _opened(directory: Path, stack: ExitStack) -> Store:
+    """The history, as soon as its disk takes it: full or read-only, it is waited for and told, since nobody may be there to start us again.
+
+    Raises StoreError where waiting would change nothing.
+    """
+    watchdog, told = Watchdog(Heartbeats()), ""
+    while True:
+        try:
+            return stack.enter_context(Store.open(directory))
+        except StoreUnavailable as error:
+            if str(error) != told:
+                told = str(error)
+                log.error("trouble=store: %s; waiting for it", told, extra={"trouble": "store"})
+            notify(f"READY=1\nSTATUS=waiting for the history, nothing is watched: {told}")
+            for _ in range(int(WAIT_FOR_DISK_S)):
+                watchdog.look()
+                time.sleep(1.0)
+
+
 def _watch(
     daemon: Daemon,
     listener: Any,
@@ -553,31 +598,35 @@ def _watch(
             None if state is None or not listener.reachable else tuple(state.temperature_c.tolist()),
         )
         troubles.said("arm", listener.trouble)
+        troubles.said("restored", daemon.restored)
         if hangup.is_set():
             hangup.clear()
             reload(daemon, mover, upkeep)
         now = time.monotonic()
         if now - said_health >= daemon.configuration.bus.health_period_s or not said_health:
             said_health = now
-            daemon.clear_own()
+            try:
+                daemon.clear_own()
+            except StoreError as error:  # the next round tries again
+                troubles.found("store", str(error))
             daemon.say_health()
         if now - said_monitor >= MONITOR_PERIOD_S or not said_monitor:
             said_monitor = now
-            try:
-                document = upkeep.document(_known(daemon, listener, mover, heartbeats))
-            except StoreError as error:
-                troubles.found("store", str(error))
-            else:
-                # the sender's heartbeat is that this document leaves
-                daemon.say_monitor(document, done=lambda: heartbeats.beat("bus", PATIENCE_S))
-                upkeep.write(document)
-                notify(f"STATUS={status_line(daemon.health_state, document)}")
+            troubles.said("router", daemon.bus.without_router())
+            document = upkeep.document(_known(daemon, listener, mover, heartbeats))
+            # the sender's heartbeat is that this document leaves, whatever the history does
+            daemon.say_monitor(document, done=lambda: heartbeats.beat("bus", PATIENCE_S))
+            upkeep.write(document)
+            notify(f"STATUS={status_line(daemon.health_state, document)}")
         watchdog.look()
 
 
 def _known(daemon: Daemon, listener: Any, mover: Mover, heartbeats: Heartbeats) -> dict[str, Any]:
     """What the monitor's own document says beside what upkeep knows."""
-    upcoming = mover.coming(1)
+    try:
+        upcoming = mover.coming(1)
+    except StoreError:  # told as trouble by whoever needs more of it than this
+        upcoming = []
     return {
         "next_replay_due_unix_s": upcoming[0].opens_unix_s if upcoming else None,
         "next_replay_why": upcoming[0].why if upcoming else None,
@@ -598,8 +647,7 @@ def reload(daemon: Daemon, mover: Mover, upkeep: Upkeep) -> None:
         log.error("reload refused, the old configuration stays: %s", error)
         upkeep.reload = {"at_unix_s": time.time(), "done": False, "told": str(error), "waiting": []}
     else:
-        daemon.configuration = found.configuration
-        daemon.production.use(found.configuration.assess.residual)
+        daemon.reconfigured(found.configuration)
         mover.reconsider()
         log.info("reloaded: %s", found.told)
         upkeep.reload = {"at_unix_s": time.time(), "done": True, "told": found.told, "waiting": list(found.waiting)}

@@ -75,5 +75,9 @@ class StoreError(MonitorError):
     """The history cannot be read or written: look at the disk and at who else uses the folder."""
 
 
+class StoreUnavailable(StoreError):
+    """The disk does not take it now: full, read-only, failing. It may again, so whoever can waits for it."""
+
+
 class BusError(MonitorError):
     """The Zenoh session cannot be opened, or nobody answered: look at the endpoint and at the daemon."""

@@ -19,6 +19,7 @@ from monitor.config import Configuration
 from monitor.errors import ReplayAborted, StoreError
 from monitor.files import write_recording
 from monitor.judge.compensation import CompensatedModel
+from monitor.keep.backup import present
 from monitor.model.fourier import Excitation
 from monitor.publish.permit import Answer
 from monitor.recording import Context, Recording
@@ -90,7 +91,7 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
             waiting = store.waiting_stops()
             told = waiting[-1].told if waiting else None
     except StoreError:
-        if (configuration.state_directory / "history.sqlite").is_file():
+        if present(configuration.state_directory):
             raise  # a history that cannot be read is no empty one
     return look_at(
         configuration.replay,

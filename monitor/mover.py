@@ -3,6 +3,7 @@
 What is due, `schedule.look` says; what may move, the guards say; what happened, the ledger says. Here is only the clock between them.
 """
 
+import json
 import logging
 import os
 import queue
@@ -26,8 +27,9 @@ LOOK_EVERY_S = 30.0  # also where nothing is due: notes how long the schedule wa
 SEEN_JUMP_S = 60.0  # the clock against the monotonic one between two ticks
 DOUBTED_JUMP_S = 86_400.0  # forward by more: nothing moves for a while, for somebody may set it right again
 DOUBT_S = 3600.0
+EARLIEST_UNIX_S = 978_307_200.0  # 2001-01-01: a host whose clock has no battery begins in 1970, 1980 or 2000
 _WATCHED, _RUNNING, _NOT_BEFORE = "schedule_watched_until", "arm_running_until", "schedule_not_before"
-_FORWARD = "clock_was_set_forward_at"  # what it said before a jump that was doubted
+_FORWARD = "clock_was_set_forward"  # JSON: what it said before a jump that was doubted, and after it
 
 
 class Performer(Protocol):
@@ -38,7 +40,7 @@ class Performer(Protocol):
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
         """One replay with all that follows."""
 
-    def skip(self, window_unix_s: float, reason: str) -> None:
+    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
         """Enter a window as skipped."""
 
     def mend(self) -> None:
@@ -138,9 +140,13 @@ class Mover:
         if "store" in self._troubles or self._store.unfinished():
             self._daemon.mend()
             self._troubles.over("store")
-        while not self._wanted.empty():
-            self._wanted.get()
-            self._daemon.perform(self._clocks.now(), "requested")
+        if now < EARLIEST_UNIX_S:
+            self._troubles.found("clock", f"the clock says {rfc3339(now)}; nothing is replayed before it has been set right")
+            return
+        if not self._wanted.empty():
+            while not self._wanted.empty():  # several who ask at once are served by one
+                self._wanted.get()
+            self._requested()
         if monotonic < self._doubt_until:
             return
         self._troubles.over("clock")
@@ -157,12 +163,22 @@ class Mover:
             if self._cold.last_running_unix_s is not None:
                 self._store.set_note(_RUNNING, repr(self._cold.last_running_unix_s))
 
+    def _requested(self) -> None:
+        short = too_little_room(self._store, self._daemon.configuration.store.least_free_mb)
+        if short is None:
+            self._daemon.perform(self._clocks.now(), "requested")
+        else:
+            self._daemon.skip(self._clocks.now(), short, "requested")
+
     def coming(self, count: int, now: float | None = None) -> list[Window]:
         """The next windows."""
         now = self._clocks.now() if now is None else now
         settings, began = self._daemon.configuration.schedule, self._store.began_unix_s()
+        if now < EARLIEST_UNIX_S:
+            return []
         known = self._store.windows(now - settings.jitter_s, now + 400 * 86_400.0)
-        more = coming(settings, max(now, self._not_before), count + min(len(known), 50), began, self._salt)
+        believed = now + max(0.0, self._doubt_until - self._clocks.monotonic())
+        more = coming(settings, max(believed, self._not_before), count + min(len(known), 50), began, self._salt)
         return [window for window in more if window.key_unix_s not in known][:count]
 
     def _look(self, now: float) -> None:
@@ -210,17 +226,24 @@ class Mover:
             if abs(jump) > SEEN_JUMP_S:
                 self._next_look = 0.0
                 log.warning("the host's clock was set by %+.0f s, to %s", jump, rfc3339(now))
-                if jump > DOUBTED_JUMP_S:
-                    self._store.set_note(_FORWARD, repr(self._last[0]))
+                # from before what the history knows, or from before this program, it was set right
+                if jump > DOUBTED_JUMP_S and self._last[0] >= max(EARLIEST_UNIX_S, (self._store.newest_unix_s() or 0.0) - DOUBTED_JUMP_S):
+                    self._store.set_note(_FORWARD, json.dumps([self._last[0], now]))
                     self._doubt_until = monotonic + DOUBT_S
                     told = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
                     self._troubles.found("clock", told)
                 elif jump < 0:
                     self._doubt_until = 0.0
-        before = self._store.note(_FORWARD) if self._last is None or now < self._last[0] else None
+        noted = self._store.note(_FORWARD) if self._last is None or now < self._last[0] else None
         self._last = (now, monotonic)
-        # back where it was before it was set forward: that future was made up. Set back without having been forward, it is the past
-        if before and float(before) <= now < max(self._watched, self._store.newest_unix_s() or 0.0) - DOUBTED_JUMP_S:
+        if not noted:
+            return
+        # back where it was before it was set forward, and on by as long as that lasted: that future was made up. Set back without having
+        # been forward, or to where every boot begins, it is the past
+        before, after = json.loads(noted)
+        watched = max(self._watched, float(self._store.note(_WATCHED) or 0.0))
+        newest, lasted = max(watched, self._store.newest_unix_s() or 0.0), max(0.0, watched - after)
+        if before + lasted - DOUBTED_JUMP_S <= now < newest - DOUBTED_JUMP_S:
             self._store.set_note(_FORWARD, "")
             if self._daemon.rewind():
                 log.warning("the clock is back from the future: what was learnt there is taken back")

@@ -6,7 +6,7 @@ restart, a second process or a clock that jumps finds the same ones; the ledger,
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 from functools import cache
@@ -33,7 +33,7 @@ class ScheduleSettings:
     timezone: str = "UTC"  # of cron, blackout and evidence_windows
     cron: str = "0 3 * * *"  # minute hour day month weekday; "" for none
     every_h: Annotated[float, between(0.0, 8784.0)] = 0.0  # [h] besides: so far apart, counted in UTC; 0: not
-    grace_s: Annotated[float, between(1.0, 86400.0)] = 600.0  # a window stays open for so long; one missed is skipped, and said so
+    grace_s: Annotated[float, between(10.0, 86400.0)] = 600.0  # a window stays open for so long; one missed is skipped, and said so
     jitter_s: Annotated[float, between(0.0, 43200.0)] = 0.0  # a window opens up to so much later, each by its own lot
     blackout: tuple[str, ...] = ()  # "2026-12-24..2027-01-02" or single days: no window opens
     after_warm_up: bool = False  # begin only while temperatures are steady
@@ -52,11 +52,12 @@ class ScheduleSettings:
             raise BadInput(
                 f"schedule.jitter_s = {self.jitter_s:g}: expected less than grace_s = {self.grace_s:g}, or windows close unopened"
             )
-        for text in self.blackout:
-            _days(text)
-        for text in self.evidence_windows:
-            if not _SPAN.match(text):
-                raise BadInput(f"schedule.evidence_windows = {text!r}: expected HH:MM-HH:MM, e.g. 22:00-05:00")
+        wrong = [text for text in self.blackout if not _is_days(text)]
+        if wrong:
+            raise BadInput(f"schedule.blackout = {_listed(wrong)}: expected a day or two, e.g. 2026-12-25 or 2026-12-24..2027-01-02")
+        wrong = [text for text in self.evidence_windows if not _SPAN.match(text)]
+        if wrong:
+            raise BadInput(f"schedule.evidence_windows = {_listed(wrong)}: expected HH:MM-HH:MM, e.g. 22:00-05:00")
 
     def zone(self) -> ZoneInfo:
         """The time zone. Raises BadInput."""
@@ -134,14 +135,9 @@ def windows(settings: ScheduleSettings, from_unix_s: float, to_unix_s: float, be
         began = to_unix_s if began_unix_s is None else began_unix_s
         for key in _regular(settings.learning_every_h, max(from_unix_s, began), min(to_unix_s, began + DAY_S * settings.learning_days)):
             found.setdefault(key, "learning")
-    zone = settings.zone()
-    dark = [_days(text) for text in settings.blackout]
-    made = []
-    for key in sorted(found):
-        day = datetime.fromtimestamp(key, tz=zone).date()
-        if not any(first <= day <= last for first, last in dark):
-            made.append(Window(key, key + settings.jitter_s * _lot(salt, key), key + settings.grace_s, found[key]))
-    return made
+    dark = _dark(settings)
+    every = (Window(key, key + settings.jitter_s * _lot(salt, key), key + settings.grace_s, found[key]) for key in sorted(found))
+    return [lit for window in every if not _within(dark, window.key_unix_s) and (lit := _lit(dark, window)) is not None]
 
 
 def coming(settings: ScheduleSettings, now_unix_s: float, count: int, began_unix_s: float | None, salt: str = "") -> list[Window]:
@@ -178,13 +174,27 @@ def expected(settings: ScheduleSettings, now_unix_s: float, count: int, ledger: 
 
 
 def _asked_windows(settings: ScheduleSettings, asked: Asked) -> Iterator[Window]:
-    zone = settings.zone()
-    dark = [_days(text) for text in settings.blackout]
+    dark = _dark(settings)
     for made in (cold_start_window(settings, asked.cold_start_unix_s), evidence_window(settings, asked.evidence_unix_s)):
-        if made is not None:
-            day = datetime.fromtimestamp(made.opens_unix_s, tz=zone).date()
-            if not any(first <= day <= last for first, last in dark):
-                yield made
+        if made is not None and (lit := _lit(dark, made)) is not None:
+            yield lit
+
+
+def _dark(settings: ScheduleSettings) -> list[tuple[float, float]]:
+    """The blackouts as spans of time."""
+    zone = settings.zone()
+    days = [_days(text) for text in settings.blackout]
+    return [(_unix_s(datetime.combine(first, time()), zone), _unix_s(datetime.combine(last, time.max), zone)) for first, last in days]
+
+
+def _within(spans: Iterable[tuple[float, float]], unix_s: float) -> bool:
+    return any(begin <= unix_s < end for begin, end in spans)
+
+
+def _lit(dark: Collection[tuple[float, float]], window: Window) -> Window | None:
+    """A window as far as it lies before a blackout: one that is open at midnight closes then. None where nothing is left of it."""
+    closes = min((begin for begin, _ in dark if window.opens_unix_s < begin < window.closes_unix_s), default=window.closes_unix_s)
+    return None if _within(dark, window.opens_unix_s) else window._replace(closes_unix_s=closes)
 
 
 def cold_start_window(settings: ScheduleSettings, at_unix_s: float | None) -> Window | None:
@@ -346,12 +356,18 @@ def _weekdays(field: str) -> str:
 
 
 def _days(text: str) -> tuple[date, date]:
-    """The first and the last day of a blackout. Raises BadInput."""
+    """The first and the last day of a blackout. Raises ValueError."""
     first, _, last = (part.strip() for part in text.partition(".."))
+    return date.fromisoformat(first), date.fromisoformat(last or first)
+
+
+def _is_days(text: str) -> bool:
     try:
-        days = date.fromisoformat(first), date.fromisoformat(last or first)
+        first, last = _days(text)
     except ValueError:
-        days = (date.max, date.min)
-    if days[0] > days[1]:
-        raise BadInput(f"schedule.blackout = {text!r}: expected a day or two, e.g. 2026-12-25 or 2026-12-24..2027-01-02")
-    return days
+        return False
+    return first <= last
+
+
+def _listed(texts: Iterable[str]) -> str:
+    return ", ".join(repr(text) for text in texts)

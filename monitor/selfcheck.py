@@ -10,8 +10,9 @@ from pathlib import Path
 
 from monitor.acquire.conditions import Condition
 from monitor.config import Configuration
-from monitor.keep.backup import HISTORY, backups, made_at_unix_s
-from monitor.keep.schema import SCHEMA_VERSION
+from monitor.errors import StoreError
+from monitor.keep.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
+from monitor.keep.schema import schema_of
 from monitor.timestamps import rfc3339
 
 EARLIEST_UNIX_S = 1_767_225_600.0  # 2026-01-01: this program did not exist before; a host without a clock of its own begins in 1970
@@ -32,22 +33,28 @@ def _configuration(configuration: Configuration) -> Condition:
 def _history(configuration: Configuration) -> Condition:
     directory = configuration.state_directory
     path = directory / HISTORY
-    if not path.is_file():
-        parent = next(folder for folder in (directory, *directory.parents) if folder.exists())
+    try:
+        is_there = present(directory)
+    except StoreError as error:
+        return Condition(name="history", holds=False, told=str(error))
+    if not is_there and (wrong := lost(directory)) is None:
+        parent = next(folder for folder in (directory, *directory.parents) if os.access(folder, os.F_OK))
         if not os.access(parent, os.W_OK):
             return Condition(name="history", holds=False, told=f"{directory}: cannot be made: {parent} cannot be written to")
         return Condition(name="history", holds=True, told=f"{directory}: nothing yet; the first run makes it")
+    if not is_there:
+        return Condition(name="history", holds=False, told=f"{path}: {wrong}; the next `joint-monitor run` restores what can be")
     try:
-        with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as connection:
+        with closing(connected(path, "ro")) as connection:
             said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
-            version = connection.execute("PRAGMA user_version").fetchone()[0]
+            version = schema_of(connection, directory)
             rows = connection.execute("SELECT count(*) FROM ledger").fetchone()[0] if version else 0
+    except StoreError as error:
+        return Condition(name="history", holds=False, told=str(error))
     except sqlite3.Error as error:
         return Condition(name="history", holds=False, told=f"{path}: {error}; the next `joint-monitor run` restores the newest good backup")
     if said != "ok":
         return Condition(name="history", holds=False, told=f"{path}: damaged ({said}); the next run restores the newest good backup")
-    if version > SCHEMA_VERSION:
-        return Condition(name="history", holds=False, told=f"{path}: of a newer joint-monitor (schema {version})")
     if not os.access(path, os.W_OK) or not os.access(directory, os.W_OK):
         return Condition(name="history", holds=False, told=f"{path}: cannot be written by this user")
     newest = next(iter(backups(directory)), None)
@@ -57,7 +64,7 @@ def _history(configuration: Configuration) -> Condition:
 
 def _disk(configuration: Configuration) -> Condition:
     directory = configuration.state_directory
-    folder = next(each for each in (directory, *directory.parents) if each.exists())
+    folder = next(each for each in (directory, *directory.parents) if os.access(each, os.F_OK))
     free_mb = shutil.disk_usage(folder).free / 1e6
     least_mb = configuration.store.least_free_mb
     told = f"{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB"
@@ -79,7 +86,7 @@ def _clock(configuration: Configuration, now: float) -> Condition:
 
 def _newest(path: Path) -> float | None:
     try:
-        with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as connection:
+        with closing(connected(path, "ro")) as connection:
             ((at,),) = connection.execute("SELECT max(started_at_unix_s) FROM ledger").fetchall()
     except sqlite3.Error:
         return None

@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,11 @@ _KEY = re.compile(r"\s*([A-Za-z0-9_\-.\"']+)\s*=")
 _PLACE = re.compile(r"\[(?P<section>[\w.-]+)\](?: \w+: (?P<key>\w+))?|(?P<dotted>[\w-]+(?:\.[\w-]+)+|[\w-]+)(?=[:\s])")
 
 
-def overridden(document: dict[str, Any], environment: Mapping[str, str], mistakes: list[str]) -> list[str]:
-    """Put what the environment says in place of what the file says. Returns the names of the variables; a wrong one is a mistake."""
+def overridden(document: dict[str, Any], environment: Mapping[str, str], mistakes: list[str], texts: Collection[str] = ()) -> list[str]:
+    """Put what the environment says in place of what the file says. Returns the names of the variables; a wrong one is a mistake.
+
+    texts : dotted keys that hold text, also where it looks like a number.
+    """
     used = []
     for name in sorted(environment):
         if not name.startswith(PREFIX):
@@ -31,7 +34,8 @@ def overridden(document: dict[str, Any], environment: Mapping[str, str], mistake
                 break
             table = below
         else:
-            table[keys[-1]] = _value(environment[name])
+            value = _value(environment[name])
+            table[keys[-1]] = environment[name] if ".".join(keys) in texts and not isinstance(value, str) else value
             used.append(name)
     return used
 

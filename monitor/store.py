@@ -11,6 +11,7 @@ import json
 import os
 import sqlite3
 import threading
+import time
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,11 +22,13 @@ from typing import Any, NamedTuple
 import orjson
 
 from monitor.errors import StoreError
-from monitor.keep.backup import HISTORY, Restored, back_up, lost, restore
+from monitor.keep.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
 from monitor.keep.retention import Kept, to_let_go
-from monitor.keep.schema import check_version, migrate
+from monitor.keep.schema import SCHEMA_VERSION, check_version, migrate, schema_of
 
 _LEDGER_KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
+RESTORED = "restored_untold"  # note: what became of a damaged history, until an alert has said so
+MOST_BACKUPS = 365  # days: none is let go of where nobody has said how many
 CHECKPOINT_EVERY = 30  # assessments; a recomputation need not go further back, and 5 years are 240 of them
 
 
@@ -118,7 +121,7 @@ class Store:
             (directory / "recordings").mkdir(parents=True, exist_ok=True)
             lock = os.open(directory / "lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
         except OSError as error:
-            raise StoreError(f"{directory}: cannot be written: {error.strerror}") from None
+            raise refused_by(error, directory) from None
         connection: sqlite3.Connection | None = None
         try:
             try:
@@ -129,16 +132,27 @@ class Store:
             restored = restore(directory, wrong) if wrong is not None else None
             try:
                 connection = sqlite3.connect(directory / HISTORY, isolation_level=None, check_same_thread=False)
+                # before anything is changed in it, as it is for whoever must go back to the older program
+                if 0 < schema_of(connection, directory) < SCHEMA_VERSION:
+                    back_up(directory, MOST_BACKUPS)
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit, a few a replay: durability costs nothing here
                 connection.execute("PRAGMA foreign_keys = ON")
                 migrate(connection, directory)
             except sqlite3.DatabaseError as error:
-                raise StoreError(f"{directory / HISTORY}: {error}") from None
-            yield cls(directory, connection, lock, restored)
+                raise refused_by(error, directory / HISTORY) from None
+            store = cls(directory, connection, lock, restored)
+            if restored is None and (orphans := store.orphans()):  # a torn log ends at its last sound page, and says nothing
+                why = f"{len(orphans)} recordings from replay {orphans[0][0]} on are not in it"
+                store.restored = Restored(why, None, None, time.time(), replaced=False)
+            if store.restored is not None:
+                store._number_events_from(store.restored.at_unix_s)
+                store.set_note(RESTORED, store.restored.told)
+            yield store
         finally:
             if connection is not None:
                 connection.close()
+            hand_over(directory)
             os.close(lock)
 
     @classmethod
@@ -149,14 +163,14 @@ class Store:
         Raises StoreError where there is no history yet.
         """
         path = directory / HISTORY
-        if not path.is_file():
+        if not present(directory):
             raise StoreError(f"{path}: no history yet; it is made by the first `joint-monitor run` with this configuration")
-        connection = sqlite3.connect(f"file:{path}?mode=ro", uri=True, isolation_level=None)
+        connection = connected(path, "ro", isolation_level=None)
         try:
             check_version(connection, directory)
             yield cls(directory, connection, None)
         except sqlite3.DatabaseError as error:
-            raise StoreError(f"{path}: {error}") from None
+            raise refused_by(error, path) from None
         finally:
             connection.close()
 
@@ -172,16 +186,18 @@ class Store:
             (directory / "recordings").mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, isolation_level=None, timeout=5.0)
         except (OSError, sqlite3.OperationalError) as error:
-            raise StoreError(f"{directory}: cannot be written: {error}") from None
+            raise refused_by(error, directory) from None
         try:
+            schema_of(connection, directory)
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             migrate(connection, directory)
             yield cls(directory, connection, None)
         except sqlite3.DatabaseError as error:
-            raise StoreError(f"{path}: {error}") from None
+            raise refused_by(error, path) from None
         finally:
             connection.close()
+            hand_over(directory)
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
@@ -198,14 +214,14 @@ class Store:
             except sqlite3.Error as error:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")
-                raise StoreError(f"{self.directory / HISTORY}: {error}") from error
+                raise refused_by(error, self.directory / HISTORY) from error
 
     def _rows(self, query: str, values: Sequence[Any] = ()) -> list[Any]:
         with self._turn:
             try:
                 return self._db.execute(query, values).fetchall()
             except sqlite3.Error as error:
-                raise StoreError(f"{self.directory / HISTORY}: {error}") from error
+                raise refused_by(error, self.directory / HISTORY) from error
 
     # --- the ledger -------------------------------------------------------------------------
 
@@ -292,8 +308,8 @@ class Store:
         }
 
     def newest_unix_s(self) -> float | None:
-        """The latest time that the ledger knows."""
-        ((at,),) = self._rows("SELECT max(started_at_unix_s) FROM ledger")
+        """The latest time at which something was entered that is, or may become, part of what is held true."""
+        ((at,),) = self._rows("SELECT max(started_at_unix_s) FROM ledger WHERE state IN ('started', 'recorded', 'assessed')")
         return None if at is None else float(at)
 
     def began_unix_s(self) -> float | None:
@@ -521,6 +537,16 @@ class Store:
             (0 if unpublished else 1, after, -1 if limit is None else limit),
         )
         return [Event(seq, at, json.loads(document), ledger_id) for seq, at, document, ledger_id in reversed(rows)]
+
+    def _number_events_from(self, at_unix_s: float) -> None:
+        """The numbers that a damaged history gave out since its backup are not known, and must not mean something else to who heard them.
+
+        Transitions are rarer than one a minute: the minutes since 1970 are a number that none of them had.
+        """
+        with self._transaction() as db:
+            ((newest,),) = db.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = 'event'").fetchall()
+            db.execute("DELETE FROM sqlite_sequence WHERE name = 'event'")
+            db.execute("INSERT INTO sqlite_sequence VALUES ('event', ?)", (max(newest or 0, int(at_unix_s / 60.0)),))
 
     def event_range(self) -> tuple[int, int] | None:
         """Numbers of the oldest and of the newest transition kept; None where there is none."""

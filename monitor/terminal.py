@@ -144,6 +144,12 @@ def print_status(document: dict[str, Any]) -> None:
                 f"[bold]{'arm' if alert['joint'] is None else 'J' + str(alert['joint'])} {alert['condition']}[/]: {alert['text']}"
             )
     if document.get("monitor"):
+        if (silent_s := document.get("monitor_silent_s")) is not None:
+            ago = f"{abs(silent_s) / 60.0:.0f} min {'ago' if silent_s > 0 else 'in the future: the clock was set back'}"
+            console.print(
+                f"[bold red]the monitor does not run[/], or cannot write: what follows it said {ago}; look at the service and at its disk",
+                highlight=False,
+            )
         console.print(monitor_line(document["monitor"]), highlight=False, markup=False)
     for row in document["ledger"]:
         console.print(
@@ -443,6 +449,13 @@ def monitor_line(document: dict[str, Any]) -> str:
         f"monitor {document['version']} at {document['said_at']}: next replay {document['next_replay_due'] or 'none'}; "
         f"backup {store['last_backup_at'] or 'none yet'}; {free} free"
     ]
+    lag, waiting, process = document["lag_s"], document["bus"], document["process"]
+    resident = f"{process['resident_bytes'] / 1e6:.0f} MB of memory, " if process["resident_bytes"] else ""
+    lines.append(
+        f"  up {document['uptime_s'] / 3600.0:.1f} h; {resident}{process['cpu_s']:.0f} s of processor; "
+        f"{'' if lag is None else f'last window begun {lag:.0f} s after its opening; '}"
+        f"bus: {', '.join(f'{count} {name.replace(chr(95), chr(32))}' for name, count in waiting.items())}"
+    )
     lines += [f"  since {trouble['since']} {trouble['name']}: {trouble['text']}" for trouble in document["troubles"]]
     if document.get("reload"):
         reload = document["reload"]

@@ -1,9 +1,10 @@
 """Seconds since 1970 ↔ what people and other programs read: UTC, RFC 3339."""
 
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from functools import lru_cache
 
 DAY_S = 86_400
+_FIRST_DAY = date(1970, 1, 1).toordinal()
 
 
 def rfc3339(unix_s: float) -> str:
@@ -12,9 +13,9 @@ def rfc3339(unix_s: float) -> str:
     return f"{_date(day)}T{second // 3600:02d}:{second // 60 % 60:02d}:{second % 60:02d}Z"
 
 
-@lru_cache(maxsize=4096)  # a history has several times a day, and a client asks for it again
+@lru_cache(maxsize=16)  # a history is told day by day; more would only lie about, one here and one there, in memory that is free else
 def _date(day: int) -> str:
-    return datetime.fromtimestamp(day * DAY_S, tz=UTC).date().isoformat()
+    return date.fromordinal(_FIRST_DAY + day).isoformat()
 
 
 def unix_s(text: str) -> float:

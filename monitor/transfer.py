@@ -17,7 +17,15 @@ from monitor.series import Entry, Series, dated
 from monitor.store import Store
 from monitor.timestamps import rfc3339
 
-TABLES = ("friction", "ledger", "events", "assessments")
+AHEAD_S = 300.0  # another host's clock may be so far ahead
+LONGEST_S = 2e11  # until the year 8307: later ones have no calendar
+# each with the columns that it has while it is empty: a reader finds a header
+TABLES = {
+    "friction": ("replay", "joint", "recorded_at"),
+    "ledger": ("replay", "window", "kind", "state", "reason", "started_at", "ended_at", "recording", "recording_removed_at"),
+    "events": ("seq", "at", "replay", "kind", "joint", "condition"),
+    "assessments": ("replay", "recorded_at", "made_with", "document"),
+}
 
 
 def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: float | None = None) -> pd.DataFrame:
@@ -60,6 +68,8 @@ def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: 
         ]  # fmt: skip
         at = "recorded_at_unix_s"
     inside = [row for row in rows if _inside(row[at], from_unix_s, to_unix_s)]
+    if not inside:
+        return pd.DataFrame(columns=list(TABLES[what]))
     frame = pd.json_normalize(inside)
     for column in [name for name in frame.columns if name.endswith("_unix_s")]:
         times = pd.to_datetime(pd.to_numeric(frame[column]), unit="s", utc=True)
@@ -107,7 +117,8 @@ def _as_csv(recording: Recording) -> pd.DataFrame:
 def import_recordings(store: Store, configuration: Configuration, entries: list[Entry], columns: str | None) -> dict[str, Any]:
     """Recordings made elsewhere, judged in the order of their times, and marked as imported.
 
-    Raises BadInput, and nothing is changed, where one is not later than what was learnt last, or hangs otherwise than this arm.
+    Raises BadInput, and nothing is changed, where one is not later than what was learnt last, is of a time to come, or hangs otherwise than
+    this arm.
     """
     robot, mounting = configuration.model, configuration.mounting
     found = dated(Series(entries=entries, robot=robot, mounting=mounting, columns=columns))
@@ -117,6 +128,9 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
         at = recording.context.recorded_at_unix_s or 0.0
         if hangs.angles_rad != mounting.angles_rad:
             raise BadInput(f"{recording.source}: hangs otherwise than [robot] mounting = {configuration.robot.mounting!r}")
+        if not 0.0 <= at <= time.time() + AHEAD_S:
+            when = rfc3339(at) if abs(at) < LONGEST_S else f"{at:g} s after 1970"
+            raise BadInput(f"{recording.source}: was made at {when}; expected a time between 1970 and now")
         if last is not None and at <= last and at not in store.windows(at, at):
             raise BadInput(
                 f"{recording.source}: was made at {rfc3339(at)}, before the last replay that was learnt from ({rfc3339(last)}); recordings "

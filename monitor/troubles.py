@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,16 +12,18 @@ log = logging.getLogger(__name__)
 class Troubles:
     """By name: disk, clock, store, arm, …"""
 
-    def __init__(self, now: Callable[[], float]) -> None:
-        self._now = now
+    def __init__(self, now: Callable[[], float], monotonic: Callable[[], float] = time.monotonic) -> None:
+        self._now, self._monotonic = now, monotonic
         self._lock = threading.Lock()
         self._present: dict[str, tuple[float, str]] = {}
+        self._found: dict[str, float] = {}  # when, by a clock that nobody sets
 
     def found(self, name: str, text: str) -> None:
         """It is so now; told when it is new."""
         with self._lock:
             since = self._present.get(name, (self._now(), ""))[0]
             new = name not in self._present
+            self._found.setdefault(name, self._monotonic())
             self._present[name] = (since, text)
         if new:
             log.warning("trouble=%s: %s", name, text, extra={"trouble": name})
@@ -28,9 +31,9 @@ class Troubles:
     def over(self, name: str) -> None:
         """It is not so, or not any more; told when it was."""
         with self._lock:
-            was = self._present.pop(name, None)
+            was, found = self._present.pop(name, None), self._found.pop(name, 0.0)
         if was is not None:
-            log.info("trouble=%s is over, after %.0f s", name, self._now() - was[0], extra={"trouble": name})
+            log.info("trouble=%s is over, after %.0f s", name, self._monotonic() - found, extra={"trouble": name})
 
     def said(self, name: str, text: str | None) -> None:
         """Found where there is a text, over where there is none."""

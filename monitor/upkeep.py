@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ DAY_S = 86_400.0
 FRESH_S = 3600.0  # a service that is started again and again makes no backup each time
 BEHIND_S = 3600.0  # the newest entry of the history lies so far in the future: the clock was set back
 SAID = "monitor.json"
+SILENT_S = 60.0  # it speaks every ten seconds
 
 
 class Upkeep:
@@ -48,14 +50,18 @@ class Upkeep:
             beat()
             try:
                 self.look()
+            except StoreError as error:
+                self._troubles.found("store", str(error))
             except Exception:  # what looks after the others must outlive a fault of ours; the stack says which
                 log.exception("upkeep met a fault")
             stopping.wait(LOOK_EVERY_S)
 
     def look(self) -> None:
         """Disk and clock now; backup and retention at the start and once a day."""
-        self._troubles.said("disk", too_little_room(self._store, self._settings().least_free_mb))
+        short = too_little_room(self._store, self._settings().least_free_mb)
+        self._troubles.said("disk", None if short is None else short.removeprefix("disk: "))
         self._troubles.said("clock_behind", self._behind())
+        self._troubles.said("stop", self._stopped())
         if self._cared is None or time.monotonic() - self._cared >= (FRESH_S if "backup" in self._troubles else DAY_S):
             self._cared = time.monotonic()
             self.care()
@@ -95,10 +101,20 @@ class Upkeep:
             "replays are recorded, and learnt from again once it has caught up"
         )
 
+    def _stopped(self) -> str | None:
+        """Whether a replay ended in a way that a person must look at before anything moves again."""
+        for stop in self._store.waiting_stops():
+            return f"{stop.told}; nothing moves until a person has looked at the arm and says so: joint-monitor allow"
+        return None
+
     def document(self, more: dict[str, Any]) -> dict[str, Any]:
         """How the monitor is, with `more` from those who know it."""
         store = self._store
-        last = store.ledger(limit=1)
+        try:
+            last = store.ledger(limit=1)
+        except StoreError as error:  # the rest is worth telling all the more
+            self._troubles.found("store", str(error))
+            last = []
         newest = next(iter(backups(store.directory)), None)
         usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         free = None
@@ -152,6 +168,12 @@ def said(directory: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return document
+
+
+def silent_s(document: dict[str, Any], now_unix_s: float) -> float | None:
+    """For how long a monitor has said nothing that should have; None where it runs."""
+    age_s = now_unix_s - datetime.fromisoformat(document["said_at"]).timestamp()
+    return age_s if abs(age_s) > SILENT_S else None
 
 
 def _size(path: Path) -> int:

@@ -1,7 +1,9 @@
 """A history is kept for years: backed up, restored when damaged, thinned out, recomputed to the last bit."""
 
 import os
+import shutil
 import sqlite3
+import tempfile
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
@@ -19,12 +21,14 @@ from monitor.keep import backup as module
 from monitor.keep.backup import back_up, backups, fault
 from monitor.keep.circumstances import differences, processor_family
 from monitor.keep.retention import LEAST_KEPT, Kept, to_let_go
+from monitor.motion import look
 from monitor.recompute import recompute
 from monitor.recording import Recording
+from monitor.selfcheck import service_conditions
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store import Store
+from monitor.store import RESTORED, Store
 
 HISTORY = "history.sqlite"
 
@@ -55,8 +59,52 @@ def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_pla
         assert store.restored is not None
         assert store.restored.backup == good
         assert store.restored.set_aside.is_file()
+        assert "***" not in store.restored.told  # what is wrong, not which database
         assert len(store.verdicts()) == 3
+        commit(store, replayed(store, 9 * DAY))
+        assert store.events()[-1].seq > 1_000_000  # not a number that the damaged history may have given to something else
+        assert "replaced by the backup" in store.note(RESTORED)  # until an alert has said so
     with Store.open(tmp_path) as store:
+        assert store.restored is None
+        assert store.note(RESTORED)
+
+
+def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_never_written_over(tmp_path: Path):
+    """Deleted, or a crash in the middle of a restoration; without a backup the recordings alone say that there was one."""
+    history(tmp_path)
+    back_up(tmp_path, 14)
+    (tmp_path / HISTORY).unlink()
+    with Store.open(tmp_path) as store:
+        assert store.restored is not None
+        assert "gone" in store.restored.told
+        assert len(store.verdicts()) == 3
+    for path in (tmp_path / "backups").iterdir():
+        path.unlink()
+    (tmp_path / HISTORY).unlink()
+    with Store.open(tmp_path) as store:
+        assert store.restored is not None
+        assert [number for number, _ in store.orphans()] == [1, 2, 3]
+
+
+def test_entries_that_a_torn_log_has_lost_are_missed_and_no_recording_is_written_over(tmp_path: Path):
+    """The file itself is sound, and ends a replay earlier: its recording says so, before its number is given to another."""
+    lived_in, copy = tmp_path / "lived", tmp_path / "copy"
+    with Store.open(lived_in) as store:
+        commit(store, replayed(store, DAY))
+        store._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        commit(store, replayed(store, 2 * DAY))
+        shutil.copytree(lived_in, copy)  # as a power cut leaves it
+    with (copy / f"{HISTORY}-wal").open("r+b") as log:
+        log.seek(100)
+        log.write(os.urandom(64))
+    with Store.open(copy) as store:
+        assert [row.id for row in store.ledger()] == [1]
+        assert store.restored is not None
+        assert "lost its newest entries (1 recordings from replay 2 on" in store.restored.told
+        store.adopt(2, 2 * DAY, 3 * DAY)
+        assert store.claim(3 * DAY, "scheduled", 3 * DAY) == 3
+        store.end(3, "rejected", "a test", 3 * DAY)
+    with Store.open(copy) as store:
         assert store.restored is None
 
 
@@ -83,6 +131,46 @@ def test_a_history_that_cannot_be_read_for_another_reason_is_not_replaced(tmp_pa
         with pytest.raises(StoreError, match="locked"), Store.open(tmp_path):
             pass
     assert list(tmp_path.glob("damaged-*")) == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: cannot become another user, so what one who may not read is told is not tested")
+@pytest.mark.parametrize("may_enter", [False, True])
+def test_who_may_not_read_the_history_is_told_whose_it_is(may_enter: bool):
+    """The service's directory is its own: a sentence with what to do, for every command that reads, and no history is not the answer."""
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o711)
+        folder = Path(name) / "cell-1"
+        history(folder, 1)
+        folder.chmod(0o711 if may_enter else 0o700)
+        document = {"robot": {"model": "ur5", "site": "lab", "id": "a"}, "store": {"directory": str(folder)}}
+        settings = from_document(document, Path(name) / "cell.toml")
+        before = os.geteuid()
+        os.seteuid(65534)
+        try:
+            with pytest.raises(StoreError, match=r"may not be read by this user .*sudo -u root joint-monitor"), Store.reader(folder):
+                pass
+            with pytest.raises(StoreError, match="may not be read"):
+                look(settings)
+            found = {each.name: each for each in service_conditions(settings)}
+        finally:
+            os.seteuid(before)
+    assert "may not be read" in found["history"].told
+    assert found["disk"].told
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: nothing of root's can be handed over, which is not tested")
+def test_what_root_makes_in_the_services_directory_is_the_services(tmp_path: Path):
+    """An import, or a stop allowed, by an administrator before the first start: the service must be able to write there."""
+    os.chown(tmp_path, 65534, 65534)
+    history(tmp_path, 1)
+    with Store.beside(tmp_path) as store:
+        store.allow("Ada", "seen", 1e9)
+    back_up(tmp_path, 3)
+    with Store.open(tmp_path):
+        pass
+    found = {path: path.stat().st_uid for path in tmp_path.rglob("*")}
+    assert len(found) >= 5
+    assert set(found.values()) == {65534}, found
 
 
 def test_backups_keep_the_newest_of_each_day_and_no_more_days_than_asked(tmp_path: Path):

@@ -73,6 +73,11 @@ def test_what_is_exported_can_be_read_by_others_and_a_recording_be_imported_agai
     with (tmp_path / "friction.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["coulomb_nm"]) for row in rows] == list(parquet["coulomb_nm"])
+    for what, full in (("friction", parquet), ("ledger", pd.read_csv(tmp_path / "ledger.csv"))):
+        run("export", "--config", str(cell), "-o", str(tmp_path / "none.csv"), "--what", what, "--from", "2100-01-01")
+        none = pd.read_csv(tmp_path / "none.csv")
+        assert len(none) == 0
+        assert set(none.columns) <= set(full.columns)
     run("export", "--config", str(cell), "-o", str(tmp_path / "one.csv"), "--what", "recording", "--replay", "2")
     stored = read_recording(cell.parent / "history" / "recordings" / "replay-000002.parquet")
     assert (read_recording(tmp_path / "one.csv").q == stored.q).all()
@@ -83,7 +88,7 @@ def test_what_is_exported_can_be_read_by_others_and_a_recording_be_imported_agai
 
 
 def test_recordings_made_elsewhere_become_history_and_are_marked(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
-    """In time order whatever the order of the files; a second time they are known; older than what was learnt, none is taken."""
+    """In time order whatever the order of the files; a second time they are known; none is taken of before or of a time to come."""
     config = tmp_path / "cell.toml"
     config.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "history"\n')
     files = []
@@ -91,6 +96,10 @@ def test_recordings_made_elsewhere_become_history_and_are_marked(tmp_path: Path,
         context = Context(robot="ur5", recorded_at_unix_s=1.0e9 + day * DAY)
         files.append(tmp_path / f"day-{day}.parquet")
         write_recording(files[-1], replace(recordings[day - 1], context=context, source=""))
+    for wrong in (4.0e9, 1.0e15):
+        context = Context(robot="ur5", recorded_at_unix_s=wrong)
+        write_recording(tmp_path / "to-come.parquet", replace(recordings[0], context=context, source=""))
+        assert "between 1970 and now" in run("import", "--config", str(config), str(tmp_path / "to-come.parquet"), code=2)
     told = json.loads(run("import", "--config", str(config), *map(str, files[:2]), "--json"))
     assert (told["assessed"], told["rejected"], told["known_already"]) == (2, [], 0)
     assert "1 assessed" not in run("import", "--config", str(config), str(files[0]))

@@ -199,13 +199,59 @@ def test_every_mistake_is_told_with_its_file_and_line(tmp_path: Path):
     told = "\n".join(lines[1:])
     for part in (
         f"{path}:5: replay.allow_moton: unknown key (did you mean allow_motion?)",
-        f"{path}:6: [replay] replay: gain = 5.0",
+        f"{path}:6: replay.gain = 5.0; expected",
         f"{path}:7: [helth]: unknown section (did you mean health?)",
         f"{path}:9: identify.signals.cutof_hz: unknown key (did you mean cutoff_hz?)",
         f"{path}:11: schedule.cron = 'noon'",
         "robot.site: missing",
     ):
         assert part in told, (part, told)
+
+
+def test_what_a_room_refuses_is_told_all_at_once_too_with_its_line_and_in_words_of_toml(tmp_path: Path):
+    """Several figures of one room, several texts of one list; a key of the wrong kind is not missing besides."""
+    path = written(
+        tmp_path,
+        '[replay]\ngain = 5.0\npermit = "perhaps"\nwindows_utc = "22:00-05:00"\n'
+        '[schedule]\nblackout = ["2026-13-01", "24.12.2026"]\njitter_s = 900.0\ncron = "noon"\n[page]\nlisten = "here"\n',
+    )
+    path.write_text(path.read_text().replace('id = "cell-1"', "id = 7"))
+    with pytest.raises(BadConfiguration) as refused:
+        load(path, {})
+    lines = str(refused.value).splitlines()[1:]
+    starts = (
+        "4: robot.id = 7: expected text in quotes", "6: replay.gain = 5.0; expected", "7: replay.permit = 'perhaps'; expected",
+        "8: replay.windows_utc = '22:00-05:00': expected a list", "10: schedule.blackout = '2026-13-01', '24.12.2026'",
+        "11: schedule.jitter_s = 900", "12: schedule.cron = 'noon'", "14: page.listen = 'here'",
+    )  # fmt: skip
+    assert len(lines) == len(starts), lines
+    for start in starts:
+        assert any(line.strip().startswith(f"{path}:{start}") for line in lines), (start, lines)
+
+
+def test_a_file_of_another_editor_is_read_or_refused_with_the_line(tmp_path: Path):
+    """A mark before the first letter and CRLF are nothing; another coding and endless nesting are sentences."""
+    path = written(tmp_path, 'tool = "gripper"\n')
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert load(path, {}).robot.tool == "gripper"
+    path.write_bytes(path.read_bytes().replace(b"gripper", b"gro\xdf"))
+    with pytest.raises(BadConfiguration, match=r":5: .* is no UTF-8"):
+        load(path, {})
+    written(tmp_path, f"x = {'[' * 5000}{']' * 5000}\n")
+    with pytest.raises(BadConfiguration, match="nested too deeply"):
+        load(path, {})
+
+
+def test_text_from_the_environment_stays_text_and_a_section_that_only_it_has_is_its_mistake(tmp_path: Path):
+    """A serial number is all digits; quotes are taken off where there are some."""
+    path = written(tmp_path, "")
+    environment = {"JOINT_MONITOR__ROBOT__SERIAL": "20185500001", "JOINT_MONITOR__ROBOT__TOOL": '"true"'}
+    loaded = load(path, environment)
+    assert (loaded.robot.serial, loaded.robot.tool) == ("20185500001", "true")
+    with pytest.raises(BadConfiguration) as refused:
+        load(path, {"JOINT_MONITOR__HELTH__WEAR_RISE": "0.1", "JOINT_MONITOR__SCHEDULE__CRON__X": "1"})
+    assert "environment JOINT_MONITOR__HELTH__WEAR_RISE: [helth]: unknown section (did you mean health?)" in str(refused.value)
+    assert "environment JOINT_MONITOR__SCHEDULE__CRON__X: schedule.cron = " in str(refused.value)
 
 
 def test_a_variable_of_the_environment_stands_in_for_a_key_and_is_blamed_for_its_mistakes(tmp_path: Path):

@@ -44,6 +44,7 @@ class Cell:
 
     def __init__(self, folder: Path, host: str, port: int) -> None:
         self.folder, self.host = folder, host
+        self.started: list[subprocess.Popen[str]] = []
         self.endpoint = f"tcp/127.0.0.1:{port}"
         excitation(folder)
         self.config = folder / "cell.toml"
@@ -75,7 +76,15 @@ class Cell:
 
     def daemon(self, *arguments: str) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", "monitor", "run", "--config", str(self.config), *arguments]
-        return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self.started.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+        return self.started[-1]
+
+    def end(self) -> None:
+        """What a test that failed has left running would hold the port and the arm of the next try."""
+        for process in self.started:
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
 
     def client(self, within_s: float = 20.0) -> Client:
         """Waits for the daemon to open its endpoint."""
@@ -120,8 +129,12 @@ def cell(tmp_path: Path, free_port: int, worker_id: str) -> Iterator[tuple[Cell,
     simulator = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", host], stdout=subprocess.PIPE, text=True)
     try:
         assert simulator.stdout.readline().startswith("listening")
+        cell = Cell(tmp_path, host, free_port)
         with Remote(host) as remote:
-            yield Cell(tmp_path, host, free_port), remote
+            try:
+                yield cell, remote
+            finally:
+                cell.end()
     finally:
         simulator.terminate()
         simulator.wait(timeout=10)

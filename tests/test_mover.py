@@ -32,7 +32,7 @@ class Arm:
         self.troubles = Troubles(lambda: self.clock[0])
         self.replayed: list[float] = []
         self.due: float | None = None
-        self.mended = 0
+        self.mended = self.rewound = 0
         self.fails: Exception | None = None
         self.mover = self.started()
 
@@ -49,8 +49,8 @@ class Arm:
         self.store.end(ledger_id, "rejected", "a test", self.clock[0])
         return self.store.row(ledger_id)
 
-    def skip(self, window_unix_s: float, reason: str) -> None:
-        ledger_id = self.store.claim(window_unix_s, "scheduled", self.clock[0])
+    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
+        ledger_id = self.store.claim(window_unix_s, kind, self.clock[0])
         if ledger_id is not None:
             self.store.end(ledger_id, "skipped", reason, self.clock[0])
 
@@ -59,6 +59,7 @@ class Arm:
         self.store.repair(self.clock[0])
 
     def rewind(self) -> bool:
+        self.rewound += 1
         return rewind(self.store, self.clock[0]) is not None
 
     def next_due(self, unix_s: float | None) -> None:
@@ -114,6 +115,7 @@ def test_a_clock_set_back_replays_no_window_again_and_one_set_forward_is_doubted
     arm.clock[0] += 365 * DAY + 3 * 3600.0 - 60.0  # into a window
     arm.mover.tick()
     assert "clock" in arm.troubles
+    assert arm.mover.coming(1)[0].opens_unix_s > arm.clock[0] + 3500.0  # nothing is promised for that hour
     arm.passes(300.0)
     assert len(arm.replayed) == len(before) + 1
     arm.passes(2 * DAY)
@@ -255,6 +257,55 @@ def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
     arm.passes(60.0)
     assert len(arm.replayed) == 1
     assert arm.store.ledger()[0].kind == "requested"
+
+
+def test_who_asks_twice_gets_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
+    """Nothing moves that could not be recorded, whoever wants it; that it was wanted is told."""
+    arm.mover.want()
+    arm.mover.want()
+    arm.passes(240.0)
+    assert len(arm.replayed) == 1
+    arm.configuration = replace(arm.configuration, store=replace(arm.configuration.store, least_free_mb=1e12))
+    arm.mover.want()
+    arm.passes(240.0)
+    assert len(arm.replayed) == 1
+    (_, row) = arm.store.ledger()
+    assert (row.kind, row.state) == ("requested", "skipped")
+    assert "MB are free" in (row.reason or "")
+
+
+def test_a_host_whose_clock_begins_again_at_every_boot_loses_nothing_of_its_history(arm: Arm):
+    """A dead battery: 2019 at every boot until the network has set it. That it was set right once is no future that was made up."""
+    true, wrong = START, 1_546_300_800.0
+    for boot in range(3):
+        arm.clock[0] = wrong + 120.0 * boot  # no two boots take the same time
+        arm.mover = arm.started()
+        arm.passes(60.0, step=10.0)
+        arm.clock[0] = true = max(true, arm.store.newest_unix_s() or 0.0) + 5 * DAY
+        ledger_id = arm.store.claim(true, "requested", true)
+        arm.store.recording_path(ledger_id).write_bytes(b"PAR1")
+        arm.store.recorded(ledger_id)  # waits for its assessment: part of what will be held true
+        arm.mover.tick()
+        arm.passes(2 * DAY)
+        assert arm.rewound == 0, boot
+        assert "clock" not in arm.troubles
+    assert arm.replayed
+
+
+def test_before_the_clock_has_been_set_nothing_is_replayed(tmp_path: Path):
+    """1970, as a host without a clock begins: told, no window, no request; set right, it is believed at once."""
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="*/10 * * * *", grace_s=600.0)
+        arm.clock[0] = 100.0
+        arm.mover = arm.started()
+        arm.mover.want()
+        arm.passes(3600.0)
+        assert arm.replayed == []
+        assert "1970" in arm.troubles.listed()[0]["text"]
+        arm.clock[0] = START
+        arm.passes(240.0)
+        assert len(arm.replayed) >= 1
+        assert "clock" not in arm.troubles
 
 
 def test_a_thousand_days_of_absence_are_told_in_a_few_rows_and_at_once(arm: Arm):

@@ -165,6 +165,28 @@ def test_no_window_opens_on_a_blackout_day_of_the_sites_own_calendar():
     assert days == ["12-23", "12-27", "12-28", "12-29", "12-30", "12-31", "01-02"]
 
 
+def test_no_window_reaches_into_a_blackout():
+    """One that is open at midnight closes then; a jitter past midnight leaves it out; cold starts and evidence alike."""
+    settings = ScheduleSettings(
+        timezone="Europe/Berlin", cron="30 23 * * *", grace_s=7200.0, jitter_s=3600.0,
+        blackout=("2026-12-24..2026-12-26", "9999-12-31", "0001-01-01"),
+        cold_start_after_h=4.0, evidence_windows=("22:00-05:00",),
+    )  # fmt: skip
+    eve = datetime(2026, 12, 24, tzinfo=BERLIN).timestamp()
+    kept = 0
+    for salt in map(str, range(20)):
+        for window in windows(settings, eve - 2 * 86_400.0, eve + 5 * 86_400.0, None, salt):
+            assert window.opens_unix_s < window.closes_unix_s
+            assert window.closes_unix_s <= eve or window.opens_unix_s >= eve + 3 * 86_400.0
+            kept += window.closes_unix_s == eve
+    assert 0 < kept < 20  # some lots fall before midnight, some after it
+    late = look(
+        settings, now_unix_s=eve + 1800.0, since_unix_s=eve - 60.0, entered=(), began_unix_s=None,
+        asked=Asked(cold_start_unix_s=eve - 600.0, evidence_unix_s=eve - 900.0),
+    )  # fmt: skip
+    assert late.due is None
+
+
 def test_learning_adds_windows_for_its_days_and_no_longer():
     """Every six hours for two weeks from the first window, then as ever."""
     settings = ScheduleSettings(cron="0 3 * * *", learning_every_h=6.0, learning_days=14.0)

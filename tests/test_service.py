@@ -100,11 +100,13 @@ def test_the_journal_gets_fields_that_one_can_ask_for(tmp_path: Path):
 def test_a_trouble_is_told_when_it_begins_and_when_it_is_over(caplog):
     """Once each, however often it is seen; listed in between, with when it began."""
     caplog.set_level(logging.INFO)
-    clock = [100.0]
-    troubles = Troubles(lambda: clock[0])
+    clock, elapsed = [100.0], [0.0]
+    troubles = Troubles(lambda: clock[0], lambda: elapsed[0])
     for _ in range(5):
         troubles.found("disk", f"full since {clock[0]:.0f}")
         clock[0] += 1.0
+        elapsed[0] += 1.0
+    clock[0] -= 365 * 86_400.0  # set back meanwhile: how long it lasted is still true
     troubles.over("clock")
     assert troubles.listed() == [{"name": "disk", "since_unix_s": 100.0, "text": "full since 104"}]
     troubles.said("disk", None)

@@ -2,8 +2,10 @@
 
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -122,8 +124,34 @@ def test_a_newer_history_is_refused_with_the_reason(tmp_path: Path):
     """A future schema is not opened and written over."""
     with Store.open(tmp_path) as store:
         store._db.execute("PRAGMA user_version = 99")
-    with pytest.raises(StoreError, match="newer"), Store.open(tmp_path):
-        pass
+    for opened in (Store.open, Store.reader, Store.beside):
+        with pytest.raises(StoreError, match="newer"), opened(tmp_path):
+            pass
+
+
+@pytest.mark.parametrize("version", [0, 1, 3])
+def test_another_programs_database_is_refused_and_left_as_it_is(tmp_path: Path, version: int):
+    """Whatever number of schema it says, none of our tables is put beside its own."""
+    with closing(sqlite3.connect(tmp_path / "history.sqlite")) as connection:
+        connection.executescript(f"CREATE TABLE photo (name TEXT); PRAGMA user_version = {version}")
+    before = (tmp_path / "history.sqlite").read_bytes()
+    for opened in (Store.open, Store.reader, Store.beside):
+        with pytest.raises(StoreError, match="another program's"), opened(tmp_path):
+            pass
+    assert (tmp_path / "history.sqlite").read_bytes() == before
+
+
+def test_a_folder_of_any_name_holds_a_history(tmp_path: Path):
+    """What has a meaning in an URI has none in a path."""
+    folder = tmp_path / "cell #1? 50%20"
+    with Store.open(folder) as store:
+        commit(store, replayed(store, DAY))
+    with Store.open(folder) as store:
+        assert store.restored is None
+        assert store.back_up(3).stat().st_size > 10_000
+    with Store.reader(folder) as store:
+        assert len(store.ledger()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == [folder.name]
 
 
 WRITER = """
@@ -207,3 +235,6 @@ def test_a_history_of_the_first_schema_is_renewed_with_what_it_holds(tmp_path: P
     with Store.open(tmp_path) as store:
         assert [row.state for row in store.ledger()] == ["recorded"]
         assert store.waiting_stops() == []
+    (kept,) = (tmp_path / "backups").iterdir()  # as it was, for whoever must go back to the older program
+    with closing(sqlite3.connect(kept)) as connection:
+        assert connection.execute("PRAGMA user_version").fetchone() == (1,)

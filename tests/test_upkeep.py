@@ -9,13 +9,15 @@ import pytest
 from test_care import HISTORY, configuration, torn
 from test_store import DAY, commit, replayed
 
+from monitor.errors import StoreUnavailable
 from monitor.keep.backup import backups
 from monitor.publish.documents import schema
 from monitor.publish.metrics import families
 from monitor.store import Store
+from monitor.terminal import print_status
 from monitor.timestamps import outside
 from monitor.troubles import Troubles
-from monitor.upkeep import Upkeep, said
+from monitor.upkeep import Upkeep, said, silent_s
 
 MORE = {
     "next_replay_due_unix_s": 1.8e9, "next_replay_why": "cron", "lag_s": 0.7, "arm": {"heard": True, "trouble": None},
@@ -70,6 +72,60 @@ def test_a_clock_behind_the_history_is_told_and_is_over_when_it_has_caught_up(up
     clock[0] = 1.7e9
     upkeep.look()
     assert "clock_behind" not in troubles
+
+
+def test_what_was_taken_back_does_not_keep_the_clock_behind(upkeep):
+    """Rejected as made up by a wrong clock: nothing of it is waited for."""
+    upkeep, store, troubles, clock = upkeep
+    commit(store, replayed(store, 1.9e9))
+    clock[0] = 1.8e9
+    upkeep.look()
+    assert "clock_behind" in troubles
+    store.end(replayed(store, 2.0e9), "rejected", "a test", 2.0e9)
+    store._db.execute("UPDATE ledger SET state = 'rejected' WHERE window_unix_s = 1.9e9")
+    upkeep.look()
+    assert "clock_behind" not in troubles
+
+
+def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(upkeep):
+    """Whoever asks how the monitor is learns that nothing moves, why, and what to do."""
+    upkeep, store, troubles, _ = upkeep
+    store.stopped("protective_stop", "the arm met something", 1.6e9)
+    upkeep.look()
+    (trouble,) = [each for each in troubles.listed() if each["name"] == "stop"]
+    assert "the arm met something" in trouble["text"]
+    assert "joint-monitor allow" in trouble["text"]
+    store.allow("Ada", "a box; it is gone", 1.6e9)
+    upkeep.look()
+    assert "stop" not in troubles
+
+
+def test_it_says_how_it_is_also_where_the_history_cannot_be_read(upkeep, monkeypatch: pytest.MonkeyPatch):
+    """A disk that fails is a trouble among others, and no reason to be silent, or to seem dead to the watchdog."""
+    upkeep, store, _, _ = upkeep
+
+    def failing(*_: object, **__: object) -> None:
+        raise StoreUnavailable("disk I/O error")
+
+    monkeypatch.setattr(store, "ledger", failing)
+    document = outside(upkeep.document(MORE))
+    jsonschema.validate(document, schema("monitor"), format_checker=jsonschema.FormatChecker())
+    assert document["last_replay"] is None
+    assert [trouble["name"] for trouble in document["troubles"]] == ["store"]
+
+
+def test_status_says_where_nobody_speaks_any_more(upkeep, capsys: pytest.CaptureFixture[str]):
+    """A monitor that ended weeks ago must not look like one that runs."""
+    upkeep, _, _, clock = upkeep
+    clock[0] = 1.7e9
+    document = outside(upkeep.document(MORE))
+    assert silent_s(document, 1.7e9 + 30.0) is None
+    assert silent_s(document, 1.7e9 + 3 * DAY) == 3 * DAY
+    told = {"robot": "cell-1", "model_revision": 0, "health": None, "friction": [], "ledger": [], "monitor": document}
+    print_status({**told, "monitor_silent_s": 3 * DAY})
+    assert "does not run" in capsys.readouterr().out
+    print_status({**told, "monitor_silent_s": None})
+    assert "does not run" not in capsys.readouterr().out
 
 
 def test_what_it_says_is_what_its_schema_promises_and_what_status_reads(upkeep):

@@ -1,5 +1,6 @@
 """Backups of the history, and what happens when it is damaged: set aside, never deleted; the newest good backup takes its place."""
 
+import errno
 import os
 import re
 import sqlite3
@@ -8,9 +9,10 @@ from collections.abc import Iterator
 from contextlib import closing, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from urllib.parse import quote
 
-from monitor.errors import StoreError
+from monitor.errors import StoreError, StoreUnavailable
 
 HISTORY = "history.sqlite"
 _NAME = re.compile(r"history-(\d{8}T\d{6}Z)\.sqlite\Z")
@@ -21,17 +23,76 @@ class Restored(NamedTuple):
     """What became of a damaged history."""
 
     why: str  # what was wrong with it
-    set_aside: Path  # where it lies now
+    set_aside: Path | None  # where it lies now; None: it was gone
     backup: Path | None  # what took its place; None: there was no good one, and a new history begins
     at_unix_s: float
+    replaced: bool = True  # False: it is sound, and has lost its newest entries
 
     @property
     def told(self) -> str:
         """In words."""
+        if not self.replaced:
+            return f"the history has lost its newest entries ({self.why}); those recordings are judged anew"
         source = (
             f"the backup {self.backup.name}" if self.backup else "nothing: there was no good backup; recordings on disk are judged anew"
         )
-        return f"the history was damaged ({self.why}) and was replaced by {source}; it was kept as {self.set_aside.name}"
+        kept = f"; it was kept as {self.set_aside.name}" if self.set_aside else ""
+        return f"the history was damaged ({self.why}) and was replaced by {source}{kept}"
+
+
+def connected(path: Path, mode: str, **options: Any) -> sqlite3.Connection:
+    """A database file as it is named, whatever a URI would make of `#`, `?` and `%`; it is never created. mode : ro or rw."""
+    connection: sqlite3.Connection = sqlite3.connect(f"file:{quote(str(path))}?mode={mode}", uri=True, **options)
+    return connection
+
+
+def present(directory: Path) -> bool:
+    """Is there a history in a directory? Raises StoreError where this user may not look into it, which is no answer."""
+    try:
+        (directory / HISTORY).stat()
+        os.listdir(directory)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except PermissionError:
+        owner = _owner(directory)
+        raise StoreError(
+            f"{directory}: may not be read by this user (uid {os.geteuid()}); "
+            + (f"as the one whose it is: sudo -u {owner} joint-monitor …" if owner else "as root: sudo joint-monitor …")
+        ) from None
+    return (directory / HISTORY).is_file()
+
+
+def _owner(directory: Path) -> str | None:
+    """Whose it is; None where even that may not be seen."""
+    for folder in (directory, directory.parent):
+        with suppress(OSError, KeyError):
+            return folder.owner()
+    return None
+
+
+def hand_over(directory: Path) -> None:
+    """What root has made in a directory that is the service's becomes the service's, which could not write to it else."""
+    if os.geteuid() != 0:
+        return
+    whose = directory.stat()
+    if whose.st_uid == 0:
+        return
+    for path in directory.rglob("*"):
+        with suppress(OSError):  # gone meanwhile
+            if path.lstat().st_uid == 0:
+                os.chown(path, whose.st_uid, whose.st_gid, follow_symlinks=False)
+
+
+def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
+    """What a disk or a database said, as a sentence; StoreUnavailable where the same may succeed later."""
+    if isinstance(error, OSError):
+        kind = StoreUnavailable if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO} else StoreError
+        return kind(f"{path}: cannot be written: {error.strerror}")
+    code = getattr(error, "sqlite_errorcode", None)
+    told = {sqlite3.SQLITE_FULL: " (no space is left)", sqlite3.SQLITE_IOERR: " (the disk is full, or fails)"}
+    known = None if code is None else code & 0xFF
+    kind = StoreUnavailable if known in {*told, sqlite3.SQLITE_READONLY} else StoreError
+    return kind(f"{path}: {error}{told.get(known, '') if known is not None else ''}")
 
 
 def fault(path: Path) -> str | None:
@@ -41,27 +102,29 @@ def fault(path: Path) -> str | None:
     """
     try:
         # not read-only: after a power cut there may be a log without its index, and only a writer may make that anew
-        with closing(sqlite3.connect(f"file:{path}?mode=rw", uri=True, isolation_level=None, timeout=2.0)) as connection:
+        with closing(connected(path, "rw", isolation_level=None, timeout=2.0)) as connection:
             said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
     except sqlite3.DatabaseError as error:
         if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
-            raise StoreError(f"{path}: {error}") from None
+            raise refused_by(error, path) from None
         return str(error)
-    return None if said == "ok" else str(said).splitlines()[0]
+    # the first line only names the database: `*** in database main ***`
+    return None if said == "ok" else next((line for line in str(said).splitlines() if not line.startswith("***")), "damaged")
 
 
 def lost(directory: Path) -> str | None:
-    """What makes the history in a directory unusable, damage or nothing left of it though there were backups; None where it is sound.
+    """What makes the history in a directory unusable: damage, or nothing left of it though there was one; None where it is sound, or new.
 
     Raises StoreError as `fault`.
     """
     path = directory / HISTORY
-    if not path.is_file():
-        return None  # a new one, or a person has moved it away to begin anew
-    if path.stat().st_size == 0 and backups(directory):
-        return "the file is empty, though there are backups of it"
-    return fault(path)
+    is_there = path.exists()
+    if not is_there or path.stat().st_size == 0:
+        left = "backups of it" if backups(directory) else "recordings" if any((directory / "recordings").glob("replay-*.parquet")) else ""
+        if left:
+            return f"the file is {'empty' if is_there else 'gone'}, though there are {left}"
+    return fault(path) if is_there else None
 
 
 def back_up(directory: Path, keep: int) -> Path:
@@ -77,7 +140,7 @@ def back_up(directory: Path, keep: int) -> Path:
         for leftover in folder.glob(".*.tmp*"):
             leftover.unlink()
         with (
-            closing(sqlite3.connect(f"file:{directory / HISTORY}?mode=ro", uri=True)) as source,
+            closing(connected(directory / HISTORY, "ro")) as source,
             closing(sqlite3.connect(temporary)) as copy,
         ):
             source.backup(copy)
@@ -120,14 +183,16 @@ def restore(directory: Path, why: str) -> Restored:
         for suffix in ("-wal", "-shm"):  # pages that belong to the damaged file, and to no other
             with suppress(FileNotFoundError):
                 os.replace(directory / f"{HISTORY}{suffix}", f"{aside}{suffix}")
-        os.replace(directory / HISTORY, aside)
+        is_there = (directory / HISTORY).exists()
+        if is_there:
+            os.replace(directory / HISTORY, aside)
         if good is not None:
             temporary = directory / f".{HISTORY}.tmp"
             temporary.write_bytes(good.read_bytes())
             settle(temporary, directory / HISTORY)
     except OSError as error:
-        raise StoreError(f"{directory / HISTORY}: damaged ({why}), and cannot be replaced: {error}") from None
-    return Restored(why, aside, good, at)
+        raise refused_by(error, directory / f"{HISTORY} is damaged ({why}), and its backup") from None
+    return Restored(why, aside if is_there else None, good, at)
 
 
 def settle(temporary: Path, target: Path) -> None:

@@ -88,17 +88,26 @@ MIGRATIONS: dict[int, str] = {
 
 
 def check_version(connection: sqlite3.Connection, directory: Path) -> None:
-    """Raises StoreError where the file is older than this program: a reader must not change it."""
-    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    """Raises StoreError where the file is no history, or older or newer than this program: a reader must not change it."""
+    version = schema_of(connection, directory)
     if version < SCHEMA_VERSION:
         raise StoreError(f"{directory}: written by an older joint-monitor (schema {version}); start `joint-monitor run` once to renew it")
 
 
 def migrate(connection: sqlite3.Connection, directory: Path) -> None:
-    """Bring a file of any earlier version to this one. Raises StoreError where it is newer."""
-    version = connection.execute("PRAGMA user_version").fetchone()[0]
-    if version > SCHEMA_VERSION:
-        raise StoreError(f"{directory}: written by a newer joint-monitor (schema {version}; this one knows {SCHEMA_VERSION})")
+    """Bring a file of any earlier version to this one. Raises StoreError where it is newer, or somebody else's."""
+    version = schema_of(connection, directory)
     for step in range(version + 1, SCHEMA_VERSION + 1):
         # executescript commits what is open, so the transaction is part of the script
         connection.executescript(f"BEGIN;{MIGRATIONS[step]};PRAGMA user_version = {step};COMMIT;")
+
+
+def schema_of(connection: sqlite3.Connection, directory: Path) -> int:
+    """The file's schema, 0 of one that is empty. Raises StoreError where it is newer than this program, or no history of ours."""
+    version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+    if version > SCHEMA_VERSION:
+        raise StoreError(f"{directory}: written by a newer joint-monitor (schema {version}; this one knows {SCHEMA_VERSION})")
+    tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
+    if (tables and (version == 0 or "ledger" not in tables)) or (version and not tables):
+        raise StoreError(f"{directory}: its history.sqlite is another program's; expected one of joint-monitor's, or none")
+    return version

@@ -251,6 +251,12 @@ class Bus:
         """What waits to be sent and to be answered, and what was dropped so far."""
         return {"to_send": self._outbox.qsize(), "to_answer": self._inbox.qsize(), "dropped": self.dropped}
 
+    def without_router(self) -> str | None:
+        """Which of the routers that we were told to join none answers; None where one does, or none was named."""
+        if not self._settings.connect or self._session.info.routers_zid() or self._session.info.peers_zid():
+            return None
+        return f"nobody answers at {', '.join(self._settings.connect)}; what is said reaches only who asks here; tried again for ever"
+
     def last_payloads(self) -> dict[str, bytes]:
         """The same as they were sent: a payload is a new object only where something new was said."""
         with self._lock:

@@ -177,3 +177,17 @@ def test_what_is_no_key_expression_is_refused_by_the_client(bus, selector):
         for ask in (client.get, lambda selector: next(client.watch(selector))):
             with pytest.raises(BadInput, match="is no key expression"):
                 ask(selector)
+
+
+def test_a_router_that_is_not_there_is_told_and_joined_when_it_comes(free_port: int):
+    """Without one, who asks the daemon directly is answered; where none was named, none is missed."""
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    with Bus(BusSettings(listen=(), connect=(endpoint,)), prefix("lab", "cell-1")) as bus:
+        assert endpoint in (bus.without_router() or "")
+        with zenoh.open(session_config(mode="router", listen=(endpoint,))):
+            deadline = time.monotonic() + 20.0
+            while bus.without_router() is not None and time.monotonic() < deadline:
+                time.sleep(0.05)
+            assert bus.without_router() is None
+    with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "cell-1")) as bus:
+        assert bus.without_router() is None

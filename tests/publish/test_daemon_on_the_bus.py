@@ -24,6 +24,7 @@ from monitor.judge.health import Alert
 from monitor.mover import Mover
 from monitor.publish.bus import session_config
 from monitor.publish.documents import KINDS, schema
+from monitor.schedule import ScheduleSettings
 from monitor.service import Heartbeats
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
@@ -367,6 +368,17 @@ def test_live_torque_comes_at_the_configured_rate(cell):
         threading.Timer(2.0, daemon.stopping.set).start()
         _watch(daemon, Heard(asked_hz, state), *parts)
         assert abs(len(said) - 2.0 * rate_hz) <= 0.25 * 2.0 * rate_hz + 1.0, rate_hz
+
+
+def test_after_a_reload_info_tells_the_digest_of_what_is_in_force(cell):
+    """A change of any setting changes it, not at the next start but when it is in force."""
+    daemon, _, _, endpoint = cell
+    with Client(endpoint, "lab", "cell-1") as client:
+        before = client.info().configuration_digest
+        assert before == digest(daemon.configuration)
+        daemon.reconfigured(replace(daemon.configuration, schedule=ScheduleSettings(cron="0 4 * * *")))
+        daemon.say_health()
+        assert client.info().configuration_digest == digest(daemon.configuration) != before
 
 
 def test_a_wildcard_anywhere_in_the_key_never_acts(cell):

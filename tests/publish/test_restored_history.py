@@ -38,6 +38,29 @@ def told(client: Client) -> Alert:
     raise AssertionError("the alert was never raised")
 
 
+def test_a_restored_history_without_a_verdict_is_told_and_becomes_an_alert_with_the_first(tmp_path: Path, free_port: int, recording):  # noqa: F811
+    """Nothing assessed, no backup: there is no health that an alert could belong to; it waits for one, also through a restart."""
+    (tmp_path / "history").mkdir()
+    (tmp_path / "history" / "history.sqlite").write_bytes(b"this is no database" * 1000)
+    endpoint, arm = f"tcp/127.0.0.1:{free_port}", Arm(recording)
+    for _ in range(2):
+        with Store.open(tmp_path / "history") as store, Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon:
+            assert "the history was damaged" in daemon.restored
+            daemon.clear_own()
+            assert daemon.restored  # told as trouble
+    with (
+        Store.open(tmp_path / "history") as store,
+        Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon,
+        Client(endpoint, "lab", "cell-1") as client,
+    ):
+        assert daemon.perform(arm.clock_unix_s).state == "assessed"
+        daemon.clear_own()
+        assert daemon.restored is None
+        assert "the history was damaged" in told(client).text
+    with Store.open(tmp_path / "history") as store, Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon:
+        assert daemon.restored is None
+
+
 def test_a_restored_history_is_an_alert_until_it_is_acknowledged(tmp_path: Path, free_port: int, recording, history):  # noqa: F811
     """Said by a real process, still there after kill −9 and after another replay's verdict; over once it was acknowledged."""
     shutil.copytree(history, tmp_path / "history")
