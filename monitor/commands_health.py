@@ -54,6 +54,7 @@ def assess(
         arm, settings, standing = offline.arm(robot, None), AssessSettings(), Mounting()
     if mounting is not None:
         standing = Mounting.parse(mounting)
+        entries = [entry._replace(mounting=entry.mounting or standing) for entry in entries]  # said by the user, it holds for every file
     if joint_gains is not None and len(joint_gains) != arm.joints:
         raise BadInput(f"--gains: {len(joint_gains)} figures; expected {arm.joints}, one a joint")
     series = Series(entries=entries, robot=arm, mounting=standing, columns=columns, gains=joint_gains, settings=settings)

@@ -95,10 +95,11 @@ def history(
     from monitor.timestamps import outside
 
     configuration = load(config)
+    begin, end = _when(since, "--from"), _when(until, "--to")
     with Store.reader(configuration.state_directory) as store:
         rows, after = [], 0
         while True:
-            page, following = store.history(joint=joint, from_unix_s=_when(since), to_unix_s=_when(until), after=after, limit=10_000)
+            page, following = store.history(joint=joint, from_unix_s=begin, to_unix_s=end, after=after, limit=10_000)
             rows += page
             if following is None:
                 break
@@ -132,7 +133,7 @@ def export(
         if replay is not None:
             typer.echo(f"{output}: replay {replay}, {export_recording(store, replay, output).samples} samples")
             return
-        frame = table(store, what, _when(since), _when(until))
+        frame = table(store, what, _when(since, "--from"), _when(until, "--to"))
     write_table(frame, output)
     typer.echo(f"{output}: {len(frame)} rows of {what}")
 
@@ -173,10 +174,10 @@ def _configuration(path: Path) -> "Configuration":
     return load(path)
 
 
-def _when(text: str | None) -> float | None:
+def _when(text: str | None, option: str) -> float | None:
     from monitor.series import when
 
-    return None if text is None else when(text, "--from/--to")
+    return None if text is None else when(text, option)
 
 
 def _print_json(document: Any) -> None:

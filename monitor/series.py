@@ -96,7 +96,7 @@ def _entry(path: Path, line: int, row: dict[str, str]) -> Entry:
         raise BadInput(f"{where}: payload_kg is {payload!r}; expected kilograms") from None
     if payload_kg is not None and not 0 <= payload_kg < 1000:
         raise BadInput(f"{where}: payload_kg is {payload!r}; expected 0 or more kilograms")
-    at = when((row["recorded_at"] or "").strip(), where)
+    at = when((row["recorded_at"] or "").strip(), f"{where}: recorded_at")
     try:
         revolutions = tuple(float(count) for count in (row.get("revolutions") or "").split())
     except ValueError:
@@ -118,7 +118,7 @@ def when(text: str, where: str) -> float:
     try:
         return unix_s(text)
     except ValueError:
-        raise BadInput(f"{where}: recorded_at is {text!r}; expected a time like 2026-01-31T03:00:00Z") from None
+        raise BadInput(f"{where} is {text!r}; expected a time like 2026-01-31T03:00:00Z") from None
 
 
 def assess_series(series: Series) -> dict[str, Any]:
@@ -197,9 +197,12 @@ def dated(series: Series) -> list[tuple[Recording, Mounting]]:
 
 
 def _read(series: Series, entry: Entry) -> tuple[Recording, Mounting]:
-    """The recording with what is declared of it, and its mounting."""
+    """The recording with what is declared of it, and its mounting: the entry's, else what the file itself says, else the series'."""
     recording = replace(read_recording(entry.file, series.columns), source=entry.file.name)
-    context, mounting = recording.context, entry.mounting or series.mounting
+    context = recording.context
+    mounting = entry.mounting or series.mounting
+    if entry.mounting is None and context.mounting_rad is not None:
+        mounting = Mounting(**dict(zip(("roll_rad", "pitch_rad", "yaw_rad"), context.mounting_rad, strict=True)))
     at = entry.recorded_at_unix_s if entry.recorded_at_unix_s is not None else context.recorded_at_unix_s
     if at is None:
         raise BadInput(f"{entry.file}: does not say when it was made; give --manifest with a column recorded_at, or --interval 1d")

@@ -11,10 +11,10 @@ import pytest
 
 from monitor.assess import Assessment, assess
 from monitor.errors import BadInput
-from monitor.files import write_recording
+from monitor.files import read_recording, write_recording
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
-from monitor.series import Entry, Series, assess_series, interval_s, manifest
+from monitor.series import Entry, Series, assess_series, dated, interval_s, manifest
 from monitor.simulate.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -46,8 +46,6 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_a_series_gives_the_daemons_verdicts(recordings):
     """Files in any order: judged in time order, each with the belief of the one before, figure by figure as `assess` alone."""
-    from monitor.files import read_recording
-
     robot = load_robot("ur5")
     document = assess_series(Series(entries=[Entry(path) for path in reversed(recordings)], robot=robot))
     assert [row["file"] for row in document["recordings"]] == ["day-0.parquet", "day-1.parquet", "day-2.parquet"]
@@ -126,10 +124,24 @@ def test_an_interval_that_is_none_is_refused(text):
         interval_s(text)
 
 
+def test_a_recording_that_says_how_the_arm_hung_is_judged_as_that_unless_the_user_says_otherwise(recordings, tmp_path):
+    """The file's own word counts before what the series takes for granted, and the manifest's before the file's."""
+    hung = tmp_path / "hung.parquet"
+    recording = read_recording(recordings[0])
+    write_recording(hung, replace(recording, context=replace(recording.context, mounting_rad=(np.pi, 0.0, 0.0))))
+    series = Series(entries=[Entry(hung)], robot=load_robot("ur5"))
+    ((_, mounting),) = dated(series)
+    assert mounting.roll_rad == np.pi
+    ((_, mounting),) = dated(replace(series, entries=[Entry(hung, mounting=Mounting())]))
+    assert mounting == Mounting()
+    (tmp_path / "cell.toml").write_text('[robot]\nmodel = "ur5"\nsite = "hall-2"\nid = "cell-1"\n')
+    refused = run("import", "--config", str(tmp_path / "cell.toml"), str(hung))
+    assert refused.returncode == 2
+    assert "hangs otherwise than [robot] mounting = 'ground'" in refused.stderr
+
+
 def test_times_that_are_missing_or_the_same_are_refused(recordings):
     """A file that says no time, and two of one time."""
-    from monitor.files import read_recording
-
     robot = load_robot("ur5")
     with pytest.raises(BadInput, match="recorded at the same time"):
         assess_series(Series(entries=[Entry(recordings[0]), Entry(recordings[0])], robot=robot))
