@@ -238,7 +238,8 @@ class Controller:
         self.messages.append(primary.exception(self, reason) if raised else primary.key(self, "PROGRAM_XXX_STOPPED", PROGRAM_NAME))
         self.program, self.runtime = None, Runtime.STOPPED
         self._watched, self._watchdog_s = None, math.inf
-        if self.reference.mode != "stop":
+        self.moves.interrupted = None
+        if self.reference.mode != "stop" or self.reference.queued:
             self.reference.stop(PROGRAM_STOP_RAD_S2)
         return True
 
@@ -251,6 +252,7 @@ class Controller:
         if self.runtime != Runtime.PLAYING:
             return False
         self.runtime = Runtime.PAUSED
+        self.moves.interrupt()
         self.reference.stop(PROGRAM_STOP_RAD_S2)
         return True
 
@@ -259,6 +261,7 @@ class Controller:
         if self.runtime != Runtime.PAUSED or self._not_ready():
             return False
         self.runtime, self._fed_at_s = Runtime.PLAYING, self.clock_s
+        self.moves.resume()
         return True
 
     def _not_ready(self) -> str:
@@ -283,8 +286,10 @@ class Controller:
             variant = runtime or self.settings.protective_runtime
             if variant == "stopped":
                 self.stop_program(reason, kind="protective_stop")
-            elif variant == "paused":
-                self.runtime = Runtime.PAUSED
+            else:
+                self.moves.interrupt()
+                if variant == "paused":
+                    self.runtime = Runtime.PAUSED
         self.reference.stop(PROTECTIVE_STOP_RAD_S2)
 
     def unlock(self) -> bool:
@@ -294,6 +299,8 @@ class Controller:
         self.safety_mode = SafetyMode.NORMAL
         self.limits.forget()
         self.reference.reset(self.arm.q + self._offset)
+        if self.runtime == Runtime.PLAYING:
+            self.moves.resume()
         return True
 
     def emergency_stop(self) -> None:
@@ -322,6 +329,8 @@ class Controller:
         elif mode == RobotMode.RUNNING:
             if self.robot_mode == RobotMode.POWER_OFF:
                 return False
+            if self.robot_mode == RobotMode.RUNNING:
+                return True  # nothing to release: whatever moves goes on
             self.reference.reset(self.arm.q + self._offset)
             self.robot_mode = RobotMode.RUNNING
         elif self.robot_mode == RobotMode.POWER_OFF:

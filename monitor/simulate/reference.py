@@ -29,6 +29,11 @@ class Reference:
         """Nothing is being asked for but to stand; servoj and speedj count as motion even at zero speed."""
         return self._advance is None
 
+    @property
+    def queued(self) -> bool:
+        """Whether another motion follows the present stop."""
+        return self._then is not None
+
     def steps(self, h: float, n: int) -> list[Target]:
         """Go on n times by h; the mean over each step, where the servo evaluates it."""
         return self._servo(h, n) if self.mode == "servo" else [self.step(h) for _ in range(n)]
