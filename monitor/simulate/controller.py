@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate import primary, realtime
-from monitor.simulate.faults import Place
+from monitor.simulate.faults import Place, outputs_of
 from monitor.simulate.gathering import Variable
 from monitor.simulate.inputs import REGISTERS, Inputs, Outputs, Recipe
 from monitor.simulate.kinematics import Kinematics
@@ -110,7 +110,7 @@ class Controller:
         if before is not None:
             self.life, self._life_began_s, self.joint_serials = before.life, before.life.lived_s, before.joint_serials
             self.sensors.faults.offset_rad = before.sensors.faults.offset_rad
-            self._offset = before._offset
+            self._offset, self._shifted = before._offset, before._shifted
             self.reference.reset(self.arm.q + self._offset)
             self.robot_mode = RobotMode.POWER_OFF
             self.declare()
@@ -120,6 +120,9 @@ class Controller:
                 self.arm.set_temperatures(self.arm.thermal.idle(self.arm.ambient_c))
         self.variables: dict[str, Variable] = output_variables(self)
         self.realtime = realtime.packing(self)
+        for event in self.life.scenario.events:  # now rather than on its day
+            if event.arguments.get("fault") == "not_found":
+                outputs_of(self, event.arguments["with"]["names"])
 
     def knows(self, name: str) -> bool:
         """Whether this version has a variable of this name, if any has."""
@@ -139,7 +142,7 @@ class Controller:
     def step(self) -> None:
         """Advance by one control period."""
         self.ticks += 1
-        if self.ticks % self._life_every == 0:
+        if self.ticks % self._life_every == 0 or self.ticks == 1:
             self.life.pass_to(self.lived_s, self)
         if self._watched is not None and self.clock_s - self._fed_at_s > self._watchdog_s:
             self.watchdog_trips += 1
@@ -152,7 +155,12 @@ class Controller:
         held = held or (reference.at_rest and arm.stand(self.tick_s, self._seen(reference.step(self.tick_s))))
         if not held:
             h = self.tick_s / self._substeps
-            for target in reference.steps(h, self._substeps):
+            targets = reference.steps(h, self._substeps)
+            if not math.isfinite(sum(reference.q.tolist())):  # whatever has led to it: an arm that is nowhere never comes back
+                reference.reset(self.seen_q)
+                self.protective_stop("the motion that was asked for is not a number")
+                targets = reference.steps(h, self._substeps)
+            for target in targets:
                 arm.step(h, self._seen(target))
         arm.settle(self.tick_s)
         self.measured = self.sensors.read(arm)
@@ -197,6 +205,9 @@ class Controller:
         if why:
             log.warning("script refused: %s", why)
             self.refused_scripts.append(why)
+            return
+        if isinstance(script, Steps) and script.beside:
+            StepsProgram(script, self).step()
             return
         self.stop_program("replaced by another script")
         self.scripts_started += 1

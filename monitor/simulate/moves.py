@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
 
 PROGRAM_STOP_RAD_S2 = 15.0  # an arm at 2 rad/s stands after 0.13 s
+SLOWEST = 1e-9  # of speeds and accelerations: 1/v is still a number
 STOP_MAX_RAD_S2 = 40.0  # of a stopl with the tool near an axis
 
 
@@ -37,7 +38,7 @@ class Moves:
         target = np.array(move.target)
         if target.shape != self._c.arm.q.shape or not np.isfinite(target).all():
             return f"the target is not {self._c.robot.joints} finite numbers"
-        if not (0.0 < move.speed < math.inf and 0.0 < move.acceleration < math.inf):
+        if not (SLOWEST < move.speed < math.inf and SLOWEST < move.acceleration < math.inf):
             return f"speed {move.speed:g} and acceleration {move.acceleration:g} must be positive"
         q = self.inverse(target) if move.pose else target
         if q is None:

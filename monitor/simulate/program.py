@@ -26,6 +26,7 @@ READY, DONE = 1, 2
 SERVO_J, SERVO_L, SPEED_J, SPEED_L, END = 11, 24, 9, 10, 255
 MOTIONS = frozenset({1, 2, 3, 4, 45})  # wait for an arm that may move
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
+SERVO_TIME_MIN_S, SERVO_TIME_MAX_S = 1e-4, 10.0  # what a call of servoj may be told to last; shorter: a tick
 LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # servoj's documented ranges
 
 
@@ -131,7 +132,9 @@ class ControlProgram:
             if why:
                 controller.protective_stop(f"servoj: {why}")
                 return
-            reference.follow(told, time_s, min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1]))
+            time_s = min(time_s, SERVO_TIME_MAX_S) if time_s > SERVO_TIME_MIN_S else 0.0
+            lookahead_s, gain = min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1])
+            reference.follow(told, time_s, lookahead_s, gain)
         elif command in (SPEED_J, SPEED_L):
             wanted, acceleration = np.array(self.vector()), self.vector(6, 1)[0]
             if not (np.isfinite(wanted).all() and math.isfinite(acceleration)):

@@ -1,4 +1,4 @@
-"""What a stop, a pause or the pendant does to a motion that is under way: nothing moves that must not, and nothing is called done too early."""
+"""What a stop, a pause or the pendant does to a motion under way: nothing moves that must not, nothing is called done too early."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from monitor.simulate import dashboard
 from monitor.simulate.modes import Runtime, SafetyMode
 
 THERE = [1.0, -1.2, 0.5, -1.0, 0.3, 0.2]
+THERE_IN_A_LINE = [1.3, -1.3, 0.9, -1.2, -1.3, 0.2]
 BACK = [-1.0, *THERE[1:]]
 SETTLING_RAD = 1e-3  # what the servo still makes of friction after a stop; a move goes a thousand times as far
 PATH = "def two_moves():\n  movej([1.0,-1.2,0.5,-1.0,0.3,0.2],a=1,v=1)\n  movej([-1.0,-1.2,0.5,-1.0,0.3,0.2],a=1,v=1)\nend"
@@ -44,7 +45,8 @@ def test_a_move_that_waits_for_the_stop_of_the_one_before_ends_with_its_program(
 def test_a_move_that_was_paused_goes_on_to_its_goal(pendant, straight):
     """And is not called done before it is there."""
     c = pendant.controller
-    begin_move(pendant, THERE, seconds=0.5, straight=straight)
+    pendant.do(MOVE, [1, *THERE[:1], -1.4, 1.0, -1.2, -1.3, 0.0, 2.0, 2.0, 0])  # away from the singular home
+    begin_move(pendant, THERE_IN_A_LINE, seconds=0.3, straight=straight)
     assert dashboard.reply(c, "pause") == "Pausing program"
     pendant.run(1.0)
     assert c.standing
@@ -53,7 +55,7 @@ def test_a_move_that_was_paused_goes_on_to_its_goal(pendant, straight):
     assert c.output_ints[0] == 1
     pendant.run(6.0)
     assert c.output_ints[0] == 2
-    assert np.allclose(c.arm.q, THERE, atol=2e-3)
+    assert np.allclose(c.arm.q, THERE_IN_A_LINE, atol=2e-3)
 
 
 def test_a_stopped_program_forgets_the_move_that_was_paused(pendant):
