@@ -60,6 +60,8 @@ class Commands:
                 await writer.drain()
         except (ValueError, ConnectionError) as wrong:  # a line beyond the limit, or a peer that went
             log.info("command connection ended: %s", wrong)
+        except asyncio.CancelledError:  # the simulator ends, which is nothing to be told about
+            log.info("command connection ended with the simulator")
         finally:
             writer.close()
 

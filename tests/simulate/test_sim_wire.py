@@ -380,6 +380,19 @@ def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
         Remote(first.address)
 
 
+def test_it_ends_without_a_word_while_somebody_is_connected_to_every_port(spawn):
+    """No traceback for whoever presses Ctrl-C with a view open elsewhere."""
+    simulator = spawn("--robot", "ur5")
+    wires = [socket.create_connection((simulator.address, port), timeout=5) for port in (29999, 30001, 30002, 30003, 30004, 30020)]
+    wires[-1].sendall(b'{"do": "truth"}\n')
+    assert wires[-1].recv(10)
+    simulator.process.send_signal(signal.SIGINT)
+    assert simulator.process.communicate(timeout=10)[1] == ""
+    assert simulator.process.returncode == 0
+    for wire in wires:
+        wire.close()
+
+
 def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client):
     """As somebody who turns it off from afar: answered, then gone, exit 0."""
     simulator = spawn()
