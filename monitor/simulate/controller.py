@@ -308,7 +308,7 @@ class Controller:
         if self.safety_mode != SafetyMode.PROTECTIVE_STOP or self.clock_s - self._protected_at_s < UNLOCK_AFTER_S:
             return False
         self.safety_mode = SafetyMode.NORMAL
-        self.limits.forget()
+        self.limits.forget(self.seen_q)
         self.reference.reset(self.arm.q + self._offset)
         if self.runtime == Runtime.PLAYING:
             self.moves.resume()
