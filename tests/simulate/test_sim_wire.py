@@ -455,6 +455,23 @@ def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
     assert "running" in shown
 
 
+def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_reader():
+    """As `--view | head` does it; the simulator ends too."""
+    address = fresh_address()
+    command = [sys.executable, "-m", "monitor", "simulate", "--bind", address, "--view"]
+    view = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert "running, normal" in view.stdout.readline()
+        assert _answers(address)
+        view.stdout.close()
+        assert view.wait(timeout=15) in {0, 1}  # as of every command whose reader has gone
+        assert view.stderr.read() == ""
+    finally:
+        view.kill()
+        view.wait()
+    assert not _answers(address)
+
+
 def test_a_view_of_an_address_in_use_says_so(spawn):
     """One line and exit 2, as without the view."""
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", spawn().address, "--view"]
