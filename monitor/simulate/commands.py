@@ -68,9 +68,10 @@ class Commands:
     async def _answer(self, line: bytes) -> dict[str, Any]:
         try:
             request = json.loads(line)
-            if not isinstance(request, dict) or request.get("do") not in self._actions:
+            do = request.get("do") if isinstance(request, dict) else None
+            if not isinstance(do, str) or do not in self._actions:
                 raise BadInput(f"request: expected an object whose 'do' is one of {', '.join(self._actions)}")
-            return {"ok": True, "result": await self._actions[request["do"]](request)}
+            return {"ok": True, "result": await self._actions[do](request)}
         except MonitorError as wrong:
             return {"ok": False, "error": str(wrong), "kind": type(wrong).__name__}
         except (ValueError, RecursionError) as wrong:  # not JSON, or not numbers

@@ -203,6 +203,8 @@ def _step(name: str, arguments: str) -> Step | None:
                 acceleration = named.get("a", given[0] if given[0] is not None else 1.2 if straight else 1.4)  # URScript's defaults
                 speed = named.get("v", given[1] if given[1] is not None else 0.25 if straight else 1.05)
                 step: Step = Move(target, pose, straight, float(speed), float(acceleration))
+                if float(named.get("t", args[3] if len(args) > 3 else 0.0)) != 0.0:
+                    raise _Unknown(f"{name}({arguments[:80]}): a time t is not interpreted; give speed and acceleration")
                 figures = [*target, float(speed), float(acceleration)]
                 if len(target) != 6 or min(figures[6:]) <= 0.0:
                     raise _Unknown(f"{name}({arguments[:80]}): expected 6 finite figures and positive speed and acceleration")
