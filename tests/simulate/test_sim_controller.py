@@ -491,6 +491,8 @@ def test_months_pass_at_once_only_without_a_program(pendant):
         ({"robot": "ur7"}, "ur7"),
         ({"version": "5.3.0"}, "version"),
         ({"version": "new"}, "version"),
+        ({"robot": "ur5", "version": "5.11.0"}, "for a ur5"),
+        ({"robot": "ur20", "version": "3.15.0"}, "for a ur20"),
         ({"payload_kg": -1.0}, "payload_kg"),
         ({"home_rad": (0.0,) * 5}, "home_rad"),
         ({"serial": "abc"}, "serial"),

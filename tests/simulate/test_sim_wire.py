@@ -404,7 +404,7 @@ def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client)
 def test_requests_are_json_lines(ur5):
     """By hand, without Remote: a question, an answer; an error says what would be right."""
     with socket.create_connection((ur5.address, 30020), timeout=5) as wire, wire.makefile("rwb") as file:
-        for line, ok in ((b'{"do": "truth"}\n', True), (b'{"do": "nothing"}\n', False), (b"not json\n", False)):
+        for line, ok in ((b'{"do": "truth"}\n', True), (b'{"do": "nothing"}\n', False), (b'{"do": ["truth"]}\n', False), (b"no\n", False)):
             file.write(line)
             file.flush()
             answer = json.loads(file.readline())
@@ -498,6 +498,9 @@ def _answers(address: str) -> bool:
         (["--fault", "stall"], "seconds is missing"),
         (["--mounting", "sideways"], "sideways"),
         (["--payload", "500"], "payload_kg"),
+        (["--polyscope", "5.11.0"], "for a ur5"),
+        (["--robot", "ur5e", "--polyscope", "3.15"], "for a ur5e"),
+        (["--protective-runtime", "shrugs"], "protective_runtime"),
     ],
 )
 def test_wrong_options_are_sentences(arguments, named):
