@@ -5,8 +5,10 @@ import pytest
 from test_sim_controller import CLEAR, MOVE, ONE, Pendant
 
 from monitor.simulate import dashboard
+from monitor.simulate.inputs import INPUT_TYPES, recipe
 from monitor.simulate.modes import Runtime, SafetyMode
 
+SLIDER = recipe(["speed_slider_mask", "speed_slider_fraction"], INPUT_TYPES)
 THERE = [1.0, -1.2, 0.5, -1.0, 0.3, 0.2]
 THERE_IN_A_LINE = [1.3, -1.3, 0.9, -1.2, -1.3, 0.2]
 BACK = [-1.0, *THERE[1:]]
@@ -121,4 +123,22 @@ def test_a_brake_release_of_a_running_arm_disturbs_no_motion(pendant):
     pendant.run(0.1)
     assert c.output_ints[0] == 1
     pendant.run(3.0)
+    assert np.allclose(c.arm.q, THERE, atol=2e-3)
+
+
+def test_the_speed_slider_brings_no_jerk(pendant):
+    """From full speed to a twentieth: the arm slows down as an arm can, and gets there."""
+    c = pendant.controller
+    begin_move(pendant, THERE, seconds=0.5)
+    fast = float(np.abs(c.reference.qd).max())
+    c.write_inputs(SLIDER, [1, 0.05])
+    largest = 0.0
+    for _ in range(75):
+        before = c.reference.qd
+        c.step()
+        largest = max(largest, float(np.abs(c.reference.qd - before).max()) / c.tick_s)
+    assert float(np.abs(c.reference.qd).max()) < 0.1 * fast
+    assert largest < 4.0  # the move's own 1.4 and 1 rad/s in half a second
+    c.write_inputs(SLIDER, [1, 1.0])
+    pendant.run(4.0)
     assert np.allclose(c.arm.q, THERE, atol=2e-3)
