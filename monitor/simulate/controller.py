@@ -69,6 +69,7 @@ class Controller:
         if before is not None:
             self.arm = before.arm
             self.arm.brake()
+            self.arm.powered = False
         self.kinematics = Kinematics(robot)
         self.history: deque[Array] = deque([self.arm.q], maxlen=HISTORY_TICKS)
         self.reference = Reference(robot, self.arm.q, self.tick_s)
@@ -78,9 +79,11 @@ class Controller:
         self.measured = self.sensors.read(self.arm)
         self.inputs = Inputs(self.knows)
         self.output_ints, self.output_doubles = [0] * REGISTERS, [0.0] * REGISTERS
-        self.declared_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)
+        self.installed_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)  # what a restart comes back to
+        self.installed_gravity: Array = settings.mounting.gravity_in_base
+        self.declared_payload: tuple[float, ...] = self.installed_payload
         self.declared_inertia: tuple[float, ...] = (0.0,) * 6  # told on, not reckoned with
-        self.declared_gravity: Array = settings.mounting.gravity_in_base
+        self.declared_gravity = self.installed_gravity
         self.moments = Moments(self.arm.believed)
         self.digital_inputs = 0  # bits 0–7 standard, 8–15 configurable, 16–17 tool
         self._offset: Array = np.zeros(robot.joints)  # where the encoders' zeros have gone
@@ -109,11 +112,12 @@ class Controller:
         self.outputs = Outputs()
         if before is not None:
             self.life, self._life_began_s, self.joint_serials = before.life, before.life.lived_s, before.joint_serials
-            self.sensors.faults.offset_rad = before.sensors.faults.offset_rad
+            self.sensors.faults, self.digital_inputs = before.sensors.faults, before.digital_inputs
+            self.installed_payload, self.installed_gravity = before.installed_payload, before.installed_gravity
             self._offset, self._shifted = before._offset, before._shifted
             self.reference.reset(self.arm.q + self._offset)
             self.robot_mode = RobotMode.POWER_OFF
-            self.declare()
+            self.declare(payload=self.installed_payload, gravity=self.installed_gravity)
         else:
             self.life.pass_to(0.0, self)
             if settings.scenario is not None and settings.scenario.room is not None:
@@ -346,10 +350,12 @@ class Controller:
             self.robot_mode = RobotMode.RUNNING
         elif self.robot_mode == RobotMode.POWER_OFF:
             self.robot_mode = RobotMode.IDLE
+            self.arm.powered = True
         return True
 
     def _power_off(self) -> None:
         self.arm.brake()
+        self.arm.powered = False
         self.reference.reset(self.arm.q + self._offset)
         self.robot_mode = RobotMode.POWER_OFF
 

@@ -94,11 +94,15 @@ def _happen(event: Event, scenario: Scenario, controller: "Controller") -> None:
             controller.joint_serials[joint] = a["serial"]
         case "payload":
             arm.carry(payload_kg=a["kg"], told=False)
-            controller.declare(payload=(a["kg"], *arm.payload_com_m) if a["told"] else None)
+            if a["told"]:
+                controller.installed_payload = (a["kg"], *arm.payload_com_m)
+            controller.declare(payload=controller.installed_payload if a["told"] else None)
         case "mounting":
             mounting = Mounting.parse(a["mounting"])
             arm.carry(mounting, told=False)
-            controller.declare(gravity=mounting.gravity_in_base if a["told"] else None)
+            if a["told"]:
+                controller.installed_gravity = mounting.gravity_in_base
+            controller.declare(gravity=controller.installed_gravity if a["told"] else None)
         case "fault":
             place = faults.Place(controller=controller) if controller.place is None else controller.place()
             faults.inject(a["fault"], dict(a["with"]), place)

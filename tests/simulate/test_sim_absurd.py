@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from test_sim_controller import DOUBLES, MOVE, SERVO, Pendant
 
+from monitor.model.robot import Mounting
 from monitor.simulate.controller import Controller
 from monitor.simulate.faults import Place, inject
 from monitor.simulate.inputs import INPUT_TYPES, recipe
 from monitor.simulate.modes import RobotMode, Runtime, SafetyMode
 from monitor.simulate.rtde import RtdeSession
+from monitor.simulate.scenario import scenario_from_document
 from monitor.simulate.scripts import Refused, Steps, parse
 from monitor.simulate.settings import SimulateSettings
 
@@ -106,6 +108,31 @@ def test_a_moved_encoder_is_still_moved_after_a_restart():
     assert np.allclose(after.arm.q, stood, atol=1e-3)
     assert after.safety_mode == SafetyMode.NORMAL
     assert np.isclose(after.measured.q[1] - after.arm.q[1], 0.1, atol=1e-3)
+
+
+def test_a_restart_mends_no_sensor_and_forgets_no_installation():
+    """What is wrong in a joint stays wrong; what the installation was told of stays told; what a program said is forgotten."""
+    told = [{"at_s": 0, "do": "mounting", "mounting": "ceiling", "told": True}, {"at_s": 0, "do": "payload", "kg": 2.0, "told": True}]
+    c = Controller(SimulateSettings(scenario=scenario_from_document({"event": told}, "told", "told.toml")))
+    c.step()
+    inject("current_stuck", {"joint": 1}, Place(controller=c))
+    c.declare(payload=(3.0, 0.0, 0.0, 0.0))
+    after = Controller(c.settings, before=c)
+    after.step()
+    assert after.declared_payload[0] == 2.0
+    assert np.allclose(after.declared_gravity, Mounting.parse("ceiling").gravity_in_base)
+    assert after.measured.current[0] == c.sensors.faults.stuck_a[0]
+
+
+def test_an_arm_without_power_is_as_warm_as_its_room():
+    """And three kelvins warmer with it, at rest."""
+    c = Controller(SimulateSettings(ambient_c=20.0))
+    c.power(RobotMode.POWER_OFF)
+    c.live(48.0)
+    assert np.allclose(c.arm.temperatures.motor_c, 20.0, atol=0.1)
+    c.power(RobotMode.IDLE)
+    c.live(48.0)
+    assert np.allclose(c.arm.temperatures.motor_c, 23.0, atol=0.1)
 
 
 def test_clear_brings_back_the_noise_that_the_arm_has_of_itself():
