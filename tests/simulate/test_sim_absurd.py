@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from test_sim_controller import DOUBLES, MOVE, SERVO, Pendant
 
-from monitor.model.robot import Mounting
+from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.controller import Controller
 from monitor.simulate.faults import Place, inject
 from monitor.simulate.inputs import INPUT_TYPES, recipe
+from monitor.simulate.kinematics import Kinematics, se3
 from monitor.simulate.modes import RobotMode, Runtime, SafetyMode
 from monitor.simulate.rtde import RtdeSession
 from monitor.simulate.scenario import scenario_from_document
@@ -148,3 +149,18 @@ def test_clear_brings_back_the_noise_that_the_arm_has_of_itself():
     assert loudness() < 0.1 * usual
     inject("clear", {}, place)
     assert 0.8 * usual < loudness() < 1.25 * usual
+
+
+@pytest.mark.parametrize("robot", ["ur3", "ur20"])
+def test_a_pose_that_no_arm_reaches_is_not_searched_for(robot, monkeypatch):
+    """A search is twenty ticks in which everybody waits; what the arm does reach is never taken for too far."""
+    kinematics = Kinematics(load_robot(robot))
+    dice = np.random.default_rng(1)
+    for q in dice.uniform(-np.pi, np.pi, (20, 6)):
+        assert kinematics.inverse(kinematics.at(q), q) is not None
+    stretched = np.array([0.3, -0.2, 0.0, -0.2, 0.1, 0.0])
+    kinematics.tool = np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])
+    assert kinematics.inverse(kinematics.at(stretched), stretched) is not None
+    monkeypatch.setattr(kinematics, "at", lambda _: pytest.fail("searched"))
+    for far in ([3.0, 0.0, 0.0], [1e300, 0.0, 0.0], [np.nan, 0.0, 0.0]):
+        assert kinematics.inverse(se3([*far, 0.0, 0.0, 0.0]), stretched) is None
