@@ -99,6 +99,12 @@ def simulate(
     ambient: Annotated[float | None, typer.Option(help="Room temperature [°C]; default 22 or the scenario's.", show_default=False)] = None,
     payload: Annotated[float | None, typer.Option(help="Mass at the flange [kg].", show_default=False)] = None,
     mounting: Annotated[str | None, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.", show_default=False)] = None,
+    polyscope: Annotated[
+        str | None, typer.Option(metavar="VERSION", help="Software to be, e.g. 5.22.0; default 3.15 or 5.11.", show_default=False)
+    ] = None,
+    protective_runtime: Annotated[
+        str | None, typer.Option(help="The program in a protective stop: paused (the default), stopped or playing.", show_default=False)
+    ] = None,
     command_port: Annotated[int, typer.Option(help="JSON lines: truth, time, wear, faults.")] = 30020,
     view: Annotated[bool, typer.Option("--view", help="Show the arm's state live in the terminal.")] = False,
     fault: Annotated[
@@ -126,12 +132,15 @@ def simulate(
         ambient_c=ambient,
         payload_kg=payload,
         mounting=mounting,
+        version=polyscope,
+        protective_runtime=protective_runtime,
         command_port=command_port,
     )
     if view:
         from monitor.simulate.view import simulate_and_watch
 
         options = {"--robot": robot, "--scenario": scenario, "--ambient": ambient, "--payload": payload, "--mounting": mounting}
+        options |= {"--polyscope": polyscope, "--protective-runtime": protective_runtime}
         given = [f"{option}={value}" for option, value in options.items() if value is not None]
         simulate_and_watch([f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", *given], bind, command_port)
         return

@@ -60,15 +60,18 @@ class Commands:
                 await writer.drain()
         except (ValueError, ConnectionError) as wrong:  # a line beyond the limit, or a peer that went
             log.info("command connection ended: %s", wrong)
+        except asyncio.CancelledError:  # the simulator ends, which is nothing to be told about
+            log.info("command connection ended with the simulator")
         finally:
             writer.close()
 
     async def _answer(self, line: bytes) -> dict[str, Any]:
         try:
             request = json.loads(line)
-            if not isinstance(request, dict) or request.get("do") not in self._actions:
+            do = request.get("do") if isinstance(request, dict) else None
+            if not isinstance(do, str) or do not in self._actions:
                 raise BadInput(f"request: expected an object whose 'do' is one of {', '.join(self._actions)}")
-            return {"ok": True, "result": await self._actions[request["do"]](request)}
+            return {"ok": True, "result": await self._actions[do](request)}
         except MonitorError as wrong:
             return {"ok": False, "error": str(wrong), "kind": type(wrong).__name__}
         except (ValueError, RecursionError) as wrong:  # not JSON, or not numbers

@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate import primary, realtime
-from monitor.simulate.faults import Place
+from monitor.simulate.faults import Place, outputs_of
 from monitor.simulate.gathering import Variable
 from monitor.simulate.inputs import REGISTERS, Inputs, Outputs, Recipe
 from monitor.simulate.kinematics import Kinematics
@@ -69,6 +69,7 @@ class Controller:
         if before is not None:
             self.arm = before.arm
             self.arm.brake()
+            self.arm.powered = False
         self.kinematics = Kinematics(robot)
         self.history: deque[Array] = deque([self.arm.q], maxlen=HISTORY_TICKS)
         self.reference = Reference(robot, self.arm.q, self.tick_s)
@@ -78,9 +79,11 @@ class Controller:
         self.measured = self.sensors.read(self.arm)
         self.inputs = Inputs(self.knows)
         self.output_ints, self.output_doubles = [0] * REGISTERS, [0.0] * REGISTERS
-        self.declared_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)
+        self.installed_payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_com_m)  # what a restart comes back to
+        self.installed_gravity: Array = settings.mounting.gravity_in_base
+        self.declared_payload: tuple[float, ...] = self.installed_payload
         self.declared_inertia: tuple[float, ...] = (0.0,) * 6  # told on, not reckoned with
-        self.declared_gravity: Array = settings.mounting.gravity_in_base
+        self.declared_gravity = self.installed_gravity
         self.moments = Moments(self.arm.believed)
         self.digital_inputs = 0  # bits 0–7 standard, 8–15 configurable, 16–17 tool
         self._offset: Array = np.zeros(robot.joints)  # where the encoders' zeros have gone
@@ -109,17 +112,21 @@ class Controller:
         self.outputs = Outputs()
         if before is not None:
             self.life, self._life_began_s, self.joint_serials = before.life, before.life.lived_s, before.joint_serials
-            self.sensors.faults.offset_rad = before.sensors.faults.offset_rad
-            self._offset = before._offset
+            self.sensors.faults, self.digital_inputs = before.sensors.faults, before.digital_inputs
+            self.installed_payload, self.installed_gravity = before.installed_payload, before.installed_gravity
+            self._offset, self._shifted = before._offset, before._shifted
             self.reference.reset(self.arm.q + self._offset)
             self.robot_mode = RobotMode.POWER_OFF
-            self.declare()
+            self.declare(payload=self.installed_payload, gravity=self.installed_gravity)
         else:
             self.life.pass_to(0.0, self)
             if settings.scenario is not None and settings.scenario.room is not None:
                 self.arm.set_temperatures(self.arm.thermal.idle(self.arm.ambient_c))
         self.variables: dict[str, Variable] = output_variables(self)
         self.realtime = realtime.packing(self)
+        for event in self.life.scenario.events:  # now rather than on its day
+            if event.arguments.get("fault") == "not_found":
+                outputs_of(self, event.arguments["with"]["names"])
 
     def knows(self, name: str) -> bool:
         """Whether this version has a variable of this name, if any has."""
@@ -139,7 +146,7 @@ class Controller:
     def step(self) -> None:
         """Advance by one control period."""
         self.ticks += 1
-        if self.ticks % self._life_every == 0:
+        if self.ticks % self._life_every == 0 or self.ticks == 1:
             self.life.pass_to(self.lived_s, self)
         if self._watched is not None and self.clock_s - self._fed_at_s > self._watchdog_s:
             self.watchdog_trips += 1
@@ -152,7 +159,12 @@ class Controller:
         held = held or (reference.at_rest and arm.stand(self.tick_s, self._seen(reference.step(self.tick_s))))
         if not held:
             h = self.tick_s / self._substeps
-            for target in reference.steps(h, self._substeps):
+            targets = reference.steps(h, self._substeps)
+            if not math.isfinite(sum(reference.q.tolist())):  # whatever has led to it: an arm that is nowhere never comes back
+                reference.reset(self.seen_q)
+                self.protective_stop("the motion that was asked for is not a number")
+                targets = reference.steps(h, self._substeps)
+            for target in targets:
                 arm.step(h, self._seen(target))
         arm.settle(self.tick_s)
         self.measured = self.sensors.read(arm)
@@ -198,6 +210,9 @@ class Controller:
             log.warning("script refused: %s", why)
             self.refused_scripts.append(why)
             return
+        if isinstance(script, Steps) and script.beside:
+            StepsProgram(script, self).step()
+            return
         self.stop_program("replaced by another script")
         self.scripts_started += 1
         match script:
@@ -238,7 +253,8 @@ class Controller:
         self.messages.append(primary.exception(self, reason) if raised else primary.key(self, "PROGRAM_XXX_STOPPED", PROGRAM_NAME))
         self.program, self.runtime = None, Runtime.STOPPED
         self._watched, self._watchdog_s = None, math.inf
-        if self.reference.mode != "stop":
+        self.moves.interrupted = None
+        if self.reference.mode != "stop" or self.reference.queued:
             self.reference.stop(PROGRAM_STOP_RAD_S2)
         return True
 
@@ -251,6 +267,7 @@ class Controller:
         if self.runtime != Runtime.PLAYING:
             return False
         self.runtime = Runtime.PAUSED
+        self.moves.interrupt()
         self.reference.stop(PROGRAM_STOP_RAD_S2)
         return True
 
@@ -259,6 +276,7 @@ class Controller:
         if self.runtime != Runtime.PAUSED or self._not_ready():
             return False
         self.runtime, self._fed_at_s = Runtime.PLAYING, self.clock_s
+        self.moves.resume()
         return True
 
     def _not_ready(self) -> str:
@@ -283,8 +301,10 @@ class Controller:
             variant = runtime or self.settings.protective_runtime
             if variant == "stopped":
                 self.stop_program(reason, kind="protective_stop")
-            elif variant == "paused":
-                self.runtime = Runtime.PAUSED
+            else:
+                self.moves.interrupt()
+                if variant == "paused":
+                    self.runtime = Runtime.PAUSED
         self.reference.stop(PROTECTIVE_STOP_RAD_S2)
 
     def unlock(self) -> bool:
@@ -292,8 +312,10 @@ class Controller:
         if self.safety_mode != SafetyMode.PROTECTIVE_STOP or self.clock_s - self._protected_at_s < UNLOCK_AFTER_S:
             return False
         self.safety_mode = SafetyMode.NORMAL
-        self.limits.forget()
+        self.limits.forget(self.seen_q)
         self.reference.reset(self.arm.q + self._offset)
+        if self.runtime == Runtime.PLAYING:
+            self.moves.resume()
         return True
 
     def emergency_stop(self) -> None:
@@ -322,14 +344,18 @@ class Controller:
         elif mode == RobotMode.RUNNING:
             if self.robot_mode == RobotMode.POWER_OFF:
                 return False
+            if self.robot_mode == RobotMode.RUNNING:
+                return True  # nothing to release: whatever moves goes on
             self.reference.reset(self.arm.q + self._offset)
             self.robot_mode = RobotMode.RUNNING
         elif self.robot_mode == RobotMode.POWER_OFF:
             self.robot_mode = RobotMode.IDLE
+            self.arm.powered = True
         return True
 
     def _power_off(self) -> None:
         self.arm.brake()
+        self.arm.powered = False
         self.reference.reset(self.arm.q + self._offset)
         self.robot_mode = RobotMode.POWER_OFF
 

@@ -1,5 +1,6 @@
 """What can go wrong, on command: each fault by its name, with the arguments that it takes, checked before anything happens."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -69,7 +70,10 @@ def checked(name: str, given: dict[str, Any], *, joints: int = 6) -> dict[str, A
     """
     if name not in FAULTS:
         raise BadInput(f"fault {name!r} is not known; known are {', '.join(sorted(FAULTS))}")
-    return check(f"fault {name}", FAULTS[name].arguments, given, joints=joints)
+    arguments = check(f"fault {name}", FAULTS[name].arguments, given, joints=joints)
+    if name == "version":
+        _version_of(arguments["version"])
+    return arguments
 
 
 def parse(text: str) -> tuple[str, dict[str, Any]]:
@@ -166,19 +170,32 @@ def _registers(place: Place, _: dict[str, Any]) -> str:
     return "all inputs that were free belong to a connection that is gone"
 
 
+def _version_of(text: str) -> Version:
+    parts = text.split(".")
+    if not 2 <= len(parts) <= 4 or not all(re.fullmatch(r"[0-9]{1,9}", part) for part in parts):
+        raise BadInput(f"fault version: version = {text!r}; expected MAJOR.MINOR[.BUGFIX[.BUILD]]")
+    version = Version(*([int(part) for part in parts] + [0, 0])[:4])
+    if max(version[:2]) > 255:
+        raise BadInput(f"fault version: version = {text!r}; expected MAJOR and MINOR up to 255: they are bytes on the primary port")
+    return version
+
+
 def _version(place: Place, a: dict[str, Any]) -> str:
-    parts = a["version"].split(".")
-    if not 2 <= len(parts) <= 4 or not all(part.isdigit() and int(part) < 2**31 for part in parts):
-        raise BadInput(f"fault version: version = {a['version']!r}; expected MAJOR.MINOR[.BUGFIX[.BUILD]]")
-    place.controller.reported_version = Version(*([int(part) for part in parts] + [0, 0])[:4])
+    place.controller.reported_version = _version_of(a["version"])
     return f"reports version {a['version']}"
 
 
-def _not_found(place: Place, a: dict[str, Any]) -> str:
-    names = [name for name in a["names"].split(",") if name]
-    unknown = [name for name in names if name not in place.controller.variables or not place.controller.knows(name)]
+def outputs_of(controller: "Controller", names: str) -> list[str]:
+    """Names of outputs, comma-separated. Raises BadInput naming those that this controller has not."""
+    wanted = [name for name in names.split(",") if name]
+    unknown = [name for name in wanted if name not in controller.variables or not controller.knows(name)]
     if unknown:
         raise BadInput(f"fault not_found: {', '.join(unknown)} is no output of this controller")
+    return wanted
+
+
+def _not_found(place: Place, a: dict[str, Any]) -> str:
+    names = outputs_of(place.controller, a["names"])
     place.controller.missing.update(names)
     return f"does not know {', '.join(names)}"
 
@@ -256,9 +273,9 @@ def _clear(place: Place, _: dict[str, Any]) -> str:
     controller.reported_version, controller.remote_control = controller.settings.polyscope, controller.settings.remote_control
     controller.missing.clear()
     controller.digital_inputs = 0
-    controller.sensors.louder(1.0)
+    controller.sensors.louder(controller.settings.current_noise)
     offset = controller.sensors.faults.offset_rad
-    controller.sensors.faults = SensorFaults()
+    controller.sensors.faults = SensorFaults(noisy=controller.settings.current_noise)
     if offset is not None:
         controller.sensors.faults.offset_rad = offset
         controller.shift_encoders(-offset)

@@ -46,6 +46,10 @@ class Kinematics:
         self._limit = robot.max_position_rad
         self._joints = robot.joints
         self.tool = NO_TOOL
+        placements = self._model.jointPlacements[1 : robot.joints + 1]
+        lengths = [float(np.linalg.norm(placement.translation)) for placement in placements[1:]]
+        self._shoulder = placements[0].translation.copy()
+        self._reach = sum(lengths) + float(np.linalg.norm(self._model.frames[self._frame].placement.translation))
 
     def flange(self, q: Array) -> "pin.SE3":
         """Where the flange is."""
@@ -102,6 +106,8 @@ class Kinematics:
 
     def inverse(self, goal: "pin.SE3", near: Array, *, restarts: int = RESTARTS) -> Array | None:
         """(J,) within the joints' ranges, the solution that lies nearest to `near` by descent; None where none is found."""
+        if not np.linalg.norm(goal.translation - self._shoulder) <= self._reach + np.linalg.norm(self.tool[:3]):
+            return None  # at once: the search for what is not there takes as long as twenty ticks
         dice = np.random.default_rng(0)  # the same question has the same answer
         for attempt in range(1 + restarts):
             q = near.copy() if attempt == 0 else near + dice.uniform(-1.5, 1.5, len(near))

@@ -31,8 +31,7 @@ class Life:
     def pass_to(self, lived_s: float, controller: "Controller", *, ambient_c: float | None = None) -> None:
         """The arm has lived so long; a given room temperature outweighs the scenario's for now."""
         self.lived_s = lived_s
-        while self._due and self._due[0].at_s <= lived_s:
-            event = self._due.popleft()
+        for event in self._now(controller):
             self.happened.append(f"day {event.at_s / DAY_S:g}: {event.do} {_said(event)}")
             _happen(event, self.scenario, controller)
         room = self.scenario.room
@@ -40,6 +39,17 @@ class Life:
             controller.arm.ambient_c = ambient_c
         elif room is not None:
             controller.arm.ambient_c = room.at(self.scenario.started_s + lived_s)
+
+    def _now(self, controller: "Controller") -> Iterator[Event]:
+        """What is due; the faults of a life's first moment wait for the first tick, when there is something that can fail."""
+        born: list[Event] = []
+        while self._due and self._due[0].at_s <= self.lived_s:
+            event = self._due.popleft()
+            if event.do == "fault" and controller.ticks == 0 and self.lived_s == 0.0:
+                born.append(event)
+            else:
+                yield event
+        self._due.extendleft(reversed(born))
 
     def leap(self, controller: "Controller", seconds: float, ambient_c: float | None, duty: float | None) -> Iterator[float]:
         """Let so much pass without motion, slice by slice, for the controller to count; what is not given is the scenario's."""
@@ -84,11 +94,15 @@ def _happen(event: Event, scenario: Scenario, controller: "Controller") -> None:
             controller.joint_serials[joint] = a["serial"]
         case "payload":
             arm.carry(payload_kg=a["kg"], told=False)
-            controller.declare(payload=(a["kg"], *arm.payload_com_m) if a["told"] else None)
+            if a["told"]:
+                controller.installed_payload = (a["kg"], *arm.payload_com_m)
+            controller.declare(payload=controller.installed_payload if a["told"] else None)
         case "mounting":
             mounting = Mounting.parse(a["mounting"])
             arm.carry(mounting, told=False)
-            controller.declare(gravity=mounting.gravity_in_base if a["told"] else None)
+            if a["told"]:
+                controller.installed_gravity = mounting.gravity_in_base
+            controller.declare(gravity=controller.installed_gravity if a["told"] else None)
         case "fault":
             place = faults.Place(controller=controller) if controller.place is None else controller.place()
             faults.inject(a["fault"], dict(a["with"]), place)

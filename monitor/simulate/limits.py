@@ -11,6 +11,7 @@ from monitor.recording import Array
 DEVIATION_MAX_RAD = 0.15  # following error at which the controller protects the arm
 SATURATED_MAX_S = 0.1  # drives at their limit for so long: something blocks the arm
 LIMIT_MARGIN_RAD = 1e-6
+WAY_BACK_RAD = 0.01  # what an arm at rest beyond its range may settle
 
 
 class Limits:
@@ -19,6 +20,7 @@ class Limits:
     def __init__(self, robot: Robot, tick_s: float) -> None:
         self._robot, self._tick_s = robot, tick_s
         self._limit = robot.max_position_rad + LIMIT_MARGIN_RAD
+        self._way_back: Array | None = None  # (J,) how far out the arm may be that was unlocked beyond its range
         self._max_speed: list[float] = robot.max_speed_rad_s.tolist()
         self._slowest = min(self._max_speed)
         self._saturated_s = 0.0
@@ -31,15 +33,21 @@ class Limits:
             return f"joint {int(np.argmax(deviation)) + 1} is {deviation.max():.3f} rad from where it should be"
         if self._saturated_s > SATURATED_MAX_S:
             return f"the drive of joint {int(np.argmax(size / self._robot.max_torque_nm)) + 1} is at its torque limit"
-        return self.outside(seen)
+        beyond = self.outside(seen)
+        if self._way_back is not None:
+            if beyond and (np.abs(seen) <= self._way_back).all():
+                return ""
+            self._way_back = None
+        return beyond
 
     def deviation_ratio(self, wanted: Array, seen: Array) -> float:
         """1 and more: the arm is protected."""
         return float(np.abs(wanted - seen).max()) / DEVIATION_MAX_RAD
 
-    def forget(self) -> None:
-        """A protective stop is over: the drives have their time again."""
+    def forget(self, seen: Array) -> None:
+        """A protective stop is over: the drives have their time again, and a joint beyond its range may go back, not further out."""
         self._saturated_s = 0.0
+        self._way_back = np.maximum(self._limit, np.abs(seen) + WAY_BACK_RAD) if self.outside(seen) else None
 
     def outside(self, q: Array) -> str:
         """Which joint is beyond its range, or nothing."""

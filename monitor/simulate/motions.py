@@ -60,7 +60,8 @@ def line(
 
     def advance(h: float) -> None:
         nonlocal t
-        t += reference.pace * h
+        pace, _ = reference.paced(h)
+        t += pace * h
         s, rate, over = trapezoid(t, speed_m_s / length, acceleration_m_s2 / length)
         if over:
             reference.put(end, np.zeros_like(end), (end - reference.q) * 0.0)
@@ -68,7 +69,7 @@ def line(
             return
         here, there = kinematics.at(reference.q), at(s)
         drift = np.concatenate([there.translation - here.translation, pin.log3(there.rotation @ here.rotation.T)])
-        qd = kinematics.towards(reference.q, reference.pace * rate * twist + CORRECTION_PER_S * drift)
+        qd = kinematics.towards(reference.q, pace * rate * twist + CORRECTION_PER_S * drift)
         reference.glide(qd, h)
 
     reference.begin("line", advance)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from monitor.simulate.controller import Controller
 
 PROGRAM_STOP_RAD_S2 = 15.0  # an arm at 2 rad/s stands after 0.13 s
+SLOWEST = 1e-9  # of speeds and accelerations: 1/v is still a number
 STOP_MAX_RAD_S2 = 40.0  # of a stopl with the tool near an axis
 
 
@@ -26,15 +27,18 @@ class Moves:
     def __init__(self, controller: "Controller") -> None:
         self._c = controller
         self.waypoint: Array | None = None  # pose that the last move goes to
+        self.interrupted: Move | None = None  # by a pause or a protective stop: it goes on with the program
+        self._last: Move | None = None
         self._servo_goal: Sequence[float] | None = None
         self._servo_goal_at_s = 0.0
 
     def start(self, move: Move) -> str:
         """Movej or movel; says why it cannot be made, or nothing."""
+        self._last, self.interrupted = move, None
         target = np.array(move.target)
         if target.shape != self._c.arm.q.shape or not np.isfinite(target).all():
             return f"the target is not {self._c.robot.joints} finite numbers"
-        if not (0.0 < move.speed < math.inf and 0.0 < move.acceleration < math.inf):
+        if not (SLOWEST < move.speed < math.inf and SLOWEST < move.acceleration < math.inf):
             return f"speed {move.speed:g} and acceleration {move.acceleration:g} must be positive"
         q = self.inverse(target) if move.pose else target
         if q is None:
@@ -64,8 +68,28 @@ class Moves:
             self._c.reference.hold()
         return why
 
+    @property
+    def over(self) -> bool:
+        """Whether what was asked for last has been done, to its end."""
+        return self._c.reference.at_rest and self.interrupted is None
+
+    def interrupt(self) -> None:
+        """The arm is about to be stopped, the program is not: its move is not done yet."""
+        if self._c.reference.mode in {"move", "line"} or self._c.reference.queued:
+            self.interrupted = self._last
+
+    def resume(self) -> None:
+        """The program goes on, and with it the move, from where the arm stands."""
+        move, self.interrupted = self.interrupted, None
+        why = "" if move is None else self.start(move)
+        if why:
+            self._c.stop_program(f"runtime exception: {why}")
+
     def stop(self, stop: StopMotion) -> None:
         """stopj, or stopl: the joints decelerate together, so that the tool does it with this many m/s²."""
+        if not self._c.may_move:
+            return  # a safety stop is not made softer
+        self.interrupted = None
         deceleration = stop.deceleration
         fastest = float(np.max(np.abs(self._c.reference.qd)))
         if stop.straight and fastest > 0.0:

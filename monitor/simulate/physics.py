@@ -82,6 +82,7 @@ class Arm:
         self._integral = np.zeros(J)
         self._slide = np.zeros(J)  # −1, 0, 1: how each joint slid in the last step
         self._sliding = False  # all of them
+        self.powered = True  # else a joint at rest has no losses
         self.mounting, self.payload_kg, self.payload_com_m = mounting or Mounting(), payload_kg, tuple(payload_com_m)
         self.carry()
         self.torque_nm = pin.nonLinearEffects(self.model, self._data, self.q, self.qd).copy()  # the servo has been holding it
@@ -241,7 +242,7 @@ class Arm:
         if elapsed < SETTLE_S - 1e-9:
             return
         friction_j, torque2_s, travel_rad, load_travel = self._sums
-        motor_w = self.thermal.idle_w + self._copper * torque2_s / elapsed
+        motor_w = self._copper * torque2_s / elapsed + (self.thermal.idle_w if self.powered else 0.0)
         grease_w = np.maximum(friction_j, 0.0) / elapsed
         self.temperatures = self.thermal.step(self.temperatures, motor_w, grease_w, self.ambient_c, elapsed)
         travel = np.maximum(travel_rad, 1e-12)
@@ -295,7 +296,7 @@ class Arm:
             moving = duty * PRODUCTION_MOVING
             resisting = self.law.torque(speed, load, self.temperatures.grease_c, self.wear.coulomb, self.wear.viscous)
             current = (load + resisting) / self.gain_nm_per_a
-            motor_w = self.thermal.idle_w + moving * self.thermal.winding_ohm * current * current
+            motor_w = (self.thermal.idle_w if self.powered else 0.0) + moving * self.thermal.winding_ohm * current * current
             self.temperatures = self.thermal.leap(self.temperatures, motor_w, moving * resisting * speed, ambient_c, dt)
             self.wear.use(moving * speed * dt / math.tau, np.full(self.robot.joints, PRODUCTION_LOAD))
         self._grip()

@@ -24,7 +24,7 @@ BACKLOG_MAX_BYTES = 256 * 1024  # unread by the client: newer packets are skippe
 DEAF_AFTER_S = 10.0  # and a client that reads nothing for so long is dropped
 CONNECTIONS_MAX = 64  # per service
 SEND_BUFFER_BYTES = 64 * 1024  # of the kernel on the state ports: a client that never reads must not collect history
-LATE_MAX = 64  # packets held back at most
+LATE_MAX = 2500  # packets held back at most: as long as `late` may ask for, at 500 Hz
 
 
 class Ports:
@@ -39,6 +39,7 @@ class Ports:
         self._held_until_s = 0.0
         self._state_every = max(1, round(primary.PERIOD_S / controller.tick_s))
         self._numbers = 0
+        self.dead = False  # the controller is: who got through to it just before is reset
 
     def number(self) -> int:
         """A new connection's number."""
@@ -73,7 +74,9 @@ class Ports:
         faults = self.faults
         if now_s < faults.muted_until_s or (faults.skip_share and self._dice.random() < faults.skip_share):
             return
-        if faults.late_share and now_s >= self._held_until_s and self._dice.random() < faults.late_share:
+        if self._held_until_s and now_s >= self._held_until_s:
+            self._held_until_s = 0.0  # what was held back goes now, before more is
+        elif faults.late_share and not self._held_until_s and self._dice.random() < faults.late_share:
             self._held_until_s = now_s + faults.late_s
         hold = now_s < self._held_until_s
         made: dict[tuple[str, ...], bytes] = {}
@@ -106,7 +109,7 @@ class Port(asyncio.Protocol):
         """Accept, unless there are too many."""
         assert isinstance(transport, asyncio.Transport)
         mine = self.ports.open[self.service]
-        if len(mine) >= CONNECTIONS_MAX:
+        if len(mine) >= CONNECTIONS_MAX or self.ports.dead:
             transport.abort()
             return
         wire = transport.get_extra_info("socket")

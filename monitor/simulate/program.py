@@ -24,7 +24,9 @@ log = logging.getLogger(__name__)
 
 READY, DONE = 1, 2
 SERVO_J, SERVO_L, SPEED_J, SPEED_L, END = 11, 24, 9, 10, 255
+MOTIONS = frozenset({1, 2, 3, 4, 45})  # wait for an arm that may move
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
+SERVO_TIME_MIN_S, SERVO_TIME_MAX_S = 1e-4, 10.0  # what a call of servoj may be told to last; shorter: a tick
 LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # servoj's documented ranges
 
 
@@ -97,7 +99,7 @@ class ControlProgram:
         elif command == 0:
             self._executing = False
             self._set(0, READY)
-        elif not self._executing:
+        elif not self._executing and (command not in MOTIONS or self._controller.may_move):
             self._executing = True
             self._once(command)
             if self._busy is None and self._controller.program is self:  # a runtime exception ends the program: never done
@@ -130,7 +132,9 @@ class ControlProgram:
             if why:
                 controller.protective_stop(f"servoj: {why}")
                 return
-            reference.follow(told, time_s, min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1]))
+            time_s = min(time_s, SERVO_TIME_MAX_S) if time_s > SERVO_TIME_MIN_S else 0.0
+            lookahead_s, gain = min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1])
+            reference.follow(told, time_s, lookahead_s, gain)
         elif command in (SPEED_J, SPEED_L):
             wanted, acceleration = np.array(self.vector()), self.vector(6, 1)[0]
             if not (np.isfinite(wanted).all() and math.isfinite(acceleration)):
@@ -158,14 +162,14 @@ class ControlProgram:
                 if why:
                     self._raise(f"{'moveL' if move.straight else 'moveJ'}: {why}")
                 else:
-                    self._motion(lambda: reference.at_rest, asynchronous=self._input(1) == 1)
+                    self._motion(lambda: controller.moves.over, asynchronous=self._input(1) == 1)
             case 15 | 16:  # speedStop, servoStop; stopl of the latter is a joint deceleration here
                 straight = command == 15 and reference.mode == "speedl"
                 controller.moves.stop(StopMotion(first if math.isfinite(first) else 10.0, straight))
-                self._motion(lambda: reference.at_rest, asynchronous=False)
+                self._motion(lambda: controller.moves.over, asynchronous=False)
             case 33 | 34:  # stopL, stopJ
                 controller.moves.stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
-                self._motion(lambda: reference.at_rest, asynchronous=self._input(1) == 1)
+                self._motion(lambda: controller.moves.over, asynchronous=self._input(1) == 1)
             case 45:  # movePath
                 playing = Player(self._path, controller, self._progress)
                 self._motion(playing.over, asynchronous=self._input(1) == 1)
@@ -233,9 +237,11 @@ class Player:
     def over(self) -> bool:
         """Go on as far as possible; True when nothing is left."""
         controller = self._controller
-        while controller.reference.at_rest and controller.clock_s >= self._until_s:
+        while controller.moves.over and controller.clock_s >= self._until_s:
             if not self._left:
                 return True
+            if isinstance(self._left[0], Move) and not controller.may_move:
+                return False
             match self._left.popleft():
                 case Move() as move:
                     why = controller.moves.start(move)

@@ -8,12 +8,14 @@ import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate.kinematics import composed, pose_of
+from monitor.simulate.settings import PAYLOAD_COM_MAX_M
 
 if TYPE_CHECKING:
     from monitor.simulate.program import ControlProgram
 
 Result = bool | int | Array | None
 STEADY_RAD_S = 0.01
+TOOL_MAX = 10.0  # m, and rad of the rotation vector
 
 
 class Impossible(Exception):
@@ -31,6 +33,8 @@ def _set_payload(p: "ControlProgram") -> Result:
     controller = p.controller
     if not 0.0 <= mass <= 2.0 * controller.robot.payload_max_kg:
         raise Impossible(f"set_payload: {mass:g} kg; expected 0 … {2.0 * controller.robot.payload_max_kg:g}")
+    if max(map(abs, com)) > PAYLOAD_COM_MAX_M:
+        raise Impossible(f"set_payload: centre of mass {com}; expected within ±{PAYLOAD_COM_MAX_M:g} m of the flange")
     # a centre of mass at the flange itself means "as before" from 5.0 on, says the script
     before = controller.declared_payload[1:]
     keep = not any(com) and controller.settings.polyscope.major >= 5
@@ -46,7 +50,10 @@ def _set_target_payload(p: "ControlProgram") -> Result:
 
 
 def _set_tcp(p: "ControlProgram") -> Result:
-    p.controller.kinematics.tool = _finite("set_tcp", p.vector())
+    tool = _finite("set_tcp", p.vector())
+    if np.abs(tool).max() > TOOL_MAX:
+        raise Impossible(f"set_tcp: {tool.tolist()}; expected at most {TOOL_MAX:g} m and rad")
+    p.controller.kinematics.tool = tool
     return None
 
 

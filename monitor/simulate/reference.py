@@ -10,6 +10,8 @@ from monitor.recording import Array
 from monitor.simulate.physics import Target
 from monitor.simulate.servoj import Servoj, Vector
 
+PACE_PER_S = 2.0  # how fast moves follow the speed slider: from full speed to none in half a second
+
 
 class Reference:
     """Position, speed and acceleration asked for, continuous through every change of mode."""
@@ -23,11 +25,17 @@ class Reference:
         self._then: Callable[[], None] | None = None
         self.mode = "hold"
         self.pace = 1.0  # of the speed slider: moves go so much slower; servoj, speedj and stops do not
+        self._paced = 1.0  # on its way there
 
     @property
     def at_rest(self) -> bool:
         """Nothing is being asked for but to stand; servoj and speedj count as motion even at zero speed."""
         return self._advance is None
+
+    @property
+    def queued(self) -> bool:
+        """Whether another motion follows the present stop."""
+        return self._then is not None
 
     def steps(self, h: float, n: int) -> list[Target]:
         """Go on n times by h; the mean over each step, where the servo evaluates it."""
@@ -83,7 +91,7 @@ class Reference:
 
         def advance(h: float) -> None:
             nonlocal t
-            pace = self.pace
+            pace, change = self.paced(h)
             t = min(t + pace * h, total_s)
             rest = total_s - t
             if t < ramp_s:
@@ -92,7 +100,7 @@ class Reference:
                 s, sd, sdd = 1.0 - 0.5 * a * rest * rest, a * rest, -a
             else:
                 s, sd, sdd = v * (t - 0.5 * ramp_s), v, 0.0
-            self.q, self.qd, self.qdd = start + s * way, (pace * sd) * way, (pace * pace * sdd) * way
+            self.q, self.qd, self.qdd = start + s * way, (pace * sd) * way, (pace * pace * sdd + change * sd) * way
             if rest <= 0.0:
                 self.hold()
 
@@ -122,6 +130,12 @@ class Reference:
         rows = self._stream.advance(h, n, self.q, self.qd)
         self.q, self.qd, self.qdd = rows[n]
         return [Target(*row) for row in rows[:n]]
+
+    def paced(self, h: float) -> tuple[float, float]:
+        """Share of its own speed at which a move goes in this step, and how fast that changes [1/s]: a slider brings no jerk."""
+        before, most = self._paced, PACE_PER_S * h
+        self._paced = min(max(self.pace, before - most), before + most)
+        return self._paced, (self._paced - before) / h
 
     def put(self, q: Array, qd: Array, qdd: Array) -> None:
         """Where a motion says that it is now, each (J,)."""

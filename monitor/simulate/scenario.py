@@ -166,14 +166,17 @@ def scenario_from_document(document: dict[str, Any], name: str, where: str) -> S
     if not isinstance(events, list):
         raise BadInput(f"{where}: event is a list of tables; write [[event]]")
     room = _table(document, "room", where)
-    happenings = (_event(entry, f"{where}: [[event]] {i + 1}") for i, entry in enumerate(events))
+    happenings = [_event(entry, f"{where}: [[event]] {i + 1}") for i, entry in enumerate(events)]
+    work = _work(_table(document, "work", where) or {}, f"{where}: [work]")
+    if work.duty_hours_a_month == 0.0 and any(event.arguments.get("percent_a_month") for event in happenings):
+        raise BadInput(f"{where}: a joint wears by percent_a_month of work, and [work] has none; expected a duty above 0 on some days")
     return Scenario(
         name=name,
         about=about or name,
         started_s=_since_monday(document.get("starts", date(2026, 1, 5)), where),
         arm=MappingProxyType(check(f"{where}: [arm]", ARM, _table(document, "arm", where) or {})),
         room=None if room is None else Room(**check(f"{where}: [room]", ROOM, room)),
-        work=_work(_table(document, "work", where) or {}, f"{where}: [work]"),
+        work=work,
         events=tuple(sorted(happenings, key=lambda event: event.at_s)),
     )
 
@@ -215,7 +218,7 @@ def _event(entry: Any, where: str) -> Event:
         raise BadInput(f"{where}: {entry!r}; expected a table")
     entry = dict(entry)
     do = entry.pop("do", None)
-    if do not in EVENTS:
+    if not isinstance(do, str) or do not in EVENTS:
         raise BadInput(f"{where}: do = {do!r}; expected one of {', '.join(EVENTS)}")
     when = {key: entry.pop(key) for key in ("at_day", "at_s") if key in entry}
     if len(when) != 1:

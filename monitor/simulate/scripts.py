@@ -13,6 +13,7 @@ from typing import Any
 
 SCRIPT_MAX_BYTES = 1 << 20
 STEPS_MAX = 10_000
+INTEGER = 2**31  # and more do not fit a register
 _CALL = re.compile(r"^(\w+)\s*\((.*)\)$")
 _POSE = re.compile(r"\bp(?=\[)")
 PATH_MARK = "# inject move path\n"
@@ -77,6 +78,7 @@ class Steps:
     """A program that is a list of steps: a custom script of ur-rtde, or a single line."""
 
     steps: tuple[Step, ...]
+    beside: bool = False  # a secondary program: the one that runs goes on
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +143,10 @@ def parse(text: str) -> Script:
         if text.startswith(("def ", "sec ")):
             name, *body = text.splitlines()
             try:
-                return Steps(_steps(body[:-1]))
+                steps = _steps(body[:-1])
+                if text.startswith("sec ") and not all(isinstance(step, Write) for step in steps):
+                    return Refused(f"the secondary program {name[4:].rstrip(':')[:80]} moves or waits; it may take no time")
+                return Steps(steps, beside=text.startswith("sec "))
             except _Unknown as wrong:
                 return Refused(
                     f"the program {name[4:].rstrip(':')[:80]} is not ur-rtde's control script, and of others only lists of moves: {wrong}"
@@ -198,6 +203,8 @@ def _step(name: str, arguments: str) -> Step | None:
                 acceleration = named.get("a", given[0] if given[0] is not None else 1.2 if straight else 1.4)  # URScript's defaults
                 speed = named.get("v", given[1] if given[1] is not None else 0.25 if straight else 1.05)
                 step: Step = Move(target, pose, straight, float(speed), float(acceleration))
+                if float(named.get("t", args[3] if len(args) > 3 else 0.0)) != 0.0:
+                    raise _Unknown(f"{name}({arguments[:80]}): a time t is not interpreted; give speed and acceleration")
                 figures = [*target, float(speed), float(acceleration)]
                 if len(target) != 6 or min(figures[6:]) <= 0.0:
                     raise _Unknown(f"{name}({arguments[:80]}): expected 6 finite figures and positive speed and acceleration")
@@ -209,6 +216,8 @@ def _step(name: str, arguments: str) -> Step | None:
                 step = Write(register, figures[0], "integer" in name)
                 if not 0 <= register < 48:
                     raise _Unknown(f"{name}: register {register}; expected 0 … 47")
+                if step.whole and not -INTEGER <= figures[0] < INTEGER:
+                    raise _Unknown(f"{name}: {figures[0]:g}; expected a whole number of 32 bits")
             case "signal_async_progress":
                 step, figures = Progress(int(args[0])), []
             case "sleep":

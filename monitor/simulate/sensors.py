@@ -111,9 +111,12 @@ class Sensors:
 
     def louder(self, factor: float) -> None:
         """Currents with this many times the usual noise, from now on."""
+        before, self.faults.noisy = self.faults.noisy, factor
+        if before == 0.0:  # nothing there to be made louder: the rest of the block is drawn anew
+            self._next = len(self._block)
+            return
         self._block = self._block.copy()
-        self._block[self._next :, 2] *= factor / self.faults.noisy
-        self.faults.noisy = factor
+        self._block[self._next :, 2] *= factor / before
 
     def _wrong(self, right: Measured) -> Measured:
         """What sensors with faults tell instead."""

@@ -8,7 +8,7 @@ import os
 import signal
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from monitor.errors import BadInput
@@ -101,6 +101,8 @@ class Listeners:
         self._tasks: set[asyncio.Task[None]] = set()
         self.down = False  # the controller is dead: no tick, no answer
         self.powered = False  # after a restart
+        self._rebirth: asyncio.TimerHandle | None = None
+        self._gone: dict[str, object] = {}  # by service: the last command that sent its listener away
         self.changed: Callable[[Controller], None] = lambda _: None
 
     async def start(self) -> None:
@@ -144,27 +146,31 @@ class Listeners:
 
     def away(self, service: str, seconds: float) -> None:
         """Nobody listens for a service, or for `all`; 0 s: until `back`."""
-        for name in SERVICE_PORTS:
-            if service in (name, "all"):
-                self._shut(name)
+        gone = [name for name in SERVICE_PORTS if service in (name, "all")]
+        command = object()
+        for name in gone:
+            self._shut(name)
+            self._gone[name] = command
         if seconds > 0.0:
-            self._later(seconds, self.back)
+            self._later(seconds, lambda: self.back([name for name in gone if self._gone[name] is command]))
 
-    def back(self) -> None:
+    def back(self, services: Iterable[str] = tuple(SERVICE_PORTS)) -> None:
         """Listen again, unless the controller is dead."""
         if self.down:
             return
-        for service in SERVICE_PORTS:
+        for service in services:
             task = asyncio.get_running_loop().create_task(self._open(service))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
 
     def restart(self, seconds: float) -> None:
         """Kill the controller: everything is reset at once; a new one with the same arm answers after so long."""
-        self.down = True
+        self.down = self._ports.dead = True
         self._ports.drop("all", reset=True)
         self.away("all", 0.0)
-        self._later(seconds, self._reborn)
+        if self._rebirth is not None:
+            self._rebirth.cancel()  # killed once more before it was back
+        self._rebirth = self._later(seconds, self._reborn)
 
     def _reborn(self) -> None:
         before = self._ports.controller
@@ -175,16 +181,17 @@ class Listeners:
             controller.power(RobotMode.RUNNING)
         self._ports.controller = controller
         self.changed(controller)
-        self.down = False
+        self.down = self._ports.dead = False
         self.back()
 
     def freeze(self, seconds: float) -> None:
         """The whole process stands still, as if it had been stopped by a signal: after the answer to whoever asked for it."""
         self._later(0.02, lambda: time.sleep(seconds))
 
-    def _later(self, seconds: float, act: Callable[[], None]) -> None:
+    def _later(self, seconds: float, act: Callable[[], None]) -> asyncio.TimerHandle:
         self._timers = [timer for timer in self._timers if timer.when() > asyncio.get_running_loop().time()]
         self._timers.append(asyncio.get_running_loop().call_later(seconds, act))
+        return self._timers[-1]
 
 
 async def _run(

@@ -113,6 +113,8 @@ class SimulateSettings:
         parts = ([int(part) for part in text.split(".")] + [0, 0])[:4]
         if parts[0] not in {3, 5} or parts[1] < 4:
             raise BadInput(f"simulate: version = {text!r}; expected 3.4 … 3.15 or 5.4 … 5.22: ur-rtde 1.6.5 crashes on older ones")
+        if (parts[0] == 3) != (self.arm.generation == "cb3"):
+            raise BadInput(f"simulate: version = {text!r}; expected {'3.4 … 3.15' if parts[0] == 5 else '5.4 … 5.22'} for a {self.robot}")
         return Version(*parts)
 
 

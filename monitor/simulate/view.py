@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+import tempfile
 import time
 from typing import Any
 
@@ -16,6 +17,7 @@ from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
 
 PERIOD_S = 0.25
+PRINTED_EVERY_S = 2.0  # where no terminal can be drawn anew
 START_S = 30.0
 SAFETY = {1: "normal", 3: "PROTECTIVE STOP", 7: "EMERGENCY STOP"}
 MODE = {3: "power off", 4: "power on", 5: "idle", 7: "running"}
@@ -57,6 +59,9 @@ def watch(host: str, port: int, seconds: float | None = None) -> None:
     """Show it until Ctrl-C, until the simulator ends, or for so long."""
     console = Console()
     until = math.inf if seconds is None else time.monotonic() + seconds
+    if not console.is_terminal:
+        _print_now_and_then(console, host, port, until)
+        return
     with Remote(host, port) as remote, Live(screen(remote.truth()), console=console, refresh_per_second=1.0 / PERIOD_S) as live:
         while time.monotonic() < until:
             time.sleep(PERIOD_S)
@@ -66,21 +71,35 @@ def watch(host: str, port: int, seconds: float | None = None) -> None:
                 return
 
 
+def _print_now_and_then(console: Console, host: str, port: int, until: float) -> None:
+    """For a file or a pipe: one picture after the other."""
+    with Remote(host, port) as remote:
+        while time.monotonic() < until:
+            try:
+                console.print(screen(remote.truth()))
+                console.file.flush()
+            except (RobotUnreachable, BrokenPipeError):
+                return
+            time.sleep(min(PRINTED_EVERY_S, max(0.0, until - time.monotonic())))
+
+
 def simulate_and_watch(arguments: list[str], host: str, port: int, seconds: float | None = None) -> None:
     """A simulator in a process of its own, shown until Ctrl-C; it ends with the view.
 
     Raises BadInput where its arguments or ports are wrong, MonitorError where it does not start for another reason, as it said.
     """
     command = [sys.executable, "-m", "monitor.simulate", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        if not process.stdout.readline():
-            said = process.communicate(timeout=START_S)[1].strip()
-            wrong = BadInput if process.returncode == BadInput.exit_code else MonitorError
-            raise wrong(said or f"the simulator ended with code {process.returncode}")
-        watch(host, port, seconds)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        ended(process)
+    with tempfile.TemporaryFile("w+") as log:  # not a pipe: nobody would empty it
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+        try:
+            assert process.stdout is not None
+            if not process.stdout.readline():
+                process.wait(timeout=START_S)
+                log.seek(0)
+                wrong = BadInput if process.returncode == BadInput.exit_code else MonitorError
+                raise wrong(log.read().strip() or f"the simulator ended with code {process.returncode}")
+            watch(host, port, seconds)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            ended(process)

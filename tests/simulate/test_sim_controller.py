@@ -332,6 +332,36 @@ def test_beyond_the_limits_the_arm_protects_itself(pendant):
     assert "joint 3" in stop.reason
 
 
+def test_a_joint_beyond_its_range_finds_its_way_back_and_no_further_out(pendant):
+    """Unlocked, it may stand there and go back; further out it is protected again, and back within the range as ever."""
+    c = pendant.controller
+    limit = c.robot.max_position_rad[5]
+    speed = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
+
+    def turn(rad_s: float, seconds: float) -> None:
+        c.stop_program("test")
+        c.run_script(CONTROL.rstrip())
+        c.write_inputs(speed, [9, 0, 0, 0, 0, 0, rad_s, 10.0, 0.0])
+        pendant.run(seconds)
+
+    turn(3.0, 3.0)
+    assert c.arm.q[5] > limit
+    pendant.run(5.0)
+    assert c.unlock()
+    c.write_inputs(*CLEAR)
+    pendant.run(1.0)
+    assert c.safety_mode == SafetyMode.NORMAL
+    turn(0.5, 0.5)
+    assert "beyond" in c.stops[-1].reason
+    pendant.run(5.0)
+    assert c.unlock()
+    turn(-0.5, 2.0)
+    assert c.safety_mode == SafetyMode.NORMAL
+    assert c.arm.q[5] < limit
+    turn(3.0, 1.0)
+    assert c.safety_mode == SafetyMode.PROTECTIVE_STOP
+
+
 def test_a_blocked_drive_becomes_a_protective_stop():
     """Joint 5 so worn that its drive cannot turn it: torque limit or following error, within a second of motion."""
     pendant = Pendant()
@@ -461,6 +491,8 @@ def test_months_pass_at_once_only_without_a_program(pendant):
         ({"robot": "ur7"}, "ur7"),
         ({"version": "5.3.0"}, "version"),
         ({"version": "new"}, "version"),
+        ({"robot": "ur5", "version": "5.11.0"}, "for a ur5"),
+        ({"robot": "ur20", "version": "3.15.0"}, "for a ur20"),
         ({"payload_kg": -1.0}, "payload_kg"),
         ({"home_rad": (0.0,) * 5}, "home_rad"),
         ({"serial": "abc"}, "serial"),

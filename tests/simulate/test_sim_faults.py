@@ -247,6 +247,41 @@ def test_late_packets_come_in_a_bunch_and_in_order(ur5):
         assert min(np.diff(arrivals)) < 0.002
 
 
+def test_packets_that_are_all_late_still_come(ur5):
+    """Longer held back than half a second, and none is lost."""
+    with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
+        rtde.stream("timestamp")
+        remote.fault("late", seconds=0.7, share=1.0)
+        stamps = rtde.timestamps(180)
+        assert np.allclose(np.diff(stamps), 0.008, atol=1e-9)
+
+
+def test_a_controller_that_is_killed_twice_is_born_once(spawn):
+    """Whoever connects after the first would else hear a dead one."""
+    simulator = spawn("--robot", "ur5")
+    with simulator.remote() as remote:
+        remote.fault("restart", seconds=0.2)
+        remote.fault("restart", seconds=0.6)
+        begun = time.monotonic()
+        assert eventually(lambda: not refused(simulator.address, 30004), 3.0)
+        assert time.monotonic() - begun > 0.4
+        with RawRtde(simulator.address) as rtde:
+            rtde.stream("timestamp")
+            assert np.all(np.diff(rtde.timestamps(60)) > 0)
+
+
+def test_a_listener_that_is_gone_for_good_does_not_come_back_with_another(ur5):
+    """One for a moment, one until `clear`."""
+    with ur5.remote() as remote:
+        remote.fault("listener_gone", service="rtde", seconds=0.2)
+        remote.fault("listener_gone", service="dashboard")
+        assert eventually(lambda: not refused(ur5.address, 30004), 2.0)
+        time.sleep(0.1)
+        assert refused(ur5.address, 29999)
+        remote.fault("clear")
+        assert eventually(lambda: not refused(ur5.address, 29999), 2.0)
+
+
 def test_skipped_packets_are_missing_from_the_clock(ur5):
     """A fifth of the ticks never comes."""
     with ur5.remote() as remote, RawRtde(ur5.address) as rtde:

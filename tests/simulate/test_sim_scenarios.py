@@ -10,8 +10,10 @@ from test_sim_controller import Pendant
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, load_robot, robot_names
 from monitor.simulate.controller import Controller
+from monitor.simulate.faults import Place
 from monitor.simulate.launch import announcement, settings_from
 from monitor.simulate.modes import SafetyMode
+from monitor.simulate.ports import Ports
 from monitor.simulate.scenario import DAY_S, HOUR_S, Event, Scenario, Work, load_scenario, scenario_from_document, scenario_names
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -254,3 +256,32 @@ def test_work_counts_its_hours():
     assert sum(week) == pytest.approx(25.0)
     assert not any(week[6 * 24 :])
     assert replace(work, pauses=((0.0, 7.0),)).duty_at(10 * HOUR_S, 10 * HOUR_S / DAY_S) == 0.0
+
+
+@pytest.mark.parametrize("fault", [{"fault": "text_at_connect"}, {"fault": "not_found", "names": "actual_q"}])
+def test_a_fault_may_be_there_from_the_first_moment_on(fault):
+    """With the controller whole, and its wire there."""
+    event = {"at_s": 0, "do": "fault", **fault}
+    scenario = scenario_from_document({"event": [event]}, "from-the-start", "from-the-start.toml")
+    controller = Controller(SimulateSettings(scenario=scenario))
+    ports = Ports(controller)
+    controller.place = lambda: Place(controller=controller, ports=ports)
+    controller.step()
+    assert ports.faults.text_at_connect or "actual_q" in controller.missing
+    assert len(controller.life.happened) == 1
+
+
+@pytest.mark.parametrize(
+    ("document", "named"),
+    [
+        ({"event": [{"at_s": 9, "do": "fault", "fault": "version", "version": "new"}]}, "MAJOR.MINOR"),
+        ({"event": [{"at_s": 9, "do": "fault", "fault": "version", "version": "5.999"}]}, "255"),
+        ({"event": [{"at_s": 9, "do": "fault", "fault": "not_found", "names": "nonsense"}]}, "nonsense"),
+        ({"event": [{"at_s": 9, "do": ["wear"]}]}, "expected one of"),
+        ({"work": {"duty": 0.0}, "event": [{"at_s": 9, "do": "wear", "joint": 3, "percent_a_month": 5.0}]}, "duty above 0"),
+    ],
+)
+def test_what_would_go_wrong_on_its_day_is_named_at_the_start(document, named):
+    """Not after a fortnight, in the middle of a tick."""
+    with pytest.raises(BadInput, match=named):
+        Controller(SimulateSettings(scenario=scenario_from_document(document, "mine", "mine.toml")))

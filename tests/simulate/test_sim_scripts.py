@@ -86,7 +86,16 @@ def test_single_lines():
     assert parse("movej(p[0,0,0,0,0,0])") == Steps((Move((0.0,) * 6, pose=True, straight=False, speed=1.05, acceleration=1.4),))
     assert parse("stopj(3.0)") == Steps((StopMotion(3.0),))
     assert parse("stop program") == Immediate("stop program")
-    for line in ("movej([1e999,0,0,0,0,0])", "movej([0,0,0,0,0,0], v=-1)", "movel([0])", "import os", "movej(", "movej()", "exec('1')"):
+    for line in (
+        "movej([1e999,0,0,0,0,0])",
+        "movej([0,0,0,0,0,0], v=-1)",
+        "movel([0])",
+        "import os",
+        "movej(",
+        "movej()",
+        "exec('1')",
+        "movej([0,0,0,0,0,0], t=2)",
+    ):
         assert isinstance(parse(line), Refused), line
 
 

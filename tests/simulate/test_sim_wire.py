@@ -380,6 +380,19 @@ def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
         Remote(first.address)
 
 
+def test_it_ends_without_a_word_while_somebody_is_connected_to_every_port(spawn):
+    """No traceback for whoever presses Ctrl-C with a view open elsewhere."""
+    simulator = spawn("--robot", "ur5")
+    wires = [socket.create_connection((simulator.address, port), timeout=5) for port in (29999, 30001, 30002, 30003, 30004, 30020)]
+    wires[-1].sendall(b'{"do": "truth"}\n')
+    assert wires[-1].recv(10)
+    simulator.process.send_signal(signal.SIGINT)
+    assert simulator.process.communicate(timeout=10)[1] == ""
+    assert simulator.process.returncode == 0
+    for wire in wires:
+        wire.close()
+
+
 def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client):
     """As somebody who turns it off from afar: answered, then gone, exit 0."""
     simulator = spawn()
@@ -391,7 +404,7 @@ def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client)
 def test_requests_are_json_lines(ur5):
     """By hand, without Remote: a question, an answer; an error says what would be right."""
     with socket.create_connection((ur5.address, 30020), timeout=5) as wire, wire.makefile("rwb") as file:
-        for line, ok in ((b'{"do": "truth"}\n', True), (b'{"do": "nothing"}\n', False), (b"not json\n", False)):
+        for line, ok in ((b'{"do": "truth"}\n', True), (b'{"do": "nothing"}\n', False), (b'{"do": ["truth"]}\n', False), (b"no\n", False)):
             file.write(line)
             file.flush()
             answer = json.loads(file.readline())
@@ -442,6 +455,23 @@ def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
     assert "running" in shown
 
 
+def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_reader():
+    """As `--view | head` does it; the simulator ends too."""
+    address = fresh_address()
+    command = [sys.executable, "-m", "monitor", "simulate", "--bind", address, "--view"]
+    view = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert "running, normal" in view.stdout.readline()
+        assert _answers(address)
+        view.stdout.close()
+        assert view.wait(timeout=15) in {0, 1}  # as of every command whose reader has gone
+        assert view.stderr.read() == ""
+    finally:
+        view.kill()
+        view.wait()
+    assert not _answers(address)
+
+
 def test_a_view_of_an_address_in_use_says_so(spawn):
     """One line and exit 2, as without the view."""
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", spawn().address, "--view"]
@@ -468,6 +498,9 @@ def _answers(address: str) -> bool:
         (["--fault", "stall"], "seconds is missing"),
         (["--mounting", "sideways"], "sideways"),
         (["--payload", "500"], "payload_kg"),
+        (["--polyscope", "5.11.0"], "for a ur5"),
+        (["--robot", "ur5e", "--polyscope", "3.15"], "for a ur5e"),
+        (["--protective-runtime", "shrugs"], "protective_runtime"),
     ],
 )
 def test_wrong_options_are_sentences(arguments, named):

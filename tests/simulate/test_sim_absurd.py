@@ -1,0 +1,166 @@
+"""Arguments that no sane client sends: refused by name, and the arm is still somewhere afterwards."""
+
+import struct
+
+import numpy as np
+import pytest
+from test_sim_controller import DOUBLES, MOVE, SERVO, Pendant
+
+from monitor.model.robot import Mounting, load_robot
+from monitor.simulate.controller import Controller
+from monitor.simulate.faults import Place, inject
+from monitor.simulate.inputs import INPUT_TYPES, recipe
+from monitor.simulate.kinematics import Kinematics, se3
+from monitor.simulate.modes import RobotMode, Runtime, SafetyMode
+from monitor.simulate.rtde import RtdeSession
+from monitor.simulate.scenario import scenario_from_document
+from monitor.simulate.scripts import Refused, Steps, parse
+from monitor.simulate.settings import SimulateSettings
+
+PAYLOAD = recipe(["input_int_register_0", *DOUBLES[:4]], INPUT_TYPES)
+SIX = recipe(["input_int_register_0", *DOUBLES[:6]], INPUT_TYPES)
+SPEED = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
+
+
+@pytest.fixture
+def pendant() -> Pendant:
+    return Pendant()
+
+
+def test_a_register_takes_32_bits_and_a_script_with_more_is_refused(pendant):
+    """Else nobody who reads the register would get another packet."""
+    c = pendant.controller
+    session = RtdeSession(c, 1)
+    names = b"output_int_register_1"
+    session.feed(struct.pack(">HBd", 11 + len(names), 79, 125.0) + names + struct.pack(">HB", 3, 83))
+    for value in (2**31, -(2**31) - 1):
+        c.run_script(f"write_output_integer_register(1, {value})")
+        pendant.run(0.05)
+        assert "32 bits" in c.refused_scripts[-1]
+        assert session.output(0, {}) == struct.pack(">HBBi", 8, 85, 1, 0)
+    c.run_script(f"write_output_integer_register(1, {2**31 - 1})")
+    pendant.run(0.05)
+    assert session.output(0, {}) == struct.pack(">HBBi", 8, 85, 1, 2**31 - 1)
+
+
+def test_a_secondary_program_runs_beside_the_one_that_plays(pendant):
+    """It may take no time: with a move in it, it is refused."""
+    c = pendant.controller
+    before = c.program
+    c.run_script("sec note():\n  write_output_integer_register(5, 7)\nend")
+    pendant.run(0.05)
+    assert (c.program, c.runtime, c.output_ints[5]) == (before, Runtime.PLAYING, 7)
+    assert isinstance(parse("sec go():\n  movej([0,0,0,0,0,0])\nend"), Refused)
+    assert isinstance(parse('sec hello():\n  textmsg("hello")\nend'), Steps)
+
+
+@pytest.mark.parametrize(
+    ("written", "values", "why"),
+    [
+        (PAYLOAD, [17, 1.0, 0.0, 0.0, 1e200], "centre of mass"),
+        (PAYLOAD, [17, 1.0, 3.0, 0.0, 0.0], "centre of mass"),
+        (SIX, [29, 1e200, 0, 0, 0, 0, 0], "set_tcp"),
+        (SIX, [29, 0, 0, 0, 1e308, 1e308, 0], "set_tcp"),
+        (MOVE, [1, *[0.5] * 6, 5e-324, 1.0, 0], "must be positive"),
+    ],
+)
+def test_figures_that_cannot_be_meant_end_the_program(pendant, written, values, why):
+    """As a runtime exception; the arm stays where it is."""
+    c = pendant.controller
+    assert pendant.do(written, values) == -1
+    assert why in c.stops[-1].reason
+    pendant.run(0.1)
+    assert np.isfinite(c.arm.q).all()
+
+
+def test_a_motion_that_becomes_nothing_is_a_protective_stop_and_the_arm_is_still_there(pendant):
+    """A tool speed beyond all numbers, with an acceleration to match."""
+    c = pendant.controller
+    with np.errstate(all="ignore"):
+        c.write_inputs(SPEED, [10, *[1.7e308] * 6, 1e308, 0.0])
+        pendant.run(1.0)
+    assert c.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert np.isfinite(c.arm.q).all()
+    assert np.isfinite(c.reference.q).all()
+
+
+@pytest.mark.parametrize("time_s", [1e308, 1e-320, -1.0, 1000.0])
+def test_servoj_for_any_time_leaves_the_arm_within_its_targets(pendant, time_s):
+    """`time` is unchecked by the client."""
+    c = pendant.controller
+    start = c.reference.q.copy()
+    for k in range(40):
+        c.write_inputs(SERVO, [11, *(start + 1e-3 * k), 0, 0, time_s, 0.03, 500])
+        c.step()
+    assert np.all(np.abs(c.arm.q - start) < 0.06)
+
+
+def test_a_moved_encoder_is_still_moved_after_a_restart():
+    """And the arm does not jump by it when the brakes open."""
+    c = Controller(SimulateSettings())
+    c.step()
+    inject("encoder_offset", {"joint": 2, "value": 0.1}, Place(controller=c))
+    after = Controller(c.settings, before=c)
+    stood = after.arm.q.copy()
+    assert after.power(RobotMode.IDLE)
+    assert after.power(RobotMode.RUNNING)
+    for _ in range(100):
+        after.step()
+    assert np.allclose(after.arm.q, stood, atol=1e-3)
+    assert after.safety_mode == SafetyMode.NORMAL
+    assert np.isclose(after.measured.q[1] - after.arm.q[1], 0.1, atol=1e-3)
+
+
+def test_a_restart_mends_no_sensor_and_forgets_no_installation():
+    """What is wrong in a joint stays wrong; what the installation was told of stays told; what a program said is forgotten."""
+    told = [{"at_s": 0, "do": "mounting", "mounting": "ceiling", "told": True}, {"at_s": 0, "do": "payload", "kg": 2.0, "told": True}]
+    c = Controller(SimulateSettings(scenario=scenario_from_document({"event": told}, "told", "told.toml")))
+    c.step()
+    inject("current_stuck", {"joint": 1}, Place(controller=c))
+    c.declare(payload=(3.0, 0.0, 0.0, 0.0))
+    after = Controller(c.settings, before=c)
+    after.step()
+    assert after.declared_payload[0] == 2.0
+    assert np.allclose(after.declared_gravity, Mounting.parse("ceiling").gravity_in_base)
+    assert after.measured.current[0] == c.sensors.faults.stuck_a[0]
+
+
+def test_an_arm_without_power_is_as_warm_as_its_room():
+    """And three kelvins warmer with it, at rest."""
+    c = Controller(SimulateSettings(ambient_c=20.0))
+    c.power(RobotMode.POWER_OFF)
+    c.live(48.0)
+    assert np.allclose(c.arm.temperatures.motor_c, 20.0, atol=0.1)
+    c.power(RobotMode.IDLE)
+    c.live(48.0)
+    assert np.allclose(c.arm.temperatures.motor_c, 23.0, atol=0.1)
+
+
+def test_clear_brings_back_the_noise_that_the_arm_has_of_itself():
+    """Also after none at all."""
+    c = Controller(SimulateSettings(current_noise=4.0))
+    place = Place(controller=c)
+
+    def loudness() -> float:
+        return float(np.std([(c.step(), c.measured.current)[1] for _ in range(600)], axis=0)[0])
+
+    usual = loudness()
+    inject("current_noise", {"factor": 0}, place)
+    assert loudness() < 0.1 * usual
+    inject("clear", {}, place)
+    assert 0.8 * usual < loudness() < 1.25 * usual
+
+
+@pytest.mark.parametrize("robot", ["ur3", "ur20"])
+def test_a_pose_that_no_arm_reaches_is_not_searched_for(robot, monkeypatch):
+    """A search is twenty ticks in which everybody waits; what the arm does reach is never taken for too far."""
+    kinematics = Kinematics(load_robot(robot))
+    dice = np.random.default_rng(1)
+    for q in dice.uniform(-np.pi, np.pi, (20, 6)):
+        assert kinematics.inverse(kinematics.at(q), q) is not None
+    stretched = np.array([0.3, -0.2, 0.0, -0.2, 0.1, 0.0])
+    kinematics.tool = np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])
+    assert kinematics.inverse(kinematics.at(stretched), stretched) is not None
+    monkeypatch.setattr(kinematics, "at", lambda _: pytest.fail("searched"))
+    for far in ([3.0, 0.0, 0.0], [1e300, 0.0, 0.0], [np.nan, 0.0, 0.0]):
+        assert kinematics.inverse(se3([*far, 0.0, 0.0, 0.0]), stretched) is None
