@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from monitor.recording import Array, Context
 
 SCHEMA_VERSION = 3
 COMPARABLE = ("serial", "joint_serials", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest", "maintenance")
+LASTING = ("joint_serials", "maintenance")  # of these, silence is no change
 _VERSION = re.compile(r"\d+(?:\.\d+)+")
 
 
@@ -142,6 +143,16 @@ class Belief:
 def comparable(context: Context) -> Context:
     """Only what must be equal for two replays to be compared."""
     return Context(robot=context.robot, **{key: getattr(context, key) for key in COMPARABLE})
+
+
+def as_last_said(before: Context | None, after: Context) -> Context:
+    """The context after, where it is silent of past work and of the joints' serials: a joint once greased stays greased.
+
+    Said once, both hold until something else is said: silence would take up the baseline from before the work.
+    """
+    if before is None:
+        return after
+    return replace(after, **{key: getattr(before, key) for key in LASTING if getattr(after, key) is None})
 
 
 def differences(before: Context, after: Context) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification
-from monitor.judge.belief import Belief, OpenedContext, comparable, differences
+from monitor.judge.belief import Belief, OpenedContext, as_last_said, comparable, differences
 from monitor.judge.contradiction import NOTHING_SAID, Contradiction, contradiction, weighed
 from monitor.judge.evidence import DriftSettings, Observation, observe
 from monitor.judge.follow import followed
@@ -138,6 +138,7 @@ def learn(
 
     Where the recording contradicts what was declared of it, nothing is learnt of wear.
     """
+    context = as_last_said(belief.context, context)
     seen = observe(identification, settings)
     caveats: list[Caveat] = []
     changed = differences(belief.context, context)
