@@ -104,7 +104,7 @@ def test_maintenance_opens_a_baseline_and_keeps_the_wear():
 
 
 @pytest.mark.parametrize(
-    "said", [{"maintenance": "joint 3 greased"}, {"joint_serials": ("a", "b", "X", "d", "e", "f")}], ids=lambda said: [*said][0]
+    "said", [{"maintenance": "joint 3 greased"}, {"joint_serials": ("a", "b", "X", "d", "e", "f")}], ids=lambda said: next(iter(said))
 )
 def test_work_that_was_told_once_is_not_undone_by_silence(said):
     """In a manifest the line of that day says it and the next ones do not: the baseline after the work goes on, whatever is carried."""
