@@ -81,8 +81,11 @@ def judge(
     counts = found.counts
     common = Evidence(int(counts.arm_replays[0]), int(counts.arm_days[0]), int(counts.arm_last_day[0]))
     findings[None, COMMON_MODE] = _common_finding(belief, found, common, settings)
-    arm_troubled = _arm_troubles(before, contradiction, day)
+    arm_troubled = _arm_troubles(before, belief, contradiction, day)
     for condition, evidence in arm_troubled.items():
+        if condition == TEMPERATURE_SENSOR:
+            findings[None, condition] = _trouble(evidence, partial(_BLIND.format, evidence.replays), settings)
+            continue
         raises = _trouble(evidence, lambda: contradiction.text, settings)
         # what is declared and what is measured contradict each other in one replay already; two leave no doubt of the replay
         findings[None, condition] = raises._replace(raise_tier=0 if evidence.replays >= 2 else None)
@@ -188,10 +191,15 @@ def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: He
     return {condition: _one_more(before.get(condition, Evidence()), day) if shows else Evidence() for condition, shows in now.items()}
 
 
-def _arm_troubles(before: Health, contradiction: Contradiction, day: int) -> dict[str, Evidence]:
+_BLIND = "No joint's temperature is known in {} replays in a row: cold looks like wear, so of wear nothing is told until one is."
+
+
+def _arm_troubles(before: Health, belief: Belief, contradiction: Contradiction, day: int) -> dict[str, Evidence]:
     known = dict(before.troubled)
-    conditions = {*known, *([contradiction.condition] if contradiction.condition else [])}
-    return {c: _one_more(known.get(c, Evidence()), day) if c == contradiction.condition else Evidence() for c in sorted(conditions)}
+    now = {contradiction.condition} if contradiction.condition else set()
+    if not np.isfinite(belief.temperature_c).any():
+        now.add(TEMPERATURE_SENSOR)
+    return {c: _one_more(known.get(c, Evidence()), day) if c in now else Evidence() for c in sorted({*known, *now})}
 
 
 def _one_more(evidence: Evidence, day: int) -> Evidence:

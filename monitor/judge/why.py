@@ -42,6 +42,8 @@ def why_not_alerting(health: Health, belief: Belief, joint: int, settings: Healt
         reasons.append(f"P(more than {rise:.0%}) is {found.above[j, tier]:.2f}; {sure:.2f} is asked for")
     if not belief.learnt_from[j]:
         reasons.append("the last replay taught nothing of this joint")
+    elif not math.isfinite(belief.temperature_c[j]):
+        reasons.append("the last replay does not tell this joint's temperature: it counts for no alert")
     elif not belief.inside_range[j]:
         reasons.append("the last replay was outside the temperatures learnt so far")
     counted = evidence[tier]

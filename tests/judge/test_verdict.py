@@ -28,7 +28,7 @@ def believed(day: float, wear: dict[int, float] | None = None, std: float = 0.00
         mean[joint - 1, WEAR] = np.log1p(fraction)
     cov[:, WEAR, WEAR], cov[:, RATE, RATE] = std**2, 1e-8
     track = replace(fresh.track, mean=mean, cov=cov, event=np.full(6, float(ORDINARY)), replays=np.full(6, 50.0))
-    standing = {"track": track, "inside_range": np.ones(6), "replays": 50}
+    standing = {"track": track, "inside_range": np.ones(6), "temperature_c": np.full(6, 30.0), "replays": 50}
     return replace(fresh, at_unix_s=START_S + day * DAY_S, **{**standing, **changes})
 
 
