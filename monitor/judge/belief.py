@@ -13,6 +13,7 @@ from monitor.judge.document import array, entry, plain
 from monitor.judge.doubt import Doubt, doubt_from_document
 from monitor.judge.evidence import DriftSettings
 from monitor.judge.migrate import from_version_2
+from monitor.judge.stuck import Sensors, sensors_from_document
 from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
 from monitor.judge.track import KINDS, RATE, STATES, WEAR, WINDOW, Track
 from monitor.judge.unseen import unseen
@@ -56,6 +57,7 @@ class Belief:
     weights: Weights | None  # the arm's, in the context in force
     viscous: Law
     coulomb: Law
+    sensors: Sensors | None = None  # of temperature: which of them stand still; None in beliefs before it
     doubt: Doubt | None = None  # of predicted torque; None until a replay was foreseen, as in beliefs before it
     schema_version: int = SCHEMA_VERSION
 
@@ -219,6 +221,7 @@ def belief_from_document(document: Any) -> Belief:
             weights=weights_from_document(entry(document, "weights", where=where)),
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
+            sensors=sensors_from_document(document.get("sensors"), J),
             doubt=doubt_from_document(document.get("doubt"), J),
             **arrays,
         )

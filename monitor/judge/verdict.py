@@ -191,7 +191,7 @@ def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: He
     return {condition: _one_more(before.get(condition, Evidence()), day) if shows else Evidence() for condition, shows in now.items()}
 
 
-_BLIND = "No joint's temperature is known in {} replays in a row: cold looks like wear, so of wear nothing is told until one is."
+_BLIND = "No joint's temperature is known in {} replays in a row: of wear nothing is told until one is."
 
 
 def _arm_troubles(before: Health, belief: Belief, contradiction: Contradiction, day: int) -> dict[str, Evidence]:
@@ -288,7 +288,7 @@ def _joint_text(belief: Belief, j: int, evidence: Evidence, parts: Split | None)
 def _trouble_text(condition: str, belief: Belief, j: int, evidence: Evidence) -> str:
     T = belief.temperature_c[j]
     said = {
-        TEMPERATURE_SENSOR: "does not tell its temperature" if not math.isfinite(T) else f"tells {T:.1f} °C",
+        TEMPERATURE_SENSOR: "tells no temperature, or one that stands still" if not math.isfinite(T) else f"tells {T:.1f} °C",
         DATA_QUALITY: "is not resolved, or scatters more than the filter believes",
         OUTSIDE_RANGE: f"at {T:.1f} °C is outside the temperatures learnt so far",
     }
