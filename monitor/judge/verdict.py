@@ -179,11 +179,8 @@ def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: 
 def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: HealthSettings, *, contradicted: bool) -> dict[str, Evidence]:
     """Conditions of the data of one joint, each with the replays in a row that showed it."""
     track, T = belief.track, belief.temperature_c
-    others = np.delete(T, j)
-    # one sensor alone far from where its neighbours and its own past put it, while friction knows nothing of it
-    alone = bool(math.isfinite(T[j]) and np.isfinite(others).sum() >= 2 and not -20.0 <= T[j] <= 100.0)
     now = {
-        TEMPERATURE_SENSOR: (not math.isfinite(T[j]) and bool(np.isfinite(T).any())) or alone,
+        TEMPERATURE_SENSOR: not math.isfinite(T[j]) and bool(np.isfinite(T).any()),
         DATA_QUALITY: not contradicted and (belief.event[j] in {UNSEEN, OUTLIER} or bool(track.consistency[j] > 2.5)),
         OUTSIDE_RANGE: bool(math.isfinite(T[j]) and not belief.inside_range[j] and belief.replays > settings.learning_replays),
     }
@@ -288,7 +285,7 @@ def _joint_text(belief: Belief, j: int, evidence: Evidence, parts: Split | None)
 def _trouble_text(condition: str, belief: Belief, j: int, evidence: Evidence) -> str:
     T = belief.temperature_c[j]
     said = {
-        TEMPERATURE_SENSOR: "tells no temperature, or one that stands still" if not math.isfinite(T) else f"tells {T:.1f} °C",
+        TEMPERATURE_SENSOR: "tells no temperature, or none that can be believed",
         DATA_QUALITY: "is not resolved, or scatters more than the filter believes",
         OUTSIDE_RANGE: f"at {T:.1f} °C is outside the temperatures learnt so far",
     }

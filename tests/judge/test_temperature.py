@@ -1,5 +1,6 @@
 """The lines fv(T) and fc(T): what one replay gives, what many give, and where they end."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -151,3 +152,19 @@ def test_a_sensor_that_moves_again_is_believed_again():
     for _ in range(20):
         sensors = watched(sensors, np.full(6, 30.0))
     assert not stuck(sensors).any()
+
+
+def test_a_temperature_that_no_joint_has_teaches_nothing_and_is_told():
+    """One replay at 1000 °C, 0 K or infinity leaves law and range as they were; three in a row are the sensor's alert."""
+    spoilt, sound, arm, dice = History(), History(), Arm(seed=5, noise=0.01), np.random.default_rng(5)
+    for day in range(40):
+        true = 31.0 + 3.0 * dice.normal()
+        seen = arm.replay(true)
+        sound.add(day, seen)
+        odd = np.array([true, true, 1000.0, -273.0, np.inf, true])
+        spoilt.add(day, replace(seen, temperature_c=odd) if day in {15, 30, 31, 32} else seen)
+    for wrong, right in zip(spoilt.last.temperature, sound.last.temperature, strict=True):
+        assert wrong.range_c == pytest.approx(right.range_c, abs=2.0)
+        assert wrong.slope_nm_s_per_rad_k == pytest.approx(right.slope_nm_s_per_rad_k, abs=0.02)
+    assert {(joint, condition) for _, _, joint, condition, _ in spoilt.told} == {(j, "temperature_sensor") for j in (3, 4, 5)}
+    assert spoilt.last.belief.as_document() == json.loads(json.dumps(spoilt.last.belief.as_document(), allow_nan=False))
