@@ -10,6 +10,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from monitor.judge.belief import Belief
 from monitor.judge.contradiction import NOTHING_SAID, Contradiction
@@ -164,15 +165,20 @@ def _kind_of_rise(belief: Belief, j: int, known: Mapping[tuple[int | None, str],
 
 
 def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: HealthSettings) -> Finding:
-    together = found.common[0]
+    together = found.common[0] + found.fallen[0]  # one of them is 0
     shift = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
-    holds = 0 if shift >= settings.clear_fraction * settings.advisory_rise else None
+    rose = shift >= settings.clear_fraction * settings.advisory_rise
+    holds = 0 if rose or shift <= -settings.clear_fraction * settings.wear_rise else None
     text = partial(
-        "Friction has risen in most joints together, by about {:+z.1%} in {} replays: not the wear of one joint.".format,
+        "Friction has {} in most joints together, by about {:+z.1%} in {} replays: not {} of one joint.".format,
+        "risen" if shift >= 0 else "fallen",
         shift,
         common.replays,
+        "the wear" if shift >= 0 else "the grease",
     )
-    certainty = np.full(3, float(np.median(found.above[:, 0])))
+    # of the change itself: what `found` says of each joint is beyond what all share
+    beyond = belief.wear - math.log1p(settings.advisory_rise) if shift >= 0 else math.log1p(-settings.wear_rise) - belief.wear
+    certainty = np.full(3, float(np.median(ndtr(beyond / np.maximum(belief.wear_std, 1e-9)))))
     return Finding(0 if found.together[0] else None, holds, shift, certainty, text)
 
 
