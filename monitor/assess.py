@@ -11,7 +11,7 @@ from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.solve import identify
 from monitor.identify.trust import TrustSettings, distrust
-from monitor.judge.belief import Belief, differences
+from monitor.judge.belief import Belief, as_last_said, differences
 from monitor.judge.compensation import CompensatedModel, compensated
 from monitor.judge.curves import LAWS
 from monitor.judge.document import plain
@@ -160,7 +160,7 @@ def assess(
         identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
     except Unidentifiable as why:
         return Rejected(str(why))
-    if belief is not None and model is not None and not differences(belief.context, recording.context):
+    if belief is not None and model is not None and not differences(belief.context, as_last_said(belief.context, recording.context)):
         told = missed(recording, model, robot, gains)
         belief = belief if told is None else replace(belief, doubt=pooled(belief.doubt, told, model.residual_rms_nm))
     return judge_identification(identification, recording.context, belief=belief, health=health, settings=settings, source=recording.source)

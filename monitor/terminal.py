@@ -84,6 +84,10 @@ def _number(value: float | None, form: str) -> str:
     return "–" if value is None else format(value, form)
 
 
+def _whole_percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.0f} %"
+
+
 def _pair(value: float | None, std: float | None) -> str:
     return "–" if value is None else f"{value:.3f} ± {_number(std, '.3f')}"
 
@@ -429,14 +433,14 @@ def print_rehearsal(document: dict[str, Any]) -> None:
         table.add_column(title, justify="left" if title == "wear of one joint" else "right")
     for row in document["detection"]:
         days = [_number(row[key], ".0f") for key in ("median_days", "p90_days")]
-        shares = [f"{100 * row[key]['share']:.0f} %" for key in ("within_30_days", "right_joint")]
+        shares = [_whole_percent(row[key]["share"]) for key in ("within_30_days", "right_joint")]
         table.add_row(row["wear"], str(row["arms"]), *days, *shares, _number(row["wear_tier_median_days"], ".0f"))
     console.print(table)
     life = document["remaining_life"]
     console.print(
         f"90 % intervals of friction hold the truth in {100 * document['friction_interval_90']:.0f} %; P10–P90 of remaining life in "
-        f"{100 * life['p10_p90_holds']['share']:.0f} %; P50 within 20 % at half-life in "
-        f"{100 * life['alpha_lambda_at_half_life']['share']:.0f} %",
+        f"{_whole_percent(life['p10_p90_holds']['share'])}; P50 within 20 % at half-life in "
+        f"{_whole_percent(life['alpha_lambda_at_half_life']['share'])}",
         highlight=False,
     )
 

@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from monitor.judge.document import array, entry, plain
 from monitor.judge.doubt import Doubt, doubt_from_document
 from monitor.judge.evidence import DriftSettings
 from monitor.judge.migrate import from_version_2
+from monitor.judge.stuck import Sensors, sensors_from_document
 from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
 from monitor.judge.track import KINDS, RATE, STATES, WEAR, WINDOW, Track
 from monitor.judge.unseen import unseen
@@ -21,6 +22,7 @@ from monitor.recording import Array, Context
 
 SCHEMA_VERSION = 3
 COMPARABLE = ("serial", "joint_serials", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest", "maintenance")
+LASTING = ("joint_serials", "maintenance")  # of these, silence is no change
 _VERSION = re.compile(r"\d+(?:\.\d+)+")
 
 
@@ -55,6 +57,7 @@ class Belief:
     weights: Weights | None  # the arm's, in the context in force
     viscous: Law
     coulomb: Law
+    sensors: Sensors | None = None  # of temperature: which of them stand still; None in beliefs before it
     doubt: Doubt | None = None  # of predicted torque; None until a replay was foreseen, as in beliefs before it
     schema_version: int = SCHEMA_VERSION
 
@@ -144,6 +147,16 @@ def comparable(context: Context) -> Context:
     return Context(robot=context.robot, **{key: getattr(context, key) for key in COMPARABLE})
 
 
+def as_last_said(before: Context | None, after: Context) -> Context:
+    """The context after, where it is silent of past work and of the joints' serials: a joint once greased stays greased.
+
+    Said once, both hold until something else is said: silence would take up the baseline from before the work.
+    """
+    if before is None:
+        return after
+    return replace(after, **{key: getattr(before, key) for key in LASTING if getattr(after, key) is None})
+
+
 def differences(before: Context, after: Context) -> list[str]:
     """The names of what changed, in words.
 
@@ -208,6 +221,7 @@ def belief_from_document(document: Any) -> Belief:
             weights=weights_from_document(entry(document, "weights", where=where)),
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
+            sensors=sensors_from_document(document.get("sensors"), J),
             doubt=doubt_from_document(document.get("doubt"), J),
             **arrays,
         )

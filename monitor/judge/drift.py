@@ -12,11 +12,12 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification
-from monitor.judge.belief import Belief, OpenedContext, comparable, differences
+from monitor.judge.belief import Belief, OpenedContext, as_last_said, comparable, differences
 from monitor.judge.contradiction import NOTHING_SAID, Contradiction, contradiction, weighed
 from monitor.judge.evidence import DriftSettings, Observation, observe
 from monitor.judge.follow import followed
 from monitor.judge.health import HealthSettings
+from monitor.judge.stuck import stuck, watched
 from monitor.judge.temperature import TemperatureSettings, begun, inside_range, learnt, reopened
 from monitor.judge.track import OUTLIER, SLOTS, STEP, UNSEEN, at_pace, elsewhere, in_new_slot, renewed, repaced
 from monitor.judge.track import aged as track_aged
@@ -138,8 +139,15 @@ def learn(
 
     Where the recording contradicts what was declared of it, nothing is learnt of wear.
     """
+    context = as_last_said(belief.context, context)
     seen = observe(identification, settings)
+    sensors = watched(belief.sensors, seen.temperature_c)
+    frozen = stuck(sensors)
+    seen = seen._replace(temperature_c=np.where(frozen, np.nan, seen.temperature_c))
     caveats: list[Caveat] = []
+    if frozen.any():
+        text = f"joints {numbers(frozen)}: the temperature sensor stands still while the other joints warm and cool: not believed"
+        caveats.append(Caveat("temperature_stuck", text))
     changed = differences(belief.context, context)
     if changed:
         exchanged = _exchanged(belief.context, context)
@@ -189,6 +197,7 @@ def learn(
             days=belief.days + new_day,
             contexts=(*belief.contexts[:-1], now._replace(replays=now.replays + 1)),
             temperature_c=T,
+            sensors=sensors,
             inside_range=inside.astype(float),
             last_log_torque=seen.log_torque,
             weights=belief.weights if contradicted else weighed(belief.weights, identification),

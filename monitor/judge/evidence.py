@@ -10,6 +10,8 @@ from monitor.errors import BadConfiguration
 from monitor.identify.identification import Identification
 from monitor.recording import Array
 
+POSSIBLE_C = (-20.0, 100.0)  # of a joint that works: beyond, its sensor is wrong
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriftSettings:
@@ -95,10 +97,15 @@ def observe(identification: Identification, settings: DriftSettings) -> Observat
     resolved &= np.isfinite(torque) & np.isfinite(std)
     F = np.where(resolved, torque, 1.0)
     unknown = np.full(len(F), np.nan)
+    told = unknown if identification.temperature_c is None else identification.temperature_c
+    # one replay at 1000 °C would bend a joint's temperature law for good
+    believable = (told >= POSSIBLE_C[0]) & (told <= POSSIBLE_C[1])
     return Observation(
         log_torque=np.where(resolved, np.log(F), np.nan),
         variance=np.where(resolved, (std / F) ** 2, np.nan),  # Var log F ≈ Var F / F²
-        temperature_c=unknown if identification.temperature_c is None else identification.temperature_c,
-        warming_k_per_min=unknown if identification.warming_k_per_min is None else identification.warming_k_per_min,
+        temperature_c=np.where(believable, told, np.nan),
+        warming_k_per_min=unknown
+        if identification.warming_k_per_min is None
+        else np.where(believable, identification.warming_k_per_min, np.nan),
         viscous_share=np.clip(np.where(resolved, identification.viscous_nm_s_per_rad * v / F, 0.4), 0.05, 0.95),
     )

@@ -39,7 +39,7 @@ ACTIONS = {
         "advisory",
     ): "Tell the monitor if the joint was greased or replaced; otherwise check its brake, current and temperature.",
     (COMMON_MODE, "advisory"): "Check what all joints share: temperature sensors, supply voltage, payload and mounting as configured.",
-    (TEMPERATURE_SENSOR, "advisory"): "Check this joint's temperature reading: without it, or with a wrong one, cold looks like wear.",
+    (TEMPERATURE_SENSOR, "advisory"): "Check the temperature reading: without it, or with a wrong one, cold looks like wear.",
     (DATA_QUALITY, "advisory"): "Look at the last recordings: torn rows, lost packets, a trajectory that does not move this joint.",
     (OUTSIDE_RANGE, "advisory"): "Nothing to repair: the monitor has not seen these temperatures yet; replays at them will teach it.",
     (MOUNTING, "advisory"): "Compare [robot] mounting with how the arm stands; nothing is learnt of wear until they agree.",

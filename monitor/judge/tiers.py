@@ -36,13 +36,14 @@ class Grounds(NamedTuple):
 
     counts: Counts
     excess: Array  # (N,) wear beyond what all joints share, log
-    common: Array  # (A,) what they share, log; 0 where nothing
+    common: Array  # (A,) how much they rose together, log; 0 where they did not
+    fallen: Array  # (A,) how much they fell together, log, negative; 0 where they did not
     above: Array  # (N, 3) P(wear > rise of the tier)
-    below: Array  # (N,) P(wear < −rise of the wear tier)
+    below: Array  # (N,) P(wear < −rise of the wear tier), beyond what all fell
     sigmas: Array  # (N,) of the excess
     raises: Array  # (N,) highest tier that may be raised; −1 for none
     falls: np.ndarray  # (N,) falling friction may be raised
-    together: np.ndarray  # (A,) rise of all joints may be raised
+    together: np.ndarray  # (A,) rise or fall of all joints may be raised
 
 
 def nothing_counted(joints: int, arms: int) -> Counts:
@@ -84,11 +85,13 @@ def grounds(
     seen : (N,) joints ever learnt from; usable : (N,) whether this replay counts, for or against.
     """
     doubt = np.maximum(wear_std, 1e-9)
-    common, together_now = _common(wear, doubt, seen, arm, settings)
+    common = _common(wear, doubt, seen, arm, settings, math.log1p(settings.advisory_rise))
+    fallen = -_common(-wear, doubt, seen, arm, settings, -math.log1p(-settings.wear_rise))  # a fall is told from where a joint's is
+    together_now = (common > 0) | (fallen < 0)
     excess = wear - np.repeat(common, arm)
     rises = np.log1p(settings.rises)
     above = ndtr((excess[:, None] - rises) / doubt[:, None])  # (N, 3)
-    below = ndtr((math.log1p(-settings.wear_rise) - wear) / doubt)  # (N,)
+    below = ndtr((math.log1p(-settings.wear_rise) + np.repeat(fallen, arm) - wear) / doubt)  # (N,)
     sigmas = excess / doubt
     agree = np.empty((len(wear), CONDITIONS), dtype=bool)
     sure = sigmas >= advisory_sigmas(arm, settings)
@@ -110,7 +113,7 @@ def grounds(
     )
     raises = np.max(np.where(enough[:, :FALLING], np.arange(FALLING), -1), axis=1)
     together = (arm_counts[0] >= settings.min_replays) & (arm_counts[1] >= settings.min_days)
-    return Grounds(counts, excess, common, above, below, sigmas, raises, enough[:, FALLING], together)
+    return Grounds(counts, excess, common, fallen, above, below, sigmas, raises, enough[:, FALLING], together)
 
 
 def _counted(
@@ -122,8 +125,11 @@ def _counted(
     return np.where(gone, 0.0, replays + more * weight), new_days, np.where(gone, -1.0, np.where(more, day, last))
 
 
-def _common(wear: Array, doubt: Array, seen: np.ndarray, arm: int, settings: HealthSettings) -> tuple[Array, np.ndarray]:
-    """How much all joints of an arm have risen together (A,), log; 0 where they have not. Two joints share nothing that one can tell."""
+def _common(wear: Array, doubt: Array, seen: np.ndarray, arm: int, settings: HealthSettings, least: float) -> Array:
+    """How much all joints of an arm have risen together (A,), log; 0 where they have not, or by less than `least`.
+
+    Two joints share nothing that one can tell.
+    """
     known = seen.reshape(-1, arm)
     shown = np.where(known, wear.reshape(-1, arm), np.nan)
     count = known.sum(axis=1)
@@ -132,5 +138,5 @@ def _common(wear: Array, doubt: Array, seen: np.ndarray, arm: int, settings: Hea
     some = count >= 3
     if some.any():
         shift[some] = np.nanmedian(shown[some], axis=1)
-    together = some & (rising.sum(axis=1) >= settings.common_share * count) & (shift >= math.log1p(settings.advisory_rise))
-    return np.where(together, shift, 0.0), together
+    together = some & (rising.sum(axis=1) >= settings.common_share * count) & (shift >= least)
+    return np.where(together, shift, 0.0)

@@ -10,6 +10,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from monitor.judge.belief import Belief
 from monitor.judge.contradiction import NOTHING_SAID, Contradiction
@@ -81,8 +82,11 @@ def judge(
     counts = found.counts
     common = Evidence(int(counts.arm_replays[0]), int(counts.arm_days[0]), int(counts.arm_last_day[0]))
     findings[None, COMMON_MODE] = _common_finding(belief, found, common, settings)
-    arm_troubled = _arm_troubles(before, contradiction, day)
+    arm_troubled = _arm_troubles(before, belief, contradiction, day)
     for condition, evidence in arm_troubled.items():
+        if condition == TEMPERATURE_SENSOR:
+            findings[None, condition] = _trouble(evidence, partial(_BLIND.format, evidence.replays), settings)
+            continue
         raises = _trouble(evidence, lambda: contradiction.text, settings)
         # what is declared and what is measured contradict each other in one replay already; two leave no doubt of the replay
         findings[None, condition] = raises._replace(raise_tier=0 if evidence.replays >= 2 else None)
@@ -161,26 +165,28 @@ def _kind_of_rise(belief: Belief, j: int, known: Mapping[tuple[int | None, str],
 
 
 def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: HealthSettings) -> Finding:
-    together = found.common[0]
+    together = found.common[0] + found.fallen[0]  # one of them is 0
     shift = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
-    holds = 0 if shift >= settings.clear_fraction * settings.advisory_rise else None
+    rose = shift >= settings.clear_fraction * settings.advisory_rise
+    holds = 0 if rose or shift <= -settings.clear_fraction * settings.wear_rise else None
     text = partial(
-        "Friction has risen in most joints together, by about {:+z.1%} in {} replays: not the wear of one joint.".format,
+        "Friction has {} in most joints together, by about {:+z.1%} in {} replays: not {} of one joint.".format,
+        "risen" if shift >= 0 else "fallen",
         shift,
         common.replays,
+        "the wear" if shift >= 0 else "the grease",
     )
-    certainty = np.full(3, float(np.median(found.above[:, 0])))
+    # of the change itself: what `found` says of each joint is beyond what all share
+    beyond = belief.wear - math.log1p(settings.advisory_rise) if shift >= 0 else math.log1p(-settings.wear_rise) - belief.wear
+    certainty = np.full(3, float(np.median(ndtr(beyond / np.maximum(belief.wear_std, 1e-9)))))
     return Finding(0 if found.together[0] else None, holds, shift, certainty, text)
 
 
 def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: HealthSettings, *, contradicted: bool) -> dict[str, Evidence]:
     """Conditions of the data of one joint, each with the replays in a row that showed it."""
     track, T = belief.track, belief.temperature_c
-    others = np.delete(T, j)
-    # one sensor alone far from where its neighbours and its own past put it, while friction knows nothing of it
-    alone = bool(math.isfinite(T[j]) and np.isfinite(others).sum() >= 2 and not -20.0 <= T[j] <= 100.0)
     now = {
-        TEMPERATURE_SENSOR: (not math.isfinite(T[j]) and bool(np.isfinite(T).any())) or alone,
+        TEMPERATURE_SENSOR: not math.isfinite(T[j]) and bool(np.isfinite(T).any()),
         DATA_QUALITY: not contradicted and (belief.event[j] in {UNSEEN, OUTLIER} or bool(track.consistency[j] > 2.5)),
         OUTSIDE_RANGE: bool(math.isfinite(T[j]) and not belief.inside_range[j] and belief.replays > settings.learning_replays),
     }
@@ -188,10 +194,15 @@ def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: He
     return {condition: _one_more(before.get(condition, Evidence()), day) if shows else Evidence() for condition, shows in now.items()}
 
 
-def _arm_troubles(before: Health, contradiction: Contradiction, day: int) -> dict[str, Evidence]:
+_BLIND = "No joint's temperature is known in {} replays in a row: of wear nothing is told until one is."
+
+
+def _arm_troubles(before: Health, belief: Belief, contradiction: Contradiction, day: int) -> dict[str, Evidence]:
     known = dict(before.troubled)
-    conditions = {*known, *([contradiction.condition] if contradiction.condition else [])}
-    return {c: _one_more(known.get(c, Evidence()), day) if c == contradiction.condition else Evidence() for c in sorted(conditions)}
+    now = {contradiction.condition} if contradiction.condition else set()
+    if not np.isfinite(belief.temperature_c).any():
+        now.add(TEMPERATURE_SENSOR)
+    return {c: _one_more(known.get(c, Evidence()), day) if c in now else Evidence() for c in sorted({*known, *now})}
 
 
 def _one_more(evidence: Evidence, day: int) -> Evidence:
@@ -280,7 +291,7 @@ def _joint_text(belief: Belief, j: int, evidence: Evidence, parts: Split | None)
 def _trouble_text(condition: str, belief: Belief, j: int, evidence: Evidence) -> str:
     T = belief.temperature_c[j]
     said = {
-        TEMPERATURE_SENSOR: "does not tell its temperature" if not math.isfinite(T) else f"tells {T:.1f} °C",
+        TEMPERATURE_SENSOR: "tells no temperature, or none that can be believed",
         DATA_QUALITY: "is not resolved, or scatters more than the filter believes",
         OUTSIDE_RANGE: f"at {T:.1f} °C is outside the temperatures learnt so far",
     }

@@ -35,13 +35,15 @@ def why_not_alerting(health: Health, belief: Belief, joint: int, settings: Healt
         reasons.append(f"all joints have risen together by {math.expm1(found.common[0]):+z.1%}: that is taken off")
     needed = advisory_sigmas(belief.joints, settings)
     if found.sigmas[j] < needed:
-        reasons.append(f"that is {found.sigmas[j]:.1f} of its standard deviations; {needed:.1f} are asked for")
+        reasons.append(f"that is {found.sigmas[j]:z.1f} of its standard deviations; {needed:.1f} are asked for")
     if tier == 0 and change < rise:
         reasons.append(f"it is below {rise:+z.0%}")
     if tier > 0 and found.above[j, tier] < (sure := (settings.wear_sure, settings.limit_sure)[tier - 1]):
         reasons.append(f"P(more than {rise:.0%}) is {found.above[j, tier]:.2f}; {sure:.2f} is asked for")
     if not belief.learnt_from[j]:
         reasons.append("the last replay taught nothing of this joint")
+    elif not math.isfinite(belief.temperature_c[j]):
+        reasons.append("the last replay does not tell this joint's temperature: it counts for no alert")
     elif not belief.inside_range[j]:
         reasons.append("the last replay was outside the temperatures learnt so far")
     counted = evidence[tier]

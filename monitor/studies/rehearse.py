@@ -250,9 +250,9 @@ def delay(played: Played, wear: Wear) -> Delay:
     wrong = (others[sound] >= wear.onset_day[sound]) & (others[sound] < wear.onset_day[sound] + days)
     return Delay(
         arms=n,
-        median_days=float(np.median(days)),
-        median_at_most=float(ordered[min(rank, n - 1)]),
-        p90_days=float(np.quantile(days, 0.9, method="higher")),
+        median_days=float(np.median(days)) if n else np.inf,  # where all were told something before, nobody knows
+        median_at_most=float(ordered[min(rank, n - 1)]) if n else np.inf,
+        p90_days=float(np.quantile(days, 0.9, method="higher")) if n else np.inf,
         within_30=Share(hits=int((days <= 30).sum()), of=n),
         by_baseline=tuple(
             (low, high, Share(hits=int((days[here] <= 30).sum()), of=int(here.sum())))
@@ -260,7 +260,7 @@ def delay(played: Played, wear: Wear) -> Delay:
             for here in [(before >= low) & (before < high)]
         ),
         right_joint=Share(hits=int((told & ~wrong).sum()), of=int(told.sum())),
-        wear_tier_median_days=float(np.median(np.where(np.isnan(wear_days), np.inf, wear_days))),
+        wear_tier_median_days=float(np.median(np.where(np.isnan(wear_days), np.inf, wear_days))) if n else np.inf,
     )
 
 
@@ -442,30 +442,31 @@ def days_to_play(step: float, per_year: float) -> int:
 
 def detection_row(label: str, step: float, per_year: float, told: Delay, interval_90: float) -> dict[str, Any]:
     """What was told of one kind of wear, as a document."""
-    return {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": interval_90}
+    return {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": _known(interval_90)}
 
 
 def _rate(rate: Rate) -> dict[str, float]:
     return {"events": rate.events, "robot_years": rate.robot_years, "per_year": rate.per_year, "at_most": rate.at_most}
 
 
-def _share(share: Share) -> dict[str, float]:
-    return {"hits": share.hits, "of": share.of, "share": share.value, "at_least": share.at_least, "at_most": share.at_most}
+def _share(share: Share) -> dict[str, float | None]:
+    return {"hits": share.hits, "of": share.of, "share": _known(share.value), "at_least": share.at_least, "at_most": share.at_most}
+
+
+def _known(figure: float) -> float | None:
+    return figure if np.isfinite(figure) else None
 
 
 def _delay(told: Delay) -> dict[str, Any]:
-    def known(days: float) -> float | None:
-        return days if np.isfinite(days) else None
-
     return {
         "arms": told.arms,
-        "median_days": known(told.median_days),
-        "median_at_most_days": known(told.median_at_most),
-        "p90_days": known(told.p90_days),
+        "median_days": _known(told.median_days),
+        "median_at_most_days": _known(told.median_at_most),
+        "p90_days": _known(told.p90_days),
         "within_30_days": _share(told.within_30),
         "by_baseline": [
             {"from_days": low, "to_days": high, "within_30_days": _share(share)} for low, high, share in told.by_baseline if share.of
         ],
         "right_joint": _share(told.right_joint),
-        "wear_tier_median_days": known(told.wear_tier_median_days),
+        "wear_tier_median_days": _known(told.wear_tier_median_days),
     }

@@ -70,11 +70,22 @@ def test_wear_and_quiet_replays_contradict_nothing():
     assert {(joint, condition) for _, _, joint, condition, _ in history.told} == {(3, "sudden_step")}
 
 
-@pytest.mark.parametrize("payload", ["declared", "undeclared"])
-def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, payload):
-    """Real recordings in time order; the last carries about 2.6 kg: declared it opens a context, undeclared it is seen."""
+@pytest.mark.parametrize(("payload", "blind"), [("declared", False), ("undeclared", False), ("undeclared", True)])
+def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, payload, blind):
+    """Real recordings in time order; the last carries about 2.6 kg: declared it opens a context, undeclared it is seen.
+
+    They know no temperature, and alone for that nothing could be told of wear: as they are, what is told is just this; and taken to
+    be warm all the time they do not tell of wear either.
+    """
+    from monitor import series
+    from monitor.files import read_recording
     from monitor.series import Series, assess_series, manifest
 
+    def warm(path: object, columns: str) -> object:
+        recording = read_recording(path, columns)
+        return replace(recording, temperature_c=np.full((recording.samples, 6), 30.0))
+
+    monkeypatch.setattr(series, "read_recording", read_recording if blind else warm)
     names = {
         "ur-20_02_10-30sec_12harm": 10,
         "ur-20_02_12-50sec_12harm": 12,
@@ -90,7 +101,7 @@ def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, payload):
     gains = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])
     columns = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
     document = assess_series(Series(entries=manifest(listed), robot=load_robot("ur10e"), columns=columns, gains=gains))
-    assert document["alerts"] == []
+    assert [(alert["joint"], alert["condition"]) for alert in document["alerts"]] == [(None, "temperature_sensor")] * blind
     seen = "payload_contradiction" in {warning["code"] for warning in document["warnings"]}
     assert seen == (payload == "undeclared")
     assert document["health"]["arm"] == ("CHECK_FUNCTION" if seen else "NORMAL")

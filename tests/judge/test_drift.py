@@ -13,8 +13,10 @@ from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift import aged, begin, learn
 from monitor.judge.evidence import DriftSettings, observe
+from monitor.judge.health import HealthSettings
 from monitor.judge.temperature import TemperatureSettings
 from monitor.judge.track import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNSEEN, WEAR
+from monitor.judge.why import why_not_alerting
 
 LAWS = TemperatureSettings()
 
@@ -304,7 +306,12 @@ def test_without_temperatures_we_are_less_sure_and_raise_nothing():
             )
     assert with_t.told
     assert any(caveat.code == "temperature_unknown" for caveat in blind.caveats)
-    assert not without.told
+    # but that nothing can be told is told, once, of the arm; and asked for a joint, the reason is the right one
+    assert [(kind, joint, condition) for _, kind, joint, condition, _ in without.told] == [("raised", None, "temperature_sensor")]
+    assert without.health.state == "CHECK_FUNCTION"
+    reasons = " ".join(why_not_alerting(without.health, blind.belief, 3, HealthSettings()))
+    assert "does not tell this joint's temperature" in reasons
+    assert "outside the temperatures" not in reasons
 
 
 def test_the_belief_survives_as_json():

@@ -1,12 +1,17 @@
 """The lines fv(T) and fc(T): what one replay gives, what many give, and where they end."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_arm import Arm, History
 
 from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.document import plain
+from monitor.judge.stuck import stuck, watched
 from monitor.judge.temperature import (
     Law,
     TemperatureSettings,
@@ -119,3 +124,47 @@ def test_settings_that_cannot_be_are_named():
     """A scatter of nothing would make one replay certain."""
     with pytest.raises(BadConfiguration, match=r"temperature\.scatter"):
         TemperatureSettings(scatter=0.0)
+
+
+def test_a_sensor_that_stands_still_is_no_wear_of_a_winter():
+    """Joint 3 tells 31.0 °C from day 60 on while a season passes: its sensor is told, its wear is not. One that works never is."""
+    history, arm, dice = History(), Arm(seed=5, noise=0.01, autocorrelation=0.5), np.random.default_rng(5)
+    for day in range(230):
+        true = 31.0 - 8.0 * np.sin(2 * np.pi * day / 365.0) + 1.5 * dice.normal()
+        seen = arm.replay(true)
+        told = np.full(6, true)
+        if day >= 60:
+            told[2] = 31.0
+        history.add(day, replace(seen, temperature_c=told))
+    assert [(kind, joint, condition) for _, kind, joint, condition, _ in history.told] == [("raised", 3, "temperature_sensor")]
+    assert 60 < history.told[0][0] < 90
+    assert "temperature_stuck" in {caveat.code for caveat in history.last.caveats}
+
+
+def test_a_sensor_that_moves_again_is_believed_again():
+    """Five replays at 31.0 °C while the others went by 3 K; then it moves. Where nothing moves, a sensor may stand still."""
+    others = [25.0, 26.0, 28.0, 27.0, 25.5]
+    sensors = None
+    for median in others:
+        sensors = watched(sensors, np.array([median, median, 31.0, median, median, np.nan]))
+    assert stuck(sensors).tolist() == [False, False, True, False, False, False]
+    assert not stuck(watched(sensors, np.array([25.0, 25.0, 31.1, 25.0, 25.0, np.nan]))).any()
+    for _ in range(20):
+        sensors = watched(sensors, np.full(6, 30.0))
+    assert not stuck(sensors).any()
+
+
+def test_a_temperature_that_no_joint_has_teaches_nothing_and_is_told():
+    """One replay at 1000 °C, 0 K or infinity leaves law and range as they were; three in a row are the sensor's alert."""
+    spoilt, sound, arm, dice = History(), History(), Arm(seed=5, noise=0.01), np.random.default_rng(5)
+    for day in range(40):
+        true = 31.0 + 3.0 * dice.normal()
+        seen = arm.replay(true)
+        sound.add(day, seen)
+        odd = np.array([true, true, 1000.0, -273.0, np.inf, true])
+        spoilt.add(day, replace(seen, temperature_c=odd) if day in {15, 30, 31, 32} else seen)
+    for wrong, right in zip(spoilt.last.temperature, sound.last.temperature, strict=True):
+        assert wrong.range_c == pytest.approx(right.range_c, abs=2.0)
+        assert wrong.slope_nm_s_per_rad_k == pytest.approx(right.slope_nm_s_per_rad_k, abs=0.02)
+    assert {(joint, condition) for _, _, joint, condition, _ in spoilt.told} == {(j, "temperature_sensor") for j in (3, 4, 5)}
+    assert spoilt.last.belief.as_document() == json.loads(json.dumps(spoilt.last.belief.as_document(), allow_nan=False))

@@ -101,3 +101,18 @@ def test_maintenance_opens_a_baseline_and_keeps_the_wear():
         history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0, 0.1 * (day >= 25) - 0.15 * greased, 0, 0, 0])), context)
     assert history.last.friction[2].wear == pytest.approx(0.1, abs=0.04)
     assert not [told for told in history.told if told[3] == "friction_falling"]
+
+
+@pytest.mark.parametrize(
+    "said", [{"maintenance": "joint 3 greased"}, {"joint_serials": ("a", "b", "X", "d", "e", "f")}], ids=lambda said: next(iter(said))
+)
+def test_work_that_was_told_once_is_not_undone_by_silence(said):
+    """In a manifest the line of that day says it and the next ones do not: the baseline after the work goes on, whatever is carried."""
+    history, serials = History(), ("a", "b", "c", "d", "e", "f")
+    for day in range(60):
+        context = replace(CONTEXT, joint_serials=serials) if day == 0 else replace(CONTEXT, **said) if day == 30 else CONTEXT
+        if day in {35, 36}:
+            context = replace(CONTEXT, payload_kg=2.0)
+        history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0, -0.15 * (day >= 30), 0, 0, 0])), context)
+    assert history.told == []
+    assert len(history.last.belief.contexts) == 3  # before the work, after it, and with the payload

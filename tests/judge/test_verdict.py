@@ -28,7 +28,7 @@ def believed(day: float, wear: dict[int, float] | None = None, std: float = 0.00
         mean[joint - 1, WEAR] = np.log1p(fraction)
     cov[:, WEAR, WEAR], cov[:, RATE, RATE] = std**2, 1e-8
     track = replace(fresh.track, mean=mean, cov=cov, event=np.full(6, float(ORDINARY)), replays=np.full(6, 50.0))
-    standing = {"track": track, "inside_range": np.ones(6), "replays": 50}
+    standing = {"track": track, "inside_range": np.ones(6), "temperature_c": np.full(6, 30.0), "replays": 50}
     return replace(fresh, at_unix_s=START_S + day * DAY_S, **{**standing, **changes})
 
 
@@ -152,6 +152,21 @@ def test_all_joints_rising_together_is_not_wear():
     health, told = through([believed(day, shared) for day in range(5)])
     assert told == [(2, "raised", None, "common_mode", "advisory")]
     assert health.state == "CHECK_FUNCTION"
+    assert health.active_alerts[0].probability > 0.9
+
+
+def test_all_joints_falling_together_is_one_alert_of_the_arm():
+    """Supply or gains, not six joints greased at once; a joint that fell by far more than the others is told as well."""
+    health, told = through([believed(day, dict.fromkeys(range(1, 7), -0.08)) for day in range(4)])
+    assert [step[1:] for step in told] == [("raised", None, "common_mode", "advisory")]
+    assert "fallen in most joints together, by about -8.0%" in health.active_alerts[0].text
+    assert health.active_alerts[0].probability > 0.99  # that it is a fall at all, not that it differs from itself
+    assert health.state == "CHECK_FUNCTION"
+    _, told = through([believed(day, {**dict.fromkeys(range(1, 7), -0.08), 3: -0.2}) for day in range(4)])
+    assert {step[2:4] for step in told} == {(None, "common_mode"), (3, "friction_falling")}
+    # the one that did not fall has not risen
+    _, told = through([believed(day, {**dict.fromkeys(range(1, 7), -0.08), 3: 0.0}) for day in range(4)])
+    assert {step[2:4] for step in told} == {(None, "common_mode")}
 
 
 def test_one_joint_is_seen_above_what_all_share():

@@ -114,6 +114,18 @@ def test_the_bounds_of_a_share_are_exact():
     assert np.isnan(Share(hits=0, of=0).value)
 
 
+def test_thresholds_that_tell_nothing_or_cry_before_any_onset_still_give_plain_json():
+    """Told of no arm, nobody can say in which joint; where every arm cried before, there is no delay. Neither is a NaN or an error."""
+    wear = onsets(2, 1, step=0.02, latest=62)
+    deaf = play(FleetSettings(arms=2, days=63, seed=3, scenarios=COMPARABLE), ASSESS, wear)
+    wolf = replace(deaf, tier_day=np.zeros_like(deaf.tier_day))
+    for played in (deaf, wolf):
+        row = json.loads(json.dumps(detection_row("2 % step", 0.02, 0.0, delay(played, wear), float("nan")), allow_nan=False))
+        assert row["median_days"] is None
+        assert row["right_joint"]["share"] is None
+        assert row["interval_90"] is None
+
+
 def test_the_card_says_what_was_not_reached():
     """Every figure is on it; one beyond its limit is said to be."""
     share = {"hits": 10.0, "of": 10.0}

@@ -1,0 +1,58 @@
+"""A temperature sensor that stands still while the other joints warm and cool: what it tells is no temperature.
+
+Left alone, every season would look like wear of that joint, or hide it.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.judge.document import array
+from monitor.recording import Array
+
+SAME_K = 1.0 / 32.0  # half a step of a UR's sensor: the mean of a replay moves by more
+REPLAYS = 5  # in a row that tell the same …
+MOVED_K = 3.0  # … while the other joints' median went up and down by so much
+
+
+class Sensors(NamedTuple):
+    """Since when every joint's sensor tells what it tells, (J,) each; NaN before the first replay."""
+
+    told_c: Array
+    replays: Array
+    others_low_c: Array  # of the other joints' median meanwhile
+    others_high_c: Array
+
+
+def watched(before: Sensors | None, temperature_c: Array) -> Sensors:
+    """After one more replay. A sensor that tells nothing is left as it was."""
+    T = temperature_c
+    J = len(T)
+    unknown = np.full(J, np.nan)
+    was = before or Sensors(unknown, np.zeros(J), unknown, unknown)
+    known = np.isfinite(T)
+    others = np.array([_median(np.delete(T, j)) for j in range(J)])
+    same = known & (np.abs(T - was.told_c) < SAME_K)
+    return Sensors(
+        told_c=np.where(known & ~same, T, was.told_c),
+        replays=np.where(same, was.replays + 1.0, np.where(known, 1.0, was.replays)),
+        others_low_c=np.where(same, np.fmin(was.others_low_c, others), np.where(known, others, was.others_low_c)),
+        others_high_c=np.where(same, np.fmax(was.others_high_c, others), np.where(known, others, was.others_high_c)),
+    )
+
+
+def stuck(sensors: Sensors) -> np.ndarray:
+    """(J,) which sensors stand still though they should not."""
+    moved = sensors.others_high_c - sensors.others_low_c
+    still: np.ndarray = (sensors.replays >= REPLAYS) & (np.nan_to_num(moved) >= MOVED_K)
+    return still
+
+
+def sensors_from_document(document: Any, J: int) -> Sensors | None:
+    """Raises BadInput naming what is missing or wrong; None of null."""
+    return None if document is None else Sensors(*(array(document, name, (J,), where="belief: sensors") for name in Sensors._fields))
+
+
+def _median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) >= 2 else float("nan")
