@@ -63,7 +63,7 @@ def card(
     document: dict[str, Any], quieter: Sequence[dict[str, Any]], torque: dict[str, Any], *, seed: int, arm_days_a_minute: float
 ) -> str:  # fmt: skip
     """The card of a rehearsal. `quieter` is what was told at σ = 1 %, `torque` how well torque is foreseen."""
-    worn = sum(row["arms"] for row in document["detection"])
+    worn = sum(row["arms"] for row in (*document["detection"], *quieter))
     text = HEAD.format(
         seed=seed,
         years=document["robot_years"],
@@ -72,7 +72,8 @@ def card(
         rho=document["autocorrelation"],
         learning=document["learning_days"],
     )
-    text += "\n## Alerts that mean nothing\n\nAdvisories counted, of joints and of the arm.\n\n"
+    text += "\n## Alerts that mean nothing\n\nAdvisories of friction counted, of joints and of the arm; "
+    text += "not those of the data (`data_quality`, …).\n\n"
     text += "| scenario | robot-years | alerts | a robot-year | at most | asked for |\n|---|---|---|---|---|---|\n"
     for name, rate in document["false_alarms"].items():
         asked = 0.1 if name == "all" else 0.2
@@ -89,7 +90,7 @@ def card(
     text += (
         "Wear begins on a day drawn evenly from those of which alerts that mean nothing are counted above, "
         f"{LEARNING_DAYS} to {LATEST_ONSET}. Days are those of the calendar; every hundredth has no replay, and arms with holidays or "
-        "swapped payloads are left out here.\n\n"
+        "swapped payloads are left out here, and those whose worn joint had been told before.\n\n"
     )
     text += "| wear | σ | arms | median | median at most | nine of ten | within 30 days | right joint | wear tier, median |\n"
     text += "|---|---|---|---|---|---|---|---|---|\n"
