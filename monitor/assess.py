@@ -204,6 +204,18 @@ def judge_identification(
     )
 
 
+def model_after(
+    recording: Recording, belief: Belief, *, robot: Robot, mounting: Mounting, gains: Array | None, settings: AssessSettings
+) -> CompensatedModel:
+    """The model that was held after a recording had been learnt from, of what was believed then.
+
+    Raises BadInput, of it Unidentifiable.
+    """
+    identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
+    coulomb, viscous = belief.lines(settings.temperature)
+    return compensated(identification, belief, coulomb=coulomb, viscous=viscous)
+
+
 def alert_document(alert: Alert) -> dict[str, Any]:
     """One alert, with `active` said outright."""
     return {**plain(alert), "active": alert.active}

@@ -3,21 +3,33 @@
 import math
 from collections import deque
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from monitor.assess import Assessment, AssessSettings, Rejected, assess
+from monitor.assess import Assessment, AssessSettings, Rejected, assess, model_after
 from monitor.chronicle import Held, robot_digest
 from monitor.errors import BadInput
 from monitor.files import read_recording
-from monitor.judge.belief import belief_from_document
+from monitor.judge.belief import Belief, belief_from_document
+from monitor.judge.compensation import CompensatedModel
 from monitor.judge.health import Alert, Split, health_from_document
 from monitor.keep.circumstances import circumstances, differences
-from monitor.model.robot import Mounting, load_robot
+from monitor.model.robot import Mounting, Robot, load_robot
+from monitor.recording import Array, Recording
 from monitor.store import Event, Store, Verdict
 
 MOST_TOLD = 20  # verdicts that differ, each with what differs
+
+
+class _Made(NamedTuple):
+    """What a verdict was made of."""
+
+    recording: Recording
+    robot: Robot
+    mounting: Mounting
+    gains: Array | None
+    settings: AssessSettings
 
 
 @dataclass(slots=True)
@@ -81,29 +93,54 @@ def recompute(store: Store) -> dict[str, Any]:
 
 def _again(store: Store, verdict: Verdict, held: Held) -> tuple[Assessment | None, str]:
     """The verdict once more, or why not."""
+    made, why = _made(store, verdict)
+    if made is None:
+        return None, why
+    try:
+        outcome = assess(
+            made.recording,
+            robot=made.robot,
+            mounting=made.mounting,
+            belief=held.belief,
+            health=held.health,
+            model=held.model,
+            gains=made.gains,
+            settings=made.settings,
+        )
+    except BadInput as error:
+        return None, f"cannot be assessed any more: {error}"
+    return (None, f"is rejected now: {outcome.reason}") if isinstance(outcome, Rejected) else (outcome, "")
+
+
+def _made(store: Store, verdict: Verdict) -> tuple[_Made | None, str]:
+    """What a verdict was made of, or why that is not known any more."""
     try:
         recording = read_recording(store.recording_path(verdict.ledger_id))
     except BadInput as error:
         return None, f"gone: {error}"
     if verdict.made_with is None:
         return None, "gone: made before the settings of a verdict were kept with it"
-    made_with = store.made_with(verdict.made_with)
-    gains = made_with["gains_nm_per_a"]
-    roll, pitch, yaw = made_with["mounting_rad"]
+    with_ = store.made_with(verdict.made_with)
+    gains = with_["gains_nm_per_a"]
+    roll, pitch, yaw = with_["mounting_rad"]
+    return _Made(
+        recording=recording,
+        robot=load_robot(with_["robot"]),
+        mounting=Mounting(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw),
+        gains=np.array(gains) if gains else None,
+        settings=settings_from_document(AssessSettings, with_["settings"]),
+    ), ""
+
+
+def _model_of(store: Store, verdict: Verdict, belief: Belief) -> CompensatedModel | None:
+    """The model that a checkpoint does not hold; None where the verdict's recording is gone."""
+    made, _ = _made(store, verdict)
+    if made is None:
+        return None
     try:
-        outcome = assess(
-            recording,
-            robot=load_robot(made_with["robot"]),
-            mounting=Mounting(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw),
-            belief=held.belief,
-            health=held.health,
-            model=held.model,
-            gains=np.array(gains) if gains else None,
-            settings=settings_from_document(AssessSettings, made_with["settings"]),
-        )
-    except BadInput as error:
-        return None, f"cannot be assessed any more: {error}"
-    return (None, f"is rejected now: {outcome.reason}") if isinstance(outcome, Rejected) else (outcome, "")
+        return model_after(made.recording, belief, robot=made.robot, mounting=made.mounting, gains=made.gains, settings=made.settings)
+    except BadInput:
+        return None
 
 
 def rewind(store: Store, now_unix_s: float) -> Held | None:
@@ -115,7 +152,9 @@ def rewind(store: Store, now_unix_s: float) -> Held | None:
     known, start = Held(), 0
     for k in range(len(verdicts) - 2, -1, -1):  # one at least is judged again: a checkpoint holds no model
         if (kept := store.checkpoint(verdicts[k].ledger_id)) is not None:
-            known, start = Held(belief=belief_from_document(kept[0]), health=health_from_document(kept[1])), k + 1
+            belief = belief_from_document(kept[0])
+            known = Held(belief=belief, health=health_from_document(kept[1]), model=_model_of(store, verdicts[k], belief))
+            start = k + 1
             break
     words = [event for event in store.events() if event.ledger_id is None]
     since = verdicts[start - 1].judged_at_unix_s if start else -math.inf

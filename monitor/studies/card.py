@@ -31,9 +31,8 @@ NOTES = {
   noise and temperature exactly, against one of 100 days 7.0 σ, of 425 days 7.7 σ (generalised least squares). Looking at every age of a
   change each day costs 4.1 to 4.3 σ at 0.1 false alerts a robot-year, so such an observer misses 0.5, 0.2 and 0.04 % of steps after
   60–99, 100–179 and more days, 0.1 % in all: the evidence is there. The monitor learns noise, the slope of temperature, its curve and
-  the grease's lag from the same days, and misses what comes soon after learning: on another seed 3 of 37 after 60–99 days of baseline,
-  none of 360 later. Lower thresholds find little more: on other seeds, 600 steps and 480 robot-years each, 0.7 % were missed at 0.11
-  false alerts a robot-year and 1.0 % at 0.08.
+  the grease's lag from the same days, and misses more the sooner a step comes after learning: the line above. Lower thresholds find little
+  more: on other seeds, 600 steps and 480 robot-years each, 0.7 % were missed at 0.11 false alerts a robot-year and 1.0 % at 0.08.
 """,
     "life": """
 - **P10–P90 of remaining life.** Its width was that of a pace let wander by 8 % a year and of noise in which the filter's own doubt was
