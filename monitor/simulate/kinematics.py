@@ -3,6 +3,7 @@
 A pose is (6,): metres and rotation vector [rad] in the robot's base, as the manufacturer writes it.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -106,7 +107,7 @@ class Kinematics:
 
     def inverse(self, goal: "pin.SE3", near: Array, *, restarts: int = RESTARTS) -> Array | None:
         """(J,) within the joints' ranges, the solution that lies nearest to `near` by descent; None where none is found."""
-        if not np.linalg.norm(goal.translation - self._shoulder) <= self._reach + np.linalg.norm(self.tool[:3]):
+        if not math.dist(goal.translation, self._shoulder) <= self._reach + math.hypot(*self.tool[:3]):
             return None  # at once: the search for what is not there takes as long as twenty ticks
         dice = np.random.default_rng(0)  # the same question has the same answer
         for attempt in range(1 + restarts):
