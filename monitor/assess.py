@@ -157,7 +157,7 @@ def assess(
     if why_not is not None:
         return Rejected(f"the recording is not to be trusted: {why_not}")
     try:
-        identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
+        identification = _identified(recording, robot, mounting, gains, settings)
     except Unidentifiable as why:
         return Rejected(str(why))
     if belief is not None and model is not None and not differences(belief.context, as_last_said(belief.context, recording.context)):
@@ -211,9 +211,13 @@ def model_after(
 
     Raises BadInput, of it Unidentifiable.
     """
-    identification = identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
+    identification = _identified(recording, robot, mounting, gains, settings)
     coulomb, viscous = belief.lines(settings.temperature)
     return compensated(identification, belief, coulomb=coulomb, viscous=viscous)
+
+
+def _identified(recording: Recording, robot: Robot, mounting: Mounting, gains: Array | None, settings: AssessSettings) -> Identification:
+    return identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
 
 
 def alert_document(alert: Alert) -> dict[str, Any]:
