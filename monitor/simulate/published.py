@@ -36,7 +36,7 @@ SINCE = {
     "tool_digital_output0_mode": Since(NEVER, (5, 2, 0)),
     "tool_digital_output1_mode": Since(NEVER, (5, 2, 0)),
     "ft_raw_wrench": Since(NEVER, (5, 9, 0)),  # the e-Series' own sensor
-    # not in the guide of 5.11, and answered by 5.17.2; when exactly they came is not confirmed
+    # not in the guide of 5.11, asked for by clients of newer controllers; when exactly they came is not confirmed
     "joint_position_deviation_ratio": Since(NEVER, (5, 12, 0)),
     "collision_detection_ratio": Since(NEVER, (5, 15, 0)),
     "time_scale_source": Since(NEVER, (5, 17, 0)),
