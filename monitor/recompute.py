@@ -122,11 +122,10 @@ def _made(store: Store, verdict: Verdict) -> tuple[_Made | None, str]:
         return None, "gone: made before the settings of a verdict were kept with it"
     with_ = store.made_with(verdict.made_with)
     gains = with_["gains_nm_per_a"]
-    roll, pitch, yaw = with_["mounting_rad"]
     return _Made(
         recording=recording,
         robot=load_robot(with_["robot"]),
-        mounting=Mounting(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw),
+        mounting=Mounting.of(with_["mounting_rad"]),
         gains=np.array(gains) if gains else None,
         settings=settings_from_document(AssessSettings, with_["settings"]),
     ), ""

@@ -202,7 +202,7 @@ def _read(series: Series, entry: Entry) -> tuple[Recording, Mounting]:
     context = recording.context
     mounting = entry.mounting or series.mounting
     if entry.mounting is None and context.mounting_rad is not None:
-        mounting = Mounting(**dict(zip(("roll_rad", "pitch_rad", "yaw_rad"), context.mounting_rad, strict=True)))
+        mounting = Mounting.of(context.mounting_rad)
     at = entry.recorded_at_unix_s if entry.recorded_at_unix_s is not None else context.recorded_at_unix_s
     if at is None:
         raise BadInput(f"{entry.file}: does not say when it was made; give --manifest with a column recorded_at, or --interval 1d")

@@ -300,7 +300,7 @@ def _payload(facts: Facts) -> str:
 
 def _gravity(facts: Facts) -> str:
     state, expected = _heard(facts), facts.context.mounting_rad
-    mounting = facts.excitation.mounting if expected is None else Mounting(roll_rad=expected[0], pitch_rad=expected[1], yaw_rad=expected[2])
+    mounting = facts.excitation.mounting if expected is None else Mounting.of(expected)
     measured = np.array(state.accelerometer_m_s2)
     if np.all(np.isnan(measured)) or not np.any(measured):
         raise Unreported("not reported: a mounting that is not the configured one shows only in the torque of the first pass")

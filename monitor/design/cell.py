@@ -202,8 +202,7 @@ def plain_cell(mounting: Mounting) -> Cell:
 
 def rotation(rpy_deg: Vector) -> Array:
     """(3, 3) Rot(z, yaw)·Rot(y, pitch)·Rot(x, roll)."""
-    roll, pitch, yaw = (math.radians(angle) for angle in rpy_deg)
-    return Mounting(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw).rotation
+    return Mounting.of([math.radians(angle) for angle in rpy_deg]).rotation
 
 
 def _cover(tool: Tool) -> tuple[Array, float]:

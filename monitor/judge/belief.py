@@ -125,8 +125,7 @@ class Belief:
         """F(v*, T0), wear included, and its standard deviation, (J,) each [N·m]; NaN where a joint was never seen."""
         track = self.track
         mean, std = track.reference(self.reference_temperature_c, self.slot)
-        H = track.row(self.reference_temperature_c - track.origin_c, np.zeros(self.joints), self.slot, noise=0.0)
-        more, more_var = unseen(track, H, settings)
+        more, more_var = unseen(track, track.reference_row(self.reference_temperature_c, self.slot), settings)
         mean, std = mean + more, np.sqrt(std**2 + more_var)
         torque = np.where(self.track.replays > 0, np.exp(mean), np.nan)
         return torque, torque * np.hypot(std, settings.between_floor)

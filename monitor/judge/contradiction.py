@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.judge.document import array, entry
+from monitor.judge.document import arrays, entry
 from monitor.judge.health import GAINS, MOUNTING, PAYLOAD, HealthSettings
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import PER_JOINT
@@ -108,7 +108,7 @@ def weights_from_document(document: Any) -> Weights | None:
     """Weights from their document, or None. Raises BadInput naming the key."""
     if document is None:
         return None
-    parts = {key: array(document, key, (-1,), where="belief: weights") for key in ("columns", "mean", "var")}
+    parts = arrays(document, ("columns", "mean", "var"), (-1,), where="belief: weights")
     if len({len(part) for part in parts.values()}) > 1:
         raise BadInput("belief: weights: columns, mean and var differ in length; expected as many of each")
     return Weights(**parts, replays=int(entry(document, "replays", where="belief: weights")))

@@ -1,7 +1,7 @@
 """Values of this room as plain JSON and back, exactly: a float's shortest repr is the float, NaN travels as null."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -50,3 +50,8 @@ def array(document: Any, key: str, shape: tuple[int, ...], *, where: str) -> Arr
     if value.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, value.shape, strict=True)):
         raise BadInput(f"{where}: {key} has shape {value.shape}; expected {shape}")
     return value
+
+
+def arrays(document: Any, names: Iterable[str], shape: tuple[int, ...], *, where: str) -> dict[str, Array]:
+    """`array` of each name, all of one shape, e.g. the fields of a named tuple. Raises BadInput likewise."""
+    return {name: array(document, name, shape, where=where) for name in names}

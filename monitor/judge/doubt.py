@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from monitor.judge.document import array
+from monitor.judge.document import arrays
 from monitor.judge.predictor import prepared
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording
@@ -89,7 +89,7 @@ def believed(doubt: Doubt | None, residual_rms_nm: Array) -> tuple[Array, Array]
 
 def doubt_from_document(document: Any, J: int) -> Doubt | None:
     """Raises BadInput naming what is missing or wrong; None of null."""
-    return None if document is None else Doubt(*(array(document, name, (J,), where="belief: doubt") for name in Doubt._fields))
+    return None if document is None else Doubt(**arrays(document, Doubt._fields, (J,), where="belief: doubt"))
 
 
 def _mean(values: Array) -> Array:

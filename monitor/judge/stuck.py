@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.judge.document import array
+from monitor.judge.document import arrays
 from monitor.recording import Array
 
 SAME_K = 1.0 / 32.0  # half a step of a UR's sensor: the mean of a replay moves by more
@@ -50,7 +50,7 @@ def stuck(sensors: Sensors) -> np.ndarray:
 
 def sensors_from_document(document: Any, J: int) -> Sensors | None:
     """Raises BadInput naming what is missing or wrong; None of null."""
-    return None if document is None else Sensors(*(array(document, name, (J,), where="belief: sensors") for name in Sensors._fields))
+    return None if document is None else Sensors(**arrays(document, Sensors._fields, (J,), where="belief: sensors"))
 
 
 def _median(values: Array) -> float:

@@ -115,9 +115,13 @@ class Track:
         slope: Array = self.mean[:, SLOPE] - 2.0 * self.mean[:, CURVE] * (temperature_c - self.origin_c)
         return slope
 
+    def reference_row(self, temperature_c: Array, slot: Array) -> Array:
+        """(N, S) H of `reference`."""
+        return self.row(temperature_c - self.origin_c, np.zeros(self.joints), slot, noise=0.0)
+
     def reference(self, temperature_c: Array, slot: Array) -> tuple[Array, Array]:
         """Log F(v*, T0), wear included and noise left out, and its standard deviation, each (N,)."""
-        H = self.row(temperature_c - self.origin_c, np.zeros(self.joints), slot, noise=0.0)
+        H = self.reference_row(temperature_c, slot)
         mean = np.einsum("na,na->n", H, self.mean)
         return mean, np.sqrt(np.maximum(np.einsum("na,nab,nb->n", H, self.cov, H), 0.0))
 

@@ -8,11 +8,11 @@ joints begin to wear: mostly nothing; now and then, before an alert, half a susp
 import numpy as np
 
 from monitor.judge.evidence import DriftSettings
+from monitor.judge.follow import PACES_A_STEP
 from monitor.judge.track import KINDS, WINDOW, Track
 from monitor.recording import Array
 
 SCALES = ((0.9, 1.0), (0.1, 4.0))  # of how large a change is: mostly as set, one in ten from a prior four times as wide
-PACES_OF_ALL = 0.75  # of changes, as `follow` has it: joints wear more often than they jump
 
 
 def unseen(track: Track, H: Array, settings: DriftSettings) -> tuple[Array, Array]:
@@ -23,7 +23,7 @@ def unseen(track: Track, H: Array, settings: DriftSettings) -> tuple[Array, Arra
     """
     N = track.joints
     usual = np.repeat([settings.unseen_step_std, settings.unseen_pace_std_per_day], WINDOW)  # (M,)
-    kind = np.repeat([1.0 - PACES_OF_ALL, PACES_OF_ALL], WINDOW)
+    kind = np.repeat([1.0, PACES_A_STEP], WINDOW) / (1.0 + PACES_A_STEP)
     # one candidate stands for all starts up to the next older one
     span = np.tile(np.diff(track.ages, axis=1, append=track.ages[:, -1:] + 1.0), KINDS) * track.cadence_days[:, None]  # (N, M) [d]
     begins = settings.onsets_per_year / 365.0 * kind * span

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.judge.document import array
+from monitor.judge.document import arrays
 from monitor.recording import Array
 
 MEMORY_DAYS = 60.0  # what is usual follows a change of work within about two months
@@ -54,4 +54,4 @@ def worked(usage: Usage, revolutions: Array, days: Array) -> Worked:
 
 def usage_from_document(document: Any, joints: int) -> Usage:
     """Usage from its document. Raises BadInput naming the key."""
-    return Usage(*(array(document, key, (joints,), where="belief: usage") for key in Usage._fields))
+    return Usage(**arrays(document, Usage._fields, (joints,), where="belief: usage"))

@@ -7,6 +7,7 @@ zero, how frame 0 lies in its base, and an offset along y where two axes are nea
 
 import math
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
@@ -47,7 +48,13 @@ class Mounting:
             degrees = ()
         if len(degrees) != 3 or not all(math.isfinite(angle) for angle in degrees):
             raise BadInput(f"mounting {text!r}: expected ground, ceiling, wall or ROLL,PITCH,YAW in degrees, e.g. 90,0,0")
-        return cls(roll_rad=math.radians(degrees[0]), pitch_rad=math.radians(degrees[1]), yaw_rad=math.radians(degrees[2]))
+        return cls.of([math.radians(angle) for angle in degrees])
+
+    @classmethod
+    def of(cls, angles_rad: Sequence[float]) -> "Mounting":
+        """From roll, pitch, yaw, as `angles_rad` gives them."""
+        roll, pitch, yaw = angles_rad
+        return cls(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw)
 
     @property
     def angles_rad(self) -> tuple[float, float, float]:

@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 
 from monitor.judge.compensation import CompensatedModel
+from monitor.judge.doubt import MOVING_RAD_S
 from monitor.judge.predictor import TorquePrediction, prepared
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording
-
-MOVING_RAD_S = 0.02  # below it friction holds rather than rubs, and no model of it says how much
 
 
 class LiveTorque:

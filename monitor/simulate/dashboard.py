@@ -1,6 +1,7 @@
 """The dashboard's lines: one reply a command."""
 
 import re
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from monitor.simulate.modes import RobotMode, Runtime, SafetyMode
@@ -93,10 +94,7 @@ def _of_generation(controller: "Controller", command: str) -> str:
         if command.lower() == "getuserrole":
             return controller.user_role
         if word.lower() == "setuserrole":
-            if given.upper() not in USER_ROLES:
-                return f"Failed setting user role: {_printable(given)}"
-            controller.user_role = given.upper()
-            return f"Setting user role: {given}"
+            return _set(controller, "user_role", given, USER_ROLES)
         return ""
     if command.lower() == "get operational mode":
         return controller.operational_mode
@@ -104,11 +102,15 @@ def _of_generation(controller: "Controller", command: str) -> str:
         controller.operational_mode = "NONE"
         return "operational mode is no longer controlled by Dashboard Server"
     if word.lower() == "set operational mode":
-        if given.upper() not in OPERATIONAL_MODES:
-            return f"Failed setting operational mode: {_printable(given)}"
-        controller.operational_mode = given.upper()
-        return f"Setting operational mode: {given}"
+        return _set(controller, "operational_mode", given, OPERATIONAL_MODES)
     return ""
+
+
+def _set(controller: "Controller", what: str, given: str, known: Collection[str]) -> str:
+    if given.upper() not in known:
+        return f"Failed setting {what.replace('_', ' ')}: {_printable(given)}"
+    setattr(controller, what, given.upper())
+    return f"Setting {what.replace('_', ' ')}: {given}"
 
 
 def _printable(text: str) -> str:

@@ -130,7 +130,7 @@ def play(
             common_day[found.together & np.isnan(common_day)] = day
             truth = np.log(fleet.torque(T0.reshape(A, J), np.exp(now.worn))).ravel()
             mean, std_log = track.reference(T0, slot)
-            more, more_var = unseen(track, track.row(T0 - track.origin_c, np.zeros(N), slot, noise=0.0), drift)
+            more, more_var = unseen(track, track.reference_row(T0, slot), drift)
             held = np.abs(truth - mean - more) < 1.645 * np.sqrt(std_log**2 + more_var + drift.between_floor**2)
             covered, asked = covered + (held & here), asked + here
             worn = (now.worn.ravel() > 0) & here
