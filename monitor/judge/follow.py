@@ -106,7 +106,7 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     responses = responses - G[..., None] * K[:, None, None, :]
     forget = found[:, None, None]
     return replace(
-        _with_noise(track, nu, level_var, shared, within, event, arm, settings),
+        _with_noise(track, nu, level_var, shared, within, event, sensed, arm, settings),
         mean=mean,
         cov=cov,
         replays=track.replays + learnt,
@@ -230,7 +230,15 @@ def _believed(
 
 
 def _with_noise(
-    track: Track, nu: Array, level_var: Array, shared: Array, within: Array, event: Array, arm: int, settings: DriftSettings
+    track: Track,
+    nu: Array,
+    level_var: Array,
+    shared: Array,
+    within: Array,
+    event: Array,
+    sensed: np.ndarray,
+    arm: int,
+    settings: DriftSettings,
 ) -> Track:
     """The noise between replays, learnt from two successive ones.
 
@@ -240,10 +248,12 @@ def _with_noise(
         E[r²] = σ² + R + L + 2C,   E[rₖ·rₖ₋₁] = ρ·(σ² + C),
 
     so that what the doubt of level and pace adds is not taken for noise. In a joint that wears it is as much as a sixth of σ².
+    Wild replays and those without a temperature are no part of it: one of them tells as much as a hundred others, and nothing of noise.
     """
     rho = track.autocorrelation(arm, settings)
     now = nu + track.mean[:, NOISE]  # what was foreseen without noise is what is compared
-    usable = (event == ORDINARY) & np.isfinite(track.residual)
+    telling = (event == ORDINARY) & sensed
+    usable = telling & np.isfinite(track.residual)
     before = np.where(usable, track.residual, 0.0)
     n = np.where(usable, np.minimum(track.noise_weight + 1.0, settings.memory_replays), track.noise_weight)
     limit = 3.0 * np.sqrt(np.maximum(track.step_var + track.product, 0.0) + within)  # one wild replay says no more than this
@@ -252,7 +262,7 @@ def _with_noise(
     step_var = np.where(usable, track.step_var + (half - track.step_var) / n, track.step_var)
     alike = clipped * clipped_before - rho * np.minimum(shared, 0.0)
     product = np.where(usable, track.product + (alike - track.product) / n, track.product)
-    residual = np.where(event == UNSEEN, track.residual, np.where((event == ORDINARY) | (event == OUTLIER), now, np.nan))
+    residual = np.where(event == UNSEEN, track.residual, np.where(telling, now, np.nan))
     return replace(
         track, step_var=np.maximum(step_var, settings.between_floor**2), product=product, noise_weight=n, residual=residual
     )  # fmt: skip
