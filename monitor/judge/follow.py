@@ -78,13 +78,15 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     telling = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
     scores_now, informations_now = scores + telling * nu_clipped[:, None, None], informations + telling * G
     raw_scores_now = raw_scores + telling * nu[:, None, None]
-    ratios, over = _ratios(scores_now, informations_now, ages, settings)
+    # what began when hardly anything was known is of the baseline; and a change is no single replay
+    enough = (ages >= settings.gate_run - 1) & (ages <= (track.replays - settings.baseline_replays)[:, None])
+    ratios, over = _ratios(scores_now, informations_now, ages, enough, settings)
     # a wild replay alone never proves a change; several in a row on one side do, from the first of them on
     in_a_row = gated & (np.abs(run) >= settings.gate_run)
-    full, _ = _ratios(raw_scores_now, informations_now, ages, settings)
+    full, _ = _ratios(raw_scores_now, informations_now, ages, enough, settings)
     ratios = np.where(in_a_row[:, None, None], full, ratios)
     found = ((np.max(over, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gated)
-    young = found & (track.replays < settings.baseline_replays)
+    young = found & ~np.any(ratios > 0, axis=(1, 2))
     if young.any():  # nothing is known that could have worn: the level begins again
         fresh = in_new_slot(replace(track, mean=mean, cov=cov), slot, young)
         mean, cov = fresh.mean, fresh.cov
@@ -156,7 +158,7 @@ def _candidates(track: Track, shown: np.ndarray) -> tuple[Array, Array, Array, A
     return ages, responses, moved(track.scores), moved(track.raw_scores), moved(track.informations)
 
 
-def _ratios(scores: Array, informations: Array, ages: Array, settings: DriftSettings) -> tuple[Array, Array]:
+def _ratios(scores: Array, informations: Array, ages: Array, enough: np.ndarray, settings: DriftSettings) -> tuple[Array, Array]:
     """(N, 2, W) likelihood ratio of each change that enough replays have seen, and the same over the one from which it is believed.
 
     What began n replays ago is a mean of n: chance carries it across z standard deviations n times as seldom, as e^(−z²/2)/n (Rice,
@@ -164,7 +166,7 @@ def _ratios(scores: Array, informations: Array, ages: Array, settings: DriftSett
     """
     ratio = scores**2 / np.maximum(informations, 1e-12)
     by_age = 2.0 * np.log(np.maximum(ages, 1.0))  # (N, W)
-    ratio = np.where(ages[:, None, :] >= settings.gate_run - 1, ratio, 0.0)
+    ratio = np.where(enough[:, None, :], ratio, 0.0)
     over = ratio.copy()
     over[:, 0] /= np.maximum(settings.shift_sigma**2 - by_age, LEAST**2)
     # a pace that began a few replays ago is hardly another thing than a step: it is looked for by the step's figure

@@ -47,3 +47,16 @@ def test_replays_without_a_temperature_teach_no_noise():
     dark = [replace(arm.replay(16.0), temperature_c=None) if day > 20 and day % 10 == 0 else one for day, one in enumerate(seen)]
     calm, blind = lived(seen)[-1], lived(dark)[-1]
     assert np.allclose(blind.noise_std(DRIFT) / calm.noise_std(DRIFT), 1.0, atol=0.08)
+
+
+def test_a_step_among_the_first_replays_is_of_the_baseline():
+    """+7 % from the third replay on: taken for wear weeks later it would be in doubt by 4 % for ever, and what comes after unseen."""
+    settled = {day: np.full(6, 0.07) * (np.arange(6) == 1) for day in range(2, 150)}
+    later = {day: wear if day < 90 else wear + 0.05 * 1.07 * (np.arange(6) == 1) for day, wear in settled.items()}
+    for seed in range(3):
+        beliefs = lived(a_year(seed, wear=later))
+        before, after = beliefs[85], beliefs[-1]
+        assert before.wear[1] == pytest.approx(0.0, abs=0.015), seed
+        assert before.wear_std[1] < 0.01, seed
+        assert after.wear[1] == pytest.approx(np.log(1.05), abs=0.025), seed
+        assert after.wear_std[1] < 0.015, seed
