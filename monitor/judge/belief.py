@@ -12,7 +12,7 @@ from monitor.judge.contradiction import Weights, weights_from_document
 from monitor.judge.document import array, entry, plain
 from monitor.judge.doubt import Doubt, doubt_from_document
 from monitor.judge.evidence import DriftSettings
-from monitor.judge.migrate import from_version_2
+from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.stuck import Sensors, sensors_from_document
 from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
 from monitor.judge.track import KINDS, RATE, STATES, WEAR, WINDOW, Track
@@ -20,7 +20,7 @@ from monitor.judge.unseen import unseen
 from monitor.judge.usage import Usage, usage_from_document
 from monitor.recording import Array, Context
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 COMPARABLE = ("serial", "joint_serials", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest", "maintenance")
 LASTING = ("joint_serials", "maintenance")  # of these, silence is no change
 _VERSION = re.compile(r"\d+(?:\.\d+)+")
@@ -191,11 +191,12 @@ def belief_from_document(document: Any) -> Belief:
     """
     where = "belief"
     version = entry(document, "schema_version", where=where)
-    if version == 2:
-        document = from_version_2(document)
-    elif version != SCHEMA_VERSION:
+    for old, newer in ((2, from_version_2), (3, from_version_3)):
+        if version == old:
+            document, version = newer(document), old + 1
+    if version != SCHEMA_VERSION:
         raise BadInput(
-            f"belief: schema_version is {version!r}; this release reads 2 and {SCHEMA_VERSION}. What was learnt in it cannot be carried "
+            f"belief: schema_version is {version!r}; this release reads 2 to {SCHEMA_VERSION}. What was learnt in it cannot be carried "
             "over: move the state directory away, and let `joint-monitor assess` judge its recordings again"
         )
     J = len(array(document, "reference_temperature_c", (-1,), where=where))

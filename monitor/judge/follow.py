@@ -33,9 +33,9 @@ from monitor.judge.track import (
 )
 from monitor.recording import Array
 
-CLIPPED = 3.0  # [σ] a single replay says no more than this of a sudden change, however far it lies
-GATED = 1.0  # [σ] and a wild one hardly anything; several in a row on one side are a step whatever they say of it
-DENSE = 8  # of the youngest candidates none is forgotten
+GATED = 1.0  # [σ] a wild replay says hardly anything of a change; several in a row on one side are a step whatever they say of it
+AGREES = 3.0  # [σ] where the last replay is further off what the change foresees, its doubt is widened
+DENSE = 28  # of the youngest candidates none is forgotten: a step's first replay says most of it, so a day beside it is a tenth less
 PACE_REPLAYS = 20
 LEAST = 2.0  # [σ] whatever the age, nothing is believed of less
 PACE_STD_PER_DAY = 0.01  # of a new pace of wear, before it is seen
@@ -72,11 +72,10 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
 
     ages, responses, scores, raw_scores, informations = _candidates(track, shown)
     G = np.einsum("na,nkwa->nkw", H, responses)
-    limit = np.where(gated, GATED, CLIPPED) * np.sqrt(S)
-    nu_clipped = np.clip(nu, -limit, limit)
+    held = np.where(gated, side * GATED * np.sqrt(S), nu)
     counts = shown & ~settling
     telling = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
-    scores_now, informations_now = scores + telling * nu_clipped[:, None, None], informations + telling * G
+    scores_now, informations_now = scores + telling * held[:, None, None], informations + telling * G
     raw_scores_now = raw_scores + telling * nu[:, None, None]
     # what began when hardly anything was known is of the baseline; and a change is no single replay
     enough = (ages >= settings.gate_run - 1) & (ages <= (track.replays - settings.baseline_replays)[:, None])
@@ -105,8 +104,9 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     new_mean, new_cov = updated(mean, cov, y, within, H)
     mean, cov = np.where(learnt[:, None], new_mean, mean), np.where(learnt[:, None, None], new_cov, cov)
     K = np.where(learnt[:, None], PH / S[:, None], 0.0)  # of the filter that knew of no change
-    responses = responses - G[..., None] * K[:, None, None, :]
-    forget = found[:, None, None]
+    responses -= G[..., None] * K[:, None, None, :]
+    for told in (responses, scores_now, raw_scores_now, informations_now):
+        told[found] = 0.0
     return replace(
         _with_noise(track, nu, level_var, shared, within, event, sensed, arm, settings),
         mean=mean,
@@ -119,10 +119,10 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
         gate_run=np.where(found, 0.0, run),
         outliers=track.outliers + (event == OUTLIER),
         ages=ages,
-        responses=np.where(forget[..., None], 0.0, responses),
-        scores=np.where(forget, 0.0, scores_now),
-        raw_scores=np.where(forget, 0.0, raw_scores_now),
-        informations=np.where(forget, 0.0, informations_now),
+        responses=responses,
+        scores=scores_now,
+        raw_scores=raw_scores_now,
+        informations=informations_now,
         agreeing=agreeing,
         stepped=track.stepped + jumped,
     )
@@ -141,13 +141,13 @@ def _candidates(track: Track, shown: np.ndarray) -> tuple[Array, Array, Array, A
     gone = DENSE + 1 + np.argmin(np.concatenate([gaps, last], axis=1)[:, DENSE:], axis=1)  # (N,)
     # everything younger than the one that goes moves up by a place
     places = np.arange(WINDOW)
-    source = np.where(places[None, :] <= gone[:, None], places - 1, places)[n]  # −1 is the new one
-    rows = n[:, None]
-    ages[n] = np.where(source < 0, 0.0, ages[rows, source])
+    source = np.where((places <= gone[:, None]) & shown[:, None], np.maximum(places - 1, 0), places)  # (N, W)
+    ages = np.take_along_axis(ages, source, axis=1)
+    ages[n, 0] = 0.0
+    rows = (np.arange(len(ages))[:, None, None] * KINDS + np.arange(KINDS)[:, None]) * WINDOW + source[:, None, :]  # (N, 2, W)
 
     def moved(old: Array) -> Array:
-        new = old.copy()
-        new[n] = np.moveaxis(old[rows, :, source], 1, 2)
+        new: Array = np.take(old.reshape(rows.size, -1), rows.ravel(), axis=0).reshape(old.shape)
         new[n, :, 0] = 0.0
         return new
 
@@ -217,7 +217,7 @@ def _believed(
     row = np.arange(len(n))
     gain = G[n].reshape(-1, M)[row, best]
     rest = nu[n] - np.einsum("nm,nm->n", weight, G[n].reshape(-1, M) * size)
-    wider = np.maximum(rest**2 - CLIPPED**2 * S[n], 0.0) / np.maximum(gain**2, 1e-12)
+    wider = np.maximum(rest**2 - AGREES**2 * S[n], 0.0) / np.maximum(gain**2, 1e-12)
     var = 1.0 / precision + 0.25 * (full - clipped) ** 2
     var[row, best] += np.minimum(wider, np.where(best < WINDOW, STEP_STD, PACE_STD_PER_DAY) ** 2) / np.maximum(weight[row, best], 0.1)
     away = moved - shift[:, None, :]

@@ -7,7 +7,7 @@ from typing import Any
 from monitor.errors import BadInput
 from monitor.judge.curves import no_bins
 from monitor.judge.document import plain
-from monitor.judge.track import RATE, WEAR
+from monitor.judge.track import RATE, WEAR, WINDOW
 from monitor.judge.usage import uncounted
 
 
@@ -31,4 +31,24 @@ def from_version_2(document: dict[str, Any]) -> dict[str, Any]:
     except (KeyError, TypeError, IndexError, ValueError) as wrong:
         raise BadInput(f"belief: not what schema_version 2 wrote: {wrong!r}") from None
     told["schema_version"] = 3
+    return told
+
+
+def from_version_3(document: dict[str, Any]) -> dict[str, Any]:
+    """Version 3 looked for changes at fewer replays: those it did not keep are as if nobody had seen them.
+
+    Raises BadInput where it is not what version 3 wrote.
+    """
+    told = copy.deepcopy(document)
+    try:
+        track = told["track"]
+        for ages in track["ages"]:
+            ages += [ages[-1] + 1.0 + k for k in range(WINDOW - len(ages))]
+        for name in ("responses", "scores", "raw_scores", "informations"):
+            for kind in (kind for joint in track[name] for kind in joint):
+                nothing = [0.0] * len(kind[0]) if name == "responses" else 0.0
+                kind += [copy.copy(nothing) for _ in range(WINDOW - len(kind))]
+    except (KeyError, TypeError, IndexError) as wrong:
+        raise BadInput(f"belief: not what schema_version 3 wrote: {wrong!r}") from None
+    told["schema_version"] = 4
     return told

@@ -22,7 +22,7 @@ WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # log, 1/usual day, log, 1/K, 1
 SLOTS = 4  # contexts whose levels are kept side by side
 LEVELS = 6
 STATES = LEVELS + SLOTS
-WINDOW = 28  # replays at which a sudden change may have begun: the last ones, then ever fewer …
+WINDOW = 48  # replays at which a sudden change may have begun: the last ones, then ever fewer …
 OLDEST = 200  # … so many replays back
 KINDS = 2  # of sudden changes: a step of wear, a new pace of it
 DIFFUSE_VAR = 100.0  # log² of an unknown level: e^±10 holds every torque, and leaves 10 digits of float64 to the rest
@@ -51,7 +51,7 @@ class Track:
     outliers: Array  # (N,) gated so far
     responses: Array  # (N, 2, W, S) what a unit change, W replays ago or fewer, has left of error in the filter
     ages: Array  # (N, W) replays ago, ascending
-    scores: Array  # (N, 2, W) of each such change: Σ G·ν/S, ν clipped
+    scores: Array  # (N, 2, W) of each such change: Σ G·ν/S, ν of wild replays held down
     raw_scores: Array  # (N, 2, W) the same with replays that lie far off in full
     informations: Array  # (N, 2, W) Σ G²/S
     agreeing: Array  # (N,) replays that the last one says agree with it: 1, or all since a change that was found

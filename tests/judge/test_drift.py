@@ -470,12 +470,12 @@ def test_a_belief_of_the_last_release_is_carried_over():
     assert carried.contexts == belief.contexts
     assert np.isnan(carried.usage.per_day).all()
     onwards = learn(carried, Arm(seed=99).replay(30.0, 0.1), CONTEXT, carried.at_unix_s + DAY_S, settings=DriftSettings(), laws=LAWS).belief
-    assert onwards.as_document()["schema_version"] == 3
+    assert onwards.as_document()["schema_version"] == 4
     with pytest.raises(BadInput, match="not what schema_version 2 wrote"):
         belief_from_document({**old, "schema_version": 2, "track": {}})
 
 
 def test_a_belief_of_an_older_release_is_refused_with_what_to_do():
     """Schema 1 cannot be carried over; the message says how the history is kept."""
-    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2 and 3\. .*joint-monitor assess"):
+    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2 to 4\. .*joint-monitor assess"):
         belief_from_document({**fresh().as_document(), "schema_version": 1})

@@ -1,17 +1,20 @@
 """One replay after another: what noise is learnt from, which changes are looked for, and what a change of the baseline is."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, weather
 
+from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.judge.belief import Belief
+from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift import begin, learn
 from monitor.judge.evidence import DriftSettings
+from monitor.judge.follow import DENSE
 from monitor.judge.temperature import TemperatureSettings
-from monitor.judge.track import OUTLIER
+from monitor.judge.track import OUTLIER, WINDOW
 
 DRIFT, LAWS = DriftSettings(), TemperatureSettings()
 
@@ -60,3 +63,42 @@ def test_a_step_among_the_first_replays_is_of_the_baseline():
         assert before.wear_std[1] < 0.01, seed
         assert after.wear[1] == pytest.approx(np.log(1.05), abs=0.025), seed
         assert after.wear_std[1] < 0.015, seed
+
+
+def test_a_change_is_looked_for_at_every_one_of_the_last_replays():
+    """A step's first replay says most of it: of the youngest starts none is left out, of the older ones ever more."""
+    ages = lived(a_year(5))[-1].track.ages[0]
+    assert np.array_equal(ages[: DENSE + 1], np.arange(DENSE + 1))
+    assert np.all(np.diff(ages) > 0)
+    assert len(ages) == WINDOW
+    assert np.max(np.diff(ages[DENSE:]) / ages[DENSE:-1]) < 0.25
+
+
+def test_replays_within_the_gate_count_in_full():
+    """Where none was wild, what is said of every change with wild replays held down is what is said of it in full."""
+    beliefs = lived(a_year(10, days=80))
+    calm = [j for j in range(6) if not any(belief.event[j] == OUTLIER for belief in beliefs)]
+    track = beliefs[-1].track
+    far = max(abs(belief.track.normalised[j]) for belief in beliefs[20:] for j in calm)
+    assert 3.0 < far < DRIFT.gate_sigma  # so that there was something to hold down
+    assert np.allclose(track.scores[calm], track.raw_scores[calm], rtol=1e-12)
+
+
+def test_a_belief_that_looked_for_fewer_changes_is_carried_over():
+    """Schema 3 kept 28 starts: those are as they were, the others begin to be looked for, and the next replay is learnt as ever."""
+    belief = lived(a_year(7, days=60))[-1]
+    kept = 28
+    old = copy.deepcopy(belief.as_document())
+    old["schema_version"] = 3
+    old["track"]["ages"] = [ages[:kept] for ages in old["track"]["ages"]]
+    for name in ("responses", "scores", "raw_scores", "informations"):
+        old["track"][name] = [[kind[:kept] for kind in joint] for joint in old["track"][name]]
+    carried = belief_from_document(old)
+    assert np.array_equal(carried.wear, belief.wear)
+    assert np.array_equal(carried.track.scores[:, :, :kept], belief.track.scores[:, :, :kept])
+    assert not carried.track.responses[:, :, kept:].any()
+    arm, at = Arm(seed=70), START_S + 60 * DAY_S
+    onwards = learn(carried, arm.replay(31.0), CONTEXT, at, settings=DRIFT, laws=LAWS).belief
+    assert np.all(np.diff(onwards.track.ages, axis=1) > 0)
+    with pytest.raises(BadInput, match="not what schema_version 3 wrote"):
+        belief_from_document({**old, "track": {}})
