@@ -3,7 +3,7 @@
 The same functions judge the daemon's one arm; here they run on the arrays of a whole fleet. Learning days are left out of every figure.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -28,6 +28,7 @@ BASELINES = (LEARNING_DAYS, 100, 180, LATEST_ONSET)  # [d] before the onset, bet
 DAYS_A_YEAR = 365.0
 PACES_PER_YEAR = (0.10, 0.60)  # of arms that are asked how long they have left
 LIFE_GROUPS = 5  # of arms that wear about as fast
+GROUP = 1200  # arms that are played at once: 0.5 GB
 COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
 """Where there is a replay every day against one baseline: delays in days mean replays there."""
 
@@ -232,22 +233,39 @@ def false_alarms(played: Played, scenario: str | None = None) -> Rate:
     return Rate(events=int(told), robot_years=float(mask.sum() * played.days / DAYS_A_YEAR))
 
 
-def delay(played: Played, wear: Wear) -> Delay:
+class Felt(NamedTuple):
+    """What was told of arms in which one joint wears, (A,) each; days, infinite where nothing was told."""
+
+    onset: Array
+    own: Array  # from the onset to the worn joint's first tier, that day counted
+    wear: Array  # likewise to its wear tier
+    others: Array  # on which any other joint's first tier came
+
+    @classmethod
+    def of(cls, played: Played, wear: Wear) -> "Felt":
+        """Of a fleet that was played with this wear."""
+        joint = wear.joint.astype(int)
+        days = np.where(np.isnan(played.tier_day), np.inf, played.tier_day)  # (A, J, 3)
+        own = days[np.arange(played.fleet.arms), joint]  # (A, 3)
+        other = np.where(np.arange(days.shape[1]) == joint[:, None], np.inf, days[:, :, 0])
+        since = own - wear.onset_day[:, None] + 1.0
+        return cls(onset=wear.onset_day, own=since[:, 0], wear=since[:, 1], others=other.min(axis=1))
+
+    @classmethod
+    def together(cls, groups: Sequence["Felt"]) -> "Felt":
+        """All arms of all groups."""
+        return cls(*(np.concatenate(each) for each in zip(*groups, strict=True)))
+
+
+def delay(felt: Felt) -> Delay:
     """How soon the worn joint was told."""
-    A = played.fleet.arms
-    joint = wear.joint.astype(int)
-    first = played.tier_day[:, :, 0]
-    own = first[np.arange(A), joint] - wear.onset_day
-    others = np.delete(np.where(np.isnan(first), np.inf, first), 0, axis=1) if first.shape[1] == 1 else _others(first, joint)
-    sound = ~(own < 0)  # a false alarm before the onset is counted there
-    days = np.where(np.isnan(own), np.inf, own + 1.0)[sound]
+    sound = ~(felt.own < 1)  # a false alarm before the onset is counted there
+    onset, days, wear_days, others = (each[sound] for each in felt)
     n = len(days)
     ordered = np.sort(days)
     rank = int(np.ceil(n / 2 + 1.645 * np.sqrt(n) / 2))
-    wear_days = (played.tier_day[:, :, 1][np.arange(A), joint] - wear.onset_day)[sound] + 1.0
     told = np.isfinite(days)
-    before = wear.onset_day[sound]
-    wrong = (others[sound] >= wear.onset_day[sound]) & (others[sound] < wear.onset_day[sound] + days)
+    wrong = (others >= onset) & (others < onset + days)
     return Delay(
         arms=n,
         median_days=float(np.median(days)) if n else np.inf,  # where all were told something before, nobody knows
@@ -257,18 +275,11 @@ def delay(played: Played, wear: Wear) -> Delay:
         by_baseline=tuple(
             (low, high, Share(hits=int((days[here] <= 30).sum()), of=int(here.sum())))
             for low, high in pairwise(BASELINES)
-            for here in [(before >= low) & (before < high)]
+            for here in [(onset >= low) & (onset < high)]
         ),
         right_joint=Share(hits=int((told & ~wrong).sum()), of=int(told.sum())),
-        wear_tier_median_days=float(np.median(np.where(np.isnan(wear_days), np.inf, wear_days))) if n else np.inf,
+        wear_tier_median_days=float(np.median(wear_days)) if n else np.inf,
     )
-
-
-def _others(first: Array, joint: np.ndarray) -> Array:
-    """(A,) the first alert of any other joint."""
-    other = np.where(np.arange(first.shape[1]) == joint[:, None], np.inf, np.where(np.isnan(first), np.inf, first))
-    soonest: Array = other.min(axis=1)
-    return soonest
 
 
 def onsets(arms: int, seed: int, *, step: float = 0.0, per_day: float = 0.0, latest: int = LATEST_ONSET) -> Wear:
@@ -382,14 +393,16 @@ def rehearse(
         Kind("30 %/year", 0.0, 0.30, few),
         Kind("100 %/year", 0.0, 1.00, few),
     ]
-    jobs = [partial(_quiet, base, assess), *(partial(detected, base, assess, kind, seed + 1) for kind in kinds)]
+    parts = [part for kind in kinds for part in _parts(kind, seed + 1)]
+    jobs = [partial(_quiet, base, assess), *(partial(_group, base, assess, part) for part in parts)]
     asked = max(arms // 2 if lives is None else lives, 12)
     groups = _life_jobs(asked, assess, seed=seed + 3, per_year=PACES_PER_YEAR, base=base)
     quiet, *rest = each(_done, [*jobs, *groups])
-    told = _life(rest[len(kinds) :])
+    told = _life(rest[len(parts) :])
+    felt = list(zip(parts, rest, strict=False))  # what is left are the lives
     return {
         **quiet,
-        "detection": rest[: len(kinds)],
+        "detection": [_of_kind(kind, [group for part, group in felt if part.kind == kind]) for kind in kinds],
         "remaining_life": {
             "p10_p90_holds": _share(told.interval),
             "alpha_lambda_at_half_life": _share(told.alpha_lambda),
@@ -429,10 +442,35 @@ class Kind(NamedTuple):
 
 def detected(base: FleetSettings, assess: AssessSettings, kind: Kind, seed: int) -> dict[str, Any]:
     """What was told of one kind of wear, as a document."""
-    wear = onsets(kind.arms, seed, step=kind.step, per_day=kind.per_year / DAYS_A_YEAR)
+    return _of_kind(kind, [_group(base, assess, part) for part in _parts(kind, seed)])
+
+
+class Part(NamedTuple):
+    """So many arms of one kind of wear as are played at once: memory goes with them."""
+
+    kind: Kind
+    arms: int
+    seed: int
+
+
+def _parts(kind: Kind, seed: int) -> list[Part]:
+    count = -(-kind.arms // GROUP)
+    return [Part(kind, len(group), seed + 1000 * k) for k, group in enumerate(np.array_split(np.arange(kind.arms), count))]
+
+
+def _group(base: FleetSettings, assess: AssessSettings, part: Part) -> tuple[Felt, float]:
+    """What was told of it, and the share of its intervals that held the truth in joints that wear."""
+    kind, arms, seed = part
+    wear = onsets(arms, seed, step=kind.step, per_day=kind.per_year / DAYS_A_YEAR)
     days = days_to_play(kind.step, kind.per_year)
-    played = play(replace(base, arms=kind.arms, days=days, seed=seed + 1, scenarios=COMPARABLE), assess, wear)
-    return detection_row(kind.label, kind.step, kind.per_year, delay(played, wear), played.covered_worn)
+    played = play(replace(base, arms=arms, days=days, seed=seed + 1, scenarios=COMPARABLE), assess, wear)
+    return Felt.of(played, wear), played.covered_worn
+
+
+def _of_kind(kind: Kind, groups: Sequence[tuple[Felt, float]]) -> dict[str, Any]:
+    felt = Felt.together([felt for felt, _ in groups])
+    covered = float(np.average([share for _, share in groups], weights=[len(felt.own) for felt, _ in groups]))
+    return detection_row(kind.label, kind.step, kind.per_year, delay(felt), covered)
 
 
 def days_to_play(step: float, per_year: float) -> int:

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+import monitor.studies.rehearse as rehearse_module
 from monitor.assess import AssessSettings
 from monitor.identify.solve import identify
 from monitor.judge.evidence import DriftSettings, observe
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.card import card, notes
 from monitor.studies.fleet import SCENARIOS, Fleet, FleetSettings, Wear
-from monitor.studies.rehearse import COMPARABLE, Rate, Share, delay, detection_row, false_alarms, life, onsets, play, rehearse
+from monitor.studies.rehearse import COMPARABLE, Felt, Kind, Rate, Share, delay, detection_row, false_alarms, life, onsets, play, rehearse
 
 ASSESS = AssessSettings()
 FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise as it told it alone
@@ -31,7 +32,7 @@ def test_a_quiet_fleet_is_quiet():
 def test_a_step_of_five_percent_is_told_within_weeks_in_its_joint():
     """σ = 2 %, ρ = 0.5: the median of 24 arms is below 15 days (10 are measured on 250), and nine of ten know the joint."""
     wear = onsets(24, 1, step=0.05, latest=200)
-    told = delay(play(FleetSettings(arms=24, days=240, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear)
+    told = delay(Felt.of(play(FleetSettings(arms=24, days=240, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
     assert told.median_days < 15
     assert told.within_30.hits >= 0.9 * told.arms
     assert told.right_joint.hits >= 0.9 * told.right_joint.of
@@ -120,18 +121,32 @@ def test_thresholds_that_tell_nothing_or_cry_before_any_onset_still_give_plain_j
     deaf = play(FleetSettings(arms=2, days=63, seed=3, scenarios=COMPARABLE), ASSESS, wear)
     wolf = replace(deaf, tier_day=np.zeros_like(deaf.tier_day))
     for played in (deaf, wolf):
-        row = json.loads(json.dumps(detection_row("2 % step", 0.02, 0.0, delay(played, wear), float("nan")), allow_nan=False))
+        row = json.loads(json.dumps(detection_row("2 % step", 0.02, 0.0, delay(Felt.of(played, wear)), float("nan")), allow_nan=False))
         assert row["median_days"] is None
         assert row["right_joint"]["share"] is None
         assert row["interval_90"] is None
 
 
+def test_a_kind_of_wear_played_in_groups_is_one_answer(monkeypatch):
+    """Groups are other arms with other days; together they are as many as asked for, told apart by nothing."""
+    base, kind = FleetSettings(arms=8, between_std=0.01), Kind("100 %/year", 0.0, 1.0, 8)
+    monkeypatch.setattr(rehearse_module, "LATEST_ONSET", 62)
+    monkeypatch.setattr(rehearse_module, "days_to_play", lambda step, per_year: 100)
+    whole = rehearse_module.detected(base, ASSESS, kind, 3)
+    monkeypatch.setattr(rehearse_module, "GROUP", 3)
+    parted = rehearse_module.detected(base, ASSESS, kind, 3)
+    assert parted["arms"] == whole["arms"] == 8
+    assert parted["within_30_days"]["of"] == 8
+    assert parted["median_days"] == pytest.approx(whole["median_days"], abs=8)
+    onset = Felt.together([Felt(*(np.arange(3.0) + k for _ in range(4))) for k in (0, 10)]).onset
+    assert np.array_equal(onset, [0, 1, 2, 10, 11, 12])
+
+
 def test_the_card_says_what_was_not_reached():
     """Every figure is on it; one beyond its limit is said to be."""
     share = {"hits": 10.0, "of": 10.0}
-    told = delay(
-        play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear := onsets(12, 1, step=0.05, latest=70)), wear
-    )
+    wear = onsets(12, 1, step=0.05, latest=70)
+    told = delay(Felt.of(play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
     rows = [detection_row(name, 0.05, 0.0, told, 0.9) for name in ("5 % step", "10 %/year")]
     document = {
         "robot_years": 100.0,
