@@ -77,11 +77,12 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     telling = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
     scores_now, informations_now = scores + telling * held[:, None, None], informations + telling * G
     raw_scores_now = raw_scores + telling * nu[:, None, None]
-    # what began when hardly anything was known is of the baseline; and a change is no single replay
-    enough = (ages >= settings.gate_run - 1) & (ages <= (track.replays - settings.baseline_replays)[:, None])
-    ratios, over = _ratios(scores_now, informations_now, ages, enough, settings)
     # a wild replay alone never proves a change; several in a row on one side do, from the first of them on
     in_a_row = gated & (np.abs(run) >= settings.gate_run)
+    # what began when hardly anything was known is of the baseline; and a change is no single replay
+    since = track.replays + np.where(in_a_row, np.abs(run) - 1.0, 0.0)  # those wild ones before this were not learnt from
+    enough = (ages >= settings.gate_run - 1) & (ages <= (since - settings.baseline_replays)[:, None])
+    ratios, over = _ratios(scores_now, informations_now, ages, enough, settings)
     full, _ = _ratios(raw_scores_now, informations_now, ages, enough, settings)
     ratios = np.where(in_a_row[:, None, None], full, ratios)
     found = ((np.max(over, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gated)

@@ -65,6 +65,16 @@ def test_a_step_among_the_first_replays_is_of_the_baseline():
         assert after.wear_std[1] < 0.015, seed
 
 
+@pytest.mark.parametrize("first", range(DRIFT.baseline_replays - 1, DRIFT.baseline_replays + 3))
+@pytest.mark.parametrize("size", [1.0, -0.3])
+def test_a_jump_right_after_the_first_replays_is_wear_though_it_is_gated(first, size):
+    """Wild replays are not learnt from, and still they are replays: a jump at the 7th or 8th is no more of the baseline than at the 9th."""
+    jumped = {day: size * (np.arange(6) == 2) for day in range(first, 30)}
+    belief = lived(a_year(8, days=30, wear=jumped))[-1]
+    expected = np.log1p(size) if first >= DRIFT.baseline_replays else 0.0
+    assert belief.wear[2] == pytest.approx(expected, abs=0.06)
+
+
 def test_a_change_is_looked_for_at_every_one_of_the_last_replays():
     """A step's first replay says most of it: of the youngest starts none is left out, of the older ones ever more."""
     ages = lived(a_year(5))[-1].track.ages[0]
