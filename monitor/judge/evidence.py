@@ -19,14 +19,14 @@ class DriftSettings:
 
     reference_speed_rad_s: Annotated[float, between(0.05, 3.0)] = 0.4  # F here repeats to 1.3–2.3 % where fv alone scatters 4–10 %
     between_std: Annotated[float, between(1e-6, 0.5)] = 0.02  # fraction, replay to replay, until the history tells better
-    between_replays: Annotated[float, between(1e-6, 1e4)] = 10.0  # how many replays that belief is worth
+    between_replays: Annotated[float, between(1e-6, 1e4)] = 15.0  # how many replays that belief is worth: real joints scatter by 1.3–2.3 %
     between_floor: Annotated[float, between(1e-6, 0.1)] = (
         0.003  # no history makes us surer than this: temperatures come in 1/16 K and friction is no constant
     )
     alike_replays: Annotated[float, between(0.0, 1e4)] = (
         40.0  # the joints of one arm are alike in noise: each is drawn so strongly to their mean
     )
-    caution: Annotated[float, between(0.0, 10.0)] = 0.8  # noise that n replays have told is taken for 1 + caution/√n times as much
+    caution: Annotated[float, between(0.0, 10.0)] = 0.4  # noise that n replays have told is taken for 1 + caution/√n times as much
     memory_replays: Annotated[float, between(2.0, 1e5)] = 300.0  # the noise of long ago is forgotten
     autocorrelation: Annotated[float, between(0.0, 0.95)] = 0.5  # of the noise of successive replays, at first; then learnt
     autocorrelation_max: Annotated[float, between(0.0, 0.95)] = 0.8
@@ -39,9 +39,9 @@ class DriftSettings:
     gate_sigma: Annotated[float, between(2.0, 20.0)] = 4.0  # one replay further off than this is not learnt from …
     gate_run: Annotated[int, between(2, 20)] = 3  # … so many in a row on one side are a step
     shift_sigma: Annotated[float, between(2.0, 20.0)] = (
-        5.2  # likelihood ratio from which a step one replay ago is believed, in σ; n ago, of √(5.2² − 2·ln n) σ
+        5.07  # likelihood ratio from which a step one replay ago is believed, in σ; n ago, of √(5.07² − 2·ln n) σ
     )
-    pace_sigma: Annotated[float, between(2.0, 20.0)] = 4.8  # the same for a pace of wear; from 20 replays on
+    pace_sigma: Annotated[float, between(2.0, 20.0)] = 4.85  # the same for a pace of wear; from 20 replays on
     onsets_per_year: Annotated[float, between(0.0, 12.0)] = 0.3  # of a joint's wear, as the ± of wear supposes before evidence shows any …
     unseen_pace_std_per_day: Annotated[float, between(1e-6, 0.1)] = 8e-4  # … at a pace about as large, 30 % a year
     unseen_step_std: Annotated[float, between(1e-4, 1.0)] = 0.05  # … or at once
