@@ -72,10 +72,10 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
 
     ages, responses, scores, raw_scores, informations = _candidates(track, shown)
     G = np.einsum("na,nkwa->nkw", H, responses)
-    held = np.where(gated, side * GATED * np.sqrt(S), nu)
+    nu_held = np.where(gated, side * GATED * np.sqrt(S), nu)
     counts = shown & ~settling
     telling = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
-    scores_now, informations_now = scores + telling * held[:, None, None], informations + telling * G
+    scores_now, informations_now = scores + telling * nu_held[:, None, None], informations + telling * G
     raw_scores_now = raw_scores + telling * nu[:, None, None]
     # a wild replay alone never proves a change; several in a row on one side do, from the first of them on
     in_a_row = gated & (np.abs(run) >= settings.gate_run)
@@ -160,7 +160,9 @@ def _candidates(track: Track, shown: np.ndarray) -> tuple[Array, Array, Array, A
 
 
 def _ratios(scores: Array, informations: Array, ages: Array, enough: np.ndarray, settings: DriftSettings) -> tuple[Array, Array]:
-    """(N, 2, W) likelihood ratio of each change that enough replays have seen, and the same over the one from which it is believed.
+    """(N, 2, W) likelihood ratio of each change that is looked for, else 0, and the same over the one from which it is believed.
+
+    enough : (N, W) whether a start has enough replays before it and since.
 
     What began n replays ago is a mean of n: chance carries it across z standard deviations n times as seldom, as e^(−z²/2)/n (Rice,
     1945). So that every age is as often wrong, what is old may be believed of less.
@@ -207,10 +209,10 @@ def _believed(
     evidence = np.where(ratio > 0, evidence, -np.inf)
     weight = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
-    # where replays were clipped the size lies between what they say in full and what they say clipped
-    clipped, full = bank.scores[n].reshape(-1, M) / precision, bank.raw_scores[n].reshape(-1, M) / precision
-    clipped = np.where(in_a_row[n, None], full, clipped)  # but wild replays in a row mean what they say
-    size = 0.5 * (clipped + full)
+    # where wild replays were held down the size lies between what they say in full and what they say held down
+    held, full = bank.scores[n].reshape(-1, M) / precision, bank.raw_scores[n].reshape(-1, M) / precision
+    held = np.where(in_a_row[n, None], full, held)  # but wild replays in a row mean what they say
+    size = 0.5 * (held + full)
     g = bank.responses[n].reshape(len(n), M, -1)  # (n, M, S)
     moved = g * size[:, :, None]
     shift = np.einsum("nm,nms->ns", weight, moved)
@@ -219,7 +221,7 @@ def _believed(
     gain = G[n].reshape(-1, M)[row, best]
     rest = nu[n] - np.einsum("nm,nm->n", weight, G[n].reshape(-1, M) * size)
     wider = np.maximum(rest**2 - AGREES**2 * S[n], 0.0) / np.maximum(gain**2, 1e-12)
-    var = 1.0 / precision + 0.25 * (full - clipped) ** 2
+    var = 1.0 / precision + 0.25 * (full - held) ** 2
     var[row, best] += np.minimum(wider, np.where(best < WINDOW, STEP_STD, PACE_STD_PER_DAY) ** 2) / np.maximum(weight[row, best], 0.1)
     away = moved - shift[:, None, :]
     more = np.einsum("nm,nms,nmt->nst", weight * var, g, g) + np.einsum("nm,nms,nmt->nst", weight, away, away)
@@ -259,7 +261,7 @@ def _with_noise(
     usable = telling & np.isfinite(track.residual)
     before = np.where(usable, track.residual, 0.0)
     n = np.where(usable, np.minimum(track.noise_weight + 1.0, settings.memory_replays), track.noise_weight)
-    limit = 3.0 * np.sqrt(np.maximum(track.step_var + track.product, 0.0) + within)  # one wild replay says no more than this
+    limit = 3.0 * np.sqrt(np.maximum(track.step_var + track.product, 0.0) + within)  # one replay says no more than this
     clipped, clipped_before = np.clip(now, -limit, limit), np.clip(before, -limit, limit)
     half = 0.5 * (clipped - clipped_before) ** 2 - within - np.maximum(level_var + (2.0 - rho) * shared, 0.0)
     step_var = np.where(usable, track.step_var + (half - track.step_var) / n, track.step_var)

@@ -28,7 +28,7 @@ BASELINES = (LEARNING_DAYS, 100, 180, LATEST_ONSET)  # [d] before the onset, bet
 DAYS_A_YEAR = 365.0
 PACES_PER_YEAR = (0.10, 0.60)  # of arms that are asked how long they have left
 LIFE_GROUPS = 5  # of arms that wear about as fast
-GROUP = 1200  # arms that are played at once: 0.5 GB
+GROUP = 1200  # arms with one kind of wear that are played at once: 0.5 GB; those on which nothing wears are played together
 COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
 """Where there is a replay every day against one baseline: delays in days mean replays there."""
 
