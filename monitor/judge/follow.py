@@ -33,8 +33,9 @@ from monitor.judge.track import (
 )
 from monitor.recording import Array
 
-GATED = 1.0  # [σ] a wild replay says hardly anything of a change; several in a row on one side are a step whatever they say of it
-AGREES = 3.0  # [σ] where the last replay is further off what the change foresees, its doubt is widened
+CLIPPED = 3.0  # [σ] a single replay says no more than this of a change, however far it lies: noise has longer tails than Gauss's
+GATED = 1.0  # [σ] and a wild one hardly anything; several in a row on one side are a step whatever they say of it
+OFTEN, FEWEST = 0.1, 3  # share and number of wild replays from which they are not wild: that is how this joint's noise is
 DENSE = 28  # of the youngest candidates none is forgotten: a step's first replay says most of it, so a day beside it is a tenth less
 PACE_REPLAYS = 20
 LEAST = 2.0  # [σ] whatever the age, nothing is believed of less
@@ -72,7 +73,8 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
 
     ages, responses, scores, raw_scores, informations = _candidates(track, shown)
     G = np.einsum("na,nkwa->nkw", H, responses)
-    nu_held = np.where(gated, side * GATED * np.sqrt(S), nu)
+    limit = np.where(gated, GATED, CLIPPED) * np.sqrt(S)
+    nu_held = np.clip(nu, -limit, limit)
     counts = shown & ~settling
     telling = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
     scores_now, informations_now = scores + telling * nu_held[:, None, None], informations + telling * G
@@ -209,7 +211,7 @@ def _believed(
     evidence = np.where(ratio > 0, evidence, -np.inf)
     weight = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
-    # where wild replays were held down the size lies between what they say in full and what they say held down
+    # where replays were held down the size lies between what they say in full and what they say held down
     held, full = bank.scores[n].reshape(-1, M) / precision, bank.raw_scores[n].reshape(-1, M) / precision
     held = np.where(in_a_row[n, None], full, held)  # but wild replays in a row mean what they say
     size = 0.5 * (held + full)
@@ -220,7 +222,7 @@ def _believed(
     row = np.arange(len(n))
     gain = G[n].reshape(-1, M)[row, best]
     rest = nu[n] - np.einsum("nm,nm->n", weight, G[n].reshape(-1, M) * size)
-    wider = np.maximum(rest**2 - AGREES**2 * S[n], 0.0) / np.maximum(gain**2, 1e-12)
+    wider = np.maximum(rest**2 - CLIPPED**2 * S[n], 0.0) / np.maximum(gain**2, 1e-12)
     var = 1.0 / precision + 0.25 * (full - held) ** 2
     var[row, best] += np.minimum(wider, np.where(best < WINDOW, STEP_STD, PACE_STD_PER_DAY) ** 2) / np.maximum(weight[row, best], 0.1)
     away = moved - shift[:, None, :]
@@ -253,11 +255,13 @@ def _with_noise(
         E[r²] = σ² + R + L + 2C,   E[rₖ·rₖ₋₁] = ρ·(σ² + C),
 
     so that what the doubt of level and pace adds is not taken for noise. In a joint that wears it is as much as a sixth of σ².
-    Wild replays and those without a temperature are no part of it: one of them tells as much as a hundred others, and nothing of noise.
+    Wild replays and those without a temperature are no part of it: one of them tells as much as a hundred others, and nothing of noise;
+    unless they are many: then noise is larger than was supposed.
     """
     rho = track.autocorrelation(arm, settings)
     now = nu + track.mean[:, NOISE]  # what was foreseen without noise is what is compared
-    telling = (event == ORDINARY) & sensed
+    often = track.outliers >= np.maximum(OFTEN * (track.replays + track.outliers), FEWEST)
+    telling = ((event == ORDINARY) | ((event == OUTLIER) & often)) & sensed
     usable = telling & np.isfinite(track.residual)
     before = np.where(usable, track.residual, 0.0)
     n = np.where(usable, np.minimum(track.noise_weight + 1.0, settings.memory_replays), track.noise_weight)
@@ -267,7 +271,8 @@ def _with_noise(
     step_var = np.where(usable, track.step_var + (half - track.step_var) / n, track.step_var)
     alike = clipped * clipped_before - rho * np.minimum(shared, 0.0)
     product = np.where(usable, track.product + (alike - track.product) / n, track.product)
-    residual = np.where(event == UNSEEN, track.residual, np.where(telling, now, np.nan))
+    silent = (event == UNSEEN) | ((event == ORDINARY) & ~sensed)  # the one before it and the one after it still compare
+    residual = np.where(silent, track.residual, np.where(telling, now, np.nan))
     return replace(
         track, step_var=np.maximum(step_var, settings.between_floor**2), product=product, noise_weight=n, residual=residual
     )  # fmt: skip

@@ -51,8 +51,8 @@ class Track:
     outliers: Array  # (N,) gated so far
     responses: Array  # (N, 2, W, S) what a unit change, W replays ago or fewer, has left of error in the filter
     ages: Array  # (N, W) replays ago, ascending
-    scores: Array  # (N, 2, W) of each such change: Σ G·ν/S, ν of wild replays held down to 1 σ
-    raw_scores: Array  # (N, 2, W) the same with wild replays in full
+    scores: Array  # (N, 2, W) of each such change: Σ G·ν/S, ν held down: to 3 σ, of a wild replay to 1
+    raw_scores: Array  # (N, 2, W) the same with ν in full
     informations: Array  # (N, 2, W) Σ G²/S
     agreeing: Array  # (N,) replays that the last one says agree with it: 1, or all since a change that was found
     stepped: Array  # (N,) wear that came in steps, log

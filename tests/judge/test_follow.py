@@ -84,14 +84,20 @@ def test_a_change_is_looked_for_at_every_one_of_the_last_replays():
     assert np.max(np.diff(ages[DENSE:]) / ages[DENSE:-1]) < 0.25
 
 
-def test_replays_within_the_gate_count_in_full():
-    """Where none was wild, what is said of every change with wild replays held down is what is said of it in full."""
-    beliefs = lived(a_year(10, days=80))
-    calm = [j for j in range(6) if not any(belief.event[j] == OUTLIER for belief in beliefs)]
-    track = beliefs[-1].track
-    far = max(abs(belief.track.normalised[j]) for belief in beliefs[20:] for j in calm)
-    assert 3.0 < far < DRIFT.gate_sigma  # so that there was something to hold down
-    assert np.allclose(track.scores[calm], track.raw_scores[calm], rtol=1e-12)
+@pytest.mark.parametrize("true", [0.04, 0.10])
+def test_noise_far_larger_than_supposed_is_learnt_though_much_of_it_looks_wild(true):
+    """Twice or five times the 2 % of the family: after 80 days what is learnt is within a fifth; the gate must not keep it out."""
+    arm, dice = Arm(seed=11, noise=true), np.random.default_rng(11)
+    belief = lived([arm.replay(weather(day, dice)) for day in range(80)])[-1]
+    assert np.median(belief.noise_std(DRIFT)) == pytest.approx(true, rel=0.2)
+
+
+def test_every_second_replay_without_a_temperature_leaves_noise_to_be_learnt():
+    """The ones before and after a blind one compare: of a true 4 % they tell 3 to 5, where the family's 2 % would stay for ever."""
+    arm, dice = Arm(seed=12, noise=0.04, within=0.002), np.random.default_rng(12)
+    seen = [arm.replay(weather(day, dice)) for day in range(100)]
+    blind = [replace(one, temperature_c=None) if day % 2 else one for day, one in enumerate(seen)]
+    assert np.median(lived(blind)[-1].noise_std(DRIFT)) == pytest.approx(0.04, abs=0.01)
 
 
 def test_a_belief_that_looked_for_fewer_changes_is_carried_over():
