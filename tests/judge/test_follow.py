@@ -84,12 +84,12 @@ def test_a_change_is_looked_for_at_every_one_of_the_last_replays():
     assert np.max(np.diff(ages[DENSE:]) / ages[DENSE:-1]) < 0.25
 
 
-@pytest.mark.parametrize("true", [0.04, 0.10])
+@pytest.mark.parametrize("true", [0.04, 0.20])
 def test_noise_far_larger_than_supposed_is_learnt_though_much_of_it_looks_wild(true):
-    """Twice or five times the 2 % of the family: after 80 days what is learnt is within a fifth; the gate must not keep it out."""
+    """Twice or ten times the 2 % of the family: after 80 days a quarter is missing at most; with the gate keeping it out it was half."""
     arm, dice = Arm(seed=11, noise=true), np.random.default_rng(11)
     belief = lived([arm.replay(weather(day, dice)) for day in range(80)])[-1]
-    assert np.median(belief.noise_std(DRIFT)) == pytest.approx(true, rel=0.2)
+    assert np.median(belief.noise_std(DRIFT)) == pytest.approx(true, rel=0.25)
 
 
 def test_every_second_replay_without_a_temperature_leaves_noise_to_be_learnt():
