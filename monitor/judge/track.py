@@ -252,7 +252,7 @@ def renewed(track: Track, new: np.ndarray, settings: DriftSettings) -> Track:
     return replace(track, mean=mean, cov=cov, residual=np.where(new, np.nan, track.residual), **gone)
 
 
-_OF_THE_PAST = ("replays", "gate_run", "stepped", "responses", "scores", "raw_scores", "informations")
+_OF_THE_PAST = ("replays", "outliers", "gate_run", "stepped", "responses", "scores", "raw_scores", "informations")
 
 
 def _of(mask: np.ndarray, like: Array) -> np.ndarray:

@@ -14,7 +14,7 @@ from monitor.judge.drift import begin, learn
 from monitor.judge.evidence import DriftSettings
 from monitor.judge.follow import DENSE
 from monitor.judge.temperature import TemperatureSettings
-from monitor.judge.track import OUTLIER, WINDOW
+from monitor.judge.track import OUTLIER, WINDOW, renewed
 
 DRIFT, LAWS = DriftSettings(), TemperatureSettings()
 
@@ -90,6 +90,16 @@ def test_noise_far_larger_than_supposed_is_learnt_though_much_of_it_looks_wild(t
     arm, dice = Arm(seed=11, noise=true), np.random.default_rng(11)
     belief = lived([arm.replay(weather(day, dice)) for day in range(80)])[-1]
     assert np.median(belief.noise_std(DRIFT)) == pytest.approx(true, rel=0.25)
+
+
+def test_a_joint_that_was_replaced_has_no_wild_replays_behind_it():
+    """Counted on, those of the old joint would make every wild replay of the new one its noise."""
+    wild = {day: np.array([0, 0, 0.4, 0, 0, 0]) for day in range(20, 60, 5)}
+    track = lived(a_year(9, days=60, wear=wild))[-1].track
+    new = np.arange(6) == 2
+    assert track.outliers[2] >= len(wild) - 1
+    assert renewed(track, new, DRIFT).outliers[2] == 0
+    assert np.array_equal(renewed(track, new, DRIFT).outliers[~new], track.outliers[~new])
 
 
 def test_every_second_replay_without_a_temperature_leaves_noise_to_be_learnt():
