@@ -143,8 +143,8 @@ def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = 
     quieter = [Kind("2 % step", 0.02, 0.0, few), Kind("5 % step", 0.05, 0.0, few), Kind("10 %/year", 0.0, 0.10, few)]
     with ProcessPoolExecutor(workers) as pool:
         later = [pool.submit(detected, base, assess, kind, seed + 4) for kind in quieter]
-        # 2400 lives are ± 1.3 points; of 14 400 steps a bound is 0.12 points below what was found
-        document = rehearse(assess, arms=arms, seed=seed, lives=arms, steps=6 * arms, each=pool.map)
+        # 9600 lives are ± 0.6 points; of 14 400 steps a bound is 0.12 points below what was found
+        document = rehearse(assess, arms=arms, seed=seed, lives=4 * arms, steps=6 * arms, each=pool.map)
         rows = [{"between_std": 0.01, **one.result()} for one in later]
     torque = foresee(excitation, assess, replays=40, tests=12, seed=seed, clock=time.process_time)
     return card(document, rows, torque.as_document(), seed=seed, arm_days_a_minute=arm_days_a_minute)
