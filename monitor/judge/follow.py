@@ -36,7 +36,7 @@ from monitor.recording import Array
 CLIPPED = 3.0  # [σ] a single replay says no more than this of a change, however far it lies: noise has longer tails than Gauss's
 GATED = 1.0  # [σ] and a wild one hardly anything; several in a row on one side are a step whatever they say of it
 OFTEN, FEWEST = 0.1, 3  # share and number of wild replays from which they are not wild: that is how this joint's noise is
-DENSE = 28  # of the youngest candidates none is forgotten: a step's first replay says most of it, so a day beside it is a tenth less
+DENSE = 28  # of the youngest candidates none is forgotten: a step's first replay says most of it, so a day beside it is 5 % of its σ less
 PACE_REPLAYS = 20
 LEAST = 2.0  # [σ] whatever the age, nothing is believed of less
 PACE_STD_PER_DAY = 0.01  # of a new pace of wear, before it is seen
@@ -84,9 +84,8 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     # what began when hardly anything was known is of the baseline; and a change is no single replay
     since = track.replays + np.where(in_a_row, np.abs(run) - 1.0, 0.0)  # those wild ones before this were not learnt from
     enough = (ages >= settings.gate_run - 1) & (ages <= (since - settings.baseline_replays)[:, None])
-    ratios, over = _ratios(scores_now, informations_now, ages, enough, settings)
-    full, _ = _ratios(raw_scores_now, informations_now, ages, enough, settings)
-    ratios = np.where(in_a_row[:, None, None], full, ratios)
+    said = np.where(in_a_row[:, None, None], raw_scores_now, scores_now)
+    ratios, over = _ratios(said, informations_now, ages, enough, settings)
     found = ((np.max(over, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gated)
     young = found & ~np.any(ratios > 0, axis=(1, 2))
     if young.any():  # nothing is known that could have worn: the level begins again

@@ -398,8 +398,8 @@ def rehearse(
     asked = max(arms // 2 if lives is None else lives, 12)
     groups = _life_jobs(asked, assess, seed=seed + 3, per_year=PACES_PER_YEAR, base=base)
     quiet, *rest = each(_done, [*jobs, *groups])
+    felt = list(zip(parts, rest[: len(parts)], strict=True))
     told = _life(rest[len(parts) :])
-    felt = list(zip(parts, rest, strict=False))  # what is left are the lives
     return {
         **quiet,
         "detection": [_of_kind(kind, [group for part, group in felt if part.kind == kind]) for kind in kinds],
