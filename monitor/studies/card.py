@@ -155,7 +155,7 @@ def _torque_rows(torque: dict[str, Any]) -> str:
     low, high = torque["range_c"]
     covered = torque["covered_90"]
     return (
-        f"| torque error with the joints' temperatures over that without, {low:.0f}–{high:.0f} °C, full physics, one arm; by joint {each} | "
+        f"| torque error with the joints' temperatures over that without, {low:.0f}–{high:.0f} °C, full physics, an arm; by joint {each} | "
         f"{torque['ratio']:.2f} | ≤ 0.33 {_met(torque['ratio'] <= 1 / 3)} |\n"
         f"| the same of friction alone, its mean along the motion | {torque['ratio_of_friction']:.2f} | – |\n"
         f"| 90 % intervals of torque hold the truth | {100 * covered:.1f} % | 85–95 % {_met(0.85 <= covered <= 0.95)} |\n"
