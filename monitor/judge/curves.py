@@ -16,6 +16,9 @@ from monitor.judge.document import array
 from monitor.recording import Array
 
 LAWS = ("linear", "exponential", "vogel")
+VOGEL = LAWS.index("vogel")
+NEAREST_POLE_K = 5.0  # closer to its pole Vogel's law says nothing of this world
+LARGEST_LOG = 50.0
 POLES_C = (-60.0, -80.0, -100.0, -130.0, -170.0)  # Tv of oils: from soon below where they set, to where Vogel's law is an exponential
 BIN_K, COLDEST_C, BINS = 2.0, -20.0, 50
 PER_BIN = 3  # n, Σ T, Σ value
@@ -37,8 +40,8 @@ class Curve(NamedTuple):
 
     def at(self, temperature_c: Array) -> tuple[Array, Array]:
         """Value and standard deviation at temperatures (…, J) of the laws that are no lines."""
-        x = np.where(self.kind == 2, _of_vogel(temperature_c, self.reference_c, self.pole_c), temperature_c - self.reference_c)
-        value = np.exp(np.clip(self.a + self.b * x, -50.0, 50.0))
+        x = np.where(self.kind == VOGEL, _of_vogel(temperature_c, self.reference_c, self.pole_c), temperature_c - self.reference_c)
+        value = np.exp(np.clip(self.a + self.b * x, -LARGEST_LOG, LARGEST_LOG))
         var = self.cov[:, 0, 0] + 2.0 * self.cov[:, 0, 1] * x + self.cov[:, 1, 1] * x**2
         return value, value * np.sqrt(np.maximum(var, 0.0))
 
@@ -91,7 +94,7 @@ def chosen(bins: Array, reference_c: Array, scatter: Array) -> Curve:
     squares = np.stack([missed[:, 0].sum(axis=0), missed[:, 1].sum(axis=0), of_vogel.sum(axis=0)], axis=1)  # (J, 3)
     held = np.sqrt(squares / np.maximum(n.sum(axis=1), 1.0)[:, None])
     kind = np.where(enough, np.argmin(held * np.array([BETTER, 1.0, 1.0]), axis=1), 0)
-    row = np.where(kind == 2, best[PARTS], kind)
+    row = np.where(kind == VOGEL, best[PARTS], kind)
     # of the fit, with what one value scatters; where a law misses its means by more, that counts too
     misfit = np.sqrt(fits[PARTS, row, j] / np.maximum(full - 2.0, 1.0))
     curved = kind > 0
@@ -99,7 +102,7 @@ def chosen(bins: Array, reference_c: Array, scatter: Array) -> Curve:
         kind=kind.astype(float),
         a=np.where(curved, a[PARTS, row, j], 0.0),
         b=np.where(curved, b[PARTS, row, j], 0.0),
-        pole_c=np.where(kind == 2, np.array(POLES_C)[np.maximum(row - 2, 0)], 0.0),
+        pole_c=np.where(kind == VOGEL, np.array(POLES_C)[np.maximum(row - 2, 0)], 0.0),
         reference_c=reference_c,
         cov=np.where(curved[:, None, None], cov[PARTS, row, j] * np.maximum(scatter, misfit)[:, None, None] ** 2, 0.0),
         held_out=np.where(enough[:, None] & np.isfinite(held), held, np.nan),
@@ -124,7 +127,7 @@ def curve_from_document(document: Any, joints: int, *, where: str) -> Curve | No
 
 def _of_vogel(T: Array, reference_c: Array, pole_c: Array) -> Array:
     """What the logarithm is straight in by Vogel's law: 1/(T − Tv) − 1/(T0 − Tv)."""
-    x: Array = 1.0 / np.maximum(T - pole_c, 5.0) - 1.0 / np.maximum(reference_c - pole_c, 5.0)
+    x: Array = 1.0 / np.maximum(T - pole_c, NEAREST_POLE_K) - 1.0 / np.maximum(reference_c - pole_c, NEAREST_POLE_K)
     return x
 
 
@@ -143,6 +146,6 @@ def _fitted(x: Array, y: Array, weight: Array) -> tuple[Array, Array, Array]:
 def _error(x: Array, v: Array, n: Array, a: Array, b: Array) -> Array:
     """(…, L, J) Σ n·(v − law)² over bins; infinite where a law was not determined."""
     eta = a[..., None] + b[..., None] * x
-    eta[..., 1:, :, :] = np.exp(np.clip(eta[..., 1:, :, :], -50.0, 50.0))
+    eta[..., 1:, :, :] = np.exp(np.clip(eta[..., 1:, :, :], -LARGEST_LOG, LARGEST_LOG))
     squares: Array = np.where(n > 0, n * (v - eta) ** 2, 0.0).sum(-1)
     return np.where(np.isfinite(squares), squares, np.inf)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.judge.pointwise import UNKNOWN, point_law
 from monitor.model.friction import SIGN_SPEED_RAD_S, smooth_sign
 from monitor.model.regressor import ROTOR
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
@@ -58,17 +59,9 @@ class Predictor:
         if robot.name != model.robot:
             raise BadInput(f"the model is of {model.robot}, the robot is {robot.name}")
         self._rigid = _Rigid(robot, model.mounting, model.columns, model.values)
-        lines = (model.coulomb, model.viscous)
+        self._lines = model.coulomb, model.viscous
         unknown = ~np.isfinite(model.coulomb.intercept) | ~np.isfinite(model.viscous.intercept)  # (J,)
-        worn = np.exp(model.wear)
-        # fc and fv side by side, (2, 1, J) each; a joint never identified has no friction, of unknown deviation
-        self._reference_c = np.stack([line.reference_c for line in lines])[:, None]
-        level = np.where(unknown, 0.0, np.stack([line.intercept for line in lines]) * worn)
-        self._level, self._floor = level[:, None], 0.05 * np.abs(level)[:, None]
-        self._slope = np.where(unknown, 0.0, np.stack([line.slope for line in lines]) * worn)[:, None]
-        cov = np.stack([line.cov for line in lines]) * (worn**2)[:, None, None]  # (2, J, 2, 2)
-        cov[:, unknown] = np.nan
-        self._var = cov[:, None, :, 0, 0], 2.0 * cov[:, None, :, 0, 1], cov[:, None, :, 1, 1]
+        self._known, self._worn = ~unknown, np.exp(model.wear)
         self._correlation = 2.0 * model.friction_correlation
         error_nm, sample_nm = (model.residual_rms_nm if of is None else of for of in (model.error_rms_nm, model.measured_rms_nm))
         self._wear_var, self._rest_var = model.wear_std**2, error_nm**2
@@ -77,12 +70,11 @@ class Predictor:
         self._range_c = low - model.viscous.margin_k, high + model.viscous.margin_k
         self._beyond = None if model.finer is None else model.finer.terms.T[:, None]  # (4, 1, J)
         if model.finer is not None:
-            at = np.where(np.isfinite(model.finer.temperature_c), model.finer.temperature_c, self._reference_c[1, 0])
-            then = np.maximum(self._level[1, 0] + self._slope[1, 0] * (at - self._reference_c[1, 0]), self._floor[1, 0])
+            T1 = np.where(np.isfinite(model.finer.temperature_c), model.finer.temperature_c, model.viscous.reference_c)
+            then = self._friction(T1)[0][1]
             self._per_viscous = np.divide(1.0, then, out=np.zeros_like(then), where=then > 0)  # (J,)
             self._speed, self._load = model.finer.speed_rad_s, model.finer.load_nm
         self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
-        per_joint = (self._reference_c, self._level, self._slope, self._floor, *self._var)  # (2, 1, J) each
         whole: tuple[Array, ...] = (
             self._correlation,
             self._wear_var,
@@ -91,20 +83,24 @@ class Predictor:
             self._unknown,
             self._noise_var,
         )  # (J,) each
-        figures = [part[k, 0].tolist() for k in (0, 1) for part in per_joint] + [part.tolist() for part in whole]
-        finer = [()] * len(worn)
+        finer = [()] * len(self._worn)
         if model.finer is not None:
             parts = (*(model.finer.terms.T * self._per_viscous), self._speed, self._load, self._rigid.rotor)
             finer = list(zip(*(part.tolist() for part in parts), strict=True))
-        self._figures = list(zip(*figures, finer, strict=True))  # J tuples
+        laws = [[point_law(line, j) if known else UNKNOWN for j, known in enumerate(self._known.tolist())] for line in self._lines]
+        self._figures = list(zip(*laws, self._worn.tolist(), *(part.tolist() for part in whole), finer, strict=True))  # J tuples
+
+    def _friction(self, temperature_c: Array) -> tuple[Array, Array]:
+        """fc and fv with present wear at temperatures (…, J), and their variances, (2, …, J) each; 0 and NaN where unknown."""
+        fresh = [line.at(temperature_c) for line in self._lines]
+        value = np.where(self._known, np.stack([law.value for law in fresh]) * self._worn, 0.0)
+        std = np.where(self._known, np.stack([law.std for law in fresh]) * self._worn, np.nan)
+        return value, std * std
 
     def torque(self, q: Array, qd: Array, qdd: Array, temperature_c: Array) -> TorquePrediction:
         """Everything at states q, qd, qdd (N, J) [rad, rad/s, rad/s²] and temperatures (N, J) or (J,), finite and of these shapes."""
         rigid = self._rigid.torque(q, qd, qdd)
-        t = temperature_c - self._reference_c  # (2, N, J) or (2, 1, J)
-        c0, c1, c2 = self._var
-        value = np.maximum(self._level + self._slope * t, self._floor)  # fc, fv: friction never drives
-        var = np.maximum(c0 + (c1 + c2 * t) * t, 0.0)
+        value, var = self._friction(np.broadcast_to(temperature_c, q.shape))  # (2, N, J) each; friction never drives
         drive = np.empty((2, *q.shape))
         drive[0], drive[1] = smooth_sign(qd), qd
         parts = value * drive  # (2, N, J)
@@ -128,38 +124,15 @@ class Predictor:
         rigid = self._rigid.sample(q, qd, qdd)
         torque, friction, stds, outside, measured = [], [], [], [], []
         for rest, v, a, T, figures in zip(rigid, qd, qdd, temperature_c, self._figures, strict=True):
-            (
-                rc,
-                lc,
-                sc,
-                fc,
-                c0,
-                c1,
-                c2,
-                rv,
-                lv,
-                sv,
-                fv,
-                v0,
-                v1,
-                v2,
-                correlation,
-                wear_var,
-                rest_var,
-                low,
-                high,
-                unknown,
-                noise_var,
-                more,
-            ) = figures
+            dry, wet, worn, correlation, wear_var, rest_var, low, high, unknown, noise_var, more = figures
             s = math.tanh(v / SIGN_SPEED_RAD_S)
-            t = T - rc
-            var_c = max(c0 + (c1 + c2 * t) * t, 0.0) * s * s  # what is unknown is NaN, and stays so
-            rubs = max(lc + sc * t, fc) * s
-            t = T - rv
-            var_v = max(v0 + (v1 + v2 * t) * t, 0.0) * v * v
-            viscous = max(lv + sv * t, fv)
-            rubs += viscous * v
+            of_fc, var_c = dry.at(T)
+            of_fv, var_v = wet.at(T)
+            drags, flows = worn * s, worn * v
+            viscous = of_fv * worn
+            rubs = of_fc * drags + of_fv * flows
+            var_c *= drags * drags  # what is unknown is NaN, and stays so
+            var_v *= flows * flows
             if more:
                 c, linear, per_load, root, fastest, heaviest, rotor = more
                 speed, load = abs(v), abs(rest - a * rotor)

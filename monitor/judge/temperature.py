@@ -17,6 +17,7 @@ from monitor.judge.document import array, plain
 from monitor.recording import Array
 
 SUMS = 6  # n, Σt, Σt², Σy, Σty, Σy²
+LEAST_LEFT = 0.05  # of its intercept, however far a line is stretched: friction never drives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +91,7 @@ class Line:
         t = temperature_c - self.reference_c
         value = self.intercept + self.slope * t
         var = self.cov[:, 0, 0] + 2.0 * self.cov[:, 0, 1] * t + self.cov[:, 1, 1] * t**2
-        floor = 0.05 * np.abs(self.intercept)
+        floor = LEAST_LEFT * np.abs(self.intercept)
         value, std = np.maximum(value, floor), np.sqrt(np.maximum(var, 0.0))
         if self.curve is not None and np.any(self.curve.kind > 0):
             by_curve, curve_std = self.curve.at(temperature_c)

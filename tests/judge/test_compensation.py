@@ -11,6 +11,7 @@ from synthetic_arm import COULOMB_NM, Arm, History
 
 from monitor.errors import BadInput
 from monitor.judge.compensation import CompensatedModel, Finer, model_from_document
+from monitor.judge.curves import Curve
 from monitor.judge.predictor import prepared
 from monitor.model.robot import load_robot
 
@@ -57,6 +58,18 @@ def test_friction_follows_temperature_within_what_was_learnt(model, temperature_
     truth = true_friction(QD, temperature_c)
     assert np.all(np.abs(predicted.friction - truth) < 0.04 * np.abs(truth))
     assert not predicted.extrapolated.any()
+
+
+def test_torque_is_foreseen_by_the_law_that_was_chosen(model):
+    """Where fv(T) is a curve the torque is the curve's, as is its doubt, and not the straight line's beside it."""
+    assert set(model.viscous.law) != {"linear"}
+    for T in (np.full(6, 20.0), np.full(6, 30.0), np.linspace(38, 43, 6)):
+        predicted = model.torque(UR5, Q, QD, QDD, T)
+        fc, fv = model.coulomb_at(T), model.viscous_at(T)
+        assert np.allclose(predicted.friction, fc.value * np.sign(QD) + fv.value * QD)  # |q̇| > 0.1: the sign is ± 1
+        between = 2.0 * model.friction_correlation * fc.std * fv.std * np.abs(QD)
+        var = fc.std**2 + (fv.std * QD) ** 2 + between + (predicted.friction * model.wear_std) ** 2
+        assert np.allclose(predicted.std**2, var + (model.residual_rms_nm if model.error_rms_nm is None else model.error_rms_nm) ** 2)
 
 
 def test_temperature_correction_is_worth_its_name(model):
@@ -148,20 +161,35 @@ def finer(model) -> CompensatedModel:
     return replace(model, finer=beyond)
 
 
+@pytest.fixture(scope="module")
+def curved(finer) -> CompensatedModel:
+    """The same with a straight line, an exponential and Vogel's law, for both fc and fv."""
+    kind = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
+
+    def by(line, fall):
+        vogel, none = kind == 2, np.zeros(6)
+        a, b = np.where(kind > 0, np.log(line.intercept), none), np.where(vogel, 800.0, -fall) * (kind > 0)
+        cov = np.tile([[1e-4, -2e-6], [-2e-6, 1e-6]], (6, 1, 1))
+        return replace(line, curve=Curve(kind, a, b, np.where(vogel, -100.0, none), line.reference_c, cov, np.zeros((6, 3))))
+
+    return replace(finer, coulomb=by(finer.coulomb, 0.003), viscous=by(finer.viscous, 0.016))
+
+
 @settings(max_examples=50, deadline=None)
 @given(
     qd=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6),
     qdd=st.lists(st.floats(-9.0, 9.0), min_size=6, max_size=6),
     temperature_c=st.floats(-20.0, 90.0),
 )
-def test_friction_never_drives_and_one_sample_says_what_many_say(finer, qd, qdd, temperature_c):
-    """Power of friction ≥ 0 at any speed, load and temperature; both ways of asking agree to rounding."""
+def test_friction_never_drives_and_one_sample_says_what_many_say(finer, curved, qd, qdd, temperature_c):
+    """Power of friction ≥ 0 at any speed, load and temperature; both ways of asking agree to rounding, in every figure."""
     v, a, T = np.array(qd), np.array(qdd), np.full(6, temperature_c)
-    many = finer.torque(UR5, Q[0], v, a, T)
-    one = prepared(finer, UR5).sample(Q[0].tolist(), qd, qdd, T.tolist())
-    assert np.all(many.friction * v >= 0.0)
-    assert np.allclose(many.friction[0], one.friction, rtol=1e-9, atol=1e-12)
-    assert np.allclose(many.torque[0], one.torque, rtol=1e-9, atol=1e-9)
+    for model in (finer, curved):
+        many = model.torque(UR5, Q[0], v, a, T)
+        one = prepared(model, UR5).sample(Q[0].tolist(), qd, qdd, T.tolist())
+        assert np.all(many.friction * v >= 0.0)
+        for name in one._fields:
+            assert np.allclose(getattr(many, name)[0], getattr(one, name), rtol=1e-9, atol=1e-9), name
 
 
 def test_what_is_beyond_fc_and_fv_stays_as_it_was_at_the_fastest_learnt(model, finer):
