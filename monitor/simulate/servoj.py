@@ -16,6 +16,11 @@ from monitor.recording import Array
 SERVO_MAX_RAD_S2 = 30.0  # the filter never asks for more: twice what an excitation needs, about what the drives can give
 SPEED_CHANGE_MAX_RAD_S2 = 40.0  # faster changes of the targets' speed are jitter of the network
 ACCELERATION_TRUST = 0.5  # share of each newly seen acceleration: two targets of memory
+TURN_TRUST = 0.1  # share of each newly seen change of it: ten of memory, or the network's jitter would shake the arm
+# What is seen so is two targets old. Its change is carried on: for the speed at the newest target to a quarter of a target later, and for
+# the acceleration from there on to one and a half. Else every target comes as a push, which at a tick's end, where currents and
+# accelerations are read, is over again: a recording would be 15 ms late in them.
+TARGETS_TO_NOW, TARGETS_AHEAD = 2.25, 3.5
 STREAM_BURST = 8  # targets, or periods of silence, that are still put in order
 FIT_CLEAR_RAD, FIT_BETTER = 1e-3, 0.25  # at low speed every place fits, and a wrong one would confirm itself
 SPACING_PRIOR, SPACING_KEEP = 5.0, 0.98  # the spacing of targets is learnt over some fifty
@@ -34,7 +39,8 @@ class Servoj:
     def __init__(self, q: Vector, qd: Vector, period_s: float, tick_s: float, max_speed_rad_s: Vector) -> None:
         """Begins at q with q̇ (J,), targets being told to come every `period_s`."""
         self._tick_s, self._max_speed = tick_s, max_speed_rad_s
-        self._goal, self._goal_qd, self._between_qd, self._goal_qdd = list(q), list(qd), list(qd), [0.0] * len(q)
+        self._goal, self._goal_qd, self._between_qd = list(q), list(qd), list(qd)
+        self._goal_qdd, self._seen_qdd, self._turns = [0.0] * len(q), [0.0] * len(q), [0.0] * len(q)
         self._waiting: list[Vector] = []  # not yet taken
         self._first = True  # no target has come yet
         self._age_s = math.inf  # of the newest target
@@ -57,7 +63,7 @@ class Servoj:
         on the average; where some were never sent, from where the motion so far expects them.
         """
         if self._first:  # has no speed
-            self._between_qd, self._goal_qdd, self._first = [0.0] * len(target), [0.0] * len(target), False
+            self._between_qd, self._goal_qdd, self._seen_qdd, self._turns, self._first = *([0.0] * len(target) for _ in range(4)), False
             self._goal, self._age_s = list(target), 0.0
             self._goals = np.array((self._goal, self._goal_qd, self._goal_qdd))
             return
@@ -70,14 +76,16 @@ class Servoj:
         count = arrived if late <= 0 else self._fitting(target, spacing, arrived, min(late, STREAM_BURST))
         between = count * spacing
         room, half = SPEED_CHANGE_MAX_RAD_S2 * between, 0.5 * between
-        between_qd, goal_qd, goal_qdd = self._between_qd, self._goal_qd, self._goal_qdd
-        for j, (new, old, qd, qdd) in enumerate(zip(target, self._goal, between_qd, goal_qdd, strict=True)):
+        between_qd, goal_qd, goal_qdd, seen, turns = self._between_qd, self._goal_qd, self._goal_qdd, self._seen_qdd, self._turns
+        for j, (new, old, qd, before) in enumerate(zip(target, self._goal, between_qd, seen, strict=True)):
             change = (new - old) / between - qd
             if not -room <= change <= room:
                 change = min(max(change, -room), room)
             between_qd[j] = speed = qd + change
-            goal_qdd[j] = acceleration = qdd + ACCELERATION_TRUST * (change / between - qdd)
-            goal_qd[j] = speed + half * acceleration
+            seen[j] = acceleration = before + ACCELERATION_TRUST * (change / between - before)
+            turns[j] = turn = turns[j] + TURN_TRUST * (acceleration - before - turns[j])
+            goal_qd[j] = speed + half * (acceleration + TARGETS_TO_NOW * turn)
+            goal_qdd[j] = acceleration + TARGETS_AHEAD * turn
         self._age_s = min(max(PHASE_KEEP * (self._age_s - between), -period), 2.0 * period)
         self._goal = list(target)
         self._goals = np.array((self._goal, self._goal_qd, self._goal_qdd))
