@@ -438,8 +438,8 @@ def print_rehearsal(document: dict[str, Any]) -> None:
     console.print(table)
     life = document["remaining_life"]
     console.print(
-        f"90 % intervals of friction hold the truth in {100 * document['friction_interval_90']:.0f} %; P10–P90 of remaining life in "
-        f"{_whole_percent(life['p10_p90_holds']['share'])}; P50 within 20 % at half-life in "
+        f"90 % intervals of friction hold the truth in {_whole_percent(document['friction_interval_90']['value'])}; "
+        f"P10–P90 of remaining life in {_whole_percent(life['p10_p90_holds']['share'])}; P50 within 20 % at half-life in "
         f"{_whole_percent(life['alpha_lambda_at_half_life']['share'])}",
         highlight=False,
     )

@@ -91,7 +91,7 @@ class Predictor:
         self._figures = list(zip(*laws, self._worn.tolist(), *(part.tolist() for part in whole), finer, strict=True))  # J tuples
 
     def _friction(self, temperature_c: Array) -> tuple[Array, Array]:
-        """fc and fv with present wear at temperatures (…, J), and their variances, (2, …, J) each; 0 and NaN where unknown."""
+        """With present wear, fc and fv at temperatures (…, J), and their variances, (2, …, J) each; 0 and NaN where unknown."""
         fresh = [line.at(temperature_c) for line in self._lines]
         value = np.where(self._known, np.stack([law.value for law in fresh]) * self._worn, 0.0)
         std = np.where(self._known, np.stack([law.std for law in fresh]) * self._worn, np.nan)

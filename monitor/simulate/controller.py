@@ -14,6 +14,7 @@ import numpy as np
 from monitor.recording import Array
 from monitor.simulate import primary, realtime
 from monitor.simulate.faults import Place, outputs_of
+from monitor.simulate.friction import FrictionLaw
 from monitor.simulate.gathering import Variable
 from monitor.simulate.inputs import REGISTERS, Inputs, Outputs, Recipe
 from monitor.simulate.kinematics import Kinematics
@@ -48,8 +49,8 @@ HISTORY_TICKS = 1024  # measured positions kept for get_actual_joint_positions_h
 class Controller:
     """One simulated controller with its arm."""
 
-    def __init__(self, settings: SimulateSettings, *, before: "Controller | None" = None) -> None:
-        """`before`: the controller that was killed; its arm, with heat, wear and all, and its life go on."""
+    def __init__(self, settings: SimulateSettings, *, before: "Controller | None" = None, law: FrictionLaw | None = None) -> None:
+        """`before`: the controller that was killed; its arm, with heat, wear and all, and its life go on. `law`: None for the usual."""
         robot = settings.arm
         self.settings, self.robot, self.tick_s = settings, robot, settings.tick_s
         self._substeps = max(1, round(self.tick_s / SUBSTEP_S))
@@ -61,6 +62,7 @@ class Controller:
             mounting=settings.mounting,
             payload_kg=settings.payload_kg,
             payload_com_m=settings.payload_com_m,
+            law=law,
             wear_per_revolution=None if settings.wear_per_revolution is None else np.array(settings.wear_per_revolution),
         )
         if settings.initial_temperature_c is not None:

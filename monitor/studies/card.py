@@ -7,22 +7,16 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from monitor.assess import AssessSettings
 from monitor.model.fourier import Excitation, excitation_from_document
+from monitor.studies.figures import Share
 from monitor.studies.fleet import FleetSettings
-from monitor.studies.rehearse import (
-    LATEST_ONSET,
-    LEARNING_DAYS,
-    Kind,
-    Share,
-    detected,
-    play,
-    rehearse,
-)
-from monitor.studies.torque import foresee
+from monitor.studies.rehearse import LATEST_ONSET, LEARNING_DAYS, Kind, detected, play, rehearse
+from monitor.studies.torque import foresee, summary
 
 TARGET = Path("PERFORMANCE.md")
 NOTES = {
@@ -44,6 +38,7 @@ ROWS = {  # by which each is known on the card
     "life": "P10–P90 of remaining",
 }
 SEED = 2028  # none that was looked at while anything was chosen; of 2021, 2026 and 2027 a card was seen, then something was changed
+REPLAYS, TESTS = 40, 12  # of each arm of full physics: learnt from, foreseen
 EXCITATION = Path("config/excitation/ur5-ground.json")
 HEAD = """# What the verdicts are worth
 
@@ -108,16 +103,16 @@ def card(
     text += "The 5 % step within 30 days, by the days of baseline before it: " + _by_baseline(five["by_baseline"]) + ".\n"
     life = document["remaining_life"]
     held, near = life["p10_p90_holds"], life["alpha_lambda_at_half_life"]
-    cover, slope = document["friction_interval_90"], 100 * document["slope_left_per_k"]
+    cover, slope = document["friction_interval_90"], document["slope_left_per_k"]
     text += "\n## Intervals, remaining life, temperature\n\n| figure | reached | asked for |\n|---|---|---|\n"
-    text += (
-        f"| 90 % intervals of friction at reference temperature hold the truth | {100 * cover:.1f} % | "
-        f"85–95 % {_met(0.85 <= cover <= 0.95)} |\n"
-    )
+    text += f"| 90 % intervals of friction at reference temperature hold the truth | {_percent(cover)} | 85–95 % {_between(cover)} |\n"
     text += f"| P10–P90 of remaining life hold the truth, at half-life | {_share(held, both=True)} | "
     text += f"75–85 % {_met(held['at_least'] >= 0.75 and held['at_most'] <= 0.85)} |\n"
     text += f"| P50 within 20 % of the truth at half-life (α-λ) | {_share(near)} | ≥ 80 % {_met(near['at_least'] >= 0.8)} |\n"
-    text += f"| what temperature still does after it was taken out, median of joints | {slope:.3f} %/K | ≤ 0.1 %/K {_met(slope <= 0.1)} |\n"
+    text += (
+        f"| what temperature still does to friction after it was taken out, mean of joints; nine of ten {100 * slope['nine_of_ten']:.3f} | "
+        f"{_slope(slope)} | ≤ 0.1 %/K {_met(slope['at_most'] <= 0.001)} |\n"
+    )
     text += f"| arm-days judged a minute, of one process, simulated ones made meanwhile | {arm_days_a_minute:,.0f} | ≥ 50 000 {_met(arm_days_a_minute >= 5e4)} |\n"  # noqa: E501 - a table's row
     text += _torque_rows(torque)
     text += "\nIntervals of friction in joints that wear, from the onset on, hold the truth less often while the change is not yet found: "
@@ -145,22 +140,50 @@ def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = 
         later = [pool.submit(detected, base, assess, kind, seed + 4) for kind in quieter]
         # 9600 lives are ± 0.6 points; of 14 400 steps a bound is 0.12 points below what was found
         document = rehearse(assess, arms=arms, seed=seed, lives=4 * arms, steps=6 * arms, each=pool.map)
+        one_arm = partial(foresee, excitation=excitation, settings=assess, replays=REPLAYS, tests=TESTS, clock=time.process_time)
+        foreseen = list(pool.map(one_arm, range(1000 * seed, 1000 * seed + max(arms // 75, 2))))
         rows = [{"between_std": 0.01, **one.result()} for one in later]
-    torque = foresee(excitation, assess, replays=40, tests=12, seed=seed, clock=time.process_time)
-    return card(document, rows, torque.as_document(), seed=seed, arm_days_a_minute=arm_days_a_minute)
+    torque = summary(foreseen, replays=REPLAYS, tests=TESTS)
+    return card(document, rows, torque, seed=seed, arm_days_a_minute=arm_days_a_minute)
 
 
 def _torque_rows(torque: dict[str, Any]) -> str:
     each = ", ".join(f"{ratio:.2f}" for ratio in torque["ratio_by_joint"])
     low, high = torque["range_c"]
-    covered = torque["covered_90"]
-    return (
-        f"| torque error with the joints' temperatures over that without, {low:.0f}–{high:.0f} °C, full physics, an arm; by joint {each} | "
-        f"{torque['ratio']:.2f} | ≤ 0.33 {_met(torque['ratio'] <= 1 / 3)} |\n"
-        f"| the same of friction alone, its mean along the motion | {torque['ratio_of_friction']:.2f} | – |\n"
-        f"| 90 % intervals of torque hold the truth | {100 * covered:.1f} % | 85–95 % {_met(0.85 <= covered <= 0.95)} |\n"
-        f"| one replay's assessment, processor time, the longest of {torque['replays'] - 1} | {torque['assess_s']:.2f} s | ≤ 1 s {_met(torque['assess_s'] <= 1)} |\n"  # noqa: E501 - a table's row
+    ratio, friction, slope, covered = (torque[key] for key in ("ratio", "ratio_of_friction", "slope_per_k", "covered_90"))
+    rows = (
+        (
+            f"torque error with the joints' temperatures over that without, {low:.0f}–{high:.0f} °C, "
+            f"{torque['arms']} arms of full physics; by joint {each}, worst arm {torque['ratio_of_worst_arm']:.2f}",
+            f"{ratio['value']:.3f} (≤ {ratio['at_most']:.3f})",
+            f"≤ 0.33 {_met(ratio['at_most'] <= 1 / 3)}",
+        ),
+        ("the same of friction alone, its mean along the motion", f"{friction['value']:.2f} (≤ {friction['at_most']:.2f})", "–"),
+        (
+            "what temperature still does to the torque of friction foreseen in them, mean of joints",
+            _slope(slope),
+            f"≤ 0.1 %/K {_met(slope['at_most'] <= 0.001)}",
+        ),
+        ("90 % intervals of torque hold the truth", _percent(covered), f"85–95 % {_between(covered)}"),
+        (
+            f"one replay's assessment, processor time, the longest of {torque['arms'] * (torque['replays'] - 1)}",
+            f"{torque['assess_s']:.2f} s",
+            f"≤ 1 s {_met(torque['assess_s'] <= 1)}",
+        ),
     )
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _percent(figure: dict[str, float]) -> str:
+    return f"{100 * figure['value']:.1f} % (≥ {100 * figure['at_least']:.1f} %, ≤ {100 * figure['at_most']:.1f} %)"
+
+
+def _slope(figure: dict[str, float]) -> str:
+    return f"{100 * figure['value']:.3f} %/K (≤ {100 * figure['at_most']:.3f})"
+
+
+def _between(figure: dict[str, float]) -> str:
+    return _met(figure["at_least"] >= 0.85 and figure["at_most"] <= 0.95)
 
 
 def _met(reached: bool) -> str:

@@ -90,7 +90,7 @@ class Fleet:
         self.dice = np.random.default_rng(settings.seed)
         self.wear = wear or unworn(A)
         self.scenario = np.resize(np.array(settings.scenarios), A)
-        self.law = _various(default_law(self.robot), A, self.dice)
+        self.law = various(default_law(self.robot), (A,), self.dice)
         self._heat = _Heat(default_thermal(self.robot), A)
         self._noise = self.dice.normal(size=(A, J)) * settings.between_std
         dice = self.dice
@@ -225,11 +225,11 @@ class _Heat:
         self.motor, self.grease = now[..., 0], now[..., 1]
 
 
-def _various(law: FrictionLaw, arms: int, dice: np.random.Generator) -> FrictionLaw:
-    """The law of each arm, (A, J): as different as arms of one model are."""
+def various(law: FrictionLaw, arms: tuple[int, ...], dice: np.random.Generator) -> FrictionLaw:
+    """The law of each arm, (*arms, J): as different as arms of one model are."""
     values = {}
     spread = {"exponent": 0.05, "viscous_per_k": 0.15, "coulomb_per_k": 0.5}
     for name in law.__dataclass_fields__:
         value = getattr(law, name)
-        values[name] = value * np.exp(spread.get(name, 0.2) * dice.normal(size=(arms, len(value))))
+        values[name] = value * np.exp(spread.get(name, 0.2) * dice.normal(size=(*arms, len(value))))
     return replace(law, **values)

@@ -10,7 +10,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import beta, chi2
 
 from monitor.assess import AssessSettings
 from monitor.judge.follow import followed
@@ -20,6 +19,7 @@ from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhe
 from monitor.judge.unseen import unseen
 from monitor.judge.usage import Usage, uncounted, worked
 from monitor.recording import Array
+from monitor.studies.figures import Figure, Rate, Share, over_arms
 from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
 
 LEARNING_DAYS = 60
@@ -168,47 +168,6 @@ def _at(track: Track, T: Array, slot: Array) -> Array:
 
 
 # --- figures ------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rate:
-    """Events in so many robot-years, and the one-sided 95 % upper bound of their rate (Garwood, 1936)."""
-
-    events: int
-    robot_years: float
-
-    @property
-    def per_year(self) -> float:
-        """As seen."""
-        return self.events / self.robot_years
-
-    @property
-    def at_most(self) -> float:
-        """95 %."""
-        return float(chi2.ppf(0.95, 2 * (self.events + 1))) / 2.0 / self.robot_years
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Share:
-    """How many of how many, and the one-sided 95 % bounds of the share (Clopper and Pearson, 1934)."""
-
-    hits: int
-    of: int
-
-    @property
-    def value(self) -> float:
-        """As seen."""
-        return self.hits / self.of if self.of else float("nan")
-
-    @property
-    def at_least(self) -> float:
-        """95 %."""
-        return float(beta.ppf(0.05, self.hits, self.of - self.hits + 1)) if self.hits else 0.0
-
-    @property
-    def at_most(self) -> float:
-        """95 %."""
-        return float(beta.ppf(0.95, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -418,6 +377,7 @@ def _done(job: Callable[[], Any]) -> Any:
 def _quiet(base: FleetSettings, assess: AssessSettings) -> dict[str, Any]:
     """What is told of a fleet on which nothing wears."""
     quiet = play(base, assess)
+    left = np.abs(quiet.slope_error_per_k)  # (A, J)
     return {
         "robot_years": base.arms * quiet.days / DAYS_A_YEAR,
         "learning_days": LEARNING_DAYS,
@@ -426,8 +386,8 @@ def _quiet(base: FleetSettings, assess: AssessSettings) -> dict[str, Any]:
         "autocorrelation": base.autocorrelation,
         "false_alarms": {name or "all": _rate(false_alarms(quiet, name)) for name in (None, *SCENARIOS)},
         "false_wear_alerts": int(np.isfinite(quiet.tier_day[:, :, 1]).sum()),
-        "friction_interval_90": float(np.mean(quiet.covered)),
-        "slope_left_per_k": float(np.nanmedian(np.abs(quiet.slope_error_per_k))),
+        "friction_interval_90": _figure(over_arms(np.mean, quiet.covered)),
+        "slope_left_per_k": {**_figure(over_arms(np.nanmean, left)), "nine_of_ten": _known(float(np.nanquantile(left, 0.9)))},
     }
 
 
@@ -481,6 +441,10 @@ def days_to_play(step: float, per_year: float) -> int:
 def detection_row(label: str, step: float, per_year: float, told: Delay, interval_90: float) -> dict[str, Any]:
     """What was told of one kind of wear, as a document."""
     return {"wear": label, "step": step, "per_year": per_year, **_delay(told), "interval_90": _known(interval_90)}
+
+
+def _figure(figure: Figure) -> dict[str, float | None]:
+    return {name: _known(value) for name, value in figure._asdict().items()}
 
 
 def _rate(rate: Rate) -> dict[str, float]:

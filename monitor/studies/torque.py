@@ -4,7 +4,7 @@ An arm is replayed at many temperatures; then, at others inside the learnt range
 with the joints' temperatures and once without, and both are compared with what the simulated drives gave without noise.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,54 +17,51 @@ from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array
 from monitor.simulate.controller import Controller
+from monitor.simulate.friction import default_law
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
+from monitor.studies.figures import over_arms
+from monitor.studies.fleet import various
 
 START_UNIX_S, DAY_S = 1_750_000_000.0, 86_400.0
 ROOM_C = (4.0, 34.0)  # with its joints some kelvins above, at rest and at work
+COLDEST_C, WARMEST_C = 5.0, 45.0
 MOVING_RAD_S = 0.05
+NINETY = 1.645  # standard deviations either side
+FEWEST_TESTS = 6  # of which a slope is told
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Foreseen:
-    """Over moving samples of all tests inside the learnt range."""
+    """Of one arm: over moving samples of its tests inside the learnt range."""
 
-    corrected_nm: Array  # (J,) RMS error
-    uncorrected_nm: Array
-    mean_corrected_nm: Array  # (J,) the same of the error's friction part alone: of its mean along the motion
-    mean_uncorrected_nm: Array
+    squares_nm2: Array  # (2, J) mean squared error with the joints' temperatures, and without
+    along_nm: Array  # (2, tests, J) the error's mean along the motion: of friction alone; NaN where a joint was outside
+    slope_per_k: Array  # (J,) of that with temperatures, over the friction foreseen, against temperature
     covered: float  # share of samples whose 90 % interval held the truth
     range_c: tuple[float, float]  # coldest and warmest joint in the tests
-    replays: int
-    tests: int
     assess_s: float  # longest that one replay's assessment took
-    laws: tuple[str, ...]  # of fv
 
-    def as_document(self) -> dict[str, Any]:
-        """Plain JSON."""
-        whole = float(np.sqrt(np.sum(self.corrected_nm**2) / np.sum(self.uncorrected_nm**2)))
-        friction = float(np.sqrt(np.sum(self.mean_corrected_nm**2) / np.sum(self.mean_uncorrected_nm**2)))
-        return {
-            "ratio": whole,
-            "ratio_by_joint": (self.corrected_nm / self.uncorrected_nm).tolist(),
-            "ratio_of_friction": friction,
-            "corrected_nm": self.corrected_nm.tolist(),
-            "uncorrected_nm": self.uncorrected_nm.tolist(),
-            "covered_90": self.covered,
-            "range_c": list(self.range_c),
-            "replays": self.replays,
-            "tests": self.tests,
-            "assess_s": self.assess_s,
-            "laws": list(self.laws),
-        }
+    @property
+    def ratio(self) -> float:
+        """Error with temperatures over that without."""
+        return _ratio(self.squares_nm2[None])
 
 
 def foresee(
-    excitation: Excitation, settings: AssessSettings, *, replays: int, tests: int, seed: int, clock: Callable[[], float], robot: str = "ur5"
+    seed: int,
+    *,
+    excitation: Excitation,
+    settings: AssessSettings,
+    replays: int,
+    tests: int,
+    clock: Callable[[], float],
+    robot: str = "ur5",
 ) -> Foreseen:
     """Learn from `replays`, one a day, and foresee `tests` others; `clock` [s] times the assessments."""
     arm, dice = load_robot(robot), np.random.default_rng(seed)
-    loud, quiet = (Controller(SimulateSettings(seed=seed, current_noise=noise)) for noise in (1.0, 0.0))
+    law = various(default_law(arm), (), dice)
+    loud, quiet = (Controller(SimulateSettings(robot=robot, seed=seed, current_noise=noise), law=law) for noise in (1.0, 0.0))
     last: Assessment | None = None
     health: Health | None = None
     slowest = 0.0
@@ -88,42 +85,76 @@ def foresee(
         last, health = told, told.health
     if last is None:
         raise BadInput("torque study: no replay; expected one or more")
-    model, gain = last.model, np.array(arm.drive_gain_nm_per_a)
-    J = arm.joints
+    model, gain, J = last.model, np.array(arm.drive_gain_nm_per_a), arm.joints
     squares, held, counted = np.zeros((2, J)), 0, np.zeros(J)
-    along: list[Array] = []
-    temperatures: list[Array] = []
-    while len(temperatures) < tests:
+    along, sizes, temperatures = np.full((2, tests, J), np.nan), np.full((tests, J), np.nan), np.empty((tests, J))
+    for test in range(tests):
         _live(quiet, dice)
         recording = stepped_replay(quiet, excitation)
         T = recording.mean_temperature_c
         q, qd, qdd = recording.target_q, recording.target_qd, recording.target_qdd
         if T is None or q is None or qd is None or qdd is None or recording.current is None:
             raise BadInput("torque study: the simulated recording lacks its targets, currents or temperatures")
-        temperatures.append(T)
-        inside = model.viscous.inside(T) & (T >= 5.0) & (T <= 45.0)
+        temperatures[test] = T
+        inside = model.viscous.inside(T) & (T >= COLDEST_C) & (T <= WARMEST_C)
         moving = (np.abs(qd) > MOVING_RAD_S) & inside
-        truth = recording.current * gain
+        n = np.where(inside, moving.sum(axis=0), np.nan)
         with_T, without = (model.torque(arm, q, qd, qdd, t) for t in (T, None))
+        truth = recording.current * gain
         errors = np.stack([np.where(moving, foreseen.torque - truth, 0.0) for foreseen in (with_T, without)])  # (2, N, J)
         squares += np.sum(errors**2, axis=1)
-        along.append(np.sum(errors * np.sign(qd), axis=1) / np.maximum(moving.sum(axis=0), 1))  # (2, J)
-        held += int(np.sum(moving & (np.abs(errors[0]) < 1.645 * with_T.std)))
-        counted = counted + moving.sum(axis=0)
-    rms = np.sqrt(squares / np.maximum(counted, 1))
-    friction = np.sqrt(np.mean(np.square(along), axis=0))
+        along[:, test] = np.sum(errors * np.sign(qd), axis=1) / n
+        sizes[test] = np.sum(np.where(moving, np.abs(with_T.friction), 0.0), axis=0) / n
+        held += int(np.sum(moving & (np.abs(errors[0]) < NINETY * with_T.std)))
+        counted += moving.sum(axis=0)
+    if not counted.all():
+        raise BadInput(
+            f"torque study: joint {int(np.argmin(counted)) + 1} was in no test as warm as learnt; expected more replays or tests"
+        )
     return Foreseen(
-        corrected_nm=rms[0],
-        uncorrected_nm=rms[1],
-        mean_corrected_nm=friction[0],
-        mean_uncorrected_nm=friction[1],
+        squares_nm2=squares / counted,
+        along_nm=along,
+        slope_per_k=_slope(temperatures, along[0] / sizes),
         covered=held / float(np.sum(counted)),
         range_c=(float(np.min(temperatures)), float(np.max(temperatures))),
-        replays=replays,
-        tests=tests,
         assess_s=slowest,
-        laws=model.viscous.law,
     )
+
+
+def summary(arms: Sequence[Foreseen], *, replays: int, tests: int) -> dict[str, Any]:
+    """All arms together, plain JSON; bounds are one-sided, 95 %."""
+    squares = np.stack([arm.squares_nm2 for arm in arms])  # (A, 2, J)
+    along = np.stack([np.nanmean(arm.along_nm**2, axis=1) for arm in arms])  # (A, 2, J)
+    mean = squares.mean(axis=0)
+    return {
+        "arms": len(arms),
+        "ratio": over_arms(_ratio, squares)._asdict(),
+        "ratio_by_joint": np.sqrt(mean[0] / mean[1]).tolist(),
+        "ratio_of_worst_arm": max(arm.ratio for arm in arms),
+        "ratio_of_friction": over_arms(_ratio, along)._asdict(),
+        "slope_per_k": over_arms(np.nanmean, np.abs([arm.slope_per_k for arm in arms]))._asdict(),
+        "covered_90": over_arms(np.mean, np.array([arm.covered for arm in arms]))._asdict(),
+        "range_c": [min(arm.range_c[0] for arm in arms), max(arm.range_c[1] for arm in arms)],
+        "assess_s": max(arm.assess_s for arm in arms),
+        "replays": replays,
+        "tests": tests,
+    }
+
+
+def _ratio(squares_nm2: Array) -> float:
+    """(A, 2, J) mean squares with temperatures and without → root of the first over that of the second, all arms and joints together."""
+    with_T, without = squares_nm2.sum(axis=(0, 2))
+    return float(np.sqrt(with_T / without))
+
+
+def _slope(x: Array, y: Array) -> Array:
+    """(J,) slope of y against x, (n, J) each, where both are finite; NaN where fewer than `FEWEST_TESTS` are."""
+    known = np.isfinite(x) & np.isfinite(y)
+    n = np.maximum(known.sum(axis=0), 1)
+    x, y = np.where(known, x, 0.0), np.where(known, y, 0.0)
+    away = np.where(known, x - x.sum(axis=0) / n, 0.0)
+    slope: Array = np.sum(away * y, axis=0) / np.maximum(np.sum(away**2, axis=0), 1e-12)
+    return np.where(n >= FEWEST_TESTS, slope, np.nan)
 
 
 def _live(controller: Controller, dice: np.random.Generator) -> None:

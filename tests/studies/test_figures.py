@@ -1,0 +1,42 @@
+"""Bounds of a study's figures: they hold as often as they say."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import t
+
+from monitor.studies.figures import over_arms
+
+
+@given(st.lists(st.floats(-100.0, 100.0), min_size=2, max_size=30))
+def test_of_a_mean_they_are_students(values):
+    """The jackknife of a mean is its usual standard error."""
+    rows = np.array(values)
+    found = over_arms(np.mean, rows)
+    reach = t.ppf(0.95, len(rows) - 1) * np.std(rows, ddof=1) / np.sqrt(len(rows))
+    assert found.value == pytest.approx(rows.mean(), abs=1e-9)
+    assert found.at_most - found.value == pytest.approx(reach, abs=1e-6)
+    assert found.value - found.at_least == pytest.approx(reach, abs=1e-6)
+
+
+def test_of_a_ratio_of_sums_they_hold_in_nineteen_of_twenty():
+    """2000 fleets of 24 arms, some of which err much more than others: the upper bound is missed by 5 ± 2 % of them."""
+    dice, missed = np.random.default_rng(3), 0
+
+    def ratio(rows):
+        return np.sqrt(rows[:, 0].sum() / rows[:, 1].sum())
+
+    for _ in range(2000):
+        size = dice.uniform(0.5, 2.0, 24)
+        rows = np.stack([0.1 * size * dice.uniform(0.5, 1.5, 24), size], axis=1)
+        missed += over_arms(ratio, rows).at_most < np.sqrt(0.1)
+    assert 0.03 < missed / 2000 < 0.07
+
+
+def test_one_arm_has_no_bounds():
+    """Nothing says how different another one would be."""
+    found = over_arms(np.mean, np.array([2.0]))
+    assert found.value == 2.0
+    assert np.isnan(found.at_most)
+    assert np.isnan(found.at_least)
