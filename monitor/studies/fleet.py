@@ -19,6 +19,7 @@ from monitor.simulate.thermal import ThermalModel, default_thermal
 
 WORK_H, NIGHT_H = 10.0, 13.0
 SENSOR_STEP_K = 1.0 / 16.0
+WITHIN_SHARE = 0.7, 1.5  # of `within_std`: from the best replay to the worst
 MEAN_DUTY = 0.5 * 5.0 / 7.0  # of a working day's hours: 0.3 to 0.7 on five days of seven
 REVOLUTIONS_PER_DUTY_DAY = 0.6 * 0.6 / (2.0 * np.pi) * 3600.0 * WORK_H  # moving for 0.6 of the time, at 0.6 rad/s
 SCENARIOS = ("steady", "seasons", "cold_mornings", "warm_ups", "payload_swaps", "holidays", "wild_replays", "bad_sensors")
@@ -144,7 +145,7 @@ class Fleet:
         truth = np.log(self.torque(grease, factor))
         rho = s.autocorrelation
         self._noise = rho * self._noise + np.sqrt(1 - rho**2) * s.between_std * dice.normal(size=(A, J))
-        within = s.within_std * dice.uniform(0.7, 1.5, (A, J))
+        within = s.within_std * dice.uniform(*WITHIN_SHARE, (A, J))
         y = truth + self._noise + within * dice.normal(size=(A, J))
         wild = (scenario == "wild_replays") & (dice.random(A) < 0.03)
         y += np.where(wild[:, None] & (dice.random((A, J)) < 0.5), dice.normal(size=(A, J)) * 0.2, 0.0)

@@ -1,7 +1,8 @@
 """How well torque is foreseen at another temperature: the compensated model against the simulator's noise-free torque, full physics.
 
 An arm is replayed at many temperatures; then, at others inside the learnt range, the torque that the same motion takes is foreseen once
-with the joints' temperatures and once without, and both are compared with what the simulated drives gave without noise.
+with the joints' temperatures and once without, and both are compared with what the simulated drives gave without noise. The same replays
+show whether the fleet's surrogate stands for full physics.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,25 +10,28 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import ks_2samp
 
 from monitor.assess import Assessment, AssessSettings, assess
 from monitor.errors import BadInput
+from monitor.judge.evidence import observe
 from monitor.judge.health import Health
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot
-from monitor.recording import Array
+from monitor.recording import Array, Recording
 from monitor.simulate.controller import Controller
 from monitor.simulate.friction import default_law
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.studies.figures import over_arms
-from monitor.studies.fleet import various
+from monitor.studies.fleet import WITHIN_SHARE, various
 
 START_UNIX_S, DAY_S = 1_750_000_000.0, 86_400.0
 ROOM_C = (4.0, 34.0)  # with its joints some kelvins above, at rest and at work
 COLDEST_C, WARMEST_C = 5.0, 45.0
 MOVING_RAD_S = 0.05
 NINETY = 1.645  # standard deviations either side
+SURROGATES = 200_000  # of the surrogate's own, against which full physics is held
 FEWEST_TESTS = 6  # of which a slope is told
 
 
@@ -38,6 +42,8 @@ class Foreseen:
     squares_nm2: Array  # (2, J) mean squared error with the joints' temperatures, and without
     along_nm: Array  # (2, tests, J) the error's mean along the motion: of friction alone; NaN where a joint was outside
     slope_per_k: Array  # (J,) of that with temperatures, over the friction foreseen, against temperature
+    left: Array  # (replays, J) log of friction at the reference speed, identified, less that of the law at the grease's temperature
+    grease_c: Array  # (replays, J) during them
     covered: float  # share of samples whose 90 % interval held the truth
     range_c: tuple[float, float]  # coldest and warmest joint in the tests
     assess_s: float  # longest that one replay's assessment took
@@ -65,8 +71,10 @@ def foresee(
     last: Assessment | None = None
     health: Health | None = None
     slowest = 0.0
+    left, grease = np.empty((replays, arm.joints)), np.empty((replays, arm.joints))
     for day in range(replays):
         _live(loud, dice)
+        before = loud.arm.temperatures.grease_c.copy()
         recording = stepped_replay(loud, excitation)
         recording = replace(recording, context=replace(recording.context, recorded_at_unix_s=START_UNIX_S + day * DAY_S))
         began = clock()
@@ -83,6 +91,8 @@ def foresee(
         if not isinstance(told, Assessment):
             raise BadInput(f"torque study: replay {day} was rejected: {told.reason}")
         last, health = told, told.health
+        grease[day] = 0.5 * (before + loud.arm.temperatures.grease_c)
+        left[day] = observe(told.identification, settings.drift).log_torque - np.log(_by_law(loud, recording, grease[day], settings))
     if last is None:
         raise BadInput("torque study: no replay; expected one or more")
     model, gain, J = last.model, np.array(arm.drive_gain_nm_per_a), arm.joints
@@ -115,10 +125,36 @@ def foresee(
         squares_nm2=squares / counted,
         along_nm=along,
         slope_per_k=_slope(temperatures, along[0] / sizes),
+        left=left,
+        grease_c=grease,
         covered=held / float(np.sum(counted)),
         range_c=(float(np.min(temperatures)), float(np.max(temperatures))),
         assess_s=slowest,
     )
+
+
+def surrogate(arms: Sequence[Foreseen], within_std: float) -> dict[str, Any]:
+    """Whether what `identify` adds to the law has the distribution that the fleet's surrogate gives it: each joint's, arms together.
+
+    An arm's constant (a line through a concave law), which no drift can come from, is taken off; what is left is held against the
+    surrogate's by Kolmogorov and Smirnov after each is scaled to 1, the scales and the course with temperature are told beside.
+    """
+    left, grease = np.stack([arm.left for arm in arms]), np.stack([arm.grease_c for arm in arms])  # (A, R, J)
+    A, R, J = left.shape
+    away, warmer = left - left.mean(axis=1, keepdims=True), grease - grease.mean(axis=1, keepdims=True)
+    slopes = np.sum(away * warmer, axis=(0, 1)) / np.sum(warmer**2, axis=(0, 1))  # (J,)
+    std = np.sqrt(np.sum(away**2, axis=(0, 1)) / (A * (R - 1)))  # (J,)
+    dice = np.random.default_rng(0)
+    drawn = dice.uniform(*WITHIN_SHARE, SURROGATES) * dice.normal(size=SURROGATES)
+    tests = [ks_2samp((away[:, :, j] / std[j]).ravel(), drawn / drawn.std()) for j in range(J)]
+    return {
+        "replays": A * R,
+        "std": std.tolist(),
+        "surrogate_std": within_std * float(drawn.std()),
+        "distance": max(float(test.statistic) for test in tests),
+        "p": min(1.0, J * min(float(test.pvalue) for test in tests)),  # of the worst of J joints, by Bonferroni
+        "slope_per_k": float(np.max(np.abs(slopes))),
+    }
 
 
 def summary(arms: Sequence[Foreseen], *, replays: int, tests: int) -> dict[str, Any]:
@@ -155,6 +191,14 @@ def _slope(x: Array, y: Array) -> Array:
     away = np.where(known, x - x.sum(axis=0) / n, 0.0)
     slope: Array = np.sum(away * y, axis=0) / np.maximum(np.sum(away**2, axis=0), 1e-12)
     return np.where(n >= FEWEST_TESTS, slope, np.nan)
+
+
+def _by_law(controller: Controller, recording: Recording, grease_c: Array, settings: AssessSettings) -> Array:
+    """(J,) friction at the reference speed by the simulator's own law, under the replay's mean load [N·m]."""
+    if recording.target_moment is None:
+        raise BadInput("torque study: the simulated recording lacks its target moments")
+    load = np.mean(np.abs(recording.target_moment), axis=0)
+    return controller.arm.friction_torque(np.full(len(load), settings.drift.reference_speed_rad_s), load, grease_c)
 
 
 def _live(controller: Controller, dice: np.random.Generator) -> None:

@@ -9,7 +9,10 @@ import pytest
 
 @pytest.mark.timeout(300)
 def test_the_demo_finds_the_worn_joint_and_no_other():
-    """Exit 0, five live replays, an alert for joint 3 alone; wear within 5 % of friction and torque, in motion, of the truth: 4 %, of the worn joint 10 %."""
+    """Exit 0, five live replays, an alert for joint 3 alone; wear within 5 % of friction.
+
+    Torque in motion within 4 % of the truth, the worn joint's within 10 %.
+    """
     ended = subprocess.run([sys.executable, "-m", "monitor", "demo", "--json"], capture_output=True, text=True, timeout=280, check=False)
     assert ended.returncode == 0, ended.stderr
     seen = json.loads(ended.stdout)

@@ -14,7 +14,7 @@ from monitor.judge.evidence import DriftSettings, observe
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.card import card, notes
 from monitor.studies.figures import Rate, Share
-from monitor.studies.fleet import SCENARIOS, Fleet, FleetSettings, Wear
+from monitor.studies.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
 from monitor.studies.rehearse import COMPARABLE, Felt, Kind, delay, detection_row, false_alarms, life, onsets, play, rehearse
 
 ASSESS = AssessSettings()
@@ -177,12 +177,16 @@ def test_the_card_says_what_was_not_reached():
         "replays": 40,
         "assess_s": 0.2,
     }
-    text = card(document, [{"between_std": 0.01, **rows[0]}], torque, seed=1, arm_days_a_minute=1e5)
+    physics = {"replays": 200, "std": [0.003, 0.008], "surrogate_std": 0.0056, "distance": 0.1, "p": 0.004, "slope_per_k": 0.0002}
+    text = card(document, [{"between_std": 0.01, **rows[0]}], torque, physics, seed=1, arm_days_a_minute=1e5)
     assert "| 100.0 % (≥ 74.1 %, ≤ 100.0 %) | 75–85 % ✗ not reached |" in text
     low, high, early = told.by_baseline[0]
     assert f"{low}–{high - 1} days {early.hits} of {early.of}" in text
     assert "by joint 0.30, 0.60, worst arm 0.43 | 0.320 (≤ 0.340) | ≤ 0.33 ✗ not reached |" in text
     assert "94.0 % (≥ 93.0 %, ≤ 96.0 %) | 85–95 % ✗ not reached |" in text
+    assert "200 replays of the full physics" in text
+    assert "0.30 to 0.80 %" in text
+    assert "0.020 %/K, ≤ 0.1 is asked) ✗ not reached" in text
     assert "there were 2 more (0.122 a robot-year" in text
     assert "| all | 100 | 30 | 0.300 | 0.410 | ≤ 0.1 ✗ not reached |" in text
     assert "90.0 % (≥ 89.8 %, ≤ 90.2 %) | 85–95 % ✓" in text
@@ -250,7 +254,7 @@ def test_the_surrogate_is_what_identify_makes_of_full_physics(seed):
     assert np.all(np.abs(left.mean(axis=0)) < 0.03)
     slopes = [np.polyfit(grease[:, j], left[:, j], 1)[0] for j in range(6)]
     spread = (left - left.mean(axis=0)).std(axis=0)
-    within = FleetSettings().within_std * dice.uniform(0.7, 1.5, 3000) * dice.normal(size=3000)
+    within = FleetSettings().within_std * dice.uniform(*WITHIN_SHARE, 3000) * dice.normal(size=3000)
     p = [kstest((left[:, j] - left[:, j].mean()) / spread[j], within / within.std()).pvalue for j in range(6)]
     print("slopes %/K", np.round(100 * np.array(slopes), 4), "spread %", np.round(100 * spread, 3), "KS p", np.round(p, 3))
     assert np.max(np.abs(slopes)) < 0.001

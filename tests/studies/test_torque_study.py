@@ -9,7 +9,7 @@ import pytest
 
 from monitor.assess import AssessSettings
 from monitor.model.fourier import excitation_from_document
-from monitor.studies.torque import Foreseen, foresee, summary
+from monitor.studies.torque import Foreseen, foresee, summary, surrogate
 
 EXCITATION = Path(__file__).parents[2] / "config" / "excitation" / "ur5-ground.json"
 
@@ -35,6 +35,8 @@ def test_arms_are_summed_by_their_squares():
         squares_nm2=np.array([[1.0, 0.0], [100.0, 0.0]]),
         along_nm=np.array([[[1.0, 0.0]], [[4.0, 0.0]]]),
         slope_per_k=np.array([0.001, np.nan]),
+        left=np.zeros((3, 2)),
+        grease_c=np.zeros((3, 2)),
         covered=0.9,
         range_c=(10.0, 30.0),
         assess_s=0.1,
@@ -46,6 +48,40 @@ def test_arms_are_summed_by_their_squares():
     assert told["ratio_of_worst_arm"] == pytest.approx(0.3)
     assert told["slope_per_k"]["value"] == pytest.approx(0.002)
     assert told["range_c"] == [5.0, 30.0]
+
+
+def drawn(std, course, seed=0):
+    """Four arms of 100 replays: an offset an arm, noise, and a course with temperature."""
+    dice, blank = np.random.default_rng(seed), np.zeros((2, 1, 2))
+    arms = []
+    for _ in range(4):
+        grease = dice.uniform(10.0, 30.0, (100, 2))
+        left = 0.02 * dice.normal() + std * dice.uniform(0.7, 1.5, (100, 2)) * dice.normal(size=(100, 2)) + course * (grease - 20.0)
+        arms.append(
+            Foreseen(
+                squares_nm2=np.ones((2, 2)),
+                along_nm=blank,
+                slope_per_k=np.zeros(2),
+                left=left,
+                grease_c=grease,
+                covered=0.9,
+                range_c=(10.0, 30.0),
+                assess_s=0.1,
+            )
+        )
+    return arms
+
+
+def test_full_physics_that_is_not_the_surrogates_is_told():
+    """Its own draws pass; a course with temperature, or noise with two modes, do not."""
+    same = surrogate(drawn(0.005, 0.0), 0.005)
+    assert same["replays"] == 400
+    assert same["p"] > 0.01
+    assert same["slope_per_k"] < 0.0002
+    assert same["std"] == pytest.approx([same["surrogate_std"]] * 2, rel=0.1)
+    assert surrogate(drawn(0.005, 0.002), 0.005)["slope_per_k"] == pytest.approx(0.002, rel=0.1)
+    split = [replace(arm, left=0.005 * np.sign(arm.left - arm.left.mean(axis=0))) for arm in drawn(0.005, 0.0)]
+    assert surrogate(split, 0.005)["p"] < 1e-6
 
 
 @pytest.mark.soak
