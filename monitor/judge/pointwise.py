@@ -1,4 +1,4 @@
-"""One joint's temperature law at one temperature, as plain numbers: what `Line.at` says, in a fiftieth of the time of its arrays."""
+"""One joint's temperature law at one temperature, as plain numbers: what `Line.at` says, without the price of arrays."""
 
 import math
 from typing import NamedTuple

@@ -192,6 +192,25 @@ def test_friction_never_drives_and_one_sample_says_what_many_say(finer, curved, 
             assert np.allclose(getattr(many, name)[0], getattr(one, name), rtol=1e-9, atol=1e-9), name
 
 
+def test_a_reader_of_the_document_alone_finds_the_same_friction(curved):
+    """By README's formula: line, exponential and Vogel's law, wear included."""
+    model = replace(curved, finer=None, wear=np.linspace(0.0, 0.1, 6))
+    told, T = json.loads(json.dumps(model.as_document(), allow_nan=False)), 31.0
+
+    def value(law, j):
+        curve, t = law["curve"], T - law["reference_c"][j]
+        if curve["kind"][j] == 0:
+            return law["intercept"][j] + law["slope"][j] * t
+        pole, reference = curve["pole_c"][j], curve["reference_c"][j]
+        x = t if curve["kind"][j] == 1 else 1.0 / (T - pole) - 1.0 / (reference - pole)
+        return np.exp(curve["a"][j] + curve["b"][j] * x)
+
+    predicted = model.torque(UR5, Q, QD, QDD, np.full(6, T)).friction
+    for j in range(6):
+        fresh = value(told["coulomb"], j) * np.sign(QD[:, j]) + value(told["viscous"], j) * QD[:, j]
+        assert np.allclose(predicted[:, j], fresh * np.exp(told["wear"][j]))
+
+
 def test_what_is_beyond_fc_and_fv_stays_as_it_was_at_the_fastest_learnt(model, finer):
     """Beyond 1 rad/s the difference to the model without it no longer changes, nor beyond 40 N·m; and it survives as JSON."""
     still, T = np.zeros(6), np.full(6, 25.0)
