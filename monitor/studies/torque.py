@@ -45,7 +45,7 @@ class Foreseen:
     left: Array  # (replays, J) log of friction at the reference speed, identified, less that of the law at the grease's temperature
     grease_c: Array  # (replays, J) during them
     covered: float  # share of samples whose 90 % interval held the truth
-    range_c: tuple[float, float]  # coldest and warmest joint in the tests
+    range_c: tuple[float, float]  # coldest and warmest joint in the tests, of those counted
     assess_s: float  # longest that one replay's assessment took
 
     @property
@@ -97,7 +97,7 @@ def foresee(
         raise BadInput("torque study: no replay; expected one or more")
     model, gain, J = last.model, np.array(arm.drive_gain_nm_per_a), arm.joints
     squares, held, counted = np.zeros((2, J)), 0, np.zeros(J)
-    along, sizes, temperatures = np.full((2, tests, J), np.nan), np.full((tests, J), np.nan), np.empty((tests, J))
+    along, sizes, temperatures = np.full((2, tests, J), np.nan), np.full((tests, J), np.nan), np.full((tests, J), np.nan)
     for test in range(tests):
         _live(quiet, dice)
         recording = stepped_replay(quiet, excitation)
@@ -105,8 +105,8 @@ def foresee(
         q, qd, qdd = recording.target_q, recording.target_qd, recording.target_qdd
         if T is None or q is None or qd is None or qdd is None or recording.current is None:
             raise BadInput("torque study: the simulated recording lacks its targets, currents or temperatures")
-        temperatures[test] = T
         inside = model.viscous.inside(T) & (T >= COLDEST_C) & (T <= WARMEST_C)
+        temperatures[test] = np.where(inside, T, np.nan)
         moving = (np.abs(qd) > MOVING_RAD_S) & inside
         n = np.where(inside, moving.sum(axis=0), np.nan)
         with_T, without = (model.torque(arm, q, qd, qdd, t) for t in (T, None))
@@ -128,7 +128,7 @@ def foresee(
         left=left,
         grease_c=grease,
         covered=held / float(np.sum(counted)),
-        range_c=(float(np.min(temperatures)), float(np.max(temperatures))),
+        range_c=(float(np.nanmin(temperatures)), float(np.nanmax(temperatures))),
         assess_s=slowest,
     )
 

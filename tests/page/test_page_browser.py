@@ -7,9 +7,13 @@ import re
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from life import DAY_S, FIRST_UNIX_S, configuration, monitor
 
+from monitor.judge.curves import Curve
+from monitor.judge.document import plain
+from monitor.judge.temperature import Line
 from monitor.timestamps import rfc3339
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -109,6 +113,30 @@ def test_torque_and_drawing_move_with_the_arm(opened):
             [chart, colour],
         )
         assert inked > 10, (chart, colour)  # pixels: an empty chart has none, and a line of three seconds has some
+
+
+def test_the_law_drawn_is_the_one_that_foresees_torque(opened):
+    """A straight line, an exponential and Vogel's law, as `Line.at` answers, with twice its deviation either side."""
+    page, zero, T0 = opened[0](), np.zeros(3), np.array([24.0, 27.0, 30.0])
+    cov = np.tile([[4e-4, -2e-6], [-2e-6, 1e-6]], (3, 1, 1))
+    a, b, pole_c = np.array([0.0, 2.0, 2.0]), np.array([0.0, -0.016, 800.0]), np.array([0.0, 0.0, -100.0])
+    curve = Curve(np.array([0.0, 1.0, 2.0]), a, b, pole_c, T0, cov, np.zeros((3, 3)))
+    level, slope, range_c = np.full(3, 7.5), np.full(3, -0.1), np.tile([8.0, 42.0], (3, 1))
+    line = Line(reference_c=T0, intercept=level, slope=slope, cov=cov, scatter=zero, range_c=range_c, margin_k=3.0, curve=curve)
+    for joint in (1, 2, 3):
+        drawn = page.evaluate(
+            """([model, joint]) => {
+                const charts = new Charts();
+                charts.law({ temperature_c: [8, 42], viscous_nm_s_per_rad: [9, 5], wear: [0, 0] }, model, joint);
+                return charts.plots.law.data.map((one) => Array.from(one)); }""",
+            [{"viscous": plain(line)}, joint],
+        )
+        T, _, law, above, below = (np.array(one, dtype=float) for one in drawn)
+        says = line.at(np.repeat(T[:, None], 3, axis=1))
+        value, std = says.value[:, joint - 1], says.std[:, joint - 1]
+        assert np.allclose(law, value)
+        assert np.allclose(above, value + 2 * std)
+        assert np.allclose(below, value - 2 * std)
 
 
 def test_choosing_a_joint_in_drawing_table_or_tabs_shows_it_everywhere(opened):

@@ -9,6 +9,7 @@ import pytest
 
 from monitor.assess import AssessSettings
 from monitor.model.fourier import excitation_from_document
+from monitor.studies import torque
 from monitor.studies.torque import Foreseen, foresee, summary, surrogate
 
 EXCITATION = Path(__file__).parents[2] / "config" / "excitation" / "ur5-ground.json"
@@ -27,6 +28,14 @@ def test_after_sixteen_replays_temperature_takes_away_most_of_the_error():
     assert np.sqrt(with_T.sum() / without.sum()) < 0.2
     assert 0.75 < found.covered <= 1.0
     assert 4.0 < found.range_c[0] < found.range_c[1] < 50.0
+
+
+def test_the_range_told_is_of_the_temperatures_that_count(monkeypatch):
+    """A joint warmer than the study asks for is left out of the errors, and so of the range beside them."""
+    monkeypatch.setattr(torque, "WARMEST_C", 30.0)
+    found = arm(41, 8, 6)
+    assert np.isnan(found.along_nm).any()
+    assert found.range_c[1] <= 30.0
 
 
 def test_arms_are_summed_by_their_squares():

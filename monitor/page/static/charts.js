@@ -1,4 +1,4 @@
-// Three charts of one joint: friction over time with its interval, fv over temperature with its line, torque now.
+// Three charts of one joint: friction over time with its interval, fv over temperature with its law, torque now.
 "use strict";
 const Charts = (() => {
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -14,6 +14,17 @@ const Charts = (() => {
   }
 
   const plain = (digits, unit = "") => (_, value) => (value == null ? "–" : `${value.toFixed(digits)}${unit}`);
+
+  // value and deviation of joint j over temperature, as the monitor foresees torque: a straight line, or the curve that errs less
+  function lawOf(line, j) {
+    const chosen = line.curve && line.curve.kind[j] > 0 ? line.curve : null, by = chosen || line, c = by.cov[j], T0 = by.reference_c[j];
+    const inverse = (t) => 1 / Math.max(t - chosen.pole_c[j], 5);  // Vogel's law
+    return (t) => {
+      const x = chosen && chosen.kind[j] > 1 ? inverse(t) - inverse(T0) : t - T0;
+      const value = chosen ? Math.exp(chosen.a[j] + chosen.b[j] * x) : line.intercept[j] + line.slope[j] * x;
+      return [value, (chosen ? value : 1) * Math.sqrt(Math.max(0, c[0][0] + 2 * c[0][1] * x + c[1][1] * x * x))];
+    };
+  }
 
   return class {
     constructor() {
@@ -143,12 +154,8 @@ const Charts = (() => {
         .filter(([t, fv]) => t != null && Number.isFinite(fv));
       if (!points.length) return this.empty("law", "No joint temperature has been measured yet.");
       const line = model && model.viscous, j = joint - 1;
-      const known = line && line.intercept[j] != null;
-      const at = (t) => (known ? line.intercept[j] + line.slope[j] * (t - line.reference_c[j]) : null);
-      const std = (t) => {
-        const c = line.cov[j], d = t - line.reference_c[j];
-        return Math.sqrt(Math.max(0, c[0][0] + 2 * c[0][1] * d + c[1][1] * d * d));
-      };
+      const known = line && line.intercept[j] != null, T0 = known && line.reference_c[j];
+      const law = known ? lawOf(line, j) : () => [null, null], at = (t) => law(t)[0], std = (t) => law(t)[1];
       const T = points.map(([t]) => t), low = Math.min(...T) - 1, high = Math.max(...T) + 1;
       const rows = points.map(([t, fv]) => [t, fv]).concat(Array.from({ length: 30 }, (_, k) => [low + ((high - low) * k) / 29, null]));
       rows.sort((a, b) => a[0] - b[0]);
@@ -161,15 +168,15 @@ const Charts = (() => {
         series: [
           { label: "T", value: plain(1, " °C") },
           { label: "replay", stroke: css("--line2"), paths: () => null, points: { show: true, size: 6, fill: css("--line2") }, value: plain(3) },
-          { label: "line", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(3) },
+          { label: "law", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(3) },
           { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(3) },
           { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(3) },
         ],
       }, [x, rows.map((row) => row[1]), x.map((t) => (within(t) ? at(t) : null)),
         x.map((t) => (known ? at(t) + 2 * std(t) : null)), x.map((t) => (known ? at(t) - 2 * std(t) : null))]);
       document.getElementById("law").setAttribute("aria-label", known
-        ? `Joint ${joint}: viscous friction ${line.intercept[j].toFixed(2)} at ${line.reference_c[j].toFixed(1)} °C, ${((100 * line.slope[j]) / line.intercept[j]).toFixed(2)} % per kelvin`
-        : `Joint ${joint}: no line yet`);
+        ? `Joint ${joint}: viscous friction ${at(T0).toFixed(2)} at ${T0.toFixed(1)} °C, ${((100 * (at(T0 + 0.5) - at(T0 - 0.5))) / at(T0)).toFixed(2)} % per kelvin`
+        : `Joint ${joint}: no law yet`);
     }
 
     // the arm is no longer heard: nothing of the past may look like now
