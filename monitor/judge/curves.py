@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from monitor.errors import BadInput
 from monitor.judge.document import array
 from monitor.recording import Array
 
@@ -25,6 +26,7 @@ PER_BIN = 3  # n, Σ T, Σ value
 PARTS = 4  # of the range, left out in turn
 FEWEST_BINS, FEWEST_REPLAYS = 5, 15
 BETTER = 0.95  # of the line's error: what is no better than that stays a line
+VOGEL_BETTER = 0.8  # of the exponential's: its third parameter bends with the noise, and goes astray beyond the range
 
 
 class Curve(NamedTuple):
@@ -93,7 +95,7 @@ def chosen(bins: Array, reference_c: Array, scatter: Array) -> Curve:
     of_vogel = np.take_along_axis(missed, best[:PARTS, None], axis=1)[:, 0]
     squares = np.stack([missed[:, 0].sum(axis=0), missed[:, 1].sum(axis=0), of_vogel.sum(axis=0)], axis=1)  # (J, 3)
     held = np.sqrt(squares / np.maximum(n.sum(axis=1), 1.0)[:, None])
-    kind = np.where(enough, np.argmin(held * np.array([BETTER, 1.0, 1.0]), axis=1), 0)
+    kind = np.where(enough, np.argmin(held * np.array([BETTER, 1.0, 1.0 / VOGEL_BETTER]), axis=1), 0)
     row = np.where(kind == VOGEL, best[PARTS], kind)
     # of the fit, with what one value scatters; where a law misses its means by more, that counts too
     misfit = np.sqrt(fits[PARTS, row, j] / np.maximum(full - 2.0, 1.0))
@@ -122,7 +124,14 @@ def curve_from_document(document: Any, joints: int, *, where: str) -> Curve | No
         return None
     J = joints
     shapes: dict[str, tuple[int, ...]] = {"cov": (J, 2, 2), "held_out": (J, len(LAWS))}
-    return Curve(**{key: array(document, key, shapes.get(key, (J,)), where=where) for key in Curve._fields})
+    curve = Curve(**{key: array(document, key, shapes.get(key, (J,)), where=where) for key in Curve._fields})
+    if not np.isin(curve.kind, range(len(LAWS))).all():
+        raise BadInput(f"{where}: kind is {curve.kind.tolist()}; expected 0, 1 or 2 of every joint: {', '.join(LAWS)}")
+    curved = curve.kind > 0
+    for key in ("a", "b", "pole_c", "reference_c"):
+        if not np.isfinite(getattr(curve, key)[curved]).all():
+            raise BadInput(f"{where}: {key} is unknown of a joint whose kind is not 0; expected numbers")
+    return curve
 
 
 def _of_vogel(T: Array, reference_c: Array, pole_c: Array) -> Array:

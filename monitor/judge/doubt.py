@@ -2,7 +2,9 @@
 
 Measured minus foreseen torque is the model's error and the measurement's noise. The error lasts, the noise is over within a few
 samples: so the residual's covariance with itself `NOISE_S` later is the error's alone. (An estimate of noise from differences, Rice (1984),
-taken off the whole.) One replay tells it badly, so replays are pooled; until some have, the fit's own residual stands for both.
+taken off the whole.) After a reversal the servo catches up: it overshoots and takes that back, which `NOISE_S` later is large and of
+either sign, so these moments count for the measurement only. One replay tells the error badly, so replays are pooled; until some
+have, the fit's own residual stands for both.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,7 +20,8 @@ if TYPE_CHECKING:
     from monitor.judge.compensation import CompensatedModel
 
 MOVING_RAD_S = 0.02  # below it friction holds rather than rubs, and no model of it says how much
-NOISE_S = 0.05  # drives' noise of successive samples of 8 ms is correlated by 0.3, of every sixth by less than 0.03
+NOISE_S = 0.08  # drives' noise of successive samples of 8 ms is correlated by 0.3, of every tenth by less than 0.01
+SETTLED_S = 0.1  # since the joint turned round: a simulated servo has caught up after 70 ms
 LEAST_PAIRS = 100  # of samples that far apart, in motion: fewer say nothing
 POOLED_REPLAYS = 40.0  # what is older fades
 OWN_REPLAYS = 3.0  # the fit's own residual, noise and all, weighs as many
@@ -49,8 +52,9 @@ def missed(recording: Recording, model: "CompensatedModel", robot: Robot, gains:
     foreseen = prepared(model, robot).torque(recording.q, qd, qdd, temperature_c)
     gain = robot.drive_gain_nm_per_a if gains is None else gains
     residual = np.where((np.abs(qd) > MOVING_RAD_S) & ~foreseen.extrapolated, current * gain - foreseen.torque, np.nan)  # (N, J)
+    settled = np.where(_since_reversal_s(recording.t_s, qd) > SETTLED_S, residual, np.nan)
     later = max(1, round(NOISE_S / float(np.median(np.diff(recording.t_s)))))
-    products = residual[later:] * residual[:-later]
+    products = settled[later:] * settled[:-later]
     enough = np.isfinite(products).sum(axis=0) >= LEAST_PAIRS
     return Missed(*(_mean(np.where(enough, part, np.nan)) for part in (products, residual**2)))
 
@@ -90,6 +94,14 @@ def believed(doubt: Doubt | None, residual_rms_nm: Array) -> tuple[Array, Array]
 def doubt_from_document(document: Any, J: int) -> Doubt | None:
     """Raises BadInput naming what is missing or wrong; None of null."""
     return None if document is None else Doubt(**arrays(document, Doubt._fields, (J,), where="belief: doubt"))
+
+
+def _since_reversal_s(t_s: Array, qd: Array) -> Array:
+    """(N, J) time since each joint last stood or turned round; long before it was first seen to."""
+    turned = np.abs(qd) <= MOVING_RAD_S
+    turned[1:] |= np.sign(qd[1:]) != np.sign(qd[:-1])
+    when: Array = np.maximum.accumulate(np.where(turned, t_s[:, None], -np.inf), axis=0)
+    return t_s[:, None] - when
 
 
 def _mean(values: Array) -> Array:

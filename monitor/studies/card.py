@@ -165,7 +165,7 @@ def _surrogate(physics: dict[str, Any]) -> str:
 
 
 def _torque_rows(torque: dict[str, Any]) -> str:
-    each = ", ".join(f"{ratio:.2f}" for ratio in torque["ratio_by_joint"])
+    each, held = (", ".join(f"{x:.2f}" for x in torque[key]) for key in ("ratio_by_joint", "covered_90_by_joint"))
     low, high = torque["range_c"]
     ratio, friction, slope, covered = (torque[key] for key in ("ratio", "ratio_of_friction", "slope_per_k", "covered_90"))
     rows = (
@@ -177,11 +177,12 @@ def _torque_rows(torque: dict[str, Any]) -> str:
         ),
         ("the same of friction alone, its mean along the motion", f"{friction['value']:.2f} (≤ {friction['at_most']:.2f})", "–"),
         (
-            "what temperature still does to the torque of friction foreseen in them, mean of joints",
+            f"what temperature still does to the torque of friction foreseen in them, mean of joints; "
+            f"nine of ten {100 * slope['nine_of_ten']:.3f}",
             _slope(slope),
             f"≤ 0.1 %/K {_met(slope['at_most'] <= 0.001)}",
         ),
-        ("90 % intervals of torque hold the truth", _percent(covered), f"85–95 % {_between(covered)}"),
+        (f"90 % intervals of torque hold the truth; by joint {held}", _percent(covered), f"85–95 % {_between(covered)}"),
         (
             f"one replay's assessment, processor time, the longest of {torque['arms'] * (torque['replays'] - 1)}",
             f"{torque['assess_s']:.2f} s",

@@ -44,7 +44,7 @@ class Foreseen:
     slope_per_k: Array  # (J,) of that with temperatures, over the friction foreseen, against temperature
     left: Array  # (replays, J) log of friction at the reference speed, identified, less that of the law at the grease's temperature
     grease_c: Array  # (replays, J) during them
-    covered: float  # share of samples whose 90 % interval held the truth
+    covered: Array  # (J,) share of samples whose 90 % interval held the truth
     range_c: tuple[float, float]  # coldest and warmest joint in the tests, of those counted
     assess_s: float  # longest that one replay's assessment took
 
@@ -96,7 +96,7 @@ def foresee(
     if last is None:
         raise BadInput("torque study: no replay; expected one or more")
     model, gain, J = last.model, np.array(arm.drive_gain_nm_per_a), arm.joints
-    squares, held, counted = np.zeros((2, J)), 0, np.zeros(J)
+    squares, held, counted = np.zeros((2, J)), np.zeros(J), np.zeros(J)
     along, sizes, temperatures = np.full((2, tests, J), np.nan), np.full((tests, J), np.nan), np.full((tests, J), np.nan)
     for test in range(tests):
         _live(quiet, dice)
@@ -115,7 +115,7 @@ def foresee(
         squares += np.sum(errors**2, axis=1)
         along[:, test] = np.sum(errors * np.sign(qd), axis=1) / n
         sizes[test] = np.sum(np.where(moving, np.abs(with_T.friction), 0.0), axis=0) / n
-        held += int(np.sum(moving & (np.abs(errors[0]) < NINETY * with_T.std)))
+        held += np.sum(moving & (np.abs(errors[0]) < NINETY * with_T.std), axis=0)
         counted += moving.sum(axis=0)
     if not counted.all():
         raise BadInput(
@@ -127,7 +127,7 @@ def foresee(
         slope_per_k=_slope(temperatures, along[0] / sizes),
         left=left,
         grease_c=grease,
-        covered=held / float(np.sum(counted)),
+        covered=held / counted,
         range_c=(float(np.nanmin(temperatures)), float(np.nanmax(temperatures))),
         assess_s=slowest,
     )
@@ -161,6 +161,7 @@ def summary(arms: Sequence[Foreseen], *, replays: int, tests: int) -> dict[str, 
     """All arms together, plain JSON; bounds are one-sided, 95 %."""
     squares = np.stack([arm.squares_nm2 for arm in arms])  # (A, 2, J)
     along = np.stack([np.nanmean(arm.along_nm**2, axis=1) for arm in arms])  # (A, 2, J)
+    slopes, covered = np.abs([arm.slope_per_k for arm in arms]), np.stack([arm.covered for arm in arms])  # (A, J) each
     mean = squares.mean(axis=0)
     return {
         "arms": len(arms),
@@ -168,8 +169,9 @@ def summary(arms: Sequence[Foreseen], *, replays: int, tests: int) -> dict[str, 
         "ratio_by_joint": np.sqrt(mean[0] / mean[1]).tolist(),
         "ratio_of_worst_arm": max(arm.ratio for arm in arms),
         "ratio_of_friction": over_arms(_ratio, along)._asdict(),
-        "slope_per_k": over_arms(np.nanmean, np.abs([arm.slope_per_k for arm in arms]))._asdict(),
-        "covered_90": over_arms(np.mean, np.array([arm.covered for arm in arms]))._asdict(),
+        "slope_per_k": {**over_arms(np.nanmean, slopes)._asdict(), "nine_of_ten": float(np.nanquantile(slopes, 0.9))},
+        "covered_90": over_arms(np.mean, covered)._asdict(),
+        "covered_90_by_joint": covered.mean(axis=0).tolist(),
         "range_c": [min(arm.range_c[0] for arm in arms), max(arm.range_c[1] for arm in arms)],
         "assess_s": max(arm.assess_s for arm in arms),
         "replays": replays,

@@ -136,6 +136,18 @@ def test_the_model_survives_as_json(model):
 
 
 @pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [("kind", 3.0, "kind is .*expected 0, 1 or 2"), ("kind", None, "kind is .*expected 0, 1 or 2"), ("a", None, "a is unknown of a joint")],
+)
+def test_a_document_of_no_known_law_is_refused(curved, key, value, says):
+    """When it is read, not when torque is asked for."""
+    document = json.loads(json.dumps(curved.as_document(), allow_nan=False))
+    document["viscous"]["curve"][key][1] = value
+    with pytest.raises(BadInput, match=f"model: viscous: curve: {says}"):
+        model_from_document(document)
+
+
+@pytest.mark.parametrize(
     ("change", "says"),
     [
         ({"robot": load_robot("ur3")}, "of ur5, the robot is ur3"),
