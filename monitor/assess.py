@@ -27,6 +27,8 @@ from monitor.judge.verdict import judge
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Context, Recording
 
+LAW_POINTS = 9  # of a temperature law that is told
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssessSettings:
@@ -91,6 +93,7 @@ class JointTemperature:
     torque_change_mean_nm: float | None  # what that change makes of joint torque over the replay's motion; tables 5–7
     torque_change_max_nm: float | None  # at its fastest
     friction_slope_per_k: float  # β of the filter: log F(v*) per kelvin
+    viscous_by_temperature: tuple[tuple[float, float, float], ...]  # °C, fv, its std: along `law` over the range; by it torque is foreseen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -302,6 +305,8 @@ def _temperature(identification: Identification, belief: Belief, *, coulomb: Lin
     mean_speed = identification.mean_speed_rad_s if identification.mean_speed_rad_s is not None else np.full(belief.joints, np.nan)
     fallen = np.abs(viscous.slope) * (viscous.range_c[:, 1] - viscous.range_c[:, 0])  # of fv, [N·m·s/rad]
     held = np.full((belief.joints, len(LAWS)), np.nan) if viscous.curve is None else viscous.curve.held_out
+    along = np.linspace(viscous.range_c[:, 0], viscous.range_c[:, 1], LAW_POINTS)  # (P, J)
+    law = viscous.at(along)
     return tuple(
         JointTemperature(
             joint=j + 1,
@@ -323,6 +328,11 @@ def _temperature(identification: Identification, belief: Belief, *, coulomb: Lin
             torque_change_mean_nm=_known(fallen[j] * mean_speed[j]),
             torque_change_max_nm=_known(fallen[j] * identification.max_speed_rad_s[j]),
             friction_slope_per_k=float(belief.slope[j]),
+            viscous_by_temperature=tuple(
+                (float(t), float(fv), float(std))
+                for t, fv, std in zip(along[:, j], law.value[:, j], law.std[:, j], strict=True)
+                if math.isfinite(t) and math.isfinite(fv)
+            ),
         )
         for j in range(belief.joints)
     )

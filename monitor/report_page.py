@@ -9,6 +9,7 @@ import numpy as np
 from monitor.judge.health import COMMON_MODE, FRICTION_FALLING, RISES
 from monitor.judge.verdict import stale_words
 from monitor.printed import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
+from monitor.recording import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,7 +67,7 @@ def _robot(told: Mapping[str, Any], *, new_page: bool) -> list[str]:
             drawn(_over_time(told), _over_time_says(told)),
             drawn(
                 _over_temperature(told),
-                "Viscous friction over joint temperature, wear taken out, and the line fitted to all replays so far.",
+                "Viscous friction over joint temperature, wear taken out; the law of all replays so far, ± 2σ; %/K as a straight line.",
             ),
         ]
     parts += [heading("Changes of context", 3), *_contexts(told)]
@@ -390,15 +391,24 @@ def _over_temperature(told: Mapping[str, Any]) -> "Figure":
         one.plot(T, fv, ".", ms=4, color=POINT)
         law = laws.get(j + 1)
         if law is not None and law["viscous_nm_s_per_rad"] is not None:
-            ends = np.array(law["range_c"] or [T.min(), T.max()])
-            line = law["viscous_nm_s_per_rad"] + law["slope_nm_s_per_rad_k"] * (ends - law["reference_temperature_c"])
             pace = 100 * law["slope_nm_s_per_rad_k"] / law["viscous_nm_s_per_rad"]
-            one.plot(ends, line, lw=1.4, color=LINE, label=f"{pace:+z.2f} %/K")
+            at, fv_at, std_at = _law(law, [float(T.min()), float(T.max())])
+            one.fill_between(at, fv_at - 2 * std_at, fv_at + 2 * std_at, color=LINE, alpha=0.2, lw=0)
+            one.plot(at, fv_at, lw=1.4, color=LINE, label=f"{pace:+z.2f} %/K")
             one.legend(fontsize="x-small", frameon=False, loc="upper right")
         if j >= 3:
             one.set_xlabel("T [°C]", fontsize="small")
         _labelled(one, f"joint {j + 1}", "fv [Nm·s/rad]" if j % 3 == 0 else "")
     return figure
+
+
+def _law(law: Mapping[str, Any], seen_c: Sequence[float]) -> Array:
+    """(3, P): temperature, fv and its deviation along the law; of verdicts that tell no points, the ends of the straight line."""
+    if law.get("viscous_by_temperature"):
+        return np.array(law["viscous_by_temperature"]).T
+    ends = np.array(law["range_c"] or seen_c)
+    line = law["viscous_nm_s_per_rad"] + law["slope_nm_s_per_rad_k"] * (ends - law["reference_temperature_c"])
+    return np.stack([ends, line, np.zeros(2)])
 
 
 def _labelled(one: Any, title: str, ylabel: str) -> None:

@@ -149,6 +149,24 @@ def test_the_published_document_is_plain_json():
     json.dumps(first.model.as_document(), allow_nan=False)
 
 
+def test_the_law_that_is_told_is_the_one_by_which_torque_is_foreseen():
+    """Point by point along the learnt range, for curves as for lines; nothing of a joint that was never seen."""
+    history, source, dice = History(), Arm(seed=3, noise=0.005), np.random.default_rng(3)
+    for day in range(40):
+        history.add(day, source.replay(dice.uniform(8.0, 40.0)))
+    last = history.last
+    assert "exponential" in {told.law for told in last.temperature}
+    for told in last.temperature:
+        points = np.array(told.viscous_by_temperature)
+        assert (points[0, 0], points[-1, 0]) == told.range_c
+        for temperature_c, fv, std in points:
+            foreseen = last.model.viscous_at(np.full(6, temperature_c))
+            fresh = np.exp(last.model.wear[told.joint - 1])
+            assert (fv * fresh, std * fresh) == pytest.approx((foreseen.value[told.joint - 1], foreseen.std[told.joint - 1]))
+    unseen = replace(source.replay(20.0), viscous_nm_s_per_rad=np.full(6, np.nan), coulomb_nm=np.full(6, np.nan))
+    assert all(told.viscous_by_temperature == () for told in History().add(0, unseen).temperature)
+
+
 def test_an_alert_document_says_whether_it_is_active():
     """With the joint from 1, the tier and the evidence in words."""
     history = lived(40, seed=0, noise=0.005, wear=lambda day: on_joint_3(0.12 * (day >= 30)))

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from monitor.cli import app
 from monitor.errors import BadInput
 from monitor.report import report
-from monitor.report_page import _alone, report_page
+from monitor.report_page import _alone, _law, report_page
 from monitor.store import Store
 from monitor.timestamps import rfc3339
 
@@ -125,6 +125,15 @@ def test_the_page_needs_no_network_and_holds_what_the_document_holds(lived):
     for part in ("maintenance required", "wear rising", "door is open", "flexspline", "Reviewed by", "gripper", "Not acknowledged"):
         assert part in text, part
     assert text.count("class=newpage") == 1
+
+
+def test_friction_over_temperature_is_drawn_as_the_law_that_was_chosen():
+    """By its points; a verdict of before, which tells none, as the straight line that it told."""
+    line = {"viscous_nm_s_per_rad": 8.0, "slope_nm_s_per_rad_k": -0.1, "reference_temperature_c": 25.0, "range_c": (15.0, 35.0)}
+    assert np.allclose(_law(line, []), [[15.0, 35.0], [9.0, 7.0], [0.0, 0.0]])
+    assert np.allclose(_law({**line, "range_c": None}, [20.0, 30.0])[1], [8.5, 7.5])
+    points = [[15.0, 9.3, 0.1], [25.0, 8.0, 0.05], [35.0, 6.9, 0.1]]
+    assert np.allclose(_law({**line, "viscous_by_temperature": points}, []), np.array(points).T)
 
 
 def test_the_command_writes_the_page_and_the_document(lived, tmp_path):
