@@ -29,7 +29,7 @@ test: $(STAMP) ## the whole ordinary suite
 soak: $(STAMP) ## the longer evidence: kills, faults, fuzz, fleets; bounded and seeded
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m soak
 
-card: $(STAMP) ## what the verdicts are worth: PERFORMANCE.md from a seeded fleet of 2400 arms, about half an hour
+card: $(STAMP) ## what the verdicts are worth: PERFORMANCE.md from a seeded fleet of 2400 arms, about 40 minutes
 	$(BIN)/python -m monitor.studies.card
 
 lint: $(STAMP) ## style, types, and who may import whom
