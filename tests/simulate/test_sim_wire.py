@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -437,8 +438,12 @@ def test_several_arms_stand_side_by_side(spawn, client):
 def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
     """`simulate --view` in a process of its own: a table of joints, then SIGINT ends both."""
     address = fresh_address()
-    command = [sys.executable, "-m", "monitor", "simulate", "--bind", address, "--scenario", "hot-summer", "--view"]
+    heard = ["env", "--default-signal=INT"]  # what runs in the background of a script has inherited that SIGINT is ignored
+    command = [*heard, sys.executable, "-m", "monitor", "simulate", "--bind", address, "--scenario", "hot-summer", "--view"]
     with (tmp_path / "screen").open("w") as screen:
+        heard = partial(
+            signal.signal, signal.SIGINT, signal.default_int_handler
+        )  # where the suite itself runs in the background it is ignored
         view = subprocess.Popen(command, stdout=screen, stderr=subprocess.PIPE, text=True)
         try:
             assert eventually(lambda: _answers(address), 30.0)
