@@ -131,11 +131,19 @@ def refit(equations: Sequence[Equations], paper: Fit, law: FrictionLaw, layout: 
     return solution, left
 
 
-def noise(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Array) -> list[Array]:
-    """(N, J) of each recording: what is left of the torque where every repeatable cause that we can name has been fitted [N·m].
+class Named(NamedTuple):
+    """A fit in which every repeatable cause that we can name has its part."""
 
-    What is wrong with a law comes back at every replay, at the same places: it is no noise, though it fills the residual. Named are
-    the richest law, warming during the recording, and a delay of a fraction of a sample between torque and motion.
+    values: Array  # (B,) base parameters, which lean on those causes no more
+    excited: Mask  # (B,) which of them the recordings still tell
+    residuals: list[Array]  # (N, J) of each recording: noise [N·m]
+
+
+def named(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Array) -> Named:
+    """The fit once more, beside the richest law, warming during the recording, and a delay of a fraction of a sample of the torque.
+
+    What is wrong with a law comes back at every replay, at the same places: it is no noise, though it fills the residual. Nor does the
+    residual show how far it moves the parameters, of which least squares takes as much as they can explain.
     """
     law = LAWS["concave"]
     rows = []
@@ -149,7 +157,7 @@ def noise(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Arr
         rows.append(rec._replace(Y=np.concatenate([rec.Y, _own(causes)], axis=2)))
     unknowns = rows[0].Y.shape[2]
     solution = solve(factors(rows), found.weights, np.append(prior, np.zeros(unknowns - len(prior))))
-    return residuals_of(rows, solution.values)
+    return Named(solution.values[: len(prior)], solution.excited[: len(prior)], residuals_of(rows, solution.values))
 
 
 def _own(columns: Array) -> Array:

@@ -96,7 +96,7 @@ class Identification:
     caveats: tuple[Caveat, ...] = ()
     sources: tuple[Source, ...] = ()
     friction: FrictionFit | None = None  # None: the paper's law, fc and fv say all
-    total_covariance: Array | None = None  # (B, B) of noise and misfit together: how far another motion would come out
+    total_covariance: Array | None = None  # (B, B) with misfit, and with what masses took of the law's lack: another motion's
     misfit_cov: Array | None = None  # (J, 2, 2) of (fc, fv), to be added to `friction_cov` to compare different motions
     held_out: Mapping[str, float] | None = None  # law → RMS over the noise of data left out, where the law was chosen by it
     paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): neither the noise's scale nor its correlation is in it

@@ -9,9 +9,9 @@ from monitor.errors import BadInput
 from monitor.identify import caveats as told
 from monitor.identify.caveats import Caveat
 from monitor.identify.consistent import Consistent, consistent
-from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, noise, refit, robust_inflation
+from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, named, refit, robust_inflation
 from monitor.identify.identification import Finer, FrictionFit, Identification, IdentifySettings, Source
-from monitor.identify.least_squares import WINDOW_STEPS, condition_number, jackknife_covariances
+from monitor.identify.least_squares import WINDOW_STEPS, Solution, condition_number, jackknife_covariances
 from monitor.identify.mounting import mounting_check
 from monitor.identify.projection import mapped, mean_load, positive, projection
 from monitor.identify.selection import AUTO, choose_law
@@ -116,10 +116,10 @@ def identify_motions(
     if law is None:
         law, held_out = choose_law(equations, layout, prior, "wls" if method == "consistent" else method)
     found = fit(equations, law, layout, prior, method="wls" if method == "consistent" else method)
-    physical = None
+    physical, free = None, found.solution
     if method == "consistent":
         found, physical = _physical(found, base, robot)
-    covariance, with_misfit = _covariances(equations, found, layout, prior)
+    covariance, with_misfit = _covariances(equations, found, free, layout, prior)
     unknown = ~found.solution.excited
     covariance[unknown], covariance[:, unknown] = np.nan, np.nan
 
@@ -239,12 +239,15 @@ def _equations(
     return Equations(motion=moved, Y=Y, torque_nm=torque, used=used, steps=moved.blocks(settings.block_s / WINDOW_STEPS))
 
 
-def _covariances(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Array) -> tuple[Array, Array]:
-    """Covariance of the unknowns (X, X) by noise alone, and by noise and misfit together."""
-    opinions = [noise(equations, found, layout, prior), found.residuals]
-    alone, together = jackknife_covariances(found.rows, found.weights, found.solution, opinions)
+def _covariances(equations: Sequence[Equations], found: Fit, free: Solution, layout: Layout, prior: Array) -> tuple[Array, Array]:
+    """Covariance of the unknowns (X, X) by noise alone, and by noise and misfit together; `free` knows nothing of arms that can exist."""
+    without = named(equations, found, layout, prior)
+    alone, together = jackknife_covariances(found.rows, found.weights, found.solution, [without.residuals, found.residuals])
     inflation = robust_inflation(found) ** 2
-    return alone * inflation, together * inflation
+    # a law that lacks something leans on the masses, the same way at every replay; friction's own parameters are what this law makes of it
+    leaning = np.zeros(len(free.values))
+    leaning[: len(prior)] = np.where(layout.rigid & without.excited, free.values[: len(prior)] - without.values, 0.0)
+    return alone * inflation, together * inflation + np.outer(leaning, leaning)
 
 
 def _warming(recordings: Sequence[Recording]) -> Array | None:
