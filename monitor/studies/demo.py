@@ -34,6 +34,7 @@ from monitor.config import Configuration, from_document
 from monitor.daemon import Daemon
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.identify.trust import distrust
+from monitor.identify.validate import errors_of
 from monitor.judge.evidence import DriftSettings
 from monitor.model.fourier import Excitation
 from monitor.page.served import page
@@ -41,6 +42,7 @@ from monitor.recording import Array, Context, Recording
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
 from monitor.store import Store
+from monitor.studies.figures import MOVING_RAD_S
 from monitor.terminal import remaining_life
 from monitor.timestamps import rfc3339
 
@@ -56,7 +58,6 @@ DUTY = 0.5  # share of the working day in which the arm moves
 WORKING_H = 10.0
 COLD_DAYS = {7: -9.0, 21: -7.0}  # Mondays after a weekend with the heating off [K]
 REFERENCE_C = 27.0
-MOVING_RAD_S = 0.05
 WEAR_TIERS = ("wear", "limit")
 
 
@@ -302,10 +303,8 @@ def _ask_torque(client: Client, remote: Remote, configuration: Configuration) ->
     true = np.array(remote.torque(q.tolist(), qd.tolist(), qdd.tolist()))
     rows = {"q": q.tolist(), "qd": qd.tolist(), "qdd": qdd.tolist()}
     answer = client.torque(**rows, temperature_c=[temperature])
-    moving = np.abs(qd) > MOVING_RAD_S  # what a standing joint holds is no question of friction in motion
-    rms_error, rms_torque = (
-        np.sqrt(np.sum(np.where(moving, x**2, 0.0), axis=0) / moving.sum(axis=0)) for x in (np.array(answer.torque_nm) - true, true)
-    )
+    moving = np.abs(qd) > MOVING_RAD_S
+    error, size = (errors_of(true, predicted, moving).rms_nm for predicted in (np.array(answer.torque_nm), np.zeros_like(true)))
     moment = int(np.argmax(np.min(np.abs(qd), axis=1)))  # every joint moves
     one = client.torque(q=q[moment].tolist(), qd=qd[moment].tolist(), qdd=qdd[moment].tolist(), temperature_c=temperature)
     return {
@@ -314,8 +313,8 @@ def _ask_torque(client: Client, remote: Remote, configuration: Configuration) ->
         "std_nm": one.std_nm,
         "true_nm": true[moment].tolist(),
         "friction_nm": one.friction_nm,
-        "rms_error_nm": rms_error.tolist(),
-        "rms_torque_nm": rms_torque.tolist(),
+        "rms_error_nm": error.tolist(),
+        "rms_torque_nm": size.tolist(),
     }
 
 

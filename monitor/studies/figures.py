@@ -10,6 +10,8 @@ from scipy.stats import beta, chi2, t
 from monitor.recording import Array
 
 SURE = 0.95  # one-sided
+NINETY = 1.645  # standard deviations either side
+MOVING_RAD_S = 0.05  # what a standing joint holds is no question of friction in motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

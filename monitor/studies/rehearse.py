@@ -19,7 +19,7 @@ from monitor.judge.track import RATE, WEAR, Track, aged, at_pace, begun, elsewhe
 from monitor.judge.unseen import unseen
 from monitor.judge.usage import Usage, uncounted, worked
 from monitor.recording import Array
-from monitor.studies.figures import Figure, Rate, Share, over_arms
+from monitor.studies.figures import NINETY, Figure, Rate, Share, over_arms
 from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
 
 LEARNING_DAYS = 60
@@ -132,7 +132,7 @@ def play(
             truth = np.log(fleet.torque(T0.reshape(A, J), np.exp(now.worn))).ravel()
             mean, std_log = track.reference(T0, slot)
             more, more_var = unseen(track, track.reference_row(T0, slot), drift)
-            held = np.abs(truth - mean - more) < 1.645 * np.sqrt(std_log**2 + more_var + drift.between_floor**2)
+            held = np.abs(truth - mean - more) < NINETY * np.sqrt(std_log**2 + more_var + drift.between_floor**2)
             covered, asked = covered + (held & here), asked + here
             worn = (now.worn.ravel() > 0) & here
             worn_covered, worn_asked = worn_covered + float((held & worn).sum()), worn_asked + float(worn.sum())

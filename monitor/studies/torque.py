@@ -23,14 +23,12 @@ from monitor.simulate.controller import Controller
 from monitor.simulate.friction import default_law
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.studies.figures import over_arms
+from monitor.studies.figures import MOVING_RAD_S, NINETY, over_arms
 from monitor.studies.fleet import WITHIN_SHARE, various
 
 START_UNIX_S, DAY_S = 1_750_000_000.0, 86_400.0
 ROOM_C = (4.0, 34.0)  # with its joints some kelvins above, at rest and at work
 COLDEST_C, WARMEST_C = 5.0, 45.0
-MOVING_RAD_S = 0.05
-NINETY = 1.645  # standard deviations either side
 SURROGATES = 200_000  # of the surrogate's own, against which full physics is held
 FEWEST_TESTS = 6  # of which a slope is told
 
