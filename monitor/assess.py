@@ -18,7 +18,7 @@ from monitor.judge.document import plain
 from monitor.judge.doubt import missed, pooled
 from monitor.judge.drift import begin, learn
 from monitor.judge.evidence import DriftSettings, observe
-from monitor.judge.health import Alert, Health, HealthSettings, Transition
+from monitor.judge.health import Health, HealthSettings, Transition, alert_document
 from monitor.judge.prognosis import PrognosisSettings, RemainingLife, remaining_life
 from monitor.judge.residual import ResidualSettings
 from monitor.judge.single import single_torque_nm
@@ -221,11 +221,6 @@ def model_after(
 
 def _identified(recording: Recording, robot: Robot, mounting: Mounting, gains: Array | None, settings: AssessSettings) -> Identification:
     return identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
-
-
-def alert_document(alert: Alert) -> dict[str, Any]:
-    """One alert, with `active` said outright."""
-    return {**plain(alert), "active": alert.active}
 
 
 def _refusal(at_unix_s: float | None, belief: Belief | None) -> Rejected | None:

@@ -10,14 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from monitor.assess import Assessment, Rejected, alert_document, assess
+from monitor.assess import Assessment, Rejected, assess
 from monitor.config import Configuration
 from monitor.errors import BadInput
 from monitor.files import read_recording
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.compensation import CompensatedModel, model_from_document
 from monitor.judge.document import plain
-from monitor.judge.health import Health, health_from_document
+from monitor.judge.health import Health, alert_document, health_from_document
 from monitor.keep.circumstances import circumstances
 from monitor.model.robot import Robot
 from monitor.recording import Recording

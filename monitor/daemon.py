@@ -1,6 +1,7 @@
 """Daemon: the loop. Due? Replay, assess, store, publish — it only moves messages; what they mean is judged elsewhere."""
 
 import dataclasses
+import importlib
 import logging
 import signal
 import threading
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from monitor.acquire.state import ROBOT_MODE_RUNNING
-from monitor.assess import Rejected, alert_document
+from monitor.assess import Rejected
 from monitor.chronicle import Held, adopt_orphans, enter_stored, held, now_held
 from monitor.config import Configuration, load
 from monitor.errors import BadConfiguration, BadInput, MotionRefused, ReplayAborted, RobotUnreachable, StoreError, StoreUnavailable
@@ -19,7 +20,7 @@ from monitor.files import read_recording, write_recording
 from monitor.identity import info
 from monitor.judge.compensation import CompensatedModel
 from monitor.judge.document import plain
-from monitor.judge.health import Alert, Health, acknowledge, shelve
+from monitor.judge.health import Alert, Health, acknowledge, alert_document, shelve
 from monitor.judge.verdict import stale
 from monitor.model.fourier import Excitation
 from monitor.mover import Mover
@@ -543,6 +544,8 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         listener.start()
         stack.callback(listener.stop)
         notify("READY=1")
+        for heavy in ("filterpy.kalman", "scipy.signal"):  # now, and not while somebody waits for the first verdict
+            importlib.import_module(heavy)
         upcoming = mover.coming(1)
         following = rfc3339(upcoming[0].opens_unix_s) if upcoming else "never"
         log.info("watching robot=%s host=%s next=%s", configuration.robot.id, configuration.robot.host, following)

@@ -8,10 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from monitor.assess import Assessment, AssessSettings, Rejected, alert_document, assess
+from monitor.assess import Assessment, AssessSettings, Rejected, assess
 from monitor.errors import BadInput
 from monitor.files import read_recording
 from monitor.judge.document import plain
+from monitor.judge.health import alert_document
 from monitor.judge.why import why_not_alerting
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Recording

@@ -10,9 +10,6 @@ from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import median_filter
-from scipy.signal import butter, sosfiltfilt
 
 from monitor.bounds import between
 from monitor.errors import Unidentifiable
@@ -284,11 +281,15 @@ def _uniform(t_s: Array, signals: dict[str, Array], rate_hz: float) -> dict[str,
         return {"t_s": t_s, **signals}
     if len(t_s) < 4:
         return {"t_s": even_s[:0], **{key: value[:0] for key, value in signals.items()}}
+    from scipy.interpolate import CubicSpline
+
     return {"t_s": even_s, **{key: np.asarray(CubicSpline(t_s, value)(even_s)) for key, value in signals.items()}}
 
 
 def _low_pass(rate_hz: float, order: int, cutoff_hz: float) -> Callable[[Array], Array]:
     """Zero-phase Butterworth."""
+    from scipy.signal import butter, sosfiltfilt  # 1 s: only where a recording is identified
+
     sos = butter(order, cutoff_hz, fs=rate_hz, output="sos")
     return lambda x: np.asarray(sosfiltfilt(sos, x, axis=0, padtype="odd", padlen=min(len(x) - 1, round(3 * rate_hz / cutoff_hz))))
 
@@ -299,6 +300,8 @@ def _despiked(measured: dict[str, Array]) -> int:
     The linear filter would smear each over its neighbours, where no weighting finds it any more. A step is not touched: a running
     median follows it.
     """
+    from scipy.ndimage import median_filter
+
     repaired = 0
     for key in measured.keys() & {"current", "torque"}:
         value = measured[key]

@@ -217,6 +217,11 @@ def shelve(health: Health, joint: int | None, condition: str, *, by: str, why: s
     return replace(health, alerts=tuple(done if other is alert else other for other in health.alerts))
 
 
+def alert_document(alert: Alert) -> dict[str, Any]:
+    """One alert, with `active` said outright."""
+    return {**plain(alert), "active": alert.active}
+
+
 def health_from_document(document: Any) -> Health:
     """A Health from `Health.as_document()`. Raises BadInput naming what is missing or wrong."""
     try:

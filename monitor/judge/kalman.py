@@ -5,8 +5,6 @@ The tests hold the two against each other.
 """
 
 import numpy as np
-from filterpy.kalman import predict as filterpy_predict
-from filterpy.kalman import update as filterpy_update
 
 from monitor.recording import Array
 
@@ -16,6 +14,8 @@ ONE_ARM = 16  # as many filters are still an arm's, and go through filterpy
 def predicted(mean: Array, cov: Array, F: Array, Q: Array) -> tuple[Array, Array]:
     """Means (N, S) and covariances (N, S, S) after x⁺ = F·x + noise of covariance Q; F, Q are (N, S, S)."""
     if len(mean) <= ONE_ARM:
+        from filterpy.kalman import predict as filterpy_predict  # 0.7 s: only where replays are judged
+
         steps = [filterpy_predict(x, P, A, B) for x, P, A, B in zip(mean, cov, F, Q, strict=True)]
         return np.array([x for x, _ in steps]), symmetric(np.array([P for _, P in steps]))
     x = np.einsum("nab,nb->na", F, mean)
@@ -25,6 +25,8 @@ def predicted(mean: Array, cov: Array, F: Array, Q: Array) -> tuple[Array, Array
 def updated(mean: Array, cov: Array, y: Array, R: Array, H: Array) -> tuple[Array, Array]:
     """Means and covariances after y = H·x + noise of variance R; y, R are (N,), H is (N, S)."""
     if len(mean) <= ONE_ARM:
+        from filterpy.kalman import update as filterpy_update
+
         steps = [
             filterpy_update(x, P, np.array([z]), np.array([[r]]), h[None, :]) for x, P, z, r, h in zip(mean, cov, y, R, H, strict=True)
         ]  # fmt: skip

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from monitor.assess import alert_document
-from monitor.judge.health import Health, HealthSettings, health_from_document
+from monitor.judge.health import Health, HealthSettings, alert_document, health_from_document
 from monitor.judge.verdict import stale, stale_words
 
 
