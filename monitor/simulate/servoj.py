@@ -21,6 +21,7 @@ TURN_TRUST = 0.1  # share of each newly seen change of it: ten of memory, or the
 # the acceleration from there on to one and a half. Else every target comes as a push, which at a tick's end, where currents and
 # accelerations are read, is over again: a recording would be 15 ms late in them.
 TARGETS_TO_NOW, TARGETS_AHEAD = 2.25, 3.5
+ROUGH_RAD_S3, ROUGH_TARGETS = 150.0, 10  # excitations stay below 20; more is jitter, and after it no change is carried on for so long
 STREAM_BURST = 8  # targets, or periods of silence, that are still put in order
 FIT_CLEAR_RAD, FIT_BETTER = 1e-3, 0.25  # at low speed every place fits, and a wrong one would confirm itself
 SPACING_PRIOR, SPACING_KEEP = 5.0, 0.98  # the spacing of targets is learnt over some fifty
@@ -41,6 +42,7 @@ class Servoj:
         self._tick_s, self._max_speed = tick_s, max_speed_rad_s
         self._goal, self._goal_qd, self._between_qd = list(q), list(qd), list(qd)
         self._goal_qdd, self._seen_qdd, self._turns = [0.0] * len(q), [0.0] * len(q), [0.0] * len(q)
+        self._rough = [0] * len(q)  # targets for which no change of the joint's acceleration is to be believed
         self._waiting: list[Vector] = []  # not yet taken
         self._first = True  # no target has come yet
         self._age_s = math.inf  # of the newest target
@@ -75,15 +77,17 @@ class Servoj:
         late = round(self._age_s / spacing) - arrived
         count = arrived if late <= 0 else self._fitting(target, spacing, arrived, min(late, STREAM_BURST))
         between = count * spacing
-        room, half = SPEED_CHANGE_MAX_RAD_S2 * between, 0.5 * between
-        between_qd, goal_qd, goal_qdd, seen, turns = self._between_qd, self._goal_qd, self._goal_qdd, self._seen_qdd, self._turns
+        room, half, most = SPEED_CHANGE_MAX_RAD_S2 * between, 0.5 * between, ROUGH_RAD_S3 * between
+        between_qd, goal_qd, goal_qdd = self._between_qd, self._goal_qd, self._goal_qdd
+        seen, turns, rough = self._seen_qdd, self._turns, self._rough
         for j, (new, old, qd, before) in enumerate(zip(target, self._goal, between_qd, seen, strict=True)):
             change = (new - old) / between - qd
             if not -room <= change <= room:
                 change = min(max(change, -room), room)
             between_qd[j] = speed = qd + change
             seen[j] = acceleration = before + ACCELERATION_TRUST * (change / between - before)
-            turns[j] = turn = turns[j] + TURN_TRUST * (acceleration - before - turns[j])
+            rough[j] = ROUGH_TARGETS if not -most <= acceleration - before <= most else max(0, rough[j] - 1)
+            turns[j] = turn = 0.0 if rough[j] else turns[j] + TURN_TRUST * (acceleration - before - turns[j])
             goal_qd[j] = speed + half * (acceleration + TARGETS_TO_NOW * turn)
             goal_qdd[j] = acceleration + TARGETS_AHEAD * turn
         self._age_s = min(max(PHASE_KEEP * (self._age_s - between), -period), 2.0 * period)

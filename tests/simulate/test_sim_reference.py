@@ -133,6 +133,41 @@ def test_a_distant_target_is_approached_within_the_limits():
     assert np.allclose(reference.q, 3.0, atol=1e-3)
 
 
+def accelerations(late_s):
+    """(N, 2) q̈ at 500 Hz behind two sines of half a Hertz and more, and what it should be; targets come as late as `late_s` (N,)."""
+    w, sent_s = np.array([np.pi, 1.7 * np.pi]), 0.008 * np.arange(len(late_s))
+
+    def swing(t_s, change):
+        return np.array([1.0, 0.6]) * w**change * np.sin(w * t_s[..., None] + change * np.pi / 2)
+
+    q, qd = (swing(np.zeros(1), change)[0] for change in (0, 1))
+    stream, targets, found = Servoj(q.tolist(), qd.tolist(), 0.008, 0.008, [20.0, 20.0]), swing(sent_s, 0), []
+    arrives = np.searchsorted(sent_s, np.maximum.accumulate(sent_s + late_s))  # tick of each target: none overtakes another
+    for tick in range(len(late_s)):
+        stream.tell(targets[arrives == tick].tolist(), 0.008, 0.03, 500.0)
+        rows = stream.advance(0.002, 4, q, qd)
+        q, qd = rows[-1, 0], rows[-1, 1]
+        found.append(rows[:4, 2])
+    t_s = 0.002 * (np.arange(4 * len(late_s)) + 0.5)
+    return np.concatenate(found), swing(t_s, 2)
+
+
+def roughness(late_s):
+    """RMS of q̈ beside what it should be, once the stream has begun and at the delay that suits it best [rad/s²]."""
+    found, true = accelerations(late_s)
+    return min(np.std(found[1000:] - np.roll(true, shift, axis=0)[1000:]) for shift in range(-5, 20))
+
+
+def test_a_change_of_acceleration_is_carried_on_where_targets_come_evenly_and_not_where_they_do_not(monkeypatch):
+    """Evenly it halves what the pushes of new targets leave; with 4 ms of the network's jitter it would shake the arm."""
+    even, jitter = np.full(2000, 0.003), 0.003 + np.abs(np.random.default_rng(0).normal(0.0, 0.004, 2000))
+    with_turns = roughness(even), roughness(jitter)
+    monkeypatch.setattr("monitor.simulate.servoj.TURN_TRUST", 0.0)
+    without = roughness(even), roughness(jitter)
+    assert with_turns[0] < 0.6 * without[0]
+    assert with_turns[1] < 1.05 * without[1]
+
+
 @pytest.mark.parametrize(("age_ticks", "n"), [(0, 1), (0, 4), (1, 4), (3, 2)])
 def test_a_tick_at_once_is_the_tick_step_by_step(age_ticks, n):
     """The product of matrices and the loop with limits, while no limit is met: the same to rounding (10⁻¹⁰ of radians per second²)."""
