@@ -135,8 +135,7 @@ def _common(wear: Array, doubt: Array, seen: np.ndarray, arm: int, settings: Hea
     count = known.sum(axis=1)
     rising = (ndtr((wear / doubt).reshape(-1, arm)) >= settings.common_sure) & known
     shift = np.zeros(len(count))
-    some = count >= 3
-    if some.any():
-        shift[some] = np.nanmedian(shown[some], axis=1)
-    together = some & (rising.sum(axis=1) >= settings.common_share * count) & (shift >= least)
-    return np.where(together, shift, 0.0)
+    together = (count >= 3) & (rising.sum(axis=1) >= settings.common_share * count)
+    if together.any():
+        shift[together] = np.nanmedian(shown[together], axis=1)
+    return np.where(shift >= least, shift, 0.0)
