@@ -494,6 +494,8 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
 
     log_refusals(configuration.bus)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until there is something that could be reloaded
+    for heavy in ("filterpy.kalman", "scipy.signal"):  # now, and not while somebody waits for the first verdict
+        importlib.import_module(heavy)
     with ExitStack() as stack:
         store = _opened(configuration.state_directory, stack)
 
@@ -544,8 +546,6 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         listener.start()
         stack.callback(listener.stop)
         notify("READY=1")
-        for heavy in ("filterpy.kalman", "scipy.signal"):  # now, and not while somebody waits for the first verdict
-            importlib.import_module(heavy)
         upcoming = mover.coming(1)
         following = rfc3339(upcoming[0].opens_unix_s) if upcoming else "never"
         log.info("watching robot=%s host=%s next=%s", configuration.robot.id, configuration.robot.host, following)

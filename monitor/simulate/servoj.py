@@ -21,7 +21,7 @@ TURN_TRUST = 0.1  # share of each newly seen change of it: ten of memory, or the
 # the acceleration from there on to one and a half. Else every target comes as a push, which at a tick's end, where currents and
 # accelerations are read, is over again: a recording would be 15 ms late in them.
 TARGETS_TO_NOW, TARGETS_AHEAD = 2.25, 3.5
-ROUGH_RAD_S3, ROUGH_TARGETS = 150.0, 10  # excitations stay below 20; more is jitter, and after it no change is carried on for so long
+ROUGH_RAD_S3, ROUGH_TARGETS = 150.0, 10  # our excitations stay below 20; after more, most often jitter, no change is carried on
 STREAM_BURST = 8  # targets, or periods of silence, that are still put in order
 FIT_CLEAR_RAD, FIT_BETTER = 1e-3, 0.25  # at low speed every place fits, and a wrong one would confirm itself
 SPACING_PRIOR, SPACING_KEEP = 5.0, 0.98  # the spacing of targets is learnt over some fifty

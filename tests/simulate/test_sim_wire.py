@@ -172,8 +172,9 @@ def test_control_moves_streams_and_answers(spawn, client, robot):
     # are asleep for 60 ms at most, and what the one sends then the arm has yet to reach
     in_time, ticks = sorted(told["errors"]), truth["ticks"]
     assert max(in_time + told["beside"]) < 8e-3 + 0.06 * 0.63
-    if len(in_time) >= 20 and ticks["late"] + ticks["dropped"] < 0.01 * ticks["run"]:  # a machine too busy for it proves nothing here
-        assert in_time[int(0.9 * len(in_time))] < 8e-3
+    busy = ticks["late"] + ticks["dropped"] > 0.05 * ticks["run"]
+    if len(in_time) >= 20:  # a client that was never in time for 0.2 s proves nothing here
+        assert in_time[int(0.9 * len(in_time))] < (16e-3 if busy else 8e-3)  # an arm that only knows the last target is 20 behind
     assert truth["watchdog_trips"] == 0
     assert truth["refused_commands"] == []
     assert truth["scripts_started"] == 1
