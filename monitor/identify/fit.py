@@ -131,17 +131,10 @@ def refit(equations: Sequence[Equations], paper: Fit, law: FrictionLaw, layout: 
     return solution, left
 
 
-class Named(NamedTuple):
-    """A fit in which every repeatable cause that we can name has its part."""
+def with_causes(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Array) -> tuple[Solution, list[Array]]:
+    """The fit once more beside every repeatable cause that we can name: solution, base parameters first, and residuals (N, J) [N·m].
 
-    values: Array  # (B,) base parameters, which lean on those causes no more
-    excited: Mask  # (B,) which of them the recordings still tell
-    residuals: list[Array]  # (N, J) of each recording: noise [N·m]
-
-
-def named(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Array) -> Named:
-    """The fit once more, beside the richest law, warming during the recording, and a delay of a fraction of a sample of the torque.
-
+    Named are the richest law, warming during the recording, and a delay of a fraction of a sample between torque and motion.
     What is wrong with a law comes back at every replay, at the same places: it is no noise, though it fills the residual. Nor does the
     residual show how far it moves the parameters, of which least squares takes as much as they can explain.
     """
@@ -157,7 +150,7 @@ def named(equations: Sequence[Equations], found: Fit, layout: Layout, prior: Arr
         rows.append(rec._replace(Y=np.concatenate([rec.Y, _own(causes)], axis=2)))
     unknowns = rows[0].Y.shape[2]
     solution = solve(factors(rows), found.weights, np.append(prior, np.zeros(unknowns - len(prior))))
-    return Named(solution.values[: len(prior)], solution.excited[: len(prior)], residuals_of(rows, solution.values))
+    return solution, residuals_of(rows, solution.values)
 
 
 def _own(columns: Array) -> Array:

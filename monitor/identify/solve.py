@@ -9,7 +9,7 @@ from monitor.errors import BadInput
 from monitor.identify import caveats as told
 from monitor.identify.caveats import Caveat
 from monitor.identify.consistent import Consistent, consistent
-from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, named, refit, robust_inflation
+from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, refit, robust_inflation, with_causes
 from monitor.identify.identification import Finer, FrictionFit, Identification, IdentifySettings, Source
 from monitor.identify.least_squares import WINDOW_STEPS, Solution, condition_number, jackknife_covariances
 from monitor.identify.mounting import mounting_check
@@ -241,12 +241,12 @@ def _equations(
 
 def _covariances(equations: Sequence[Equations], found: Fit, free: Solution, layout: Layout, prior: Array) -> tuple[Array, Array]:
     """Covariance of the unknowns (X, X) by noise alone, and by noise and misfit together; `free` knows nothing of arms that can exist."""
-    without = named(equations, found, layout, prior)
-    alone, together = jackknife_covariances(found.rows, found.weights, found.solution, [without.residuals, found.residuals])
+    upright, noise = with_causes(equations, found, layout, prior)
+    alone, together = jackknife_covariances(found.rows, found.weights, found.solution, [noise, found.residuals])
     inflation = robust_inflation(found) ** 2
     # a law that lacks something leans on the masses, the same way at every replay; friction's own parameters are what this law makes of it
-    leaning = np.zeros(len(free.values))
-    leaning[: len(prior)] = np.where(layout.rigid & without.excited, free.values[: len(prior)] - without.values, 0.0)
+    leaning, B = np.zeros(len(free.values)), len(prior)
+    leaning[:B] = np.where(layout.rigid & upright.excited[:B], free.values[:B] - upright.values[:B], 0.0)
     return alone * inflation, together * inflation + np.outer(leaning, leaning)
 
 
