@@ -30,7 +30,7 @@ soak: $(STAMP) ## the longer evidence: kills, faults, fuzz, fleets; bounded and 
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m soak
 
 card: $(STAMP) ## what the verdicts are worth: PERFORMANCE.md from a seeded fleet of 2400 arms, about 40 minutes
-	$(BIN)/python -m monitor.studies.card
+	$(BIN)/python -m monitor.studies.performance_card
 
 lint: $(STAMP) ## style, types, and who may import whom
 	$(BIN)/ruff check .

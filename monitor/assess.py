@@ -7,23 +7,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification, IdentifySettings
-from monitor.identify.solve import identify
-from monitor.identify.trust import TrustSettings, distrust
+from monitor.identify.identify import identify
+from monitor.identify.quality import TrustSettings, distrust
+from monitor.identify.warnings import Caveat
+from monitor.judge.alerts.health import Health, HealthSettings, Transition, alert_document
+from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life
+from monitor.judge.alerts.rules import judge
 from monitor.judge.belief import Belief, as_last_said, differences
-from monitor.judge.compensation import CompensatedModel, compensated
-from monitor.judge.curves import LAWS
 from monitor.judge.document import plain
-from monitor.judge.doubt import missed, pooled
-from monitor.judge.drift import begin, learn
-from monitor.judge.evidence import DriftSettings, observe
-from monitor.judge.health import Health, HealthSettings, Transition, alert_document
-from monitor.judge.prognosis import PrognosisSettings, RemainingLife, remaining_life
-from monitor.judge.residual import ResidualSettings
-from monitor.judge.single import single_torque_nm
-from monitor.judge.temperature import Line, TemperatureSettings
-from monitor.judge.verdict import judge
+from monitor.judge.drift.observation import DriftSettings, observe
+from monitor.judge.drift.single_replay import single_torque_nm
+from monitor.judge.drift.step import begin, learn
+from monitor.judge.temperature.curves import LAWS
+from monitor.judge.temperature.laws import Line, TemperatureSettings
+from monitor.judge.torque.compensated_model import CompensatedModel, compensated
+from monitor.judge.torque.prediction_error import missed, pooled
+from monitor.judge.torque.production_residual import ResidualSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Context, Recording
 

@@ -10,11 +10,11 @@ from synthetic_arm import CONTEXT, START_S, Arm, History, weather
 
 from monitor.assess import Assessment, AssessSettings, Rejected, alert_document, assess, judge_identification
 from monitor.errors import BadInput
-from monitor.judge.evidence import DriftSettings
+from monitor.judge.drift.observation import DriftSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 
@@ -118,8 +118,8 @@ def test_a_gap_of_a_month_is_taken_up_again():
 
 def test_assessment_is_markov():
     """Belief and health through JSON after every replay: the same verdicts as without."""
+    from monitor.judge.alerts.health import health_from_document
     from monitor.judge.belief import belief_from_document
-    from monitor.judge.health import health_from_document
 
     straight = lived(60, seed=5, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 40)))
     through, arm, dice = History(), Arm(seed=5, noise=0.01), np.random.default_rng(1005)

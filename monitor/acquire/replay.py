@@ -12,14 +12,14 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire import dashboard
-from monitor.acquire.child import Child, ChildLost
-from monitor.acquire.conditions import OF_CONFIGURATION, OF_CONTROLLER, Facts, refuse_unless, some
-from monitor.acquire.gate import Announce, Ask, Gate
-from monitor.acquire.rows import columns, recorded
+from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, Facts, refuse_unless, some
+from monitor.acquire.safety.gate import Announce, Ask, Gate
+from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import ArmState, arm_state
-from monitor.acquire.torque_band import TorqueBand
+from monitor.acquire.ur import dashboard
+from monitor.acquire.ur.child import Child, ChildLost
+from monitor.acquire.ur.rows import columns, recorded
+from monitor.acquire.ur.state import ArmState, arm_state
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -82,7 +82,7 @@ def replay(
         "max_speed_rad_s": robot.max_speed_rad_s.tolist(),
     }
     watch = _Watch(settings, Gate(facts, ask=ask, announce=announce), on_progress, should_stop, band)
-    child = Child("monitor.acquire.stream", job)
+    child = Child("monitor.acquire.ur.stream", job)
     try:
         watch.until_done(child)
     finally:

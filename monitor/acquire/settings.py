@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated
 
-from monitor.bounds import between
+from annotated_types import Interval
+
 from monitor.design.cell import Cell
 from monitor.errors import BadInput
 
@@ -22,13 +23,15 @@ class ReplaySettings:
     allow_motion: bool = False
     windows_utc: tuple[str, ...] = ()  # "22:00-05:00": an arm moves only within one of these; empty: at any time
     permit: str = "none"  # who else must agree: none, zenoh (`permit/replay` is asked), or digital_input:N (must be on)
-    permit_timeout_s: Annotated[float, between(0.1, 600.0)] = 5.0  # no answer by then is a no
-    announce_s: Annotated[float, between(0.0, 600.0)] = 0.0  # from the announcement to the first motion
+    permit_timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 5.0  # no answer by then is a no
+    announce_s: Annotated[float, Interval(ge=0.0, le=600.0)] = 0.0  # from the announcement to the first motion
     first_pass: bool = True  # after a change of trajectory, cell, tool or payload, slowly and within a band of torque first
-    first_pass_time_scale: Annotated[float, between(0.05, 0.5)] = 0.25  # of the replay's own pace
-    first_pass_band: Annotated[float, between(0.02, 0.5)] = 0.25  # of a joint's largest torque, where no model of this arm is known yet
-    max_payload_error_kg: Annotated[float, between(0.0, 5.0)] = 0.05  # between the controller's payload and the configuration's
-    max_gravity_error_deg: Annotated[float, between(1.0, 45.0)] = 5.0  # between the tool's accelerometer and the configured mounting
+    first_pass_time_scale: Annotated[float, Interval(ge=0.05, le=0.5)] = 0.25  # of the replay's own pace
+    first_pass_band: Annotated[float, Interval(ge=0.02, le=0.5)] = (
+        0.25  # of a joint's largest torque, where no model of this arm is known yet
+    )
+    max_payload_error_kg: Annotated[float, Interval(ge=0.0, le=5.0)] = 0.05  # between the controller's payload and the configuration's
+    max_gravity_error_deg: Annotated[float, Interval(ge=1.0, le=45.0)] = 5.0  # between the tool's accelerometer and the configured mounting
     rate_hz: float = 125.0  # rows and targets; e-Series is asked for every fourth tick
     lookahead_s: float = 0.03
     gain: float = 500.0
@@ -39,11 +42,15 @@ class ReplaySettings:
     max_timestamp_age_s: float = 0.1
     max_following_error_rad: float = 0.05  # outside the band of the targets of the last 0.2 s
     joint_temperature_range_c: tuple[float, float] = (0.0, 75.0)
-    startup_timeout_s: Annotated[float, between(1.0, 60.0)] = 10.0  # interpreter, imports, connections, checks
-    control_timeout_s: Annotated[float, between(6.0, 60.0)] = 12.0  # upload of the control script; ur-rtde itself waits 5 s for it to run
-    phase_grace_s: Annotated[float, between(0.5, 60.0)] = 4.0  # beyond a phase's own duration
-    silence_timeout_s: Annotated[float, between(0.2, 1.5)] = 1.0  # the child tells something at least every 0.1 s while the arm moves
-    finish_timeout_s: Annotated[float, between(1.0, 60.0)] = 6.0
+    startup_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 10.0  # interpreter, imports, connections, checks
+    control_timeout_s: Annotated[float, Interval(ge=6.0, le=60.0)] = (
+        12.0  # upload of the control script; ur-rtde itself waits 5 s for it to run
+    )
+    phase_grace_s: Annotated[float, Interval(ge=0.5, le=60.0)] = 4.0  # beyond a phase's own duration
+    silence_timeout_s: Annotated[float, Interval(ge=0.2, le=1.5)] = (
+        1.0  # the child tells something at least every 0.1 s while the arm moves
+    )
+    finish_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 6.0
     cell: Cell | None = None  # what stands around the arm; None: nobody said, and no clearance is checked
 
     def __post_init__(self) -> None:

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 
-from monitor.bounds import between
-from monitor.identify.caveats import Caveat
 from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, SignalSettings
+from monitor.identify.warnings import Caveat
 from monitor.model.friction import LAWS, FrictionLaw
 from monitor.model.robot import Mounting
 from monitor.recording import Array
@@ -22,10 +22,10 @@ class IdentifySettings:
     """How a motion becomes parameters."""
 
     signals: SignalSettings = field(default_factory=SignalSettings)
-    moving_rad_s: Annotated[float, between(1e-6, 0.5)] = (
+    moving_rad_s: Annotated[float, Interval(ge=1e-6, le=0.5)] = (
         STANDSTILL_SPEED_RAD_S  # slower samples of a joint are not fitted by WLS, nor counted in the RMS
     )
-    block_s: Annotated[float, between(0.1, 10.0)] = (
+    block_s: Annotated[float, Interval(ge=0.1, le=10.0)] = (
         0.8  # residuals stay correlated for 0.4–0.55 s: blocks must be longer, and still be many
     )
 

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from monitor.identify.caveats import Caveat
 from monitor.identify.least_squares import triangle
 from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, Indices, Mask, Motion
+from monitor.identify.warnings import Caveat
 from monitor.model.base import base_parameters
-from monitor.model.quotable import mounting_with_up
+from monitor.model.identifiable import mounting_with_up
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.caveats import Caveat
 from monitor.identify.fit import layout_of
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.least_squares import WINDOW_STEPS, Rows, factors, jackknife_covariance, residual_rms, solve
 from monitor.identify.signals import motion
 from monitor.identify.torque import joint_torque
 from monitor.identify.validate import refuse_other_arm
+from monitor.identify.warnings import Caveat
 from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
 from monitor.recording import Array, Recording

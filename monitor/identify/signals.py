@@ -10,10 +10,10 @@ from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
+from annotated_types import Interval
 
-from monitor.bounds import between
 from monitor.errors import Unidentifiable
-from monitor.identify.mend import Repair, mended
+from monitor.identify.clean import Repair, mended
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Recording
 
@@ -38,18 +38,20 @@ _LIMITS = {"q": MAX_POSITION_RAD, "qd": MAX_SPEED_RAD_S, "qdd": MAX_ACCELERATION
 class SignalSettings:
     """How a recording becomes a motion."""
 
-    cutoff_hz: Annotated[float, between(0.5, 50.0)] = (
+    cutoff_hz: Annotated[float, Interval(ge=0.5, le=50.0)] = (
         8.0  # above the excitation's harmonics, below the drives' ripple and the encoder's noise after d/dt
     )
-    filter_order: Annotated[int, between(1, 6)] = 2  # once forward, once backward: 4 in effect
-    trim_s: Annotated[float, between(0.0, 5.0)] = 0.2  # at each end, where filtfilt guesses the signal's continuation
-    gap_s: Annotated[float, between(1e-6, 5.0)] = 0.25  # a longer hole is not bridged: the motion within it is unknown
-    min_rate_hz: Annotated[float, between(5.0, 500.0)] = 10.0  # slower, q̈ from differences is fiction
-    min_duration_s: Annotated[float, between(2.0, 600.0)] = 5.0  # half a period of the paper's excitation
-    min_speed_rad_s: Annotated[float, between(1e-6, 1.0)] = 0.05  # a joint that never gets faster does not move
-    min_moving_share: Annotated[float, between(0.0, 1.0)] = 0.5  # of the joints
+    filter_order: Annotated[int, Interval(ge=1, le=6)] = 2  # once forward, once backward: 4 in effect
+    trim_s: Annotated[float, Interval(ge=0.0, le=5.0)] = 0.2  # at each end, where filtfilt guesses the signal's continuation
+    gap_s: Annotated[float, Interval(ge=1e-6, le=5.0)] = 0.25  # a longer hole is not bridged: the motion within it is unknown
+    min_rate_hz: Annotated[float, Interval(ge=5.0, le=500.0)] = 10.0  # slower, q̈ from differences is fiction
+    min_duration_s: Annotated[float, Interval(ge=2.0, le=600.0)] = 5.0  # half a period of the paper's excitation
+    min_speed_rad_s: Annotated[float, Interval(ge=1e-6, le=1.0)] = 0.05  # a joint that never gets faster does not move
+    min_moving_share: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.5  # of the joints
     despike: bool = False  # repair single readings of current and torque that stand out
-    max_rejected_share: Annotated[float, between(0.0, 0.9)] = 0.2  # more torn rows than that, and the rest is not to be trusted either
+    max_rejected_share: Annotated[float, Interval(ge=0.0, le=0.9)] = (
+        0.2  # more torn rows than that, and the rest is not to be trusted either
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.judge.contradiction import Weights, weights_from_document
 from monitor.judge.document import array, entry, plain
-from monitor.judge.doubt import Doubt, doubt_from_document
-from monitor.judge.evidence import DriftSettings
+from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, Track
+from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.undeclared_change import Weights, weights_from_document
+from monitor.judge.drift.undetected_change import unseen
+from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.migrate import from_version_2, from_version_3
-from monitor.judge.stuck import Sensors, sensors_from_document
-from monitor.judge.temperature import Law, Line, TemperatureSettings, fitted, law_from_document
-from monitor.judge.track import KINDS, RATE, STATES, WEAR, WINDOW, Track
-from monitor.judge.unseen import unseen
-from monitor.judge.usage import Usage, usage_from_document
+from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fitted, law_from_document
+from monitor.judge.temperature.stuck import Sensors, sensors_from_document
+from monitor.judge.torque.prediction_error import Doubt, doubt_from_document
 from monitor.recording import Array, Context
 
 SCHEMA_VERSION = 4

@@ -5,10 +5,10 @@ import math
 from typing import Any
 
 from monitor.errors import BadInput
-from monitor.judge.curves import no_bins
 from monitor.judge.document import plain
-from monitor.judge.track import RATE, WEAR, WINDOW
-from monitor.judge.usage import uncounted
+from monitor.judge.drift.filter_state import RATE, WEAR, WINDOW
+from monitor.judge.drift.usage import uncounted
+from monitor.judge.temperature.curves import no_bins
 
 
 def from_version_2(document: dict[str, Any]) -> dict[str, Any]:

@@ -19,8 +19,8 @@ from monitor.errors import BadInput, MonitorError
 from monitor.model.fourier import excitation_from_document
 from monitor.recording import Array, Recording
 from monitor.simulate import faults, stepped
-from monitor.simulate.controller import Controller
-from monitor.simulate.ports import Ports
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.wire.ports import Ports
 
 log = logging.getLogger(__name__)
 

@@ -27,24 +27,24 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import Progress, replay
-from monitor.client import Client
-from monitor.config import Configuration, from_document
-from monitor.daemon import Daemon
+from monitor.acquire.ur.listen import Listener, ListenSettings
+from monitor.config.load import Configuration, from_document
 from monitor.errors import ReplayAborted, RobotUnreachable
-from monitor.identify.trust import distrust
+from monitor.identify.quality import distrust
 from monitor.identify.validate import errors_of
-from monitor.judge.evidence import DriftSettings
+from monitor.judge.drift.observation import DriftSettings
 from monitor.model.fourier import Excitation
-from monitor.page.served import page
+from monitor.publish.client import Client
+from monitor.publish.timestamps import rfc3339
 from monitor.recording import Array, Context, Recording
+from monitor.service.daemon import Daemon
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
-from monitor.store import Store
+from monitor.store.database import Store
 from monitor.studies.figures import MOVING_RAD_S
-from monitor.terminal import remaining_life
-from monitor.timestamps import rfc3339
+from monitor.views.terminal.tables import remaining_life
+from monitor.views.web.factory import page
 
 DAY_S = 86_400.0
 FIRST_DAY_UNIX_S = 1_767_582_000.0  # Monday 2026-01-05 03:00 UTC

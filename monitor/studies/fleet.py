@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.evidence import Observation
+from monitor.judge.drift.observation import Observation
 from monitor.model.robot import Robot, load_robot
 from monitor.recording import Array
-from monitor.simulate.friction import FrictionLaw, default_law
-from monitor.simulate.thermal import ThermalModel, default_thermal
+from monitor.simulate.arm.friction import FrictionLaw, default_law
+from monitor.simulate.arm.thermal import ThermalModel, default_thermal
 
 WORK_H, NIGHT_H = 10.0, 13.0
 SENSOR_STEP_K = 1.0 / 16.0

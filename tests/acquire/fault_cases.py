@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from processes import children
 
-from monitor.acquire.dashboard import Dashboard
 from monitor.acquire.replay import Progress, replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.dashboard import Dashboard
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.acquire.arm import REMEMBERED, Arm, Failure, strayed, unwell
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import ArmState
+from monitor.acquire.ur.arm import REMEMBERED, Arm, Failure, strayed, unwell
+from monitor.acquire.ur.state import ArmState
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
 WELL = ArmState(
@@ -103,7 +103,7 @@ def test_what_late_targets_can_cause_is_laid_at_their_door_and_nothing_else(caus
 
 def test_real_time_priority_is_taken_where_it_is_permitted_and_reported_where_not():
     """In a process of its own: asked for, it has it or says False; its threads inherit it."""
-    code = "import os, threading\nfrom monitor.acquire.child import real_time\n" + (
+    code = "import os, threading\nfrom monitor.acquire.ur.child import real_time\n" + (
         "got = real_time()\nhas = []\nt = threading.Thread(target=lambda: has.append(os.sched_getscheduler(0) == os.SCHED_FIFO))\n"
         "t.start(); t.join()\nprint(got, has[0])"
     )

@@ -13,14 +13,14 @@ from simulated_arm import simulated_arm
 from test_arm import SETTINGS, WELL
 from test_guard import NOON, SIMULATED, facts, nudged, well
 
-from monitor.acquire import stream
-from monitor.acquire.arm import Failure, unwell
-from monitor.acquire.conditions import Condition, Facts, conditions
-from monitor.acquire.gate import Gate
 from monitor.acquire.replay import replay
-from monitor.acquire.rows import PLACE, SIGNALS, WIDTH, snapshot
-from monitor.acquire.state import arm_state
-from monitor.acquire.torque_band import TorqueBand
+from monitor.acquire.safety.conditions import Condition, Facts, conditions
+from monitor.acquire.safety.gate import Gate
+from monitor.acquire.safety.torque_band import TorqueBand
+from monitor.acquire.ur import stream
+from monitor.acquire.ur.arm import Failure, unwell
+from monitor.acquire.ur.rows import PLACE, SIGNALS, WIDTH, snapshot
+from monitor.acquire.ur.state import arm_state
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.remote import Remote
@@ -138,7 +138,7 @@ def test_a_window_that_closes_during_the_announcement_or_the_wait_for_a_permit_c
     gate = Gate(facts(settings=settings), ask=None, announce=None)
     clock = [NOON]
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("monitor.acquire.gate.time.time", lambda: clock[0])
+        patched.setattr("monitor.acquire.safety.gate.time.time", lambda: clock[0])
         assert not gate.step(well(), 0.0)
         clock[0] += 601.0
         with pytest.raises(MotionRefused, match="time_window: now is outside"):

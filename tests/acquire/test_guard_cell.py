@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from excitations import short
 
-from monitor.acquire import guard, limits
+from monitor.acquire.safety import guard, limits
 from monitor.acquire.settings import ReplaySettings
-from monitor.config import find_excitation
+from monitor.config.load import find_excitation
 from monitor.design.cell import Box, Cell, plain_cell
 from monitor.errors import BadConfiguration, MotionRefused
 from monitor.model.robot import Mounting, load_robot
@@ -61,7 +61,7 @@ def test_an_approach_through_the_table_is_refused_and_one_from_home_is_not():
 
 
 def configured(folder: Path, **replay: object):
-    from monitor.config import from_document
+    from monitor.config.load import from_document
 
     return from_document({"robot": {"model": "ur5", "site": "lab", "id": "a"}, "replay": replay}, folder / "monitor.toml")
 

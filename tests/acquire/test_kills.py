@@ -12,7 +12,7 @@ import numpy as np
 from processes import alive, children
 from simulated_arm import simulated_arm
 
-from monitor.acquire.dashboard import Dashboard
+from monitor.acquire.ur.dashboard import Dashboard
 from monitor.simulate.remote import Remote
 
 ROOT = Path(__file__).parent.parent.parent

@@ -14,9 +14,9 @@ import pytest
 from excitations import short
 from processes import children
 
-from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.listen import Listener, ListenSettings
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
@@ -246,7 +246,7 @@ def test_an_arm_that_another_client_holds_is_left_to_it(fresh_arm):
 
 
 def running(host):
-    from monitor.acquire.dashboard import Dashboard
+    from monitor.acquire.ur.dashboard import Dashboard
 
     with Dashboard(host) as dashboard:
         return dashboard.ask("running").lower() == "program running: true"

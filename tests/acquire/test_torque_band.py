@@ -9,16 +9,16 @@ from excitations import short
 from synthetic_arm import Arm as LearntArm
 from synthetic_arm import History
 
-from monitor.acquire.first_pass import band_for, circumstances, slowed
-from monitor.acquire.rows import PLACE, WIDTH
+from monitor.acquire.safety.first_pass import band_for, circumstances, slowed
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.rows import PLACE, WIDTH
 from monitor.assess import assess
-from monitor.config import find_excitation
+from monitor.config.load import find_excitation
 from monitor.design.cell import plain_cell
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
-from monitor.simulate.controller import Controller
-from monitor.simulate.physics import Arm
+from monitor.simulate.arm.physics import Arm
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 

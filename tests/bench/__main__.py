@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.config import find_excitation
+from monitor.config.load import find_excitation
 from monitor.model.robot import Mounting, load_robot
 
 ROUNDS = 15
@@ -22,13 +22,13 @@ def cases() -> dict[str, Callable[[], object]]:
     import pinocchio as pin
 
     from monitor.identify.consistent import consistent
+    from monitor.identify.identify import identify, identify_motions
     from monitor.identify.least_squares import WINDOW_STEPS, Rows, factors
     from monitor.identify.signals import motion
-    from monitor.identify.solve import identify, identify_motions
     from monitor.identify.torque import joint_torque
     from monitor.model.base import base_parameters
     from monitor.model.regressor import regressor
-    from monitor.simulate.controller import Controller
+    from monitor.simulate.controller.controller import Controller
     from monitor.simulate.settings import SimulateSettings
     from monitor.simulate.stepped import stepped_replay
 

@@ -30,12 +30,12 @@ Question = tuple[str, bytes]
 
 def answer(asked: Connection) -> None:
     """The answering process: a daemon after one replay, and an empty queryable in a session of its own."""
-    from monitor.config import from_document
-    from monitor.daemon import Daemon
-    from monitor.simulate.controller import Controller
+    from monitor.config.load import from_document
+    from monitor.service.daemon import Daemon
+    from monitor.simulate.controller.controller import Controller
     from monitor.simulate.settings import SimulateSettings
     from monitor.simulate.stepped import stepped_replay
-    from monitor.store import Store
+    from monitor.store.database import Store
 
     def play(excitation: Any, context: Any, should_stop: Callable[[], bool]) -> Any:
         recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(excitation, repetitions=1))

@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "page"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "views"))
 from life import grow, monitor
 
 REPLAYS = 5 * 365 * 4

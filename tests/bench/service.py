@@ -19,14 +19,14 @@ from pathlib import Path
 import orjson
 import zenoh
 
-from monitor.config import load
-from monitor.files import write_recording
+from monitor.config.load import load
 from monitor.publish.bus import session_config
-from monitor.simulate.controller import Controller
+from monitor.publish.timestamps import rfc3339
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store import Store
-from monitor.timestamps import rfc3339
+from monitor.store.database import Store
+from monitor.store.recordings import write_recording
 
 YEARS, A_DAY, JOINTS = 5, 4, 6
 LISTEN_S = 20.0

@@ -19,7 +19,7 @@ from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 
 SECONDS = 8.0
@@ -46,10 +46,10 @@ c.servoStop()
 
 METERED = """
 import functools, runpy, signal, sys, time
-from monitor.simulate.limits import Limits
-from monitor.simulate.physics import Arm
-from monitor.simulate.reference import Reference
-from monitor.simulate.sensors import Sensors
+from monitor.simulate.arm.limits import Limits
+from monitor.simulate.arm.physics import Arm
+from monitor.simulate.arm.reference import Reference
+from monitor.simulate.arm.sensors import Sensors
 spent = {"arm": 0.0, "controller": 0.0}
 def metered(part, method):
     @functools.wraps(method)

@@ -10,8 +10,8 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from monitor.cli import app
-from monitor.config import shared_file
+from monitor.cli.main import app
+from monitor.config.load import shared_file
 from monitor.errors import BadInput
 from monitor.model.fourier import excitation_from_document
 

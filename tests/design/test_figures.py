@@ -5,9 +5,9 @@ import pytest
 from tasks import task
 
 from monitor.design.trajectory import design
-from monitor.identify.solve import identify
+from monitor.identify.identify import identify
 from monitor.model.robot import Mounting, load_robot
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 

@@ -12,7 +12,6 @@ from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, truth
 from scipy.optimize import lsq_linear
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.files import read_recording
 from monitor.identify.consistent import Consistent, ConsistentSettings, consistent
 from monitor.identify.least_squares import Rows, factors, residual_rms, solve
 from monitor.identify.signals import motion
@@ -22,9 +21,10 @@ from monitor.model.fourier import excitation_from_document
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import PER_JOINT, Mounting, load_robot, robot_from_document
 from monitor.model.urdf import robot_from_urdf_text
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
+from monitor.store.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"

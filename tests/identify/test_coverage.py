@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.identify.solve import identify
+from monitor.identify.identify import identify
 from monitor.model.fourier import excitation_from_document
 from monitor.model.regressor import ROTOR
 from monitor.model.robot import PER_JOINT, load_robot
-from monitor.simulate.controller import Controller
-from monitor.simulate.sensors import Measured, Sensors
+from monitor.simulate.arm.sensors import Measured, Sensors
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 

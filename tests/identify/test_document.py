@@ -7,8 +7,8 @@ import numpy as np
 from oracle_arm import GROUND, recording, truth
 
 from monitor.identify.document import document, payload_document
+from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
-from monitor.identify.solve import identify
 from monitor.identify.validate import validate
 from monitor.model.robot import load_robot
 

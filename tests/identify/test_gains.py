@@ -15,8 +15,8 @@ from monitor.model.fourier import excitation_from_document
 from monitor.model.regressor import regressor
 from monitor.model.robot import PER_JOINT, load_robot
 from monitor.recording import Recording
-from monitor.simulate.controller import Controller
-from monitor.simulate.physics import drive_gain
+from monitor.simulate.arm.physics import drive_gain
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 

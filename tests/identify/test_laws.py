@@ -8,8 +8,8 @@ import pytest
 from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, exact_motion, recording, rigid_torque, truth
 
 from monitor.errors import BadInput
+from monitor.identify.identify import identify, identify_motions
 from monitor.identify.payload import identify_payload
-from monitor.identify.solve import identify, identify_motions
 from monitor.identify.validate import predict_torque, validate
 from monitor.model.friction import LAWS
 from monitor.model.robot import Mounting, load_robot

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.errors import Unidentifiable
-from monitor.identify.caveats import of_motion
-from monitor.identify.mend import mended
+from monitor.identify.clean import mended
 from monitor.identify.signals import motion
+from monitor.identify.warnings import of_motion
 from monitor.recording import Recording
 
 OMEGA = np.pi  # 0.5 Hz

@@ -7,16 +7,16 @@ import pytest
 
 from monitor.assess import Assessment, judge_identification
 from monitor.errors import BadInput, Unidentifiable
-from monitor.files import read_recording
+from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
 from monitor.identify.signals import motion
-from monitor.identify.solve import identify
 from monitor.identify.torque import joint_torque
 from monitor.identify.validate import validate
-from monitor.judge import doubt
+from monitor.judge.torque import prediction_error as doubt
 from monitor.model.regressor import regressor
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
+from monitor.store.recordings import read_recording
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # of that arm's authors [N·m/A]

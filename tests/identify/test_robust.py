@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from oracle_arm import COULOMB_NM, GROUND, VISCOUS, exact_motion, recording, truth
 
-from monitor.identify.solve import identify, identify_motions
+from monitor.identify.identify import identify, identify_motions
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")

@@ -7,7 +7,7 @@ import pytest
 from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, Truth, exact_motion, excitation, recording, rigid_torque, truth
 
 from monitor.errors import BadInput
-from monitor.identify.solve import identify, identify_motions
+from monitor.identify.identify import identify, identify_motions
 from monitor.identify.validate import predict_torque, validate
 from monitor.model.robot import PER_JOINT, Mounting, load_robot
 

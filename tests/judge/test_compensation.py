@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from synthetic_arm import COULOMB_NM, Arm, History
 
 from monitor.errors import BadInput
-from monitor.judge.compensation import CompensatedModel, Finer, model_from_document
-from monitor.judge.curves import Curve
-from monitor.judge.predictor import prepared
+from monitor.judge.temperature.curves import Curve
+from monitor.judge.torque.compensated_model import CompensatedModel, Finer, model_from_document
+from monitor.judge.torque.predictor import prepared
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")

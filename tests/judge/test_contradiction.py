@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from synthetic_arm import Arm, History
 
-from monitor.identify.caveats import Caveat
 from monitor.identify.identification import Identification
-from monitor.judge.contradiction import rigid_of
+from monitor.identify.warnings import Caveat
+from monitor.judge.drift.undeclared_change import rigid_of
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")
@@ -77,9 +77,9 @@ def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, 
     They know no temperature, and alone for that nothing could be told of wear: as they are, what is told is just this; and taken to
     be warm all the time they do not tell of wear either.
     """
-    from monitor import series
-    from monitor.files import read_recording
-    from monitor.series import Series, assess_series, manifest
+    from monitor.store import series
+    from monitor.store.recordings import read_recording
+    from monitor.store.series import Series, assess_series, manifest
 
     def warm(path: object, columns: str) -> object:
         recording = read_recording(path, columns)

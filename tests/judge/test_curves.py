@@ -7,7 +7,7 @@ import pytest
 
 from monitor.errors import BadInput
 from monitor.judge.document import plain
-from monitor.judge.temperature import Line, TemperatureSettings, begun, fitted, law_from_document, learnt, line_from_document
+from monitor.judge.temperature.laws import Line, TemperatureSettings, begun, fitted, law_from_document, learnt, line_from_document
 
 REFERENCE_C = np.full(6, 25.0)
 SETTINGS = TemperatureSettings()

@@ -10,14 +10,14 @@ from scipy.signal import lfilter
 from synthetic_arm import Arm, History
 
 from monitor.assess import Assessment, assess
-from monitor.chronicle import held
-from monitor.config import find_excitation
+from monitor.config.load import find_excitation
 from monitor.judge.belief import belief_from_document
-from monitor.judge.compensation import CompensatedModel, model_from_document
-from monitor.judge.doubt import OWN_REPLAYS, WILDEST, Doubt, Missed, believed, missed, pooled
+from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
+from monitor.judge.torque.prediction_error import OWN_REPLAYS, WILDEST, Doubt, Missed, believed, missed, pooled
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
-from monitor.store import Store
+from monitor.service.assess_and_store import held
+from monitor.store.database import Store
 
 UR5 = load_robot("ur5")
 GAIN = np.array(UR5.drive_gain_nm_per_a)

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from synthetic_arm import CONTEXT, COULOMB_NM, DAY_S, START_S, Arm, History, identification, weather
 
 from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.alerts.health import HealthSettings
+from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief, belief_from_document
-from monitor.judge.drift import aged, begin, learn
-from monitor.judge.evidence import DriftSettings, observe
-from monitor.judge.health import HealthSettings
-from monitor.judge.temperature import TemperatureSettings
-from monitor.judge.track import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNSEEN, WEAR
-from monitor.judge.why import why_not_alerting
+from monitor.judge.drift.filter_state import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNSEEN, WEAR
+from monitor.judge.drift.observation import DriftSettings, observe
+from monitor.judge.drift.step import aged, begin, learn
+from monitor.judge.temperature.laws import TemperatureSettings
 
 LAWS = TemperatureSettings()
 
@@ -94,7 +94,7 @@ def test_a_month_is_its_two_halves(belief, split):
 @given(seed=st.integers(0, 2**32 - 1), days=st.floats(0.0, 100.0))
 def test_a_fleets_filter_is_filterpys(seed, days):
     """The algebra on arrays that a fleet goes through gives filterpy's predict and update, of one arm or of many, to rounding."""
-    from monitor.judge import kalman
+    from monitor.judge.drift import kalman
 
     dice = np.random.default_rng(seed)
     N = 4 * kalman.ONE_ARM

@@ -10,11 +10,11 @@ from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, weather
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief, belief_from_document
-from monitor.judge.drift import begin, learn
-from monitor.judge.evidence import DriftSettings
-from monitor.judge.follow import DENSE
-from monitor.judge.temperature import TemperatureSettings
-from monitor.judge.track import OUTLIER, WINDOW, renewed
+from monitor.judge.drift.change_detection import DENSE
+from monitor.judge.drift.filter_state import OUTLIER, WINDOW, renewed
+from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.step import begin, learn
+from monitor.judge.temperature.laws import TemperatureSettings
 
 DRIFT, LAWS = DriftSettings(), TemperatureSettings()
 

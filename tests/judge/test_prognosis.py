@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import invgauss
 
 from monitor.errors import BadConfiguration
-from monitor.judge.prognosis import PrognosisSettings, first_passage, probability_within, remaining_life
+from monitor.judge.alerts.remaining_life import PrognosisSettings, first_passage, probability_within, remaining_life
 
 SETTINGS = PrognosisSettings()
 WALK = 5e-4

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from monitor.judge.compensation import TorquePrediction
-from monitor.judge.residual import ResidualSettings, evidence, heard, pull_forward
-from monitor.judge.usage import uncounted
-from monitor.production import Production, Sample
+from monitor.judge.drift.usage import uncounted
+from monitor.judge.torque.compensated_model import TorquePrediction
+from monitor.judge.torque.production_residual import ResidualSettings, evidence, heard, pull_forward
+from monitor.service.production import Production, Sample
 
 SETTINGS = ResidualSettings(span_s=60.0, min_samples=50)
 J = 6

@@ -11,8 +11,7 @@ from synthetic_arm import Arm, History
 
 from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.document import plain
-from monitor.judge.stuck import stuck, watched
-from monitor.judge.temperature import (
+from monitor.judge.temperature.laws import (
     Law,
     TemperatureSettings,
     begun,
@@ -22,6 +21,7 @@ from monitor.judge.temperature import (
     line_from_document,
     reopened,
 )
+from monitor.judge.temperature.stuck import stuck, watched
 
 SETTINGS = TemperatureSettings()
 ONE = np.ones(1)

@@ -6,10 +6,10 @@ import numpy as np
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
 from monitor.judge.belief import Belief
-from monitor.judge.drift import begin, learn
-from monitor.judge.evidence import DriftSettings
-from monitor.judge.temperature import TemperatureSettings
-from monitor.judge.track import STEP
+from monitor.judge.drift.filter_state import STEP
+from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.step import begin, learn
+from monitor.judge.temperature.laws import TemperatureSettings
 
 DRIFT, LAWS = DriftSettings(), TemperatureSettings()
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from synthetic_arm import CONTEXT, Arm, History
 
 from monitor.errors import BadInput
-from monitor.judge.usage import uncounted, worked
+from monitor.judge.drift.usage import uncounted, worked
 
 J = 6
 

@@ -8,14 +8,14 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
 from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.alerts.health import Health, HealthSettings, acknowledge, health_from_document, shelve
+from monitor.judge.alerts.rules import judge, stale
+from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief
-from monitor.judge.drift import begin
-from monitor.judge.evidence import DriftSettings
-from monitor.judge.health import Health, HealthSettings, acknowledge, health_from_document, shelve
-from monitor.judge.temperature import TemperatureSettings
-from monitor.judge.track import ORDINARY, RATE, WEAR
-from monitor.judge.verdict import judge, stale
-from monitor.judge.why import why_not_alerting
+from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
+from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.step import begin
+from monitor.judge.temperature.laws import TemperatureSettings
 
 SETTINGS = HealthSettings()
 
@@ -257,9 +257,9 @@ def test_silence_is_stale_and_neither_good_nor_bad():
 
 def test_status_says_what_is_stale_of_a_stored_health_and_keeps_the_rest(capsys):
     """One joint that nothing was learnt of is named, in JSON and in the table's head; what was stored is otherwise as it was."""
-    from monitor.publish.told import with_stale
-    from monitor.terminal import print_status
-    from monitor.timestamps import outside
+    from monitor.publish.health_document import with_stale
+    from monitor.publish.timestamps import outside
+    from monitor.views.terminal.tables import print_status
 
     health, _ = through([believed(0), believed(1)])
     silent = replace(health, joints=(replace(health.joints[0], told_unix_s=START_S - 3 * DAY_S), *health.joints[1:]))
@@ -278,7 +278,7 @@ def test_a_change_is_split_into_what_makes_it():
     """10 K colder and 10 % worn: the parts add up to the whole, and each is what it was made of."""
     from synthetic_arm import History
 
-    from monitor.judge.verdict import split
+    from monitor.judge.alerts.rules import split
 
     history, dice = History(), np.random.default_rng(3)
     for day in range(80):

@@ -10,7 +10,7 @@ import pytest
 
 from monitor.errors import BadInput
 from monitor.model.base import base_parameters
-from monitor.model.quotable import FRAMES, base_document, inertial_change, quotable
+from monitor.model.identifiable import FRAMES, base_document, inertial_change, quotable
 from monitor.model.regressor import parameter_names, regressor
 from monitor.model.robot import PER_JOINT, Mounting, load_robot, robot_names
 

@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from monitor.assess import alert_document
-from monitor.config import from_document
-from monitor.daemon import Daemon
-from monitor.judge.health import Alert
-from monitor.simulate.controller import Controller
+from monitor.config.load import from_document
+from monitor.judge.alerts.health import Alert
+from monitor.service.daemon import Daemon
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store import Store
+from monitor.store.database import Store
 
 PERIOD_S = 0.1
 

@@ -7,12 +7,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from monitor.config import from_document
-from monitor.daemon import Daemon
-from monitor.simulate.controller import Controller
+from monitor.config.load import from_document
+from monitor.service.daemon import Daemon
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store import Store
+from monitor.store.database import Store
 
 
 def play(excitation, context, should_stop):

@@ -14,19 +14,19 @@ import numpy as np
 import zenoh
 
 from monitor.assess import alert_document
-from monitor.config import from_document
-from monitor.daemon import Daemon, _known
-from monitor.judge.health import Alert
-from monitor.mover import Mover
+from monitor.config.load import from_document
+from monitor.judge.alerts.health import Alert
 from monitor.publish.bus import session_config
 from monitor.publish.documents import KINDS, schema
-from monitor.service import Heartbeats
-from monitor.simulate.controller import Controller
+from monitor.service.daemon import Daemon, _known
+from monitor.service.maintenance import Upkeep
+from monitor.service.problems import Troubles
+from monitor.service.scheduler import Mover
+from monitor.service.systemd import Heartbeats
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store import Store
-from monitor.troubles import Troubles
-from monitor.upkeep import Upkeep
+from monitor.store.database import Store
 
 ENDPOINT = "tcp/127.0.88.4:7452"
 PREFIX = "joint-monitor/v1/lab/cell-1"

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.assess import Assessment, assess
-from monitor.config import find_excitation
+from monitor.config.load import find_excitation
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, load_robot
-from monitor.publish.answers import torque_answer
+from monitor.publish.torque_query import torque_answer
 from monitor.recording import Recording
 
 UR5 = load_robot("ur5")

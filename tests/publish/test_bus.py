@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from monitor.client import Client
 from monitor.errors import BadInput, BusError
 from monitor.publish.bus import Answer, Bus, BusSettings, prefix, session_config
+from monitor.publish.client import Client
 
 
 def double(request):

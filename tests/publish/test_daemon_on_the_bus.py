@@ -15,23 +15,23 @@ import pytest
 import zenoh
 from undeclared import undeclared
 
-from monitor.client import Client
-from monitor.config import find_excitation, from_document
-from monitor.daemon import Daemon, _watch
+from monitor.acquire.schedule import ScheduleSettings
+from monitor.config.load import find_excitation, from_document
 from monitor.errors import BadInput
-from monitor.identity import digest
-from monitor.judge.health import Alert
-from monitor.mover import Mover
+from monitor.judge.alerts.health import Alert
 from monitor.publish.bus import session_config
+from monitor.publish.client import Client
 from monitor.publish.documents import KINDS, schema
-from monitor.schedule import ScheduleSettings
-from monitor.service import Heartbeats
-from monitor.simulate.controller import Controller
+from monitor.service.daemon import Daemon, _watch
+from monitor.service.info import digest
+from monitor.service.maintenance import Upkeep
+from monitor.service.problems import Troubles
+from monitor.service.scheduler import Mover
+from monitor.service.systemd import Heartbeats
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store import Store
-from monitor.troubles import Troubles
-from monitor.upkeep import Upkeep
+from monitor.store.database import Store
 
 DAY_S = 86_400.0
 START_UNIX_S = 1_767_582_000.0
@@ -421,7 +421,7 @@ def _document(daemon: Daemon, joint: int) -> dict:
 def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
     """On the bus, arm and joints, on the watcher's line and on systemd's, in metrics: the state stays, and is said to be of then."""
     from monitor.publish.metrics import families
-    from monitor.terminal_watch import line
+    from monitor.views.terminal.watch import line
 
     daemon, _, arm, endpoint = cell
 
@@ -453,7 +453,7 @@ def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
 
 def test_what_work_says_of_friction_is_told_with_health(cell):
     """A look that work has given: change, doubt, looks and probability of that joint, valid by the schema."""
-    from monitor.judge.residual import unheard
+    from monitor.judge.torque.production_residual import unheard
 
     daemon, _, _, endpoint = cell
     one = np.array([1.0, 0, 0, 0, 0, 0])

@@ -16,7 +16,7 @@ import pytest
 from rich.text import Text
 
 from monitor.publish.bus import Answer, Bus, BusSettings, prefix
-from monitor.terminal_watch import line
+from monitor.views.terminal.watch import line
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")

@@ -11,7 +11,7 @@ import trustme
 
 from monitor.errors import BadInput
 from monitor.publish.bus import Answer, Bus, BusSettings, prefix
-from monitor.publish.reach import reach
+from monitor.publish.diagnosis import reach
 
 DEPLOY = Path(__file__).parents[2] / "deploy" / "zenoh"
 PREFIX = prefix("lab", "cell-1")

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from monitor.client import Client
 from monitor.errors import BusError
-from monitor.store import Store
+from monitor.publish.client import Client
+from monitor.store.database import Store
 
 ROOT = Path(__file__).parents[2]
 ROUTER = (

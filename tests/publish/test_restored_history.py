@@ -9,12 +9,12 @@ from pathlib import Path
 
 from test_daemon_on_the_bus import DAY_S, START_UNIX_S, Arm, history, recording, settled  # noqa: F401
 
-from monitor.client import Client
-from monitor.daemon import STORE_RESTORED, Daemon
 from monitor.errors import BusError
-from monitor.keep.backup import back_up
+from monitor.publish.client import Client
 from monitor.publish.documents import Alert
-from monitor.store import Store
+from monitor.service.daemon import STORE_RESTORED, Daemon
+from monitor.store.backup import back_up
+from monitor.store.database import Store
 
 
 def reached(endpoint: str, process: "subprocess.Popen[str]") -> Client:

@@ -10,9 +10,9 @@ import pytest
 import trustme
 import zenoh
 
-from monitor.client import Client
 from monitor.errors import BadInput, BusError
 from monitor.publish.bus import Answer, Bus, BusSettings, prefix, session_config
+from monitor.publish.client import Client
 from monitor.publish.permit import Asker
 
 DEPLOY = Path(__file__).parents[2] / "deploy" / "zenoh"

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from monitor.client import Client
 from monitor.errors import BadInput
 from monitor.publish.bus import QUEUE_LENGTH, Answer, Bus, BusSettings, prefix, session_config
+from monitor.publish.client import Client
 
 ROOT = Path(__file__).parents[2]
 PREFIX = prefix("lab", "cell-1")

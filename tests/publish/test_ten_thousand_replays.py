@@ -18,11 +18,11 @@ from synthetic_arm import Arm as Laws
 from test_daemon_on_the_bus import settled
 
 import monitor.assess
-from monitor.daemon import Daemon
 from monitor.model.robot import load_robot
 from monitor.publish.bus import session_config
 from monitor.recording import Recording
-from monitor.store import Store
+from monitor.service.daemon import Daemon
+from monitor.store.database import Store
 
 REPLAYS, APART_S = 10_000, 21_600.0
 SPAN = 1000  # replays that are compared with each other

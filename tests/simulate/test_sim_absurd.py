@@ -7,15 +7,15 @@ import pytest
 from test_sim_controller import DOUBLES, MOVE, SERVO, Pendant
 
 from monitor.model.robot import Mounting, load_robot
-from monitor.simulate.controller import Controller
+from monitor.simulate.arm.kinematics import Kinematics, se3
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.inputs import INPUT_TYPES, recipe
+from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
+from monitor.simulate.controller.scripts import Refused, Steps, parse
 from monitor.simulate.faults import Place, inject
-from monitor.simulate.inputs import INPUT_TYPES, recipe
-from monitor.simulate.kinematics import Kinematics, se3
-from monitor.simulate.modes import RobotMode, Runtime, SafetyMode
-from monitor.simulate.rtde import RtdeSession
 from monitor.simulate.scenario import scenario_from_document
-from monitor.simulate.scripts import Refused, Steps, parse
 from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.wire.rtde import RtdeSession
 
 PAYLOAD = recipe(["input_int_register_0", *DOUBLES[:4]], INPUT_TYPES)
 SIX = recipe(["input_int_register_0", *DOUBLES[:6]], INPUT_TYPES)

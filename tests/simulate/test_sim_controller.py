@@ -7,11 +7,11 @@ import pytest
 from test_sim_scripts import CONTROL
 
 from monitor.errors import BadInput
-from monitor.simulate import dashboard
-from monitor.simulate.controller import Controller
-from monitor.simulate.inputs import INPUT_TYPES, recipe
-from monitor.simulate.modes import RobotMode, Runtime, SafetyMode
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.inputs import INPUT_TYPES, recipe
+from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
 from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.wire import dashboard
 
 DOUBLES = [f"input_double_register_{i}" for i in range(11)]
 COMMAND = recipe(["input_int_register_0"], INPUT_TYPES)

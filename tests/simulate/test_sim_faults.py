@@ -13,9 +13,9 @@ from test_sim_wire import DASHBOARD, result_of
 
 from monitor.errors import BadInput
 from monitor.simulate import faults
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.faults import FAULTS, Place, inject, parse
-from monitor.simulate.modes import Runtime, SafetyMode
 from monitor.simulate.settings import SimulateSettings
 
 PORTS = {"rtde": 30004, "dashboard": 29999, "primary": 30001, "secondary": 30002, "realtime": 30003}
@@ -358,7 +358,7 @@ def test_a_frozen_controller_keeps_its_connections_and_loses_time(ur5):
 
 def test_an_emergency_stop_through_the_command_line(ur5, capsys):
     """The command that a person types; a wrong one says what is known."""
-    from monitor.cli import app
+    from monitor.cli.main import app
 
     app(["simulate", "--bind", ur5.address, "--fault", "emergency_stop"], standalone_mode=False)
     assert "emergency stop" in capsys.readouterr().out

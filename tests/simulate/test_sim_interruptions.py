@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_sim_controller import CLEAR, MOVE, ONE, Pendant
 
-from monitor.simulate import dashboard
-from monitor.simulate.inputs import INPUT_TYPES, recipe
-from monitor.simulate.modes import Runtime, SafetyMode
+from monitor.simulate.controller.inputs import INPUT_TYPES, recipe
+from monitor.simulate.controller.modes import Runtime, SafetyMode
+from monitor.simulate.wire import dashboard
 
 SLIDER = recipe(["speed_slider_mask", "speed_slider_fraction"], INPUT_TYPES)
 THERE = [1.0, -1.2, 0.5, -1.0, 0.3, 0.2]

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.model.robot import load_robot
-from monitor.simulate.friction import FrictionLaw, default_law
-from monitor.simulate.physics import Arm, Target
-from monitor.simulate.thermal import Temperatures, default_thermal
+from monitor.simulate.arm.friction import FrictionLaw, default_law
+from monitor.simulate.arm.physics import Arm, Target
+from monitor.simulate.arm.thermal import Temperatures, default_thermal
 
 H = 0.002
 HOME = np.array([0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0])

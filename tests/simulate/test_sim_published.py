@@ -5,9 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from monitor.simulate.controller import Controller
-from monitor.simulate.rtde import RtdeSession
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.wire.rtde import RtdeSession
 
 # a line: type, first version on CB3 and on the e-Series (0: always, -: never), names; a..b are the numbers in place of #
 OUTPUTS = """

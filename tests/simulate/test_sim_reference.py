@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.model.robot import load_robot
-from monitor.simulate.reference import Reference
-from monitor.simulate.servoj import SERVO_MAX_RAD_S2, Servoj
+from monitor.simulate.arm.reference import Reference
+from monitor.simulate.arm.servoj import SERVO_MAX_RAD_S2, Servoj
 
 H = 0.002
 ZERO = np.zeros(6)
@@ -162,7 +162,7 @@ def test_a_change_of_acceleration_is_carried_on_where_targets_come_evenly_and_no
     """Evenly it halves what the pushes of new targets leave; with 4 ms of the network's jitter it would shake the arm."""
     even, jitter = np.full(2000, 0.003), 0.003 + np.abs(np.random.default_rng(0).normal(0.0, 0.004, 2000))
     with_turns = roughness(even), roughness(jitter)
-    monkeypatch.setattr("monitor.simulate.servoj.TURN_TRUST", 0.0)
+    monkeypatch.setattr("monitor.simulate.arm.servoj.TURN_TRUST", 0.0)
     without = roughness(even), roughness(jitter)
     assert with_turns[0] < 0.6 * without[0]
     assert with_turns[1] < 1.05 * without[1]

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.simulate.controller import Controller
-from monitor.simulate.rtde import ProtocolError, RtdeSession
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.wire.rtde import ProtocolError, RtdeSession
 
 VERSION_REQUEST = bytes.fromhex("0005 56 0002")
 COMMAND_RECIPE = bytes.fromhex("0018 49") + b"input_int_register_0,"

@@ -9,14 +9,14 @@ from test_sim_controller import Pendant
 
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, load_robot, robot_names
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.modes import SafetyMode
 from monitor.simulate.faults import Place
 from monitor.simulate.launch import announcement, settings_from
-from monitor.simulate.modes import SafetyMode
-from monitor.simulate.ports import Ports
 from monitor.simulate.scenario import DAY_S, HOUR_S, Event, Scenario, Work, load_scenario, scenario_from_document, scenario_names
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
+from monitor.simulate.wire.ports import Ports
 
 
 def living(name: str, **options) -> Controller:

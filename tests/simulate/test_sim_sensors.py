@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from test_sim_controller import Pendant
 
-from monitor.simulate import primary
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.wire import primary
 
 
 @pytest.fixture

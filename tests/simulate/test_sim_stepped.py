@@ -12,7 +12,7 @@ from test_sim_scripts import CONTROL
 from monitor.errors import BadInput, ReplayAborted
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 

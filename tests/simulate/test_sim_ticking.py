@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from monitor.simulate.ticking import TickSelector
-from monitor.simulate.timer import expirations, periodic_timer
+from monitor.simulate.wire.ticking import TickSelector
+from monitor.simulate.wire.timer import expirations, periodic_timer
 
 TICK_S = 0.05
 

@@ -15,7 +15,7 @@ from raw_rtde import RawRtde
 from sim_process import eventually, excitation, fresh_address, result_of
 
 from monitor.errors import BadInput, RobotUnreachable
-from monitor.simulate.controller import Controller
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.remote import Remote
 from monitor.simulate.settings import SimulateSettings
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-import monitor.studies.rehearse as rehearse_module
+import monitor.studies.rehearsal as rehearse_module
 from monitor.assess import AssessSettings
-from monitor.identify.solve import identify
-from monitor.judge.evidence import DriftSettings, observe
+from monitor.identify.identify import identify
+from monitor.judge.drift.observation import DriftSettings, observe
 from monitor.model.robot import Mounting, load_robot
-from monitor.studies.card import card, notes
 from monitor.studies.figures import Rate, Share
 from monitor.studies.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
-from monitor.studies.rehearse import COMPARABLE, Felt, Kind, delay, detection_row, false_alarms, life, onsets, play, rehearse
+from monitor.studies.performance_card import card, notes
+from monitor.studies.rehearsal import COMPARABLE, Felt, Kind, delay, detection_row, false_alarms, life, onsets, play, rehearse
 
 ASSESS = AssessSettings()
 FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise as it told it alone
@@ -67,9 +67,9 @@ def test_the_fleets_filter_is_the_daemons():
     """The same observations one by one through the belief and all at once through the fleet's track: the same wear to rounding."""
     from synthetic_arm import CONTEXT, START_S, Arm
 
-    from monitor.judge.drift import begin, learn
-    from monitor.judge.follow import followed
-    from monitor.judge.track import aged, at_pace, begun
+    from monitor.judge.drift.change_detection import followed
+    from monitor.judge.drift.filter_state import aged, at_pace, begun
+    from monitor.judge.drift.step import begin, learn
 
     drift, laws = ASSESS.drift, ASSESS.temperature
     arms = [Arm(seed=seed) for seed in range(4)]
@@ -232,7 +232,7 @@ def test_the_surrogate_is_what_identify_makes_of_full_physics(seed):
     from pathlib import Path
 
     from monitor.model.fourier import excitation_from_document
-    from monitor.simulate.controller import Controller
+    from monitor.simulate.controller.controller import Controller
     from monitor.simulate.settings import SimulateSettings
     from monitor.simulate.stepped import stepped_replay
 

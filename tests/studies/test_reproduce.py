@@ -10,11 +10,11 @@ import pytest
 from monitor.errors import BadInput
 from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, load_robot
-from monitor.printed import check_page
-from monitor.studies import paper
-from monitor.studies.campaign import CampaignSettings, campaign
-from monitor.studies.reproduce import _page, _plain, reproduce
-from monitor.studies.reproduce_sections import sections
+from monitor.studies.paper import printed as paper
+from monitor.studies.paper.campaign import CampaignSettings, campaign
+from monitor.studies.paper.reproduce import _page, _plain, reproduce
+from monitor.studies.paper.sections import sections
+from monitor.views.report.html import check_page
 
 SHORT = CampaignSettings(replays=2, evaluations=400, repetitions=1)
 pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("reproduce")]  # one campaign for all of them, on a machine that may be busy

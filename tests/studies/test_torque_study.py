@@ -9,8 +9,8 @@ import pytest
 
 from monitor.assess import AssessSettings
 from monitor.model.fourier import excitation_from_document
-from monitor.studies import torque
-from monitor.studies.torque import Foreseen, foresee, summary, surrogate
+from monitor.studies import torque_study as torque
+from monitor.studies.torque_study import Foreseen, foresee, summary, surrogate
 
 EXCITATION = Path(__file__).parents[2] / "config" / "excitation" / "ur5-ground.json"
 BLANK = Foreseen(  # of two joints, one test, no replay

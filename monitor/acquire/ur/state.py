@@ -1,0 +1,88 @@
+"""One snapshot of the controller, as far as the guards ask, and what its numbers are called."""
+
+import math
+from dataclasses import dataclass
+
+from monitor.acquire.ur.rows import PLACE
+from monitor.recording import Array
+
+ROBOT_MODE_RUNNING = 7
+SAFETY_MODE_NORMAL = 1
+SAFETY_BITS_NORMAL = 0b1  # bit 0 alone; any other bit is reduced mode, a stop or a fault
+RUNTIME_STOPPED = 1
+RUNTIME_PLAYING = 2
+
+STANDSTILL_RAD_S = 0.02  # speed noise of an arm at rest stays below
+
+RUNTIME_STATES = {0: "stopping", 1: "stopped", 2: "playing", 3: "pausing", 4: "paused", 5: "resuming"}
+ROBOT_MODES = {
+    -1: "no controller",
+    0: "disconnected",
+    1: "confirm safety",
+    2: "booting",
+    3: "power off",
+    4: "power on",
+    5: "idle",
+    6: "backdrive",
+    7: "running",
+    8: "updating firmware",
+}
+SAFETY_MODES = {
+    1: "normal",
+    2: "reduced",
+    3: "protective stop",
+    4: "recovery",
+    5: "safeguard stop",
+    6: "system emergency stop",
+    7: "robot emergency stop",
+    8: "violation",
+    9: "fault",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmState:
+    """One snapshot of the controller, as far as the conditions ask; NaN is what it does not report."""
+
+    robot_mode: int
+    safety_mode: int
+    safety_bits: int
+    runtime_state: int
+    q: Array  # (J,) [rad]
+    qd: Array  # (J,) [rad/s]
+    target_q: Array  # (J,) [rad]
+    target_qd: Array  # (J,) [rad/s]
+    temperature_c: Array  # (J,)
+    speed_scaling: float = math.nan  # of the trajectory limiter
+    speed_fraction: float = math.nan  # the slider's
+    payload_kg: float = math.nan
+    accelerometer_m_s2: tuple[float, float, float] = (math.nan, math.nan, math.nan)  # of the flange, in its frame
+    digital_inputs: float = math.nan  # bits
+
+    @property
+    def speed(self) -> float:
+        """Share of full speed at which a program plays: limiter times slider; NaN where neither is reported."""
+        told = [share for share in (self.speed_scaling, self.speed_fraction) if not math.isnan(share)]
+        return math.prod(told) if told else math.nan
+
+
+def arm_state(row: Array) -> ArmState:
+    """The same from one row (WIDTH,)."""
+    of = {name: row[place] for name, place in PLACE.items()}
+    x, y, z = of["actual_tool_accelerometer"]
+    return ArmState(
+        robot_mode=int(of["robot_mode"][0]),
+        safety_mode=int(of["safety_mode"][0]),
+        safety_bits=int(of["safety_status_bits"][0]),
+        runtime_state=int(of["runtime_state"][0]),
+        q=of["actual_q"],
+        qd=of["actual_qd"],
+        target_q=of["target_q"],
+        target_qd=of["target_qd"],
+        temperature_c=of["joint_temperatures"],
+        speed_scaling=float(of["speed_scaling"][0]),
+        speed_fraction=float(of["target_speed_fraction"][0]),
+        payload_kg=float(of["payload"][0]),
+        accelerometer_m_s2=(float(x), float(y), float(z)),
+        digital_inputs=float(of["actual_digital_input_bits"][0]),
+    )

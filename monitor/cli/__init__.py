@@ -1,0 +1,1 @@
+"""The commands: each module reads arguments, calls one room and prints. I/O."""

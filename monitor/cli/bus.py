@@ -1,0 +1,104 @@
+"""The commands that speak with a running daemon: alerts, ack, shelve; and what its documents look like: schema."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from monitor.errors import BadInput
+
+if TYPE_CHECKING:
+    from monitor.publish.client import Client
+
+ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+AlertArgument = Annotated[str, typer.Argument(metavar="ALERT", help="As `alerts` names it, e.g. j3/wear_rising or arm/common_mode.")]
+ByOption = Annotated[str, typer.Option("--by", help="Who acts: it is kept with the alert.", show_default=False)]
+WhyOption = Annotated[str, typer.Option("--why", help="Why: for whoever reads it later.")]
+
+
+def alerts(
+    config: ConfigOption,
+    cleared: Annotated[bool, typer.Option("--all", help="Also the last cleared one of each condition.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List the alerts of a running daemon. Exit 0 whether there are any or not."""
+    from monitor.views.terminal.tables import print_alerts
+
+    with _client(config) as client:
+        told = [alert.model_dump(mode="json") for alert in client.alerts(cleared=cleared)]
+    if as_json:
+        _print_json({"alerts": told})
+    else:
+        print_alerts(told)
+
+
+def ack(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
+    """Acknowledge an alert: somebody has seen it. It clears by itself once its condition is gone."""
+    joint, condition = _named(alert)
+    with _client(config) as client:
+        done = client.acknowledge(joint, condition, by=by, why=why).model_dump(mode="json")
+    if as_json:
+        _print_json(done)
+    else:
+        typer.echo(f"{alert}: acknowledged by {done['acknowledged_by']} at {done['acknowledged_at']}")
+
+
+def shelve(
+    config: ConfigOption,
+    alert: AlertArgument,
+    hours: Annotated[float, typer.Option(help="For so long it need not be shown.", show_default=False)],
+    by: ByOption,
+    why: WhyOption = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Shelve an alert: it stays active, and need not be shown for some hours."""
+    joint, condition = _named(alert)
+    if not 0.0 < hours <= 24.0 * 90:
+        raise BadInput(f"--hours {hours:g}: expected more than 0, at most {24 * 90} (90 days)")
+    with _client(config) as client:
+        done = client.shelve(joint, condition, hours=hours, by=by, why=why).model_dump(mode="json")
+    if as_json:
+        _print_json(done)
+    else:
+        typer.echo(f"{alert}: shelved by {done['shelved_by']} until {done['shelved_until']}")
+
+
+def schema(
+    kind: Annotated[
+        str | None, typer.Argument(metavar="KIND", help="Of document; without it the kinds are listed.", show_default=False)
+    ] = None,
+) -> None:
+    """Print the JSON Schema of a published document."""
+    from monitor.publish.documents import KINDS
+    from monitor.publish.documents import schema as schema_of
+
+    if kind is None:
+        for name, cls in KINDS.items():
+            typer.echo(f"{name:16} {(cls.__doc__ or '').strip().splitlines()[0]}")
+        return
+    if kind not in KINDS:
+        raise BadInput(f"kind {kind!r} is not known; known are {', '.join(KINDS)}")
+    _print_json(schema_of(kind))
+
+
+def _client(config: Path) -> "Client":
+    from monitor.config.load import load
+    from monitor.publish.client import Client
+
+    configuration = load(config)
+    endpoint = (configuration.bus.connect or configuration.bus.listen)[0]
+    return Client(endpoint, configuration.robot.site, configuration.robot.id, zenoh_file=configuration.bus.client_zenoh)
+
+
+def _named(alert: str) -> tuple[int | None, str]:
+    """`j3/wear_rising` → (3, "wear_rising"), `arm/common_mode` → (None, "common_mode")."""
+    place, _, condition = alert.partition("/")
+    if not condition or not (place == "arm" or (place[:1] == "j" and place[1:].isascii() and place[1:].isdigit())):
+        raise BadInput(f"alert {alert!r}: expected j1/CONDITION … j6/CONDITION or arm/CONDITION, as `joint-monitor alerts` names them")
+    return (None if place == "arm" else int(place[1:])), condition
+
+
+def _print_json(document: Any) -> None:
+    typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1))

@@ -1,0 +1,248 @@
+"""The commands around a motion: `check` looks, `replay` moves, `record` listens, `allow` lets a person have the last word."""
+
+import json
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from monitor.errors import BadInput, ReplayAborted, StoreError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from monitor.acquire.replay import Progress
+    from monitor.config.load import Configuration
+    from monitor.recording import Recording
+
+
+class Stopping:
+    """A request to stop. No event of threading: a second signal during the first one's handler would wait for its lock for ever."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def ask(self, *_: object) -> None:
+        """The handler."""
+        self._asked = True
+
+    def is_set(self) -> bool:
+        """Has somebody asked?"""
+        return self._asked
+
+
+EXIT_NOT_NOW = 3  # check: the arm may not move now
+
+ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
+OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Where the recording goes (Parquet).", show_default=False)]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+
+
+def check(config: ConfigOption, as_json: JsonOption = False) -> None:
+    """May the service run, and the arm move, now? Every condition by name; nothing is moved. Exit 3: something speaks against it."""
+    from monitor.acquire.safety.conditions import Condition
+    from monitor.config.load import load
+    from monitor.service.motion import look
+    from monitor.service.preflight import service_conditions
+
+    configuration = load(config)
+    service = service_conditions(configuration)
+    with _asking(configuration) as ask:
+        try:
+            found = look(configuration, ask=ask)
+        except StoreError as error:  # without its history nobody knows whether a stop waits for a person
+            found = (Condition(name="previous_stop", holds=False, told=str(error)),)
+    may = all(condition.holds for condition in found)
+    bus = _reached(configuration)
+    if as_json:
+        told, ours = (
+            [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.told} for each in part]
+            for part in (found, service)
+        )
+        may_run = all(condition.holds for condition in service)
+        about = {"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "may_run": may_run}
+        _print_json(about | {"service": ours, "conditions": told, "bus": bus})
+    else:
+        from monitor.views.terminal.tables import print_bus, print_conditions
+
+        rows = [(each.name, each.word, each.told) for each in (*service, *found)]
+        print_conditions(f"{configuration.robot.id} at {configuration.robot.host}", rows)
+        print_bus(bus)
+    if not (may and all(condition.holds for condition in service)):
+        raise typer.Exit(EXIT_NOT_NOW)
+
+
+def replay(config: ConfigOption, output: OutputOption, as_json: JsonOption = False) -> None:
+    """Move the arm once along the configured excitation, guarded, slowly first after a change, and save the recording."""
+    from monitor.config.load import load
+    from monitor.service.motion import move
+    from monitor.store.database import Store
+    from monitor.store.recordings import write_recording
+    from monitor.views.terminal.tables import progress
+
+    configuration = load(config)
+    _check_output(output)
+    first = output.with_name(f"{output.stem}-first-pass.parquet")
+    with (
+        _stopping() as stopping,
+        Store.beside(configuration.state_directory) as store,
+        _asking(configuration) as ask,
+        progress("replay") as show,
+    ):
+
+        def on_progress(at: "Progress") -> None:
+            show(at.phase, at.elapsed_s, at.duration_s)
+
+        def announce(about: "Mapping[str, Any]") -> None:
+            in_s = about["moves_at_unix_s"] - time.time()
+            if in_s > 0.1:
+                typer.echo(f"the arm moves in {in_s:.1f} s", err=True)
+
+        before = store.latest_first_pass()
+        try:
+            recording = move(
+                configuration,
+                store,
+                configuration.excitation,
+                configuration.context,
+                should_stop=stopping.is_set,
+                first_pass_path=first,
+                on_progress=on_progress,
+                ask=ask,
+                announce=announce,
+            )
+        except ReplayAborted as error:
+            if error.needs_a_person:
+                store.stopped(error.cause, str(error), time.time())
+            raise
+        slowly = store.latest_first_pass() != before
+    write_recording(output, recording)
+    facts = _facts(output, recording)
+    if as_json:
+        _print_json(facts | {"first_pass": str(first) if slowly else None})
+        return
+    if slowly:
+        typer.echo(f"{first}: slow first pass, because arm, trajectory, cell, tool or payload are new")
+    _say(facts)
+
+
+def record(
+    config: ConfigOption,
+    output: OutputOption,
+    seconds: Annotated[float | None, typer.Option(help="For so long; else until Ctrl-C.", show_default=False)] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Only listen, while a program of yours moves the arm, and save the recording."""
+    from monitor.acquire.ur.record import record as listen
+    from monitor.config.load import load
+    from monitor.store.recordings import write_recording
+    from monitor.views.terminal.tables import progress
+
+    configuration = load(config)
+    _check_output(output)
+    if seconds is not None and not 0.1 <= seconds <= 86_400.0:
+        raise BadInput(f"--seconds {seconds:g}; expected 0.1 to 86400")
+    with _stopping() as stopping, progress("record") as show:
+        recording = listen(
+            configuration.robot.host,
+            rate_hz=configuration.replay.rate_hz,
+            context=configuration.context,
+            seconds=seconds,
+            should_stop=stopping.is_set,
+            startup_timeout_s=configuration.replay.startup_timeout_s,
+            on_progress=lambda lasted_s, rows: show(f"{rows} rows", lasted_s, seconds or 0.0),
+        )
+    write_recording(output, recording)
+    facts = _facts(output, recording)
+    if as_json:
+        _print_json(facts)
+    else:
+        _say(facts)
+
+
+def allow(
+    config: ConfigOption,
+    by: Annotated[str, typer.Option(help="Who has looked at the arm.", show_default=False)],
+    why: Annotated[str, typer.Option(help="What was found, and why it may move again.", show_default=False)],
+    as_json: JsonOption = False,
+) -> None:
+    """Let the arm move again after a stop that a person had to look at; who and why are kept with it."""
+    from monitor.config.load import load
+    from monitor.publish.timestamps import rfc3339
+    from monitor.store.database import Store
+
+    configuration = load(config)
+    for option, text in (("--by", by), ("--why", why)):
+        if not text.strip():
+            raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
+    with Store.beside(configuration.state_directory) as store:
+        waiting = store.allow(by.strip(), why.strip(), time.time())
+    told = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.told} for stop in waiting]
+    if as_json:
+        _print_json({"robot": configuration.robot.id, "allowed": told, "by": by.strip(), "why": why.strip()})
+        return
+    if not waiting:
+        typer.echo(f"{configuration.robot.id}: no stop is waiting for a person")
+    for stop in told:
+        typer.echo(f"{configuration.robot.id}: {stop['at']}  {stop['told']}")
+    if waiting:
+        typer.echo(f"allowed by {by.strip()}: {why.strip()}")
+
+
+def _reached(configuration: "Configuration") -> list[dict[str, Any]]:
+    """How far daemon and commands get on the bus; the daemon's own way where it connects to a router."""
+    from monitor.publish.diagnosis import reach
+
+    bus, prefix = configuration.bus, configuration.key_prefix
+    found = [reach(endpoint, prefix, who="daemon", zenoh_file=bus.zenoh, answers=False) for endpoint in bus.connect]
+    found.append(reach((bus.connect or bus.listen)[0], prefix, who="commands", zenoh_file=bus.client_zenoh))
+    return [{"who": each.who, "endpoint": each.endpoint, "cause": each.cause, "told": each.told} for each in found]
+
+
+@contextmanager
+def _asking(configuration: "Configuration") -> Iterator[Any]:
+    """The way to ask for a permit, where the configuration wants one."""
+    if configuration.replay.permit != "zenoh":
+        yield None
+        return
+    from monitor.publish.permit import Asker
+
+    with Asker(configuration.bus, configuration.key_prefix) as asker:
+        yield asker.ask
+
+
+@contextmanager
+def _stopping() -> Iterator[Stopping]:
+    """Set by SIGTERM, Ctrl-C or a terminal that is closed: a moving arm is stopped first."""
+    stopping = Stopping()
+    before = {number: signal.signal(number, stopping.ask) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
+    try:
+        yield stopping
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _check_output(output: Path) -> None:
+    if output.suffix != ".parquet":
+        raise BadInput(f"{output}: a recording is written as Parquet; give a name that ends in .parquet")
+    if not output.parent.is_dir():
+        raise BadInput(f"{output}: the folder {output.parent} does not exist")
+
+
+def _facts(output: Path, recording: "Recording") -> dict[str, Any]:
+    return {"file": str(output), "samples": recording.samples, "duration_s": recording.duration_s, "quality": dict(recording.quality)}
+
+
+def _say(facts: dict[str, Any]) -> None:
+    typer.echo(f"{facts['file']}: {facts['samples']} samples in {facts['duration_s']:.1f} s")
+    for name, value in facts["quality"].items():
+        typer.echo(f"  {name}: {value:.4g}" if isinstance(value, float) and abs(value) < 1e6 else f"  {name}: {value}")
+
+
+def _print_json(document: Any) -> None:
+    typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1))

@@ -1,0 +1,82 @@
+"""The commands that end in a page to print: `reproduce` and `report`."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from monitor.errors import BadInput
+from monitor.publish.timestamps import unix_s
+from monitor.views.report.html import check_page
+
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+
+
+def reproduce(
+    robot: Annotated[list[str] | None, typer.Option(help="ur3 or ur5; may be given again. Both where none is.", show_default=False)] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="The report (.html), one file.", show_default=False)] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of searches and noise: the same seed, the same figures.")] = 0,
+    replays: Annotated[int, typer.Option(min=2, max=61, help="Of the half hour's warm-up, identified.")] = 13,
+    evaluations: Annotated[int, typer.Option(min=100, max=100_000, help="Of each search for a trajectory.")] = 1600,
+    as_json: JsonOption = False,
+) -> None:
+    """The paper's tables and figures on the simulated arms, beside the paper's own. Exit 1: something that must agree does not."""
+    from monitor.studies.paper.campaign import CampaignSettings
+    from monitor.studies.paper.reproduce import reproduce as play
+    from monitor.views.terminal.tables import campaign_progress, print_reproduction
+
+    settings = CampaignSettings(seed=seed, replays=replays, evaluations=evaluations)
+    robots = robot or ["ur3", "ur5"]
+    with campaign_progress(robots) as show:
+        document = play(robots, settings, show, output)
+    if as_json:
+        typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
+    else:
+        print_reproduction(document, None if output is None else str(output))
+    raise typer.Exit(0 if document["passed"] else 1)
+
+
+def report(
+    config: Annotated[list[Path], typer.Option("--config", "-c", help="A robot's TOML file; may be given again.", show_default=False)],
+    since: Annotated[
+        str | None, typer.Option("--from", help="Begin, e.g. 2026-06-01 (UTC); else the first replay.", show_default=False)
+    ] = None,
+    until: Annotated[str | None, typer.Option("--to", help="End, not included; else now.", show_default=False)] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="The report (.html), one file.", show_default=False)] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """One page to print for the maintenance file: verdicts, evidence, context changes, what was not monitored and why."""
+    import time
+
+    from monitor.config.load import load
+    from monitor.service.report import report as collect
+    from monitor.store.database import Store
+    from monitor.views.report.page import report_page
+
+    if output is None and not as_json:
+        raise BadInput("report: expected -o FILE.html, or --json")
+    if output is not None:
+        check_page(output)
+    begin, end = (None if text is None else _moment(text, option) for text, option in ((since, "--from"), (until, "--to")))
+    now, reports = time.time(), []
+    for path in config:
+        configuration = load(path)
+        with Store.reader(configuration.state_directory) as store:
+            reports.append(collect(configuration, store, begin, end, now))
+    if output is not None:
+        try:
+            output.write_text(report_page(reports), encoding="utf-8")
+        except OSError as wrong:
+            raise BadInput(f"-o {output}: cannot be written: {wrong.strerror}") from None
+    if as_json:
+        typer.echo(json.dumps({"reports": reports}, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo(f"written: {output}")
+
+
+def _moment(text: str, option: str) -> float:
+    try:
+        return unix_s(text)
+    except ValueError:
+        raise BadInput(f"{option} {text!r}: expected a day or a time, e.g. 2026-06-01 or 2026-06-01T03:00:00Z") from None

@@ -1,0 +1,80 @@
+"""A configuration in place of another while the service runs: what takes effect at once, and what waits for a restart."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+from monitor.config.load import Configuration
+
+# sockets, files and identity are opened once; a belief refers friction to one speed for all its life
+NEEDS_RESTART = (
+    "robot.model",
+    "robot.site",
+    "robot.id",
+    "robot.host",
+    "robot.listen_hz",
+    "bus",
+    "metrics",
+    "page",
+    "store.directory",
+    "drift.reference_speed_rad_s",
+)
+
+
+class Reloaded(NamedTuple):
+    """What is in force now."""
+
+    configuration: Configuration
+    changed: tuple[str, ...]  # keys in force
+    waiting: tuple[str, ...]  # keys that a restart will put in force
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        parts = [f"changed {', '.join(self.changed)}"] if self.changed else []
+        parts += [f"waiting for a restart: {', '.join(self.waiting)}"] if self.waiting else []
+        return "; ".join(parts) or "nothing has changed"
+
+
+def reloaded(old: Configuration, new: Configuration) -> Reloaded:
+    """The old configuration with everything of the new one that can change while the service runs."""
+    was, will = _flat(old), _flat(new)
+    different = sorted(key for key in was.keys() | will.keys() if was.get(key) != will.get(key))
+    waiting = tuple(key for key in different if any(key == name or key.startswith(f"{name}.") for name in NEEDS_RESTART))
+    kept = {name: getattr(old, name) for name in ("bus", "metrics", "page") if hasattr(old, name)}
+    staying = [name.removeprefix("robot.") for name in NEEDS_RESTART if name.startswith("robot.")]
+    robot = dataclasses.replace(new.robot, **{name: getattr(old.robot, name) for name in staying})
+    excitation = new.excitation if new.robot.model == old.robot.model else old.excitation  # it is made for the model
+    speed = old.assess.drift.reference_speed_rad_s
+    merged = dataclasses.replace(
+        new,
+        robot=robot,
+        store=dataclasses.replace(new.store, directory=old.store.directory),
+        replay=dataclasses.replace(new.replay, host=old.replay.host),
+        assess=dataclasses.replace(new.assess, drift=dataclasses.replace(new.assess.drift, reference_speed_rad_s=speed)),
+        excitation=excitation,
+        path=old.path,
+        **kept,
+    )
+    return Reloaded(merged, tuple(key for key in different if key not in waiting), waiting)
+
+
+def _flat(configuration: Configuration) -> dict[str, Any]:
+    """Every setting by its key in the file."""
+    flat: dict[str, Any] = {"replay.excitation": (configuration.excitation.digest, configuration.excitation.repetitions)}
+    for section in dataclasses.fields(configuration):
+        if section.name in {"path", "excitation", "assess", "overrides"}:
+            continue
+        _into(flat, section.name, getattr(configuration, section.name))
+    for room in dataclasses.fields(configuration.assess):
+        value = getattr(configuration.assess, room.name)
+        _into(flat, room.name if dataclasses.is_dataclass(value) else f"assess.{room.name}", value)
+    flat.pop("replay.host")  # it is the robot's
+    return flat
+
+
+def _into(flat: dict[str, Any], place: str, value: Any) -> None:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type) and place != "replay.cell":
+        for field in dataclasses.fields(value):
+            _into(flat, f"{place}.{field.name}", getattr(value, field.name))
+    else:
+        flat[place] = value

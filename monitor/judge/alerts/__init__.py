@@ -1,0 +1,1 @@
+"""What a person is told: states, alerts and their life cycle, remaining life, reasons. Pure."""

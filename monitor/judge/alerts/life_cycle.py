@@ -1,0 +1,63 @@
+"""The life of an alert: raised, told again, latched until somebody has seen it, cleared once its condition is gone (ISA-18.2)."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from monitor.judge.alerts.health import ACTIONS, SEVERITY, TIERS, Alert, HealthSettings, Split, Transition
+from monitor.recording import Array
+
+
+class Finding(NamedTuple):
+    """What one condition looks like now: `raise_tier` if it may be raised, `hold_tier` if it may be kept; None if not."""
+
+    raise_tier: int | None
+    hold_tier: int | None
+    change: float
+    probabilities: Array  # (3,) of the tiers
+    text: Callable[[], str]  # told only when something is to be told
+    split: Split | None = None
+
+
+def next_step(alert: Alert | None, key: tuple[int | None, str], finding: Finding, at: float, settings: HealthSettings) -> Transition | None:
+    """One alert's next step in life, or None where it stays as it is."""
+    joint, condition = key
+    tier = finding.raise_tier
+    if alert is None or not alert.active:
+        if tier is None:
+            return None
+        raised = Alert(joint=joint, condition=condition, raised_at_unix_s=at, **_told(condition, tier, finding, at))
+        return Transition("raised", raised)
+
+    now = TIERS.index(alert.tier)
+    acknowledged = alert.acknowledged_at_unix_s is not None
+    if acknowledged and tier is None and finding.hold_tier is None:
+        cleared = replace(
+            alert, cleared_at_unix_s=at, updated_at_unix_s=at, change=finding.change, text=finding.text(), split=finding.split
+        )  # fmt: skip
+        return Transition("cleared", cleared)
+    highest = max((k for k in (tier, finding.hold_tier) if k is not None), default=now)
+    if tier is not None and tier > now:
+        highest = tier
+    else:
+        highest = min(highest, now) if acknowledged else now  # latched: it steps down only once somebody has seen it
+    if highest == now and abs(finding.change - alert.change) < settings.update_step:
+        return None
+    told = replace(alert, **_told(condition, highest, finding, at))
+    if highest > now:  # a graver alert is to be seen again
+        told = replace(told, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
+    return Transition("updated", told)
+
+
+def _told(condition: str, tier: int, finding: Finding, at: float) -> dict[str, Any]:
+    """What an alert says at a tier, raised or told again."""
+    return {
+        "tier": TIERS[tier],
+        "updated_at_unix_s": at,
+        "change": finding.change,
+        "probability": float(finding.probabilities[tier]),
+        "text": finding.text(),
+        "action": ACTIONS[condition, TIERS[tier]],
+        "severity": SEVERITY[TIERS[tier]],
+        "split": finding.split,
+    }

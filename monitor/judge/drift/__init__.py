@@ -1,0 +1,1 @@
+"""One replay through the Kalman filter: observation, state, update, change detection. Pure."""

@@ -1,0 +1,1 @@
+"""Friction over joint temperature: laws, curves, stuck sensors. Pure."""

@@ -1,0 +1,241 @@
+"""How friction falls as a joint warms: one straight line a joint, learnt from replay to replay, and a curve where that is better.
+
+Raviola et al. (2021), §4: fv falls linearly with the joint's temperature, Coulomb friction stays. A line is a Bayesian
+regression on running sums: the level is learnt from the data alone, the slope starts from what the robot family does, so
+that one replay already gives a usable law with an honest doubt. Over a wider range another law may fit better: `curves.py`.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from annotated_types import Interval
+
+from monitor.errors import BadConfiguration
+from monitor.judge.document import array, plain
+from monitor.judge.temperature.curves import BINS, LAWS, PER_BIN, Curve, binned, chosen, curve_from_document, no_bins
+from monitor.recording import Array
+
+SUMS = 6  # n, Σt, Σt², Σy, Σty, Σy²
+LEAST_LEFT = 0.05  # of its intercept, however far a line is stretched: friction never drives
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TemperatureSettings:
+    """What is believed of temperature before the first replay, and how far a law may be stretched."""
+
+    viscous_fall_per_k: Annotated[float, Interval(ge=0.0, le=0.1)] = (
+        0.015  # UR3 and UR5: 0.8–2.2 %/K between 22 and 40 °C, Raviola et al. (2021), table 4
+    )
+    viscous_fall_std_per_k: Annotated[float, Interval(ge=1e-6, le=0.1)] = 0.007  # so that the published range is ± 1 σ
+    coulomb_fall_std_per_k: Annotated[float, Interval(ge=1e-6, le=0.1)] = (
+        0.003  # the paper sees none; a straight line through a concave law leaves some
+    )
+    scatter: Annotated[float, Interval(ge=1e-6, le=1.0)] = (
+        0.05  # fraction; one trajectory's fc and fv scatter by 4–10 % from replay to replay
+    )
+    scatter_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 5.0  # how many replays that belief is worth
+    margin_k: Annotated[float, Interval(ge=0.0, le=50.0)] = 3.0  # beyond the coldest and warmest replay a line is still trusted this far
+
+    def __post_init__(self) -> None:
+        """Raises BadConfiguration where a figure that must be positive is not."""
+        for name in ("viscous_fall_std_per_k", "coulomb_fall_std_per_k", "scatter", "scatter_replays", "margin_k"):
+            if not getattr(self, name) > 0:
+                raise BadConfiguration(f"temperature.{name} = {getattr(self, name)!r}; expected a positive number")
+
+
+class Valued(NamedTuple):
+    """A law's value at a temperature, its standard deviation, and whether the line was stretched beyond what it has seen."""
+
+    value: Array
+    std: Array
+    extrapolated: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Law:
+    """Sufficient statistics of one line a joint; t = T − origin_c, y = value − origin_value, against cancellation."""
+
+    origin_c: Array  # (J,)
+    origin_value: Array  # (J,) first value seen; NaN before
+    slope_prior: Array  # (J,) [unit/K]
+    slope_prior_std: Array  # (J,)
+    scatter_prior: Array  # (J,) [unit] between replays
+    sums: Array  # (J, 6)
+    range_c: Array  # (J, 2) coldest and warmest replay; NaN before
+    bins: Array  # (J, BINS, 3) the same values by temperature, see `curves`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Line:
+    """A law fitted: value = intercept + slope·(T − reference_c), wear divided out; or the curve, where that errs less."""
+
+    reference_c: Array  # (J,)
+    intercept: Array  # (J,) at reference_c; NaN where the joint was never seen
+    slope: Array  # (J,) [unit/K]
+    cov: Array  # (J, 2, 2) of (intercept, slope)
+    scatter: Array  # (J,) between replays
+    range_c: Array  # (J, 2)
+    margin_k: float
+    curve: Curve | None = None
+
+    @property
+    def law(self) -> tuple[str, ...]:
+        """(J,) linear, exponential or vogel: which of them `at` answers by."""
+        kinds = np.zeros(len(self.intercept)) if self.curve is None else self.curve.kind
+        return tuple(LAWS[int(kind)] for kind in kinds)
+
+    def at(self, temperature_c: Array) -> Valued:
+        """Value, standard deviation of the law and `extrapolated`, each (…, J), at temperatures (…, J).
+
+        A line stretched so far that friction would vanish is held at 5 % of its intercept: friction never drives.
+        """
+        t = temperature_c - self.reference_c
+        value = self.intercept + self.slope * t
+        var = self.cov[:, 0, 0] + 2.0 * self.cov[:, 0, 1] * t + self.cov[:, 1, 1] * t**2
+        floor = LEAST_LEFT * np.abs(self.intercept)
+        value, std = np.maximum(value, floor), np.sqrt(np.maximum(var, 0.0))
+        if self.curve is not None and np.any(self.curve.kind > 0):
+            by_curve, curve_std = self.curve.at(temperature_c)
+            value, std = np.where(self.curve.kind > 0, by_curve, value), np.where(self.curve.kind > 0, curve_std, std)
+        return Valued(value, std, ~self.inside(temperature_c))
+
+    def inside(self, temperature_c: Array) -> np.ndarray:
+        """(…, J) whether a temperature lies in the learnt range, widened by the margin; False where unknown."""
+        return inside_range(self.range_c, temperature_c, self.margin_k)
+
+    @property
+    def change(self) -> Array:
+        """(J,) relative change from the coldest to the warmest replay, as in table 4 of the paper."""
+        cold = self.intercept + self.slope * (self.range_c[:, 0] - self.reference_c)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            fraction: Array = self.slope * (self.range_c[:, 1] - self.range_c[:, 0]) / cold
+        return np.where(np.isfinite(fraction), fraction, np.nan)
+
+    def as_document(self) -> dict[str, Any]:
+        """Plain JSON; `line_from_document` is its inverse."""
+        document: dict[str, Any] = plain(self)
+        return document
+
+
+def inside_range(range_c: Array, temperature_c: Array, margin_k: float) -> np.ndarray:
+    """(…, J) whether temperatures (…, J) lie in ranges (J, 2) widened by a margin; False where either is unknown."""
+    within: np.ndarray = (temperature_c >= range_c[:, 0] - margin_k) & (temperature_c <= range_c[:, 1] + margin_k)
+    return within
+
+
+def line_from_document(document: Any, joints: int, *, where: str) -> Line:
+    """A Line from its document. Raises BadInput naming the key."""
+    J = joints
+    shapes: dict[str, tuple[int, ...]] = {
+        "reference_c": (J,),
+        "intercept": (J,),
+        "slope": (J,),
+        "cov": (J, 2, 2),
+        "scatter": (J,),
+        "range_c": (J, 2),
+    }
+    parts = {key: array(document, key, shape, where=where) for key, shape in shapes.items()}
+    curve = curve_from_document(document.get("curve"), J, where=f"{where}: curve")
+    return Line(**parts, margin_k=float(array(document, "margin_k", (), where=where)), curve=curve)
+
+
+def law_from_document(document: Any, joints: int, *, where: str) -> Law:
+    """A Law from its document. Raises BadInput naming the key."""
+    J = joints
+    shapes: dict[str, tuple[int, ...]] = {
+        "origin_c": (J,),
+        "origin_value": (J,),
+        "slope_prior": (J,),
+        "slope_prior_std": (J,),
+        "scatter_prior": (J,),
+        "sums": (J, SUMS),
+        "range_c": (J, 2),
+        "bins": (J, BINS, PER_BIN),
+    }
+    return Law(**{key: array(document, key, shape, where=where) for key, shape in shapes.items()})
+
+
+def begun(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_per_k: float, scatter: float) -> Law:
+    """A law before its first replay: slope and scatter as fractions of a first value (J,); NaN where it is unknown."""
+    size = np.where(np.isfinite(value), np.maximum(np.abs(value), 1e-3), 1.0)  # a friction of nothing would make the prior certain
+    J = len(origin_c)
+    return Law(
+        origin_c=origin_c,
+        origin_value=np.full(J, np.nan),
+        slope_prior=-fall_per_k * size,
+        slope_prior_std=fall_std_per_k * size,
+        scatter_prior=scatter * size,
+        sums=np.zeros((J, SUMS)),
+        range_c=np.full((J, 2), np.nan),
+        bins=no_bins(J),
+    )
+
+
+def learnt(law: Law, temperature_c: Array, value: Array) -> Law:
+    """The law after one more replay, (J,) each. NaN in `value` leaves a joint as it was.
+
+    An unknown temperature counts as the origin: it teaches the level, and does not widen the range.
+    """
+    seen = np.isfinite(value)
+    origin_value = np.where(np.isnan(law.origin_value), value, law.origin_value)
+    t = np.where(np.isfinite(temperature_c), temperature_c - law.origin_c, 0.0)
+    y = np.where(seen, value - origin_value, 0.0)
+    more = np.stack([np.ones_like(t), t, t * t, y, t * y, y * y], axis=1)  # (J, 6)
+    bins = binned(law.bins, temperature_c, value)
+    shown = np.where(seen, temperature_c, np.nan)
+    range_c = np.stack([np.fmin(law.range_c[:, 0], shown), np.fmax(law.range_c[:, 1], shown)], axis=1)
+    return replace(law, origin_value=origin_value, sums=law.sums + np.where(seen[:, None], more, 0.0), range_c=range_c, bins=bins)
+
+
+def fitted(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
+    """The line that the replays so far and the prior support, referred to a temperature (J,)."""
+    n, St, Stt, Sy, Sty, Syy = law.sums.T  # (J,) each
+    scatter = law.scatter_prior
+    level, slope, cov = _posterior(law, scatter)
+    # the residual tells the scatter; the prior's share keeps a law of two replays from being certain
+    rss = Syy - 2.0 * (level * Sy + slope * Sty) + level**2 * n + 2.0 * level * slope * St + slope**2 * Stt
+    freedom = settings.scatter_replays
+    scatter = np.sqrt((freedom * law.scatter_prior**2 + np.maximum(rss, 0.0)) / (freedom + np.maximum(n - 1.0, 0.0)))
+    level, slope, cov = _posterior(law, scatter)
+
+    shift = reference_c - law.origin_c
+    M = np.tile(np.eye(2), (len(shift), 1, 1))
+    M[:, 0, 1] = shift
+    return Line(
+        reference_c=reference_c,
+        intercept=law.origin_value + level + slope * shift,
+        slope=slope,
+        cov=M @ cov @ np.swapaxes(M, 1, 2),  # (J, 2, 2)
+        scatter=scatter,
+        range_c=law.range_c,
+        margin_k=settings.margin_k,
+        curve=chosen(law.bins, reference_c, scatter),
+    )
+
+
+def reopened(law: Law, settings: TemperatureSettings) -> Law:
+    """The law in a new context: the level is to be learnt again, the slope stays as the prior, less sure."""
+    line = fitted(law, law.origin_c, settings)
+    return replace(
+        law,
+        origin_value=np.full_like(law.origin_value, np.nan),
+        slope_prior=line.slope,
+        slope_prior_std=np.hypot(np.sqrt(line.cov[:, 1, 1]), 0.25 * np.abs(line.slope)),  # another load shifts the shares
+        sums=np.zeros_like(law.sums),
+        bins=no_bins(len(law.bins)),
+    )
+
+
+def _posterior(law: Law, scatter: Array) -> tuple[Array, Array, Array]:
+    """Level and slope (J,) about the origin and their covariance (J, 2, 2), for a given scatter."""
+    n, St, Stt, Sy, Sty, _ = law.sums.T
+    weight = 1.0 / scatter**2
+    # an unseen joint has no level: its precision is 0, and a tiny one keeps the algebra regular (intercept is NaN anyway)
+    A00 = np.where(n > 0, n, 1e-9) * weight
+    A01 = St * weight
+    A11 = Stt * weight + 1.0 / law.slope_prior_std**2
+    b0, b1 = Sy * weight, Sty * weight + law.slope_prior / law.slope_prior_std**2
+    det = A00 * A11 - A01**2
+    cov = np.stack([np.stack([A11, -A01], axis=1), np.stack([-A01, A00], axis=1)], axis=1) / det[:, None, None]  # (J, 2, 2)
+    return (A11 * b0 - A01 * b1) / det, (A00 * b1 - A01 * b0) / det, cov

@@ -1,0 +1,1 @@
+"""The temperature-compensated torque model, its predictor and its prediction error. Pure."""

@@ -1,0 +1,55 @@
+"""What of the house's own documents is told outside: what the schemas name, and no running counts of the judge."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from monitor.judge.alerts.health import Health, HealthSettings, alert_document, health_from_document
+from monitor.judge.alerts.rules import stale, stale_words
+
+
+def health_told(health: Health | None, now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
+    """States, reasons and alerts, and which of them are too old to be relied on; before the first replay `state` is None.
+
+    Stale goes beside the state and does not replace it: an alert that nothing contradicts stays, and v1 readers know five states.
+    """
+    if health is None:
+        return {"state": None, "joints": [], "alerts": []}
+    silent = stale(health, now_unix_s, settings)
+    return {
+        "state": health.state,
+        "why": health.why,
+        "since_unix_s": health.since_unix_s,
+        "stale": any(silent),
+        "stale_why": _stale_why(health, silent, now_unix_s, settings),
+        "joints": [
+            {
+                "joint": joint.joint,
+                "state": joint.state,
+                "why": joint.why,
+                "since_unix_s": joint.since_unix_s,
+                "stale": old,
+                "learnt_at_unix_s": joint.told_unix_s,
+            }
+            for joint, old in zip(health.joints, silent, strict=True)
+        ],
+        "alerts": [alert_document(alert) for alert in health.alerts],
+    }
+
+
+def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
+    """The judge's own document of a Health, as it is stored, with what is stale in it. Raises BadInput where it is none."""
+    health = health_from_document(document)
+    silent = stale(health, now_unix_s, settings)
+    joints = [{**joint, "stale": old} for joint, old in zip(document["joints"], silent, strict=True)]
+    return {**document, "stale": any(silent), "stale_why": _stale_why(health, silent, now_unix_s, settings), "joints": joints}
+
+
+def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, settings: HealthSettings) -> str | None:
+    """For how long nothing was learnt, and of which joints; None where something was."""
+    if not any(silent):
+        return None
+    old = [joint for joint, is_old in zip(health.joints, silent, strict=True) if is_old]
+    known = [joint.told_unix_s for joint in old if joint.told_unix_s is not None]
+    since = f"for {(now_unix_s - min(known)) / 86_400.0:.0f} days" if known else "yet"
+    since = f"{since} (health.stale_days = {settings.stale_days:g})"
+    return stale_words([joint.joint for joint in old], len(health.joints), since, "now")

@@ -1,0 +1,61 @@
+"""Live torque: what the model predicts for the arm's present motion beside what the drives say, one sample at a time."""
+
+from typing import Any
+
+import numpy as np
+
+from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.prediction_error import MOVING_RAD_S
+from monitor.judge.torque.predictor import TorquePrediction, prepared
+from monitor.model.robot import Robot
+from monitor.recording import Array, Recording
+
+
+class LiveTorque:
+    """Compares single samples as they are heard, unfiltered; knows how noisy they are from the last replay."""
+
+    def __init__(self, model: CompensatedModel, robot: Robot, gains: Array | None, recording: Recording | None) -> None:
+        """`recording` is the replay that the model was learnt from last: it tells the samples' own noise where the model does not yet."""
+        self._predictor = prepared(model, robot)
+        self.model = model
+        self._gains = robot.drive_gain_nm_per_a if gains is None else gains
+        self._more_var = np.zeros(model.joints)  # of one raw sample beyond what the model says of it
+        raw = None if recording is None or model.measured_rms_nm is not None else self._rms(recording)
+        if raw is not None:
+            self._more_var = np.nan_to_num(np.maximum(raw**2 - model.residual_rms_nm**2, 0.0))
+
+    def compared(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> tuple[TorquePrediction, Array]:
+        """Of one sample, (J,) each: what the model foresees, (1, J), and what the drives say [N·m]."""
+        foreseen = self._predictor.sample(q.tolist(), qd.tolist(), qdd.tolist(), temperature_c.tolist())
+        return TorquePrediction(*(np.array([part]) for part in foreseen)), current * self._gains
+
+    def document(self, q: Array, qd: Array, temperature_c: Array, predicted: TorquePrediction, measured: Array) -> dict[str, Any]:
+        """What is told of one sample, (J,) each, but for its time.
+
+        `std_nm` is that of the residual: model and measurement; `torque_std_nm` that of the torque itself.
+        """
+        known = bool(np.all(np.isfinite(measured)))
+        return {
+            "q_rad": q,
+            "qd_rad_s": qd,
+            "temperature_c": temperature_c,
+            "predicted_nm": predicted.torque[0],
+            "std_nm": np.sqrt(predicted.measured_std[0] ** 2 + self._more_var),
+            "torque_std_nm": predicted.std[0],
+            "measured_nm": measured if known else None,
+            "residual_nm": measured - predicted.torque[0] if known else None,
+            "extrapolated": predicted.extrapolated[0],
+            "model_revision": self.model.revision,
+        }
+
+    def _rms(self, recording: Recording) -> Array | None:
+        """(J,) [N·m] of the raw residual where each joint moves; None where the recording has no such signals."""
+        qd, qdd, current, temperature_c = recording.qd, recording.target_qdd, recording.current, recording.temperature_c
+        if qd is None or qdd is None or current is None or temperature_c is None:
+            return None
+        residual: Array = current * self._gains - self._predictor.torque(recording.q, qd, qdd, temperature_c).torque
+        residual = np.where(np.abs(qd) > MOVING_RAD_S, residual, np.nan)
+        with np.errstate(invalid="ignore"):
+            count = np.isfinite(residual).sum(axis=0)
+            rms: Array = np.sqrt(np.nansum(residual**2, axis=0) / np.maximum(count, 1))
+        return np.where(count > 0, rms, np.nan)

@@ -1,0 +1,84 @@
+"""Questions: what comes in over the bus as payload or selector parameters, checked; what is wrong is named.
+
+A command (`cmd/…`) acts only with a valid payload; a question about the past takes selector parameters (`history?joint=3;limit=100`).
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeVar
+
+from pydantic import ValidationError
+
+from monitor.errors import BadInput
+from monitor.publish.documents import Request
+from monitor.publish.timestamps import unix_s
+
+MOST_ROWS = 10_000
+MOST_EVENTS = 100
+Asked = TypeVar("Asked", bound=Request)
+
+
+class HistoryQuestion(NamedTuple):
+    """Which rows of the past."""
+
+    joint: int | None
+    from_unix_s: float | None
+    to_unix_s: float | None
+    after: int
+    limit: int
+
+
+def request(kind: type[Asked], key: str, payload: Mapping[str, Any]) -> Asked:
+    """A payload as what it must be. Raises BadInput naming every field that is wrong."""
+    try:
+        return kind.model_validate(payload)
+    except ValidationError as error:
+        wrong = "; ".join(f"{'.'.join(str(part) for part in problem['loc']) or 'payload'}: {problem['msg']}" for problem in error.errors())
+        raise BadInput(f"{key}: {wrong}") from None
+
+
+def history_question(parameters: Mapping[str, str], joints: int) -> HistoryQuestion:
+    """From selector parameters: joint (1…J), from, to (RFC 3339), after (a replay's number), limit (1…10 000).
+
+    Raises BadInput naming the parameter, its value and what would be right.
+    """
+    _known("history", parameters, {"joint", "from", "to", "after", "limit"})
+    joint = _whole("history", parameters, "joint", 1, joints)
+    after, limit = _whole("history", parameters, "after", 0, 2**53), _whole("history", parameters, "limit", 1, MOST_ROWS)
+    return HistoryQuestion(
+        joint=joint,
+        from_unix_s=_time("history", parameters, "from"),
+        to_unix_s=_time("history", parameters, "to"),
+        after=after or 0,
+        limit=1000 if limit is None else limit,
+    )
+
+
+def events_after(parameters: Mapping[str, str]) -> int:
+    """The number after which events are asked for; 0 where none is given. Raises BadInput."""
+    _known("event", parameters, {"after"})
+    return _whole("event", parameters, "after", 0, 2**53) or 0
+
+
+def _known(key: str, parameters: Mapping[str, str], names: set[str]) -> None:
+    for name in parameters:
+        if name not in names and not name.startswith("_"):  # Zenoh's own begin with _
+            raise BadInput(f"{key}: unknown parameter {name!r}; known are {', '.join(sorted(names))}")
+
+
+def _whole(key: str, parameters: Mapping[str, str], name: str, least: int, most: int) -> int | None:
+    text = parameters.get(name)
+    if text is None:
+        return None
+    if not (text.isascii() and text.isdigit() and len(text) < 17 and least <= int(text) <= most):
+        raise BadInput(f"{key}: {name} = {text!r}; expected a whole number from {least} to {most}")
+    return int(text)
+
+
+def _time(key: str, parameters: Mapping[str, str], name: str) -> float | None:
+    text = parameters.get(name)
+    if text is None:
+        return None
+    try:
+        return unix_s(text)
+    except ValueError:
+        raise BadInput(f"{key}: {name} = {text!r}; expected a time such as 2026-01-31T03:00:00Z") from None

@@ -1,0 +1,1 @@
+"""The daemon: the replay cycle, the bus handlers, the scheduler, maintenance, systemd. I/O."""

@@ -1,0 +1,145 @@
+"""A recording becomes history: assessed with what is held true, and committed with everything that follows from it.
+
+The daemon, `import` and the recomputation all go through here, so that what is recomputed is what ran.
+"""
+
+import hashlib
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from monitor.assess import Assessment, Rejected, assess
+from monitor.config.load import Configuration
+from monitor.errors import BadInput
+from monitor.judge.alerts.health import Health, alert_document, health_from_document
+from monitor.judge.belief import Belief, belief_from_document
+from monitor.judge.document import plain
+from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
+from monitor.model.robot import Robot
+from monitor.recording import Recording
+from monitor.store.database import Event, Store
+from monitor.store.provenance import circumstances
+from monitor.store.recordings import read_recording
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Held:
+    """What is held true of the arm now; None before its first assessment."""
+
+    belief: Belief | None = None
+    health: Health | None = None
+    model: CompensatedModel | None = None
+
+
+class Entered(NamedTuple):
+    """What one recording became."""
+
+    outcome: Assessment | Rejected
+    events: list[Event]
+    recording: Recording | None  # None where it cannot be read
+
+
+def held(store: Store) -> Held:
+    """As the last assessment, and what people said since, left it."""
+    state = store.state()
+    if state is None:
+        return Held()
+    return Held(
+        belief=belief_from_document(state.belief), health=health_from_document(state.health), model=model_from_document(state.model)
+    )
+
+
+def made_with(configuration: Configuration) -> dict[str, Any]:
+    """Everything beside the recordings that can change a verdict: programs, processor, threads, arm and settings."""
+    return {
+        "programs": circumstances(),
+        "robot": configuration.robot.model,
+        "robot_digest": robot_digest(configuration.model),
+        "mounting_rad": list(configuration.mounting.angles_rad),
+        "gains_nm_per_a": list(configuration.robot.gains_nm_per_a),
+        "settings": plain(configuration.assess),
+    }
+
+
+def robot_digest(robot: Robot) -> str:
+    """Identifies a robot's parameters."""
+    return hashlib.sha256(json.dumps(plain(robot), sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
+def enter(
+    store: Store, configuration: Configuration, held: Held, ledger_id: int, recording: Recording, now: Callable[[], float]
+) -> Entered:
+    """Assess a recording that the store has, and commit what follows; a rejection ends its window with the reason.
+
+    Raises StoreError where the history does not take it.
+    """
+    outcome = _outcome(recording, configuration, held, ledger_id)
+    if isinstance(outcome, Rejected):
+        store.end(ledger_id, "rejected", outcome.reason, now())
+        return Entered(outcome, [], recording)
+    events = store.commit(
+        ledger_id,
+        at_unix_s=now(),
+        recorded_at_unix_s=recording.context.recorded_at_unix_s or now(),
+        assessment=outcome.as_document(),
+        friction=[plain(joint) for joint in outcome.friction],
+        belief=outcome.belief.as_document(),
+        health=outcome.health.as_document(),
+        model=outcome.model.as_document(),
+        events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
+        made_with=made_with(configuration),
+    )
+    return Entered(outcome, events, recording)
+
+
+def enter_stored(store: Store, configuration: Configuration, held: Held, ledger_id: int, now: Callable[[], float]) -> Entered:
+    """The same for a recording that waits on disk; one that cannot be read is rejected."""
+    try:
+        recording = read_recording(store.recording_path(ledger_id))
+    except BadInput as error:
+        store.end(ledger_id, "rejected", str(error), now())
+        return Entered(Rejected(str(error)), [], None)
+    return enter(store, configuration, held, ledger_id, recording, now)
+
+
+def adopt_orphans(store: Store, at_unix_s: float) -> int:
+    """After a restored backup: recordings that the ledger does not know are entered, and wait for their assessment. Returns how many."""
+    adopted = 0
+    for ledger_id, path in store.orphans():
+        try:
+            recorded_at = read_recording(path).context.recorded_at_unix_s
+        except BadInput:
+            recorded_at = None
+        # its window is lost; the time of the recording is its own, and no other window's
+        store.adopt(ledger_id, path.stat().st_mtime if recorded_at is None else recorded_at, at_unix_s)
+        adopted += 1
+    return adopted
+
+
+def _outcome(recording: Recording, configuration: Configuration, held: Held, ledger_id: int) -> Assessment | Rejected:
+    try:
+        return assess(
+            recording,
+            robot=configuration.model,
+            mounting=configuration.mounting,
+            belief=held.belief,
+            health=held.health,
+            model=held.model,
+            gains=configuration.gains_nm_per_a,
+            settings=configuration.assess,
+        )
+    except BadInput as error:
+        return Rejected(str(error))
+    except Exception as error:  # a fault of ours in one recording must not end the service, now and at every start
+        log.exception("replay=%d cannot be assessed", ledger_id)
+        return Rejected(f"internal: {type(error).__name__}: {error}")
+
+
+def now_held(before: Held, entered: Entered) -> Held:
+    """What is held true after it."""
+    outcome = entered.outcome
+    return before if isinstance(outcome, Rejected) else Held(belief=outcome.belief, health=outcome.health, model=outcome.model)

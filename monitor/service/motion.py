@@ -1,0 +1,124 @@
+"""One motion with everything that has a say in it: the guards, the history, whoever must permit it; slowly first after a change.
+
+The daemon's schedule and `joint-monitor replay` both move an arm through here.
+"""
+
+import dataclasses
+import logging
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from monitor.acquire.replay import Progress, replay
+from monitor.acquire.safety.conditions import Condition, Permit
+from monitor.acquire.safety.first_pass import band_for, circumstances, slowed
+from monitor.acquire.safety.gate import Announce, Ask
+from monitor.acquire.ur.check import check as look_at
+from monitor.config.load import Configuration
+from monitor.errors import ReplayAborted, StoreError
+from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.model.fourier import Excitation
+from monitor.publish.permit import Answer
+from monitor.publish.timestamps import outside
+from monitor.recording import Context, Recording
+from monitor.store.backup import present
+from monitor.store.database import Store
+from monitor.store.recordings import write_recording
+
+log = logging.getLogger(__name__)
+
+AskAnswer = Callable[[Mapping[str, Any], float], Answer | None]
+
+
+def move(
+    configuration: Configuration,
+    store: Store,
+    excitation: Excitation,
+    context: Context,
+    *,
+    should_stop: Callable[[], bool],
+    first_pass_path: Path,
+    on_progress: Callable[[Progress], None] | None = None,
+    ask: AskAnswer | None = None,
+    announce: Announce | None = None,
+    model: CompensatedModel | None = None,
+) -> Recording:
+    """A replay, preceded by a slow first pass where something has changed since the last one; that one's recording goes to a path.
+
+    Raises as `acquire.replay.replay`, and StoreError where the first pass cannot be kept.
+    """
+    settings, robot = configuration.replay, configuration.model
+
+    def play(played: Excitation, *, slowly: bool) -> Recording:
+        waiting = store.waiting_stops()
+        told = waiting[-1].told if waiting else None
+        band = None
+        if slowly:
+            band = band_for(
+                robot, played, settings, context, gains=configuration.gains_nm_per_a, model=model if _same_load(store, context) else None
+            )
+            log.info("first pass at %g of the pace, torque within %s", played.time_scale, band.told)
+        return replay(
+            played,
+            robot,
+            settings,
+            context=context,
+            on_progress=on_progress,
+            should_stop=should_stop,
+            stopped_before=told,
+            ask=None if ask is None else _permit(ask),
+            announce=announce,
+            band=band,
+        )
+
+    digest = circumstances(excitation, settings, context)
+    if settings.first_pass and not store.first_passed(digest):
+        slow = play(slowed(excitation, settings), slowly=True)
+        note = "first pass, slow: not assessed"
+        write_recording(first_pass_path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
+        store.first_pass(digest, _load(context) | {"recording": first_pass_path.name, "quality": dict(slow.quality)}, time.time())
+        if should_stop():
+            raise ReplayAborted("stopped on request after the first pass; the arm stands", "parent_asked_to_stop")
+    return play(excitation, slowly=False)
+
+
+def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[Condition, ...]:
+    """Every condition as it is now: receive-only, and what the history has to say."""
+    told = None
+    try:
+        with Store.reader(configuration.state_directory) as store:
+            waiting = store.waiting_stops()
+            told = waiting[-1].told if waiting else None
+    except StoreError:
+        if present(configuration.state_directory):
+            raise  # a history that cannot be read is no empty one
+    return look_at(
+        configuration.replay,
+        configuration.excitation,
+        configuration.model,
+        configuration.context,
+        stopped_before=told,
+        ask=None if ask is None else _permit(ask),
+    )
+
+
+def _permit(ask: AskAnswer) -> Ask:
+    def asking(about: Mapping[str, Any], timeout_s: float) -> Permit | None:
+        told = outside(dict(about))
+        assert isinstance(told, dict)
+        answer = ask(told, timeout_s)
+        return None if answer is None else Permit(answer.allowed, answer.told)
+
+    return asking
+
+
+def _load(context: Context) -> dict[str, Any]:
+    """What the arm carries, and how it hangs: a model learnt with another load predicts another torque."""
+    mounting = None if context.mounting_rad is None else list(context.mounting_rad)
+    return {"payload_kg": context.payload_kg, "tool": context.tool, "mounting_rad": mounting}
+
+
+def _same_load(store: Store, context: Context) -> bool:
+    latest = store.latest_first_pass()
+    return latest is not None and {key: latest.get(key) for key in _load(context)} == _load(context)

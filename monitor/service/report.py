@@ -1,0 +1,223 @@
+"""The report of one robot over a period, from its history: what was found, on what evidence, and what was not watched."""
+
+import statistics
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+from monitor import __version__
+from monitor.acquire.schedule import DAY_S
+from monitor.config.load import Configuration
+from monitor.errors import BadInput
+from monitor.judge.alerts.health import TIERS
+from monitor.publish.timestamps import outside, rfc3339
+from monitor.store.database import Event, Stop, Store
+
+GAP = 2.5  # times the usual interval: longer, and the arm was not watched
+FACTS = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest")
+FAILED = ("skipped", "rejected", "aborted")
+LIMITS = (
+    "Friction does not see everything: a flexspline or a bearing can break with little change of friction before it.",
+    "Wear that begins together with a change of tool, payload, mounting or trajectory never seen before is taken for the change.",
+    "Remaining life is the time until friction meets its configured limit, not until a joint fails.",
+    "All joints rising together is taken for what they share (temperature, supply, payload), not for wear of each.",
+)
+
+
+def report(
+    configuration: Configuration, store: Store, from_unix_s: float | None, to_unix_s: float | None, now_unix_s: float
+) -> dict[str, Any]:
+    """Everything that the page says, as one JSON document; the period is [from, to).
+
+    Raises BadInput where the period ends before it begins, or lies before the first window or in the future.
+    """
+    begin, end = _period(configuration.robot.id, store, from_unix_s, to_unix_s, now_unix_s)
+    rows = _rows(store, begin, end)
+    windows = [row for row in store.ledger() if begin <= row.window_unix_s < end]
+    until = [event for event in store.events() if event.at_unix_s < end]
+    events = [event for event in until if begin <= event.at_unix_s]
+    contexts, warnings, last = _told(store, begin, end)
+    state = store.state()
+    told: Any = outside(
+        {
+            "robot": {
+                "site": configuration.robot.site,
+                "id": configuration.robot.id,
+                "model": configuration.robot.model,
+                "serial": configuration.robot.serial,
+                "mounting": configuration.robot.mounting,
+                "payload_kg": configuration.robot.payload_kg,
+                "tool": configuration.robot.tool,
+                "trajectory": configuration.excitation.digest,
+            },
+            "from_unix_s": begin,
+            "to_unix_s": end,
+            "made_at_unix_s": now_unix_s,
+            "version": __version__,
+            "thresholds": _thresholds(configuration),
+            "verdict": None
+            if last is None
+            else {
+                "at_unix_s": last["recorded_at_unix_s"],
+                "health": last["health"],
+                "why": last["why"],
+                "temperature": last["temperature"],
+            },
+            "joints": _newest(rows),
+            "stale": _stale(rows, begin, min(end, now_unix_s), configuration),
+            "alerts": _alerts(until, state.health if state else None, begin, end),
+            "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
+            "contexts": contexts,
+            "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.model.joints),
+            "stops": [_stop(stop, end) for stop in store.stops() if begin <= stop.at_unix_s < end],
+            "warnings": warnings,
+            "limits": list(LIMITS),
+            "history": rows,
+        }
+    )
+    assert isinstance(told, dict)
+    return told
+
+
+def _period(robot: str, store: Store, from_unix_s: float | None, to_unix_s: float | None, now_unix_s: float) -> tuple[float, float]:
+    windows = [row.window_unix_s for row in store.ledger()]
+    if not windows:
+        raise BadInput(f"{robot}: no replay was attempted yet: there is nothing to report")
+    begin = from_unix_s if from_unix_s is not None else min(windows)
+    end = to_unix_s if to_unix_s is not None else max(now_unix_s, windows[-1] + 1.0)
+    if not begin < end:
+        raise BadInput(f"the period ends at {rfc3339(end)}, before it begins at {rfc3339(begin)}; expected --from before --to")
+    if end <= min(windows) or begin > max(now_unix_s, windows[-1]):
+        raise BadInput(
+            f"{robot}: nothing was attempted from {rfc3339(begin)} to {rfc3339(end)}; expected a period after {rfc3339(min(windows))}, "
+            f"when the first window was, and not in the future"
+        )
+    return begin, end
+
+
+def _rows(store: Store, begin: float, end: float) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    after: int | None = 0
+    while after is not None:
+        page, after = store.history(from_unix_s=begin, to_unix_s=end, after=after, limit=10_000)
+        rows += page
+    return rows
+
+
+def _told(store: Store, begin: float, end: float) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None]:
+    """Contexts that were opened or taken up in the period with what changed, warnings counted, and the last assessment."""
+    contexts: list[dict[str, Any]] = []
+    counts: Counter[str] = Counter()
+    texts: dict[str, str] = {}
+    last, before = None, None
+    for replay, at, document in store.assessments(begin, end):
+        last = document
+        for warning in document.get("warnings", ()):
+            counts[warning["code"]] += 1
+            texts.setdefault(warning["code"], warning["text"])
+        ledger = document.get("contexts") or []
+        now = ledger[-1]["context"] if ledger else None
+        if now is not None and now != before:
+            changed = {name: [None if before is None else before.get(name), now.get(name)] for name in FACTS}
+            contexts.append(
+                {
+                    "replay": replay,
+                    "at_unix_s": at,
+                    "new": bool(ledger[-1].get("replays", 0) <= 1),
+                    "changed": {name: pair for name, pair in changed.items() if before is None or pair[0] != pair[1]},
+                }
+            )
+            before = now
+    warnings = [{"code": code, "count": count, "text": texts[code]} for code, count in counts.most_common()]
+    return contexts, warnings, last
+
+
+def _thresholds(configuration: Configuration) -> dict[str, Any]:
+    health, prognosis = configuration.assess.health, configuration.assess.prognosis
+    return {
+        "advisory_rise": health.advisory_rise,
+        "wear_rise": health.wear_rise,
+        "limit_rise": health.limit_rise,
+        "false_alarms_per_year": health.false_alarms_per_year,
+        "min_replays": health.min_replays,
+        "min_days": health.min_days,
+        "life_limit_rise": prognosis.limit_rise,
+        "service_days": prognosis.service_days,
+    }
+
+
+def _newest(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    newest = {row["joint"]: dict(row) for row in rows}
+    return [newest[joint] for joint in sorted(newest)]
+
+
+def _stale(rows: Sequence[Mapping[str, Any]], begin: float, end: float, configuration: Configuration) -> list[dict[str, Any]]:
+    """Joints of which the period's replays taught nothing in its last `stale_days`; none where the period is shorter than that."""
+    limit = end - configuration.assess.health.stale_days * DAY_S
+    learnt: dict[int, float | None] = dict.fromkeys(range(1, configuration.model.joints + 1))
+    for row in rows:
+        # without a figure of its own, or of an old history without any, the replay said nothing of the joint
+        if row.get("replay_torque_nm", row["reference_torque_nm"]) is not None:
+            learnt[row["joint"]] = row["recorded_at_unix_s"]
+    return [{"joint": joint, "learnt_at_unix_s": at} for joint, at in learnt.items() if (begin if at is None else at) < limit]
+
+
+def _alerts(until: Sequence[Event], health: Mapping[str, Any] | None, begin: float, end: float) -> list[dict[str, Any]]:
+    """The last alert of every condition that was active at some time of the period, as it stood at the period's end.
+
+    until : all transitions before the end; `health` knows alerts of a history that has lost its transitions.
+    """
+    found = {(alert["joint"], alert["condition"]): dict(alert) for alert in (health or {}).get("alerts", ())}
+    for event in until:
+        alert = {name: value for name, value in event.document.items() if name != "kind"}
+        found[alert["joint"], alert["condition"]] = alert
+    told = [
+        alert | {"active": alert["cleared_at_unix_s"] is None}
+        for alert in found.values()
+        if alert["raised_at_unix_s"] < end and (alert["cleared_at_unix_s"] is None or alert["cleared_at_unix_s"] >= begin)
+    ]
+    return sorted(told, key=lambda alert: (not alert["active"], TIERS.index(alert["tier"]) * -1, alert["raised_at_unix_s"]))
+
+
+def _stop(stop: Stop, end: float) -> dict[str, Any]:
+    """A stop that a person had to look at; who had said until the end that the arm may move again."""
+    allowed = stop.allowed_at_unix_s is not None and stop.allowed_at_unix_s < end
+    return {
+        "at_unix_s": stop.at_unix_s,
+        "replay": stop.ledger_id,
+        "cause": stop.cause,
+        "reason": stop.reason,
+        "allowed_at_unix_s": stop.allowed_at_unix_s if allowed else None,
+        "allowed_by": stop.allowed_by if allowed else None,
+        "allowed_why": stop.allowed_why if allowed else None,
+    }
+
+
+def _short(event: Mapping[str, Any]) -> dict[str, Any]:
+    names = ("kind", "joint", "condition", "tier", "text", "acknowledged_by", "acknowledged_why", "shelved_by", "shelved_why")
+    return {name: event.get(name) for name in names}
+
+
+def _unwatched(windows: Sequence[Any], rows: Sequence[Mapping[str, Any]], begin: float, end: float, joints: int) -> dict[str, Any]:
+    """Windows that taught nothing with their reasons, stretches without a replay, and joints that replays said nothing of."""
+    times = sorted({float(row["recorded_at_unix_s"]) for row in rows})
+    usual = statistics.median(b - a for a, b in pairwise(times)) if len(times) > 1 else None
+    gaps = []
+    for a, b in zip([begin, *times], [*times, end], strict=True):
+        if b - a > (GAP * usual if usual is not None else DAY_S if times else 0.0):
+            gaps.append({"from_unix_s": a, "to_unix_s": b})
+    silent: Counter[int] = Counter(int(row["joint"]) for row in rows if row.get("reference_torque_nm") is None)
+    states = Counter(row.state for row in windows)
+    return {
+        "windows": len(windows),
+        "assessed": states.get("assessed", 0),
+        "failed": [
+            {"replay": row.id, "window_unix_s": row.window_unix_s, "state": row.state, "reason": row.reason}
+            for row in windows
+            if row.state in FAILED
+        ],
+        "usual_interval_s": usual,
+        "gaps": gaps,
+        "joints": [{"joint": joint, "replays": silent[joint], "of": len(times)} for joint in range(1, joints + 1) if silent[joint]],
+    }

@@ -1,0 +1,265 @@
+"""The schedule's own thread: asks what is due, and has it done; one replay at a time, and none that the ledger knows already.
+
+What is due, `schedule.look` says; what may move, the guards say; what happened, the ledger says. Here is only the clock between them.
+"""
+
+import json
+import logging
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from monitor.acquire.schedule import Asked, ColdStart, Warmth, Window, coming, look, reach_back_s
+from monitor.config.load import Configuration
+from monitor.errors import MonitorError
+from monitor.publish.timestamps import rfc3339
+from monitor.service.problems import Troubles
+from monitor.store.database import LedgerRow, Store
+
+log = logging.getLogger(__name__)
+
+TICK_S = 1.0
+LOOK_EVERY_S = 30.0  # also where nothing is due: notes how long the schedule was watched
+SEEN_JUMP_S = 60.0  # the clock against the monotonic one between two ticks
+DOUBTED_JUMP_S = 86_400.0  # forward by more: nothing moves for a while, for somebody may set it right again
+DOUBT_S = 3600.0
+EARLIEST_UNIX_S = 978_307_200.0  # 2001-01-01: a host whose clock has no battery begins in 1970, 1980 or 2000
+_WATCHED, _RUNNING, _NOT_BEFORE = "schedule_watched_until", "arm_running_until", "schedule_not_before"
+_FORWARD = "clock_was_set_forward"  # JSON: what it said before a jump that was doubted, and after it
+
+
+class Performer(Protocol):
+    """Who does what is due; the daemon."""
+
+    configuration: Configuration
+
+    def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
+        """One replay with all that follows."""
+
+    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
+        """Enter a window as skipped."""
+
+    def mend(self) -> None:
+        """Finish what a failing disk left half-way."""
+
+    def rewind(self) -> bool:
+        """Take back what was learnt in a future that a wrong clock made up; whether it could be."""
+
+    def next_due(self, unix_s: float | None) -> None:
+        """Say when the next window opens."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clocks:
+    """The host's: UTC, and one that nobody sets."""
+
+    now: Callable[[], float] = time.time
+    monotonic: Callable[[], float] = lambda: time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+class Mover:
+    """Call `tick` often, or `run` in a thread; `heard`, `want` and `evidence` from any."""
+
+    def __init__(self, daemon: Performer, store: Store, troubles: Troubles, clocks: Clocks | None = None) -> None:
+        self._daemon, self._store, self._troubles, self._clocks = daemon, store, troubles, clocks or Clocks()
+        self._salt = daemon.configuration.key_prefix
+        self._wanted: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._wake = threading.Event()
+        self._evidence_unix_s: float | None = None
+        self._last: tuple[float, float] | None = None  # both clocks at the last tick
+        self._doubt_until = 0.0  # monotonic
+        self._next_look = 0.0  # UTC
+        self._noted = 0.0  # monotonic
+        self.lag_s: float | None = None  # of the last replay, from the opening of its window
+        self._warmth = Warmth()
+        now = self._clocks.now()
+        running = store.note(_RUNNING)
+        self._cold = ColdStart(None if running is None else float(running))
+        watched = store.note(_WATCHED)
+        self._watched = min(now, float(watched)) if watched is not None else now
+        self._not_before = float(store.note(_NOT_BEFORE) or 0.0)
+        if store.restored is not None:
+            # the ledger of the hours before is lost: what was open then may have been used
+            self._not_before = now
+            store.set_note(_NOT_BEFORE, repr(now))
+
+    # --- from other threads ----------------------------------------------------------------------
+
+    def want(self, why: str = "asked for") -> None:
+        """One replay as soon as may be, whatever the schedule says."""
+        self._wanted.put(why)
+        self._wake.set()
+
+    def evidence(self, unix_s: float) -> None:
+        """Production looked odd: the next replay may be pulled forward, to where the site allows it."""
+        self._evidence_unix_s = unix_s
+        self._next_look = 0.0
+
+    def heard(self, running: bool, temperature_c: tuple[float, ...] | None) -> None:
+        """The arm now: whether it is ready to move, and how warm it is."""
+        now = self._clocks.now()
+        before = self._cold.at_unix_s
+        self._cold.heard(running, now, self._daemon.configuration.schedule.cold_start_after_h)
+        if self._cold.at_unix_s != before:
+            self._next_look = 0.0
+        if temperature_c is not None:
+            self._warmth.heard(temperature_c, now)
+
+    def reconsider(self) -> None:
+        """The configuration has changed."""
+        self._next_look = 0.0
+        self._wake.set()
+
+    # --- the thread ------------------------------------------------------------------------------
+
+    def run(self, stopping: threading.Event, beat: Callable[[], None]) -> None:
+        """Until `stopping`; whatever a tick meets is told, and the next one tries again."""
+        while not stopping.is_set():
+            beat()
+            try:
+                self.tick()
+            except MonitorError as error:
+                self._troubles.found("store", str(error))
+            except Exception as error:  # the schedule must outlive one fault of ours; the stack says which
+                log.exception("the schedule met a fault")
+                self._troubles.found("fault", f"{type(error).__name__}: {error}")
+            self._wake.wait(TICK_S)
+            self._wake.clear()
+
+    def tick(self) -> None:
+        """One look at the clocks; at the schedule, where it is time.
+
+        Raises StoreError where the ledger cannot be written: then nothing has moved.
+        """
+        now, monotonic = self._clocks.now(), self._clocks.monotonic()
+        self._compare_clocks(now, monotonic)
+        if "store" in self._troubles or self._store.unfinished():
+            self._daemon.mend()
+            self._troubles.over("store")
+        if now < EARLIEST_UNIX_S:
+            self._troubles.found("clock", f"the clock says {rfc3339(now)}; nothing is replayed before it has been set right")
+            return
+        if not self._wanted.empty():
+            while not self._wanted.empty():  # several who ask at once are served by one
+                self._wanted.get()
+            self._requested()
+        if monotonic < self._doubt_until:
+            return
+        self._troubles.over("clock")
+        if now < self._next_look and now - self._watched < LOOK_EVERY_S:
+            return
+        self._look(now)
+        after = self._clocks.now()
+        upcoming = self.coming(1, after)
+        self._next_look = min(upcoming[0].opens_unix_s if upcoming else after + LOOK_EVERY_S, after + LOOK_EVERY_S)
+        self._daemon.next_due(upcoming[0].opens_unix_s if upcoming else None)
+        if monotonic - self._noted >= 10 * LOOK_EVERY_S or not self._noted:
+            self._noted = monotonic
+            self._store.set_note(_WATCHED, repr(now))
+            if self._cold.last_running_unix_s is not None:
+                self._store.set_note(_RUNNING, repr(self._cold.last_running_unix_s))
+
+    def _requested(self) -> None:
+        short = too_little_room(self._store, self._daemon.configuration.store.least_free_mb)
+        if short is None:
+            self._daemon.perform(self._clocks.now(), "requested")
+        else:
+            self._daemon.skip(self._clocks.now(), short, "requested")
+
+    def coming(self, count: int, now: float | None = None) -> list[Window]:
+        """The next windows."""
+        now = self._clocks.now() if now is None else now
+        settings, began = self._daemon.configuration.schedule, self._store.began_unix_s()
+        if now < EARLIEST_UNIX_S:
+            return []
+        known = self._store.windows(now - settings.jitter_s, now + 400 * 86_400.0)
+        believed = now + max(0.0, self._doubt_until - self._clocks.monotonic())
+        more = coming(settings, max(believed, self._not_before), count + min(len(known), 50), began, self._salt)
+        return [window for window in more if window.key_unix_s not in known][:count]
+
+    def _look(self, now: float) -> None:
+        configuration = self._daemon.configuration
+        since = min(self._watched, now)
+        entered = self._store.windows(since - reach_back_s(configuration.schedule), now + 86_400.0)
+        said = look(
+            configuration.schedule,
+            now_unix_s=now,
+            since_unix_s=since,
+            entered=entered,
+            began_unix_s=self._store.began_unix_s(),
+            salt=self._salt,
+            asked=Asked(self._cold.at_unix_s, self._evidence_unix_s),
+        )
+        for window in said.missed:
+            if window.opens_unix_s >= self._not_before:
+                self._daemon.skip(window.key_unix_s, self._why_missed(window))
+        self._watched = now
+        if said.due is None or said.due.opens_unix_s < self._not_before:
+            return
+        if configuration.schedule.after_warm_up and not self._warmth.steady(now, configuration.schedule.warm_k_per_10_min):
+            return  # the window is still open; where it closes before they are, it was missed
+        for window in said.merged:
+            self._daemon.skip(window.key_unix_s, f"one replay serves this window and that of {rfc3339(said.due.key_unix_s)}")
+        short = too_little_room(self._store, configuration.store.least_free_mb)
+        if short is not None:
+            self._daemon.skip(said.due.key_unix_s, short)
+            return
+        self.lag_s = now - said.due.opens_unix_s
+        log.info("window=%s opens a replay: %s", rfc3339(said.due.key_unix_s), said.due.why, extra={"window": rfc3339(said.due.key_unix_s)})
+        self._daemon.perform(said.due.key_unix_s)
+
+    def _why_missed(self, window: Window) -> str:
+        if self._daemon.configuration.schedule.after_warm_up and self._last_seen_before(window):
+            return "missed: the arm's temperatures were not steady while the window was open"
+        return "missed: the monitor or its host was not running, or had another replay under way"
+
+    def _last_seen_before(self, window: Window) -> bool:
+        return self._watched >= window.opens_unix_s
+
+    def _compare_clocks(self, now: float, monotonic: float) -> None:
+        if self._last is not None:
+            jump = (now - self._last[0]) - (monotonic - self._last[1])
+            if abs(jump) > SEEN_JUMP_S:
+                self._next_look = 0.0
+                log.warning("the host's clock was set by %+.0f s, to %s", jump, rfc3339(now))
+                # from before what the history knows, or from before this program, it was set right
+                if jump > DOUBTED_JUMP_S and self._last[0] >= max(EARLIEST_UNIX_S, (self._store.newest_unix_s() or 0.0) - DOUBTED_JUMP_S):
+                    self._store.set_note(_FORWARD, json.dumps([self._last[0], now]))
+                    self._doubt_until = monotonic + DOUBT_S
+                    told = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
+                    self._troubles.found("clock", told)
+                elif jump < 0:
+                    self._doubt_until = 0.0
+        noted = self._store.note(_FORWARD) if self._last is None or now < self._last[0] else None
+        self._last = (now, monotonic)
+        if not noted:
+            return
+        # back where it was before it was set forward, and on by as long as that lasted: that future was made up. Set back without having
+        # been forward, or to where every boot begins, it is the past
+        before, after = json.loads(noted)
+        watched = max(self._watched, float(self._store.note(_WATCHED) or 0.0))
+        newest, lasted = max(watched, self._store.newest_unix_s() or 0.0), max(0.0, watched - after)
+        if before + lasted - DOUBTED_JUMP_S <= now < newest - DOUBTED_JUMP_S:
+            self._store.set_note(_FORWARD, "")
+            if self._daemon.rewind():
+                log.warning("the clock is back from the future: what was learnt there is taken back")
+            else:
+                self._troubles.found("rewind", "replays dated in the future cannot be taken back: older recordings are gone")
+
+
+def too_little_room(store: Store, least_free_mb: float) -> str | None:
+    """Why a recording would not find room; None where it does."""
+    try:
+        about = os.statvfs(store.directory)
+    except OSError as error:
+        return f"disk: {store.directory}: {error.strerror}"
+    free_mb = about.f_bavail * about.f_frsize / 1e6
+    if about.f_flag & os.ST_RDONLY:
+        return f"disk: {store.directory} can only be read"
+    if free_mb < least_free_mb:
+        return f"disk: {free_mb:.0f} MB are free in {store.directory}; {least_free_mb:.0f} MB are wanted before an arm moves"
+    return None

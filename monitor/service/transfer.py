@@ -1,0 +1,160 @@
+"""History out as tables, and recordings made elsewhere in."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from monitor.assess import Rejected
+from monitor.config.load import Configuration
+from monitor.errors import BadInput, StoreError
+from monitor.publish.timestamps import rfc3339
+from monitor.recording import JOINT_COLUMNS, Recording
+from monitor.service.assess_and_store import enter_stored, held, now_held
+from monitor.store.database import Store
+from monitor.store.recordings import read_recording, write_recording
+from monitor.store.series import Entry, Series, dated
+
+AHEAD_S = 300.0  # another host's clock may be so far ahead
+LONGEST_S = 2e11  # until the year 8307: later ones have no calendar
+# each with the columns that it has while it is empty: a reader finds a header
+TABLES = {
+    "friction": ("replay", "joint", "recorded_at"),
+    "ledger": ("replay", "window", "kind", "state", "reason", "started_at", "ended_at", "recording", "recording_removed_at"),
+    "events": ("seq", "at", "replay", "kind", "joint", "condition"),
+    "assessments": ("replay", "recorded_at", "made_with", "document"),
+}
+
+
+def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: float | None = None) -> pd.DataFrame:
+    """One of `TABLES`, its times as UTC timestamps and its nested fields as columns joined by a dot.
+
+    Raises BadInput for another name.
+    """
+    if what not in TABLES:
+        raise BadInput(f"--what {what!r}: expected one of {', '.join(TABLES)}, or recording")
+    rows: list[dict[str, Any]]
+    if what == "friction":
+        rows, after = [], 0
+        while True:
+            page, following = store.history(from_unix_s=from_unix_s, to_unix_s=to_unix_s, after=after, limit=10_000)
+            rows += page
+            if following is None:
+                break
+            after = following
+        at = "recorded_at_unix_s"
+    elif what == "ledger":
+        rows = [
+            {
+                "replay": row.id, "window_unix_s": row.window_unix_s, "kind": row.kind, "state": row.state, "reason": row.reason,
+                "started_at_unix_s": row.started_at_unix_s, "ended_at_unix_s": row.ended_at_unix_s, "recording": row.recording,
+                "recording_removed_at_unix_s": row.removed_at_unix_s,
+            }
+            for row in store.ledger()
+        ]  # fmt: skip
+        at = "window_unix_s"
+    elif what == "events":
+        rows = [{"seq": event.seq, "at_unix_s": event.at_unix_s, "replay": event.ledger_id, **event.document} for event in store.events()]
+        at = "at_unix_s"
+    else:
+        rows = [
+            {
+                "replay": verdict.ledger_id, "recorded_at_unix_s": verdict.recorded_at_unix_s, "made_with": verdict.made_with,
+                "document": json.dumps(verdict.document, ensure_ascii=False),
+            }
+            for verdict in store.verdicts()
+        ]  # fmt: skip
+        at = "recorded_at_unix_s"
+    inside = [row for row in rows if _inside(row[at], from_unix_s, to_unix_s)]
+    if not inside:
+        return pd.DataFrame(columns=list(TABLES[what]))
+    frame = pd.json_normalize(inside)
+    for column in [name for name in frame.columns if name.endswith("_unix_s")]:
+        times = pd.to_datetime(pd.to_numeric(frame[column]), unit="s", utc=True)
+        frame = frame.assign(**{column: times}).rename(columns={column: column.removesuffix("_unix_s")})
+    return frame
+
+
+def write_table(frame: pd.DataFrame, path: Path) -> None:
+    """As CSV or Parquet, by the name's suffix. Raises BadInput, and StoreError where it cannot be written."""
+    try:
+        if path.suffix == ".parquet":
+            frame.to_parquet(path, index=False, compression="zstd")
+        elif path.suffix == ".csv":
+            frame.to_csv(path, index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ")
+        else:
+            raise BadInput(f"{path}: expected a name that ends in .csv or .parquet")
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def export_recording(store: Store, replay: int, path: Path) -> Recording:
+    """One recording as our Parquet, or as CSV with RTDE's names. Raises BadInput where retention has let go of it, or it never was."""
+    source = store.recording_path(replay)
+    if not source.is_file():
+        raise BadInput(f"replay {replay}: there is no recording of it (aborted, skipped, or let go of by [store] recordings_days)")
+    recording = read_recording(source)
+    if path.suffix == ".parquet":
+        write_recording(path, recording)
+    else:
+        write_table(_as_csv(recording), path)
+    return recording
+
+
+def _as_csv(recording: Recording) -> pd.DataFrame:
+    names: dict[str, str] = {"t_s": "timestamp"}
+    for name, field in JOINT_COLUMNS.items():
+        names.setdefault(field, name)
+    columns: dict[str, Any] = {}
+    for field, values in recording.signals.items():
+        name = names.get(field, field)
+        columns |= {name: values} if values.ndim == 1 else {f"{name}_{j}": column for j, column in enumerate(values.T)}
+    return pd.DataFrame(columns)
+
+
+def import_recordings(store: Store, configuration: Configuration, entries: list[Entry], columns: str | None) -> dict[str, Any]:
+    """Recordings made elsewhere, judged in the order of their times, and marked as imported.
+
+    Raises BadInput, and nothing is changed, where one is not later than what was learnt last, is of a time to come, or hangs otherwise than
+    this arm.
+    """
+    robot, mounting = configuration.model, configuration.mounting
+    found = dated(Series(entries=entries, robot=robot, mounting=mounting, columns=columns))
+    known = held(store)
+    last = None if known.belief is None else known.belief.at_unix_s
+    for recording, hangs in found:
+        at = recording.context.recorded_at_unix_s or 0.0
+        if hangs.angles_rad != mounting.angles_rad:
+            raise BadInput(f"{recording.source}: hangs otherwise than [robot] mounting = {configuration.robot.mounting!r}")
+        if not 0.0 <= at <= time.time() + AHEAD_S:
+            when = rfc3339(at) if abs(at) < LONGEST_S else f"{at:g} s after 1970"
+            raise BadInput(f"{recording.source}: was made at {when}; expected a time between 1970 and now")
+        if last is not None and at <= last and at not in store.windows(at, at):
+            raise BadInput(
+                f"{recording.source}: was made at {rfc3339(at)}, before the last replay that was learnt from ({rfc3339(last)}); recordings "
+                "are learnt in time order: import them before the first replay, or into a history of their own"
+            )
+    told: dict[str, Any] = {"assessed": 0, "known_already": 0, "rejected": []}
+    for recording, _ in found:
+        at = recording.context.recorded_at_unix_s or 0.0
+        ledger_id = store.claim_import(at, time.time())
+        if ledger_id is None:
+            told["known_already"] += 1
+            continue
+        write_recording(store.recording_path(ledger_id), recording)
+        store.recorded(ledger_id)
+        entered = enter_stored(store, configuration, known, ledger_id, time.time)
+        known = now_held(known, entered)
+        if isinstance(entered.outcome, Rejected):
+            told["rejected"].append({"file": recording.source, "reason": entered.outcome.reason})
+        else:
+            told["assessed"] += 1
+    return told
+
+
+def _inside(at: float | None, from_unix_s: float | None, to_unix_s: float | None) -> bool:
+    if at is None:
+        return from_unix_s is None and to_unix_s is None
+    return (from_unix_s is None or at >= from_unix_s) and (to_unix_s is None or at < to_unix_s)

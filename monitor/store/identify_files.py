@@ -1,0 +1,174 @@
+"""Identification of files: recordings in, one document out. What the commands `identify`, `base` and `energy` share."""
+
+import dataclasses
+import json
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.errors import BadInput
+from monitor.identify.document import document, gains_document, identification_from_document, payload_document
+from monitor.identify.gains import Gains, payload_gains
+from monitor.identify.identification import Identification
+from monitor.identify.identify import identify
+from monitor.identify.payload import identify_payload
+from monitor.identify.validate import Validation, validate
+from monitor.model.robot import Mounting, Robot, load_robot, robot_from_document
+from monitor.recording import Array, Recording
+from monitor.store.recordings import read_recording
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PayloadPair:
+    """The second of two runs: with a mass at the flange that somebody has weighed."""
+
+    file: Path
+    payload_kg: float
+    com_m: tuple[float, ...]  # in the flange's frame
+    std_kg: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Request:
+    """What to identify, and from what."""
+
+    files: Sequence[Path]  # fitted together
+    robot: Robot
+    mounting: Mounting
+    columns: str | None = None  # names and widths for files without RTDE names
+    gains: Array | None = None  # (J,) [N·m/A]
+    pair: PayloadPair | None = None  # the gains from it; files[0] is the run without
+    method: str = "wls"
+    friction: str = "paper"
+    rigid_from: Path | None = None  # an earlier `identify --json`
+    held_out: Sequence[Path] = ()
+    loaded: Sequence[Path] = ()  # with a payload that nobody has weighed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outcome:
+    """What was found, and what it was found from."""
+
+    document: dict[str, Any]
+    identification: Identification
+    gains: Array | None
+    recordings: Sequence[Recording]
+    held_out: Sequence[Recording]
+
+
+def arm(robot: str | None, urdf: Path | None) -> Robot:
+    """The arm by its model's name, from a TOML like those of the models (`--export` writes one), or from a URDF.
+
+    Raises BadInput unless exactly one of them is given, or where it is not known or not readable.
+    """
+    if (robot is None) == (urdf is None):
+        raise BadInput(f"{'neither' if robot is None else 'both'} of --robot and --urdf given; expected one of them")
+    if robot is not None:
+        return _from_toml(Path(robot)) if robot.endswith(".toml") else load_robot(robot)
+    from monitor.model.urdf import robot_from_urdf
+
+    return robot_from_urdf(str(urdf))
+
+
+def _from_toml(path: Path) -> Robot:
+    try:
+        return robot_from_document(tomllib.loads(path.read_text("utf-8")))
+    except OSError as wrong:
+        raise BadInput(f"--robot {path}: cannot be read: {wrong.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as wrong:
+        raise BadInput(f"--robot {path}: not TOML: {wrong}") from None
+    except BadInput as wrong:
+        raise BadInput(f"--robot {path}: {wrong}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as wrong:
+        why = f"{type(wrong).__name__}: {wrong}"
+        raise BadInput(f"--robot {path}: is no arm ({why}); expected the keys of the shipped models, as --export writes them") from None
+
+
+def named_recordings(paths: Sequence[Path], columns: str | None) -> list[Recording]:
+    """Recordings under the names that the user gave, whatever a file says of where it came from."""
+    return [dataclasses.replace(read_recording(path, columns), source=path.name) for path in paths]
+
+
+def identify_files(request: Request) -> Outcome:
+    """Everything `identify` says. Raises BadInput and Unidentifiable as the rooms do."""
+    robot, mounting = request.robot, request.mounting
+    recordings, held_out, loaded = (named_recordings(paths, request.columns) for paths in (request.files, request.held_out, request.loaded))
+    gains, estimated = request.gains, None
+    if request.pair is not None:
+        estimated = _pair_gains(request, recordings[0])
+        gains = _filled(estimated, request)
+    earlier = None if request.rigid_from is None else _earlier(request.rigid_from, robot, mounting)
+    found = identify(
+        recordings, robot, mounting, method=request.method, friction=request.friction, gains=gains, rigid_from=earlier
+    )  # fmt: skip
+    validations: list[Validation] = [validate(found, recording, robot, gains) for recording in held_out]
+    told = document(found, validations)
+    if estimated is not None:
+        told["gains"] = gains_document(estimated)
+    if loaded:
+        told["payload"] = payload_document(identify_payload(loaded, found, robot, gains=gains))
+        told["warnings"] += told["payload"].pop("warnings")
+    return Outcome(document=told, identification=found, gains=gains, recordings=recordings, held_out=held_out)
+
+
+def check_export(path: Path, method: str) -> None:
+    """Raises BadInput unless an arm can be written there; to be asked before the work is done."""
+    if path.is_dir():
+        raise BadInput(f"--export {path}: is a folder; expected the name of a file")
+    if path.suffix not in {".urdf", ".toml"}:
+        raise BadInput(f"--export {path}: expected a name that ends in .urdf or .toml")
+    if not path.parent.is_dir():
+        raise BadInput(f"--export {path}: the folder {path.parent} does not exist")
+    if method != "consistent":
+        raise BadInput(f"--export: --method {method} finds no masses of single links; expected --method consistent")
+
+
+def export(path: Path, found: Identification) -> None:
+    """Write the arm as a URDF or TOML. Raises BadInput as `check_export`."""
+    check_export(path, found.method)
+    if found.physical is not None:
+        text = found.physical.urdf() if path.suffix == ".urdf" else found.physical.toml()
+        try:
+            path.write_text(text, "utf-8")
+        except OSError as wrong:
+            raise BadInput(f"--export {path}: cannot be written: {wrong.strerror}") from None
+
+
+def _pair_gains(request: Request, unloaded: Recording) -> Gains:
+    pair = request.pair
+    if pair is None:
+        raise BadInput("payload pair: no loaded run was given")
+    loaded = named_recordings([pair.file], request.columns)[0]
+    return payload_gains(
+        unloaded, loaded, request.robot, request.mounting, pair.payload_kg, pair.com_m, payload_std_kg=pair.std_kg
+    )  # fmt: skip
+
+
+def _filled(estimated: Gains, request: Request) -> Array:
+    """(J,) the estimated gains, and where the pair says nothing those given or published.
+
+    Raises BadInput naming the joints for which there is none.
+    """
+    known = request.gains if request.gains is not None else request.robot.drive_gain_nm_per_a
+    gains: Array = np.where(np.isfinite(estimated.values), estimated.values, known)
+    open_joints = np.flatnonzero(~np.isfinite(gains)) + 1
+    if open_joints.size:
+        raise BadInput(
+            f"payload pair: says nothing of the gains of joints {', '.join(map(str, open_joints))}, and they are not published; "
+            f"give --gains as well (the pair overrules them where it knows better)"
+        )
+    return gains
+
+
+def _earlier(path: Path, robot: Robot, mounting: Mounting) -> Identification:
+    try:
+        told = json.loads(path.read_text("utf-8"))
+    except OSError as wrong:
+        raise BadInput(f"--rigid-from {path}: cannot be read: {wrong.strerror}") from None
+    except (ValueError, RecursionError):
+        raise BadInput(f"--rigid-from {path}: is not JSON; expected what `identify --json` printed") from None
+    return identification_from_document(told, robot, mounting, str(path))

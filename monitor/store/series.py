@@ -1,0 +1,221 @@
+"""A series of recordings through `assess`, in the order of their times: the daemon's verdicts without a daemon."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from monitor.assess import Assessment, AssessSettings, Rejected, assess
+from monitor.errors import BadInput
+from monitor.judge.alerts.health import alert_document
+from monitor.judge.alerts.why_not import why_not_alerting
+from monitor.judge.document import plain
+from monitor.model.robot import Mounting, Robot
+from monitor.publish.timestamps import unix_s
+from monitor.recording import Array, Recording
+from monitor.store.recordings import read_recording
+
+UNDATED_START_UNIX_S = 946_684_800.0  # 2000-01-01: where files that say no time are begun to be counted, --interval apart
+MANIFEST_COLUMNS = ("file", "recorded_at", "payload_kg", "mounting", "note", "maintenance", "joint_serials", "revolutions")
+_INTERVAL = re.compile(r"(\d+(?:\.\d+)?)\s*([smhdw])")
+_SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
+
+
+class Entry(NamedTuple):
+    """One recording and what is declared of it beside what it says itself."""
+
+    file: Path
+    recorded_at_unix_s: float | None = None
+    payload_kg: float | None = None
+    mounting: Mounting | None = None
+    note: str | None = None
+    maintenance: str | None = None
+    joint_serials: tuple[str, ...] | None = None
+    revolutions: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Series:
+    """What to judge, and as what."""
+
+    entries: Sequence[Entry]
+    robot: Robot
+    mounting: Mounting = field(default_factory=Mounting)
+    columns: str | None = None
+    gains: Array | None = None
+    settings: AssessSettings = field(default_factory=AssessSettings)
+
+
+def interval_s(text: str) -> float:
+    """`1d`, `6h`, `30m`, `90s` or `1w` in seconds. Raises BadInput."""
+    match = _INTERVAL.fullmatch(text.strip())
+    if match is None or not float(match[1]) > 0:
+        raise BadInput(f"--interval {text!r}: expected a number and a unit of s, m, h, d or w, e.g. 1d")
+    return float(match[1]) * _SECONDS[match[2]]
+
+
+def spaced(files: Sequence[Path], interval: str) -> list[Entry]:
+    """Files without times of their own, one interval apart in the order given."""
+    step = interval_s(interval)
+    return [Entry(file, UNDATED_START_UNIX_S + k * step) for k, file in enumerate(files)]
+
+
+def manifest(path: Path) -> list[Entry]:
+    """What a manifest says of each file; names are relative to its folder.
+
+    Columns `file, recorded_at` (RFC 3339, UTC where no offset is given) and optionally `payload_kg, mounting, note, maintenance`, and
+    `joint_serials` and `revolutions`, one a joint with blanks between. Raises BadInput naming line and column.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as lines:
+            rows = list(csv.DictReader(lines, skipinitialspace=True))
+    except OSError as wrong:
+        raise BadInput(f"--manifest {path}: cannot be read: {wrong.strerror}") from None
+    except (UnicodeDecodeError, csv.Error) as wrong:
+        raise BadInput(f"--manifest {path}: is not CSV: {wrong}") from None
+    if not rows:
+        raise BadInput(f"--manifest {path}: names no recording; expected a header {', '.join(MANIFEST_COLUMNS[:2])} and a line a file")
+    unknown = [str(name) for name in rows[0] if name not in MANIFEST_COLUMNS]
+    missing = [name for name in MANIFEST_COLUMNS[:2] if name not in rows[0]]
+    if unknown or missing:
+        said = f"column {unknown[0]!r} is not known" if unknown else f"column {missing[0]!r} is missing"
+        raise BadInput(f"--manifest {path}: {said}; expected file, recorded_at and, where known, {', '.join(MANIFEST_COLUMNS[2:])}")
+    return [_entry(path, number, row) for number, row in enumerate(rows, start=2)]
+
+
+def _entry(path: Path, line: int, row: dict[str, str]) -> Entry:
+    where = f"--manifest {path}, line {line}"
+    if not (row["file"] or "").strip():
+        raise BadInput(f"{where}: no file")
+    payload, mounting, note = ((row.get(name) or "").strip() for name in ("payload_kg", "mounting", "note"))
+    try:
+        payload_kg = float(payload) if payload else None
+    except ValueError:
+        raise BadInput(f"{where}: payload_kg is {payload!r}; expected kilograms") from None
+    if payload_kg is not None and not 0 <= payload_kg < 1000:
+        raise BadInput(f"{where}: payload_kg is {payload!r}; expected 0 or more kilograms")
+    at = when((row["recorded_at"] or "").strip(), f"{where}: recorded_at")
+    try:
+        revolutions = tuple(float(count) for count in (row.get("revolutions") or "").split())
+    except ValueError:
+        raise BadInput(f"{where}: revolutions is {row['revolutions']!r}; expected figures, one a joint, with blanks between") from None
+    return Entry(
+        file=path.parent / row["file"].strip(),
+        recorded_at_unix_s=at,
+        payload_kg=payload_kg,
+        mounting=Mounting.parse(mounting) if mounting else None,
+        note=note or None,
+        maintenance=(row.get("maintenance") or "").strip() or None,
+        joint_serials=tuple((row.get("joint_serials") or "").split()) or None,
+        revolutions=revolutions or None,
+    )
+
+
+def when(text: str, where: str) -> float:
+    """Seconds since 1970 from RFC 3339; UTC where no offset is given. Raises BadInput."""
+    try:
+        return unix_s(text)
+    except ValueError:
+        raise BadInput(f"{where} is {text!r}; expected a time like 2026-01-31T03:00:00Z") from None
+
+
+def assess_series(series: Series) -> dict[str, Any]:
+    """All verdicts as one document, the recordings taken in time order.
+
+    Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
+    """
+    last: Assessment | None = None
+    friction: list[dict[str, Any]] = []
+    files: list[dict[str, Any]] = []
+    alerts: dict[tuple[int | None, str], dict[str, Any]] = {}
+    warnings: list[dict[str, Any]] = []
+    for recording, mounting in dated(series):
+        outcome = assess(
+            recording,
+            robot=series.robot,
+            mounting=mounting,
+            belief=None if last is None else last.belief,
+            health=None if last is None else last.health,
+            model=None if last is None else last.model,
+            gains=series.gains,
+            settings=series.settings,
+        )
+        at = recording.context.recorded_at_unix_s
+        if isinstance(outcome, Rejected):
+            files.append({"file": recording.source, "recorded_at_unix_s": at, "verdict": "rejected", "reason": outcome.reason})
+            continue
+        files.append({"file": recording.source, "recorded_at_unix_s": at, "verdict": "assessed", "reason": None})
+        friction += [{"file": recording.source, "recorded_at_unix_s": at, **plain(joint)} for joint in outcome.friction]
+        warnings += [{"file": recording.source, **plain(caveat)} for caveat in outcome.caveats]
+        for transition in outcome.transitions:
+            raised_in = alerts.get(transition.alert.key, {}).get("file") if transition.kind != "raised" else None
+            alerts[transition.alert.key] = {**alert_document(transition.alert), "file": raised_in or recording.source}
+        last = outcome
+    if last is None:
+        told = "; ".join(f"{row['file']}: {row['reason']}" for row in files)
+        raise BadInput(f"assess: no recording could be judged: {told}")
+    return {
+        "robot": last.robot,
+        "recordings": files,
+        "health": {"arm": last.health.state, "joints": [joint.state for joint in last.health.joints]},
+        "why": {"arm": last.health.why, "joints": [joint.why for joint in last.health.joints]},
+        "alerts": list(alerts.values()),
+        "not_alerting": [
+            {"joint": joint.joint, "reasons": list(why_not_alerting(last.health, last.belief, joint.joint, series.settings.health))}
+            for joint in last.health.joints
+        ],
+        "temperature": plain(last.temperature),
+        "friction": friction,
+        "contexts": plain(last.belief.contexts),
+        "warnings": warnings,
+    }
+
+
+def given_entries(files: Sequence[Path], manifest_file: Path | None, interval: str | None) -> list[Entry]:
+    """Which recordings a command was given, and what is declared of them. Raises BadInput."""
+    if manifest_file is not None and (files or interval):
+        raise BadInput("--manifest names the files and their times; expected it alone, without FILE… and --interval")
+    if manifest_file is not None:
+        return manifest(manifest_file)
+    if not files:
+        raise BadInput("no recording was given; expected FILE… or --manifest")
+    return spaced(files, interval) if interval is not None else [Entry(file) for file in files]
+
+
+def dated(series: Series) -> list[tuple[Recording, Mounting]]:
+    """The recordings with what is declared of them and their mountings, in time order.
+
+    Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
+    """
+    found = sorted((_read(series, entry) for entry in series.entries), key=lambda pair: pair[0].context.recorded_at_unix_s or 0.0)
+    for (one, _), (other, _) in pairwise(found):
+        if one.context.recorded_at_unix_s == other.context.recorded_at_unix_s:
+            raise BadInput(f"{one.source} and {other.source} were recorded at the same time; expected one recording at a time")
+    return found
+
+
+def _read(series: Series, entry: Entry) -> tuple[Recording, Mounting]:
+    """The recording with what is declared of it, and its mounting: the entry's, else what the file itself says, else the series'."""
+    recording = replace(read_recording(entry.file, series.columns), source=entry.file.name)
+    context = recording.context
+    mounting = entry.mounting or series.mounting
+    if entry.mounting is None and context.mounting_rad is not None:
+        mounting = Mounting.of(context.mounting_rad)
+    at = entry.recorded_at_unix_s if entry.recorded_at_unix_s is not None else context.recorded_at_unix_s
+    if at is None:
+        raise BadInput(f"{entry.file}: does not say when it was made; give --manifest with a column recorded_at, or --interval 1d")
+    declared = replace(
+        context,
+        robot=context.robot or series.robot.name,
+        recorded_at_unix_s=at,
+        payload_kg=entry.payload_kg if entry.payload_kg is not None else context.payload_kg,
+        mounting_rad=mounting.angles_rad,
+        note=entry.note or context.note,
+        maintenance=entry.maintenance or context.maintenance,
+        joint_serials=entry.joint_serials or context.joint_serials,
+        revolutions=entry.revolutions or context.revolutions,
+    )
+    return replace(recording, context=declared), mounting

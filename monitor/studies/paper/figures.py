@@ -1,0 +1,179 @@
+"""The paper's figures, drawn from a campaign on the simulated arm."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from monitor.recording import Array
+from monitor.studies.paper.campaign import Campaign
+from monitor.studies.paper.printed import PRINTED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RATE_HZ = 125.0
+SHOWN_S = 10.0  # of the validation: one period
+EVERY = 3  # samples drawn: 40 Hz is finer than the line
+MEASURED, BEFORE, MODEL = "#222222", "#c8781e", "#1f6fb4"
+
+
+def _sheet(width: float, height: float) -> "Figure":
+    from matplotlib.figure import Figure  # 0.5 s; no pyplot: it would look for a screen
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _joints(height: float) -> tuple["Figure", "list[Axes]"]:
+    figure = _sheet(9.0, height)
+    axes = figure.subplots(3, 2, sharex=True).T.ravel().tolist()
+    for j, one in enumerate(axes):
+        one.set_title(f"joint {j + 1}", fontsize="small", loc="left")
+        one.grid(alpha=0.25)
+        one.tick_params(labelsize="small")
+    return figure, axes
+
+
+def singular_values(found: Campaign) -> "Figure":
+    """Figure 1."""
+    figure = _sheet(9.0, 3.2)
+    left, right = figure.subplots(1, 2)
+    for (name, base), marker in zip(found.bases.items(), "ox^", strict=True):
+        sigma = base.singular_values
+        number = np.arange(1, len(sigma) + 1)
+        left.semilogy(
+            number, np.maximum(sigma, 1e-17), marker, ms=3.5, label=f"{name}: {base.count}", fillstyle="none", color=_colour(name)
+        )
+        right.plot(number, 100 * base.cumulative_energy, lw=1.4, label=name, color=_colour(name))
+    left.axvline(52.5, color="0.5", lw=0.8, ls=":")
+    left.axvline(54.5, color="0.5", lw=0.8, ls=":")
+    left.set(xlabel="number", ylabel="singular value")
+    right.set(xlabel="number", ylabel="cumulative energy [%]", xlim=(0, 30))
+    for axes in (left, right):
+        axes.grid(alpha=0.25)
+        axes.legend(fontsize="small")
+    return figure
+
+
+def _colour(mounting: str) -> str:
+    return {"ground": "#1f6fb4", "ceiling": "#c8781e", "wall": "#3d8a4d"}[mounting]
+
+
+def trajectories(found: Campaign) -> "Figure":
+    """Figure 2."""
+    figure = _sheet(9.0, 5.2)
+    grid = figure.subplots(3, 2, sharex=True, sharey="row")
+    for k, mounting in enumerate(("ground", "ceiling")):
+        excitation = found.trajectories[mounting]
+        t = np.arange(round(excitation.period_s * RATE_HZ) + 1)[::EVERY] / RATE_HZ
+        state = excitation.at(t)
+        condition = (excitation.objectives or {}).get("condition_number")
+        grid[0, k].set_title(f"{mounting}: condition number {condition:.0f}", fontsize="medium")
+        for row, (signal, label) in enumerate(((state.q, "q [rad]"), (state.qd, "q̇ [rad/s]"), (state.qdd, "q̈ [rad/s²]"))):
+            for j in range(found.robot.joints):
+                grid[row, k].plot(t, signal[:, j], lw=1.1, color=f"C{j}", label=f"J{j + 1}")
+            grid[row, k].grid(alpha=0.25)
+            grid[row, 0].set_ylabel(label)
+        grid[2, k].set_xlabel("t [s]")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, ncols=6, loc="outside lower center", frameon=False, fontsize="small")
+    return figure
+
+
+def parameters(found: Campaign) -> "Figure":
+    """Figure 3, with the truth that only a simulated arm has."""
+    figure = _sheet(9.0, 5.0)
+    halves = figure.subplots(2, 1)
+    identified = found.identified
+    number = np.arange(len(identified.names))
+    for axes, part in zip(halves, np.array_split(number, 2), strict=True):
+        axes.errorbar(
+            part,
+            identified.values[part],
+            yerr=3 * identified.std[part],
+            fmt="o",
+            ms=3.5,
+            lw=1,
+            capsize=2,
+            color=MODEL,
+            label="identified ± 3σ",
+        )
+        axes.plot(part, found.truth[part], "x", ms=5, color="#b3261e", label="the simulated arm's own")
+        axes.set_xticks(part, [identified.names[k].split(" ")[0] for k in part], rotation=60, fontsize=7)
+        axes.set_yscale("symlog", linthresh=0.1)
+        axes.set_ylabel("SI units")
+        axes.grid(alpha=0.25)
+        shown = np.concatenate([identified.values[part] + sign * 3 * identified.std[part] for sign in (1, -1)])
+        axes.set_ylim(min(2.0 * shown.min(), -0.15), 2.0 * shown.max())  # what is largest stands within the frame, not on it
+    halves[0].legend(fontsize="small", ncols=2)
+    return figure
+
+
+def validation(found: Campaign) -> "Figure":
+    """Figures 4 to 6: torque along the validation trajectory."""
+    figure, axes = _joints(6.2)
+    shown = found.validation_t_s <= SHOWN_S
+    t = found.validation_t_s[shown][::EVERY]
+    styles = (("before", BEFORE, 1.0, "manufacturer's data"), ("measured", MEASURED, 1.6, "measured"), ("LS", MODEL, 1.1, "identified, LS"))
+    for j, one in enumerate(axes):
+        for key, colour, width, label in styles:
+            one.plot(t, found.validation_nm[key][shown][::EVERY, j], color=colour, lw=width, label=label)
+        one.set_ylabel("torque [Nm]", fontsize="small")
+    return _finished(figure, axes, "t [s]")
+
+
+def cold_and_warm(found: Campaign) -> "Figure":
+    """Figure 7."""
+    figure, axes = _joints(6.2)
+    t = found.cold_warm_t_s[::EVERY]
+    for j, one in enumerate(axes):
+        one.plot(t, found.cold_nm[::EVERY, j], color="#1f6fb4", lw=1.2, label="cold")
+        one.plot(t, found.warm_nm[::EVERY, j], color="#b3261e", lw=1.2, ls="--", label="warm")
+        one.set_ylabel("torque [Nm]", fontsize="small")
+    return _finished(figure, axes, "t [s]")
+
+
+def viscous_over_temperature(found: Campaign) -> "Figure":
+    """Figure 8: ours as points with their line, the paper's as the slope of its own overall change where it prints temperatures."""
+    figure, axes = _joints(6.0)
+    printed = PRINTED[found.robot.name]
+    for j, one in enumerate(axes):
+        T, fv = found.temperature_c[:, j], found.viscous[:, j]
+        one.plot(T, fv, "o", ms=4, color=MODEL, label="one replay")
+        one.plot(T, _line(T, fv), lw=1.2, color=MODEL, label="line through them")
+        if printed.cold_c is not None and printed.warm_c is not None:
+            ends = np.array([printed.cold_c[j], printed.warm_c[j]])
+            # the paper's figures are of its own arm: only the relative fall can be laid over ours, from the cold end
+            one.plot(ends, fv[0] * np.array([1.0, 1.0 + printed.viscous_change[j]]), "--", lw=1.2, color=BEFORE, label="fall in the paper")
+        one.set_ylabel("fv [Nm·s/rad]", fontsize="small")
+        one.sharex(axes[0])
+    return _finished(figure, axes, "joint temperature [°C]")
+
+
+def _line(x: Array, y: Array) -> Array:
+    return np.polyval(np.polyfit(x, y, 1), x).astype(float) if np.ptp(x) > 0 else y
+
+
+def transfer(found: Campaign) -> "Figure":
+    """Figure 9."""
+    figure, axes = _joints(6.2)
+    shown = found.transfer_t_s <= SHOWN_S
+    t = found.transfer_t_s[shown][::EVERY]
+    styles = (
+        ("ground regressor", BEFORE, 1.0, "with the ground's regressor"),
+        ("measured", MEASURED, 1.6, "simulated, no friction"),
+        ("ceiling", MODEL, 1.0, "with the ceiling's regressor"),
+    )
+    for j, one in enumerate(axes):
+        for key, colour, width, label in styles:
+            one.plot(t, found.transfer_nm[key][shown][::EVERY, j], color=colour, lw=width, label=label)
+        one.set_ylabel("torque [Nm]", fontsize="small")
+    return _finished(figure, axes, "t [s]")
+
+
+def _finished(figure: "Figure", axes: "list[Axes]", xlabel: str) -> "Figure":
+    for one in (axes[2], axes[5]):
+        one.set_xlabel(xlabel, fontsize="small")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, ncols=len(labels), loc="outside lower center", frameon=False, fontsize="small")
+    return figure

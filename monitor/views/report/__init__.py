@@ -1,0 +1,1 @@
+"""The printed report: one self-contained HTML page."""

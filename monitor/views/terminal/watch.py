@@ -1,0 +1,129 @@
+"""`joint-monitor watch`: one line for one document of the bus, coloured by what it means where standard output is a terminal."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from monitor.views.terminal.tables import STATE_STYLE, TIER_STYLE
+
+LONGEST_JSON = 160
+KIND_STYLE = {"raised": "bold red", "updated": "yellow", "cleared": "green", "acknowledged": "cyan", "shelved": "cyan"}
+Document = dict[str, Any]
+
+
+class Teller:
+    """Prints documents as they come."""
+
+    def __init__(self) -> None:
+        self._console = Console(highlight=False, soft_wrap=True)
+
+    def tell(self, key: str, document: Document) -> None:
+        """One line, at once: whoever reads from a pipe waits for it."""
+        self._console.print(line(key, document))
+        self._console.file.flush()
+
+
+def line(key: str, document: Document) -> Text:
+    """What a person wants to know of it; JSON, cut short, of a kind that has no words here, or of a newer monitor."""
+    words = next((words for matches, words in _WORDS if matches(key)), None)
+    if words is not None:
+        try:
+            return words(key, document)
+        except (KeyError, TypeError, ValueError):  # a document without what v1 promises: shown as it is
+            pass
+    text = json.dumps(document, ensure_ascii=False)
+    return Text(f"{key}  {text if len(text) <= LONGEST_JSON else text[: LONGEST_JSON - 1] + '…'}")
+
+
+def _health(key: str, document: Document) -> Text:
+    state = document.get("state")
+    if state is None:
+        return Text(f"{key}  UNKNOWN: no replay has been assessed yet")
+    told = Text(f"{key}  ").append(state, STATE_STYLE.get(state, ""))
+    if document.get("stale"):
+        told.append(" STALE", "yellow")
+    for joint in document["joints"]:
+        told.append(f"  J{joint['joint']} ").append(joint["state"], STATE_STYLE.get(joint["state"], ""))
+        if joint.get("stale"):
+            told.append(" STALE", "yellow")
+    return told
+
+
+def _alert(key: str, document: Document) -> Text:
+    active = document["active"]
+    told = Text(f"{key}  ").append("ACTIVE" if active else "cleared", TIER_STYLE.get(document["tier"] if active else "cleared", ""))
+    told.append(f"  {document['text']}")
+    if active and document.get("acknowledged_by"):
+        told.append(f"  (seen by {document['acknowledged_by']})", "dim")
+    if active and document.get("shelved_until"):
+        told.append(f"  (shelved until {document['shelved_until']})", "dim")
+    return told
+
+
+def _event(key: str, document: Document) -> Text:
+    place = "arm" if document["joint"] is None else f"j{document['joint']}"
+    told = Text(f"{key} {document['seq']}  ").append(document["kind"], KIND_STYLE.get(document["kind"], ""))
+    return told.append(f"  {place}/{document['condition']}  {document['text']}")
+
+
+def _friction(key: str, document: Document) -> Text:
+    temperature = document["temperature_c"]
+    return Text(
+        f"{key}  fc {document['coulomb_nm']:.2f} Nm  fv {document['viscous_nm_s_per_rad']:.2f} Nm·s/rad  "
+        f"at {'–' if temperature is None else format(temperature, '.1f')} °C  "
+        f"wear {100 * document['wear']:+z.1f} ± {100 * document['wear_std']:.1f} %"
+    )
+
+
+def _live(key: str, document: Document) -> Text:
+    told, residual = Text(f"{key}  "), document["residual_nm"]
+    for j, predicted in enumerate(document["predicted_nm"]):
+        told.append(f"J{j + 1} {predicted:z.1f}")
+        if residual is not None:
+            std = document["std_nm"][j]
+            told.append(f" {residual[j]:+z.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
+        told.append("  ")
+    return told.append("Nm: predicted, and measured − predicted" if residual is not None else "Nm: predicted", "dim")
+
+
+def _info(key: str, document: Document) -> Text:
+    robot = document["robot"]
+    serial = f" {document['serial']}" if document.get("serial") else ""
+    return Text(
+        f"{key}  {robot['model']}{serial} on {document['host']}, joint-monitor {document['version']} since {document['started_at']}"
+    )
+
+
+def _model(key: str, document: Document) -> Text:
+    return Text(f"{key}  revision {document['revision']} of {document['at']}")
+
+
+def _replay(key: str, document: Document) -> Text:
+    told = Text(f"{key}  ").append(document["state"], "bold yellow" if document["state"] == "announced" else "")
+    if document["state"] == "announced":
+        return told.append(f": the arm moves at {document['moves_at']} for {document['duration_s']:.0f} s")
+    return told.append(f": {document['verdict']}{': ' + document['reason'] if document.get('reason') else ''}")
+
+
+def _monitor(key: str, document: Document) -> Text:
+    troubles, due = document["troubles"], document["next_replay_due"]
+    told = Text(f"{key}  ").append(
+        " ".join("; ".join(f"{one['name']}: {one['text']}" for one in troubles).split()) or "no trouble", "yellow" if troubles else ""
+    )
+    return told.append(f"  next replay {due or 'none'}", "dim")
+
+
+_WORDS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = [
+    (lambda key: key == "health", _health),
+    (lambda key: key.startswith("alert/"), _alert),
+    (lambda key: key == "event", _event),
+    (lambda key: key.endswith("/friction"), _friction),
+    (lambda key: key == "torque/live", _live),
+    (lambda key: key == "info", _info),
+    (lambda key: key == "model", _model),
+    (lambda key: key == "replay", _replay),
+    (lambda key: key == "monitor", _monitor),
+]

@@ -1,0 +1,336 @@
+"""The reference configuration documents what the rooms own, and a mistake is named with its key."""
+
+import dataclasses
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from monitor.config import load as configuration
+from monitor.config.load import from_document, load
+from monitor.errors import BadConfiguration, BadInput
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / "config" / "monitor.toml"
+LEAST = {"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}}
+
+
+def test_the_reference_configuration_holds_the_defaults():
+    """A file that leaves everything out means the same as the reference: its figures are the code's."""
+    reference, least = load(REFERENCE), from_document(LEAST, REFERENCE)
+    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page", "assess"):
+        assert getattr(reference, name) == getattr(least, name), name
+    assert reference.excitation.digest == least.excitation.digest
+
+
+def test_every_key_that_a_room_owns_is_in_the_reference_with_a_word_of_reason():
+    """Nothing configurable is undocumented; nothing documented is unknown (the file would be refused)."""
+    text = REFERENCE.read_text("utf-8")
+    document = tomllib.loads(text)
+    keys = set()
+
+    def collect(cls: type, table: dict, place: str) -> None:
+        hints = configuration.get_type_hints(cls)
+        for field in dataclasses.fields(cls):
+            hint = hints[field.name]
+            if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+                collect(hint, table[field.name], f"{place}.{field.name}")
+                continue
+            if (place, field.name) in {("replay", "host"), ("robot", "serial")}:
+                continue  # host belongs to [robot]; a serial has no default to show
+            assert field.name in table, f"{place}.{field.name} is not in the reference"
+            keys.add(field.name)
+
+    loaded = load(REFERENCE)
+    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page"):
+        collect(type(getattr(loaded, name)), document[name], name)
+    for field in dataclasses.fields(loaded.assess):
+        value = getattr(loaded.assess, field.name)
+        if dataclasses.is_dataclass(value):
+            collect(type(value), document[field.name], field.name)
+    for line in text.splitlines():
+        match = re.match(r"(\w+) = ", line)
+        if match:
+            assert re.search(r"#\s+\S.{2,}", line), f"{line!r} gives no reason"
+
+
+def refusal(**sections: object) -> str:
+    with pytest.raises(BadConfiguration) as refused:
+        from_document({**LEAST, **sections}, Path("cell.toml"))
+    return str(refused.value)
+
+
+def test_every_mistake_is_named_at_once_with_the_nearest_valid_key():
+    """An operator who corrects one key should not meet the next mistake only then."""
+    said = refusal(
+        robot={**LEAST["robot"], "mountng": "wall", "site": "Ground Floor"},
+        replay={"allow_moton": True, "gain": 5.0},
+        identify={"signals": {"cutof_hz": 3.0}},
+        helth={},
+        schedule={"cron": "at noon"},
+        bus={"live_rate_hz": "often"},
+    )
+    for part in (
+        "did you mean mounting",
+        "did you mean allow_motion",
+        "did you mean cutoff_hz",
+        "did you mean health",
+        "schedule.cron",
+        "bus.live_rate_hz",
+    ):
+        assert part in said, part
+
+
+@pytest.mark.parametrize("word", ["yes", "true", 1, "on"])
+def test_only_the_boolean_true_lets_an_arm_move(word: object):
+    """A string or a number that looks like yes is a mistake, not a permission."""
+    assert "allow_motion" in refusal(replay={"allow_motion": word})
+
+
+def test_an_excitation_for_another_robot_or_no_file_is_refused(tmp_path: Path):
+    """The trajectory must be made for the arm; an unknown name is answered with the shipped ones."""
+    assert "made for a ur3" in refusal(replay={"excitation": "ur3-ground"})
+    assert "shipped are" in refusal(replay={"excitation": "ur5-moon"})
+    (tmp_path / "broken.json").write_text("{")
+    with pytest.raises(BadConfiguration, match=r"broken\.json"):
+        from_document({**LEAST, "replay": {"excitation": "broken.json"}}, tmp_path / "cell.toml")
+
+
+def test_no_file_and_no_toml_are_sentences(tmp_path: Path):
+    """Neither is a traceback."""
+    with pytest.raises(BadConfiguration, match="cannot be read"):
+        load(tmp_path / "absent.toml")
+    (tmp_path / "bad.toml").write_text("[robot\n")
+    with pytest.raises(BadConfiguration, match="not TOML"):
+        load(tmp_path / "bad.toml")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config" / "excitation").glob("*.json")), ids=lambda path: path.stem)
+def test_every_shipped_excitation_starts_and_ends_at_rest_within_the_robots_limits(path: Path):
+    """What is shipped can be replayed: the same check that guards a replay passes."""
+    from monitor.acquire.safety.limits import within_limits
+    from monitor.model.fourier import excitation_from_document
+    from monitor.model.robot import load_robot
+
+    excitation = excitation_from_document(json.loads(path.read_text("utf-8")))
+    robot = load_robot(excitation.robot)
+    within_limits(excitation, max_position_rad=robot.max_position_rad, max_speed_rad_s=robot.max_speed_rad_s)
+
+
+def bounded(cls: type, place: str = ""):
+    """(key, type, least, most) of every setting of a room that has bounds."""
+    from typing import get_args, get_origin
+
+    for name, hint in configuration.get_type_hints(cls, include_extras=True).items():
+        if dataclasses.is_dataclass(hint):
+            yield from bounded(hint, f"{place}{name}.")
+        elif get_origin(hint) is configuration.Annotated:
+            kind, interval = get_args(hint)
+            yield (
+                f"{place}{name}",
+                kind,
+                interval.ge if interval.gt is None else interval.gt,
+                interval.le if interval.lt is None else interval.lt,
+            )
+
+
+def nested(key: str, value: object) -> dict:
+    first, _, rest = key.partition(".")
+    return {first: nested(rest, value) if rest else value}
+
+
+ROOMS = {"robot": configuration.RobotSettings, "schedule": configuration.ScheduleSettings} | configuration._assess_sections()
+
+
+@pytest.mark.parametrize(("room", "key"), [(room, key) for room, cls in ROOMS.items() for key, *_ in bounded(cls)])
+def test_a_figure_beyond_its_bounds_is_refused_by_name(room, key):
+    """Below the least and above the most; the defaults lie within, or the reference would not load."""
+    _, kind, least, most = next(row for row in bounded(ROOMS[room]) if row[0] == key)
+    for value in (kind(least) - 1, kind(most) + 1):
+        section = nested(key, value)
+        said = refusal(**{room: {**LEAST.get(room, {}), **section}})
+        assert f"{room}.{key} = {value!r}: input should be" in said
+
+
+@pytest.mark.parametrize("text", ['{"a": ' * 100_000, "nonsense", "[]", '{"kind": "joint-monitor.excitation.v1"}'])
+def test_what_is_no_excitation_is_refused_with_its_name(tmp_path, text):
+    """Deep, broken, another thing, empty: a sentence, no traceback."""
+    (tmp_path / "mine.json").write_text(text)
+    with pytest.raises(BadInput, match=r"excitation|mine\.json"):
+        configuration.find_excitation("mine.json", tmp_path)
+
+
+@pytest.mark.parametrize("change", [{"repetitions": float("inf")}, {"period_s": 1e9}, {"repetitions": 10**9}])
+def test_an_excitation_without_end_is_refused(tmp_path, change):
+    """Endless, a century long, a thousand million times."""
+    document = configuration.find_excitation("ur5-ground", Path()).as_document() | change
+    (tmp_path / "mine.json").write_text(json.dumps(document))
+    with pytest.raises(BadInput, match="excitation: "):
+        configuration.find_excitation("mine.json", tmp_path)
+
+
+def test_a_directory_that_no_folder_can_be_is_refused():
+    """NUL, or nothing at all."""
+    for directory in ("a\0b", "  "):
+        assert "store.directory" in refusal(store={"directory": directory})
+
+
+# --- where a setting comes from, and where a mistake is ------------------------------------------------------------------
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "cell.toml"
+    path.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n' + text)
+    return path
+
+
+def test_every_mistake_is_told_with_its_file_and_line(tmp_path: Path):
+    """All of them at once: a key, a section, a figure that the room refuses, a key of a nested table, one that is missing has no line."""
+    path = written(
+        tmp_path, '[replay]\nallow_moton = true\ngain = 5.0\n[helth]\n[identify.signals]\n  cutof_hz = 3.0\n[schedule]\ncron = "noon"\n'
+    )
+    path.write_text(path.read_text().replace('site = "lab"\n', ""))
+    with pytest.raises(BadConfiguration) as refused:
+        load(path, {})
+    lines = str(refused.value).splitlines()
+    assert lines[0].endswith("6 mistakes")
+    told = "\n".join(lines[1:])
+    for part in (
+        f"{path}:5: replay.allow_moton: unknown key (did you mean allow_motion?)",
+        f"{path}:6: replay.gain = 5.0; expected",
+        f"{path}:7: [helth]: unknown section (did you mean health?)",
+        f"{path}:9: identify.signals.cutof_hz: unknown key (did you mean cutoff_hz?)",
+        f"{path}:11: schedule.cron = 'noon'",
+        "robot.site: missing",
+    ):
+        assert part in told, (part, told)
+
+
+def test_what_a_room_refuses_is_told_all_at_once_too_with_its_line_and_in_words_of_toml(tmp_path: Path):
+    """Several figures of one room, several texts of one list; a key of the wrong kind is not missing besides."""
+    path = written(
+        tmp_path,
+        '[replay]\ngain = 5.0\npermit = "perhaps"\nwindows_utc = "22:00-05:00"\n'
+        '[schedule]\nblackout = ["2026-13-01", "24.12.2026"]\njitter_s = 900.0\ncron = "noon"\n[page]\nlisten = "here"\n',
+    )
+    path.write_text(path.read_text().replace('id = "cell-1"', "id = 7"))
+    with pytest.raises(BadConfiguration) as refused:
+        load(path, {})
+    lines = str(refused.value).splitlines()[1:]
+    starts = (
+        "4: robot.id = 7: expected text in quotes", "6: replay.gain = 5.0; expected", "7: replay.permit = 'perhaps'; expected",
+        "8: replay.windows_utc = '22:00-05:00': expected a list", "10: schedule.blackout = '2026-13-01', '24.12.2026'",
+        "11: schedule.jitter_s = 900", "12: schedule.cron = 'noon'", "14: page.listen = 'here'",
+    )  # fmt: skip
+    assert len(lines) == len(starts), lines
+    for start in starts:
+        assert any(line.strip().startswith(f"{path}:{start}") for line in lines), (start, lines)
+
+
+def test_a_file_of_another_editor_is_read_or_refused_with_the_line(tmp_path: Path):
+    """A mark before the first letter and CRLF are nothing; another coding and endless nesting are sentences."""
+    path = written(tmp_path, 'tool = "gripper"\n')
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert load(path, {}).robot.tool == "gripper"
+    path.write_bytes(path.read_bytes().replace(b"gripper", b"gro\xdf"))
+    with pytest.raises(BadConfiguration, match=r":5: .* is no UTF-8"):
+        load(path, {})
+    written(tmp_path, f"x = {'[' * 5000}{']' * 5000}\n")
+    with pytest.raises(BadConfiguration, match="nested too deeply"):
+        load(path, {})
+
+
+def test_text_from_the_environment_stays_text_and_a_section_that_only_it_has_is_its_mistake(tmp_path: Path):
+    """A serial number is all digits; quotes are taken off where there are some."""
+    path = written(tmp_path, "")
+    environment = {"JOINT_MONITOR__ROBOT__SERIAL": "20185500001", "JOINT_MONITOR__ROBOT__TOOL": '"true"'}
+    loaded = load(path, environment)
+    assert (loaded.robot.serial, loaded.robot.tool) == ("20185500001", "true")
+    with pytest.raises(BadConfiguration) as refused:
+        load(path, {"JOINT_MONITOR__HELTH__WEAR_RISE": "0.1", "JOINT_MONITOR__SCHEDULE__CRON__X": "1"})
+    assert "environment JOINT_MONITOR__HELTH__WEAR_RISE: [helth]: unknown section (did you mean health?)" in str(refused.value)
+    assert "environment JOINT_MONITOR__SCHEDULE__CRON__X: schedule.cron = " in str(refused.value)
+
+
+def test_a_variable_of_the_environment_stands_in_for_a_key_and_is_blamed_for_its_mistakes(tmp_path: Path):
+    """As in TOML; what is no TOML is text. Told at the start, so that nobody looks for it in the file."""
+    path = written(tmp_path, '[schedule]\ncron = "0 3 * * *"\n')
+    environment = {
+        "JOINT_MONITOR__SCHEDULE__CRON": "30 4 * * *",
+        "JOINT_MONITOR__ROBOT__PAYLOAD_KG": "1.5",
+        "JOINT_MONITOR__IDENTIFY__SIGNALS__CUTOFF_HZ": "7.5",
+        "JOINT_MONITOR__ROBOT__HOST": "127.0.0.3",
+        "JOINT_MONITOR_DATA": "/somewhere/else",
+    }
+    loaded = load(path, environment)
+    assert (loaded.schedule.cron, loaded.robot.payload_kg, loaded.robot.host) == ("30 4 * * *", 1.5, "127.0.0.3")
+    assert loaded.assess.identify.signals.cutoff_hz == 7.5
+    assert set(loaded.overrides) == set(environment) - {"JOINT_MONITOR_DATA"}
+    assert load(path, {}).overrides == ()
+    with pytest.raises(BadConfiguration) as refused:
+        load(path, {"JOINT_MONITOR__SCHEDULE__GRACE_S": "soon", "JOINT_MONITOR__CRON": "x", "JOINT_MONITOR__SCHEDULE__CORN": "1"})
+    told = str(refused.value)
+    assert "environment JOINT_MONITOR__SCHEDULE__GRACE_S: schedule.grace_s" in told
+    assert "environment JOINT_MONITOR__CRON: expected JOINT_MONITOR__SECTION__KEY" in told
+    assert "environment JOINT_MONITOR__SCHEDULE__CORN: schedule.corn: unknown key (did you mean cron?)" in told
+
+
+def test_only_the_boolean_true_lets_an_arm_move_from_the_environment_too(tmp_path: Path):
+    """`yes` and `1` are mistakes there as in the file."""
+    path = written(tmp_path, "")
+    assert load(path, {"JOINT_MONITOR__REPLAY__ALLOW_MOTION": "true"}).replay.allow_motion is True
+    for word in ("yes", "1", "True"):
+        with pytest.raises(BadConfiguration, match="allow_motion"):
+            load(path, {"JOINT_MONITOR__REPLAY__ALLOW_MOTION": word})
+
+
+def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_told(tmp_path: Path):
+    """Read from $CREDENTIALS_DIRECTORY; a wrong value is refused without being shown; one that is not there is named."""
+    (tmp_path / "secrets").mkdir()
+    (tmp_path / "secrets" / "who").write_text("hunter-2\n")
+    path = written(tmp_path, "")
+    path.write_text(path.read_text().replace('"cell-1"', '"credential:who"'))
+    environment = {"CREDENTIALS_DIRECTORY": str(tmp_path / "secrets")}
+    assert load(path, environment).robot.id == "hunter-2"
+    (tmp_path / "secrets" / "who").write_text("Hunter Two")
+    with pytest.raises(BadConfiguration, match="the credential who") as refused:
+        load(path, environment)
+    assert "Hunter" not in str(refused.value)
+    for environment, said in (({}, "CREDENTIALS_DIRECTORY is not set"), ({"CREDENTIALS_DIRECTORY": str(tmp_path)}, "cannot be read")):
+        with pytest.raises(BadConfiguration, match=said):
+            load(path, environment)
+    path.write_text(path.read_text().replace("credential:who", "credential:../../etc/passwd"))
+    with pytest.raises(BadConfiguration, match="the name of a file"):
+        load(path, {"CREDENTIALS_DIRECTORY": str(tmp_path)})
+
+
+def test_a_reload_takes_what_can_change_and_names_what_waits_for_a_restart(tmp_path: Path):
+    """Thresholds, schedule, guards, payload, residuals at once; sockets, files, identity and the speed that a belief refers to, later."""
+    from monitor.config.reload import reloaded
+
+    old = load(written(tmp_path, ""), {})
+    new = load(
+        written(
+            tmp_path,
+            '[schedule]\ncron = "0 5 * * *"\n[health]\nwear_rise = 0.08\n[bus]\nlive_rate_hz = 2.0\n'
+            '[store]\ndirectory = "elsewhere"\nbackups = 3\n'
+            "[drift]\nreference_speed_rad_s = 0.5\nresolution = 0.2\n[replay]\nallow_motion = true\n"
+            "[residual]\nrise = 0.2\n",
+        ),
+        {"JOINT_MONITOR__ROBOT__PAYLOAD_KG": "2.0", "JOINT_MONITOR__ROBOT__HOST": "127.0.0.9"},
+    )
+    found = reloaded(old, new)
+    assert found.changed == (
+        "drift.resolution", "health.wear_rise", "replay.allow_motion", "residual.rise", "robot.payload_kg", "schedule.cron",
+        "store.backups",
+    )  # fmt: skip
+    assert found.waiting == ("bus.live_rate_hz", "drift.reference_speed_rad_s", "robot.host", "store.directory")
+    merged = found.configuration
+    assert (merged.schedule.cron, merged.robot.payload_kg, merged.robot.host) == ("0 5 * * *", 2.0, "127.0.0.1")
+    assert merged.replay.host == "127.0.0.1"
+    assert merged.replay.allow_motion is True
+    assert merged.assess.drift == dataclasses.replace(old.assess.drift, resolution=0.2)
+    assert merged.state_directory == old.state_directory
+    assert reloaded(old, old).told == "nothing has changed"

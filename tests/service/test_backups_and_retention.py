@@ -1,0 +1,314 @@
+"""A history is kept for years: backed up, restored when damaged, thinned out, recomputed to the last bit."""
+
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_store import DAY, commit, replayed
+
+from monitor.config.load import Configuration, from_document
+from monitor.errors import StoreError
+from monitor.recording import Recording
+from monitor.service.assess_and_store import Held, enter_stored, held, now_held
+from monitor.service.motion import look
+from monitor.service.preflight import service_conditions
+from monitor.service.recompute import recompute
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+from monitor.store import backup as module
+from monitor.store.backup import back_up, backups, fault
+from monitor.store.database import RESTORED, Store
+from monitor.store.provenance import differences, processor_family
+from monitor.store.recordings import write_recording
+from monitor.store.retention import LEAST_KEPT, Kept, to_let_go
+
+HISTORY = "history.sqlite"
+
+
+def history(folder: Path, replays: int = 3) -> None:
+    with Store.open(folder) as store:
+        for n in range(replays):
+            commit(store, replayed(store, n * DAY))
+
+
+def torn(path: Path) -> None:
+    """The pages after the first two are noise, as after a disk that lied."""
+    with path.open("r+b") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(8192)
+        file.write(os.urandom(size - 8192))
+
+
+@pytest.mark.parametrize("damage", [torn, lambda path: path.write_bytes(b"this is no database" * 100), lambda path: path.write_bytes(b"")])
+def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_place(tmp_path: Path, damage: Callable[[Path], Any]):
+    """Torn pages, another file, nothing at all; the newest backup is damaged too, so the one before it serves."""
+    history(tmp_path)
+    good = back_up(tmp_path, 14)
+    (good.parent / "history-99990101T000000Z.sqlite").write_bytes(b"SQLite format 3\0" + os.urandom(5000))
+    history(tmp_path / "other")
+    damage(tmp_path / HISTORY)
+    with Store.open(tmp_path) as store:
+        assert store.restored is not None
+        assert store.restored.backup == good
+        assert store.restored.set_aside.is_file()
+        assert "***" not in store.restored.told  # what is wrong, not which database
+        assert len(store.verdicts()) == 3
+        commit(store, replayed(store, 9 * DAY))
+        assert store.events()[-1].seq > 1_000_000  # not a number that the damaged history may have given to something else
+        assert "replaced by the backup" in store.note(RESTORED)  # until an alert has said so
+    with Store.open(tmp_path) as store:
+        assert store.restored is None
+        assert store.note(RESTORED)
+
+
+def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_never_written_over(tmp_path: Path):
+    """Deleted, or a crash in the middle of a restoration; without a backup the recordings alone say that there was one."""
+    history(tmp_path)
+    back_up(tmp_path, 14)
+    (tmp_path / HISTORY).unlink()
+    with Store.open(tmp_path) as store:
+        assert store.restored is not None
+        assert "gone" in store.restored.told
+        assert len(store.verdicts()) == 3
+    for path in (tmp_path / "backups").iterdir():
+        path.unlink()
+    (tmp_path / HISTORY).unlink()
+    with Store.open(tmp_path) as store:
+        assert store.restored is not None
+        assert [number for number, _ in store.orphans()] == [1, 2, 3]
+
+
+def test_entries_that_a_torn_log_has_lost_are_missed_and_no_recording_is_written_over(tmp_path: Path):
+    """The file itself is sound, and ends a replay earlier: its recording says so, before its number is given to another."""
+    lived_in, copy = tmp_path / "lived", tmp_path / "copy"
+    with Store.open(lived_in) as store:
+        commit(store, replayed(store, DAY))
+        store._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        commit(store, replayed(store, 2 * DAY))
+        shutil.copytree(lived_in, copy)  # as a power cut leaves it
+    with (copy / f"{HISTORY}-wal").open("r+b") as log:
+        log.seek(100)
+        log.write(os.urandom(64))
+    with Store.open(copy) as store:
+        assert [row.id for row in store.ledger()] == [1]
+        assert store.restored is not None
+        assert "lost its newest entries (1 recordings from replay 2 on" in store.restored.told
+        store.adopt(2, 2 * DAY, 3 * DAY)
+        assert store.claim(3 * DAY, "scheduled", 3 * DAY) == 3
+        store.end(3, "rejected", "a test", 3 * DAY)
+    with Store.open(copy) as store:
+        assert store.restored is None
+
+
+def test_a_damaged_history_without_a_backup_begins_anew_and_keeps_what_it_was(tmp_path: Path):
+    """Nothing is deleted: the file lies beside, and the recordings wait to be entered."""
+    history(tmp_path)
+    torn(tmp_path / HISTORY)
+    with Store.open(tmp_path) as store:
+        assert store.restored is not None
+        assert store.restored.backup is None
+        assert "no good backup" in store.restored.told
+        assert [number for number, _ in store.orphans()] == [1, 2, 3]
+        assert store.ledger() == []
+
+
+def test_a_history_that_cannot_be_read_for_another_reason_is_not_replaced(tmp_path: Path):
+    """A lock or a folder in its place says nothing of its pages."""
+    history(tmp_path)
+    back_up(tmp_path, 14)
+    other = sqlite3.connect(tmp_path / HISTORY, isolation_level=None)
+    with closing(other):
+        other.execute("PRAGMA locking_mode = EXCLUSIVE")
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(StoreError, match="locked"), Store.open(tmp_path):
+            pass
+    assert list(tmp_path.glob("damaged-*")) == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: cannot become another user, so what one who may not read is told is not tested")
+@pytest.mark.parametrize("may_enter", [False, True])
+def test_who_may_not_read_the_history_is_told_whose_it_is(may_enter: bool):
+    """The service's directory is its own: a sentence with what to do, for every command that reads, and no history is not the answer."""
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o711)
+        folder = Path(name) / "cell-1"
+        history(folder, 1)
+        folder.chmod(0o711 if may_enter else 0o700)
+        document = {"robot": {"model": "ur5", "site": "lab", "id": "a"}, "store": {"directory": str(folder)}}
+        settings = from_document(document, Path(name) / "cell.toml")
+        before = os.geteuid()
+        os.seteuid(65534)
+        try:
+            with pytest.raises(StoreError, match=r"may not be read by this user .*sudo -u root joint-monitor"), Store.reader(folder):
+                pass
+            with pytest.raises(StoreError, match="may not be read"):
+                look(settings)
+            found = {each.name: each for each in service_conditions(settings)}
+        finally:
+            os.seteuid(before)
+    assert "may not be read" in found["history"].told
+    assert found["disk"].told
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: nothing of root's can be handed over, which is not tested")
+def test_what_root_makes_in_the_services_directory_is_the_services(tmp_path: Path):
+    """An import, or a stop allowed, by an administrator before the first start: the service must be able to write there."""
+    os.chown(tmp_path, 65534, 65534)
+    history(tmp_path, 1)
+    with Store.beside(tmp_path) as store:
+        store.allow("Ada", "seen", 1e9)
+    back_up(tmp_path, 3)
+    with Store.open(tmp_path):
+        pass
+    found = {path: path.stat().st_uid for path in tmp_path.rglob("*")}
+    assert len(found) >= 5
+    assert set(found.values()) == {65534}, found
+
+
+def test_backups_keep_the_newest_of_each_day_and_no_more_days_than_asked(tmp_path: Path):
+    """A service that is started a hundred times a day loses no older day."""
+    history(tmp_path)
+    folder = tmp_path / "backups"
+    folder.mkdir()
+    for day in range(1, 29):
+        for hour in (3, 15):
+            (folder / f"history-202601{day:02}T{hour:02}0000Z.sqlite").write_bytes(b"")
+    made = back_up(tmp_path, 14)
+    kept = [path.name for path in backups(tmp_path)]
+    assert kept[0] == made.name
+    assert kept[1:] == [f"history-202601{day:02}T150000Z.sqlite" for day in range(28, 15, -1)]
+    assert fault(made) is None
+
+
+def test_a_backup_is_made_beside_a_writer_and_holds_what_was_committed(tmp_path: Path):
+    """It waits for nobody; it opens as a history."""
+    with Store.open(tmp_path) as store:
+        commit(store, replayed(store, DAY))
+        store._db.execute("BEGIN IMMEDIATE")
+        made = store.back_up(3)
+        store._db.execute("ROLLBACK")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / HISTORY).write_bytes(made.read_bytes())
+    with Store.open(tmp_path / "elsewhere") as copy:
+        assert len(copy.verdicts()) == 1
+
+
+def test_a_damaged_history_never_pushes_a_good_backup_out(tmp_path: Path):
+    """The copy is checked before it is kept."""
+    history(tmp_path, 30)
+    good = back_up(tmp_path, 1)
+    torn(tmp_path / HISTORY)
+    with pytest.raises(StoreError, match=r"damaged|cannot be written"):
+        module.back_up(tmp_path, 1)
+    assert backups(tmp_path) == [good]
+    assert list(good.parent.glob(".*")) == []
+
+
+def test_recordings_are_let_go_of_by_age_and_by_size_and_their_verdicts_stay(tmp_path: Path):
+    """The oldest first, never the last ten, never one that waits; noted with the window."""
+    kept = [Kept(n, tmp_path / str(n), n * DAY, 100) for n in range(30)]
+    now = 30 * DAY
+    assert to_let_go(kept, days=0, most_bytes=0, now_unix_s=now) == []
+    assert [each.ledger_id for each in to_let_go(kept, days=25, most_bytes=0, now_unix_s=now)] == [0, 1, 2, 3, 4]
+    assert [each.ledger_id for each in to_let_go(kept, days=0, most_bytes=2700, now_unix_s=now)] == [0, 1, 2]
+    assert len(to_let_go(kept, days=1, most_bytes=1, now_unix_s=now)) == 30 - LEAST_KEPT
+    with Store.open(tmp_path) as store:
+        for n in range(15):
+            commit(store, replayed(store, n * DAY))
+        waiting = replayed(store, 0.5 * DAY)
+        (store.recordings / "replay-000002.parquet").unlink()  # by a person
+        gone = store.let_go(days=1, most_bytes=0, at_unix_s=30 * DAY)
+        assert gone == [f"replay-{n:06d}.parquet" for n in (1, 3, 4, 5)]  # fourteen are left, ten stay
+        assert store.recording_path(waiting).is_file()
+        assert [row.id for row in store.ledger() if row.removed_at_unix_s is not None] == [1, 2, 3, 4, 5]
+        assert len(store.verdicts()) == 15
+        assert store.let_go(days=1, most_bytes=0, at_unix_s=30 * DAY) == []
+
+
+# --- the same verdicts again ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    """Three replays of a simulated arm."""
+    excitation = replace(configuration(Path()).excitation, repetitions=1)
+    arm = Controller(SimulateSettings(robot="ur5"))
+    return [stepped_replay(arm, excitation) for _ in range(3)]
+
+
+def configuration(folder: Path, **sections: Any) -> Configuration:
+    least = {"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}, "store": {"directory": str(folder)}}
+    return from_document(least | sections, folder / "cell.toml")
+
+
+def lived(store: Store, configuration: Configuration, recordings: list[Recording], days: range) -> Held:
+    """So many days with a replay each."""
+    known = held(store)
+    for day in days:
+        at = 1.0e9 + day * DAY
+        ledger_id = store.claim(at, "scheduled", at)
+        recording = recordings[day % len(recordings)]
+        context = replace(configuration.context, firmware=recording.context.firmware, recorded_at_unix_s=at)
+        path = store.recording_path(ledger_id)
+        write_recording(path, replace(recording, context=context, source=path.name))
+        store.recorded(ledger_id)
+        known = now_held(known, enter_stored(store, configuration, known, ledger_id, lambda at=at: at))
+    return known
+
+
+def test_every_past_verdict_comes_out_the_same_to_the_last_bit(tmp_path: Path, recordings: list[Recording]):
+    """From the recordings alone, with the settings of their day though the configuration has changed since."""
+    first = configuration(tmp_path)
+    changed = configuration(tmp_path, health={"advisory_rise": 0.02}, identify={"signals": {"cutoff_hz": 7.0}})
+    with Store.open(tmp_path) as store:
+        lived(store, first, recordings, range(2))
+        lived(store, changed, recordings, range(2, 4))
+        told = recompute(store)
+    assert (told["assessments"], told["identical"], told["different"], told["not_recomputable"]) == (4, 4, 0, 0)
+    assert told["changed_since"] == []
+    assert told["circumstances"]["processor"] == processor_family()
+
+
+def test_a_verdict_that_comes_out_otherwise_is_named_with_what_differs_and_what_has_changed(tmp_path: Path, recordings: list[Recording]):
+    """A figure of the past that was altered; a program that was another then."""
+    with Store.open(tmp_path) as store:
+        lived(store, configuration(tmp_path), recordings, range(2))
+        store._db.execute("UPDATE assessment SET document = json_set(document, '$.friction[2].coulomb_nm', 1.0) WHERE ledger_id = 2")
+        store._db.execute("UPDATE circumstance SET document = json_set(document, '$.programs.packages.numpy', '1.0')")
+        told = recompute(store)
+    assert (told["identical"], told["different"]) == (1, 1)
+    (differing,) = told["differing"]
+    assert differing["replay"] == 2
+    assert differing["figures"] == 1
+    assert differing["differs"][0].startswith("friction.3.coulomb_nm: 1.0, now ")
+    assert len(told["changed_since"]) == 1
+    assert told["changed_since"][0].startswith("packages.numpy: 1.0, now 2.")
+
+
+def test_after_retention_a_recomputation_goes_on_from_the_next_checkpoint(
+    tmp_path: Path, recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
+):
+    """What cannot be known any more is counted, not guessed; what is known from a checkpoint on is the same."""
+    monkeypatch.setattr("monitor.store.database.CHECKPOINT_EVERY", 3)
+    with Store.open(tmp_path) as store:
+        lived(store, configuration(tmp_path), recordings, range(5))
+        store.recording_path(2).unlink()
+        told = recompute(store)
+    assert (told["identical"], told["different"], told["not_recomputable"]) == (2, 0, 3)
+
+
+def test_what_differs_is_told_by_its_place():
+    """Nested keys, dotted; what came and what went."""
+    assert differences({"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"b": 1, "c": 5}, "e": 4}) == [
+        "a.c: 2, now 5",
+        "d: 3, now None",
+        "e: None, now 4",
+    ]

@@ -1,0 +1,260 @@
+"""The service as it runs: real processes, the real wire, real Zenoh — and kill −9 at the worst moment."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from monitor.errors import BusError
+from monitor.publish.client import Client
+from monitor.simulate.remote import Remote
+from monitor.store.database import Store
+
+FOURIER = {"a": [0.30, -0.20, 0.10, -0.25, 0.05], "b": [0.20, -0.10, 0.05, 0.10, -0.07]}  # Σa = 0, Σk·b = 0
+
+
+def excitation(folder: Path) -> Path:
+    """A short one, so that the test is: 4 s, every joint at a few tenths of a rad/s and more."""
+    a, b = list(FOURIER["a"]), list(FOURIER["b"])
+    b[4] = -sum((k + 1) * value for k, value in enumerate(b[:4])) / 5
+    phases = (1.0, -0.7, 0.9, -1.2, 1.1, 1.3)
+    document = {
+        "kind": "joint-monitor.excitation.v1",
+        "robot": "ur5",
+        "mounting_deg": [0, 0, 0],
+        "period_s": 6.0,
+        "repetitions": 1,
+        "offset_rad": [0.0, -1.5707963, 0.0, -1.5707963, 0.0, 0.0],
+        "a_rad_s": [[2.0 * a[(k + j) % 5] * phases[j] for j in range(6)] for k in range(5)],
+        "b_rad_s": [[b[k] * phases[j] for j in range(6)] for k in range(5)],
+    }
+    path = folder / "short.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+class Cell:
+    """A simulated arm and the configuration of its monitor."""
+
+    def __init__(self, folder: Path, host: str, port: int) -> None:
+        self.folder, self.host = folder, host
+        self.started: list[subprocess.Popen[str]] = []
+        self.endpoint = f"tcp/127.0.0.1:{port}"
+        excitation(folder)
+        self.config = folder / "cell.toml"
+        self.config.write_text(
+            f"""
+            [robot]
+            model = "ur5"
+            site = "lab"
+            id = "cell-1"
+            host = "{host}"
+            [replay]
+            allow_motion = true
+            excitation = "short.json"
+            cell = "unchecked"
+            first_pass = false
+            approach_speed_rad_s = 0.8
+            [schedule]
+            cron = "0 0 29 2 *"
+            [trust]  # a busy machine: here the flow is tested, not the figures
+            max_missed_share = 1.0
+            max_late_share = 1.0
+            max_slipped_s = 10.0
+            [store]
+            directory = "history"
+            [bus]
+            listen = ["{self.endpoint}"]
+            """
+        )
+
+    def daemon(self, *arguments: str) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-m", "monitor", "run", "--config", str(self.config), *arguments]
+        self.started.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+        return self.started[-1]
+
+    def end(self) -> None:
+        """What a test that failed has left running would hold the port and the arm of the next try."""
+        for process in self.started:
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
+
+    def client(self, within_s: float = 20.0) -> Client:
+        """Waits for the daemon to open its endpoint."""
+        deadline = time.monotonic() + within_s
+        while True:
+            try:
+                return Client(self.endpoint, "lab", "cell-1", timeout_s=1.0)
+            except BusError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.1)
+
+    def command(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run([sys.executable, "-m", "monitor", *arguments], capture_output=True, text=True, timeout=60, check=False)
+
+    def ledger(self) -> list:
+        with Store.reader(self.folder / "history") as store:
+            return store.ledger()
+
+
+def eventually(condition: Callable[[], bool], within_s: float) -> bool:
+    deadline = time.monotonic() + within_s
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def children(pid: int) -> list[int]:
+    path = Path(f"/proc/{pid}/task")
+    return [int(child) for task in path.iterdir() for child in (task / "children").read_text().split()]
+
+
+def gone(pids: list[int]) -> bool:
+    return not any(Path(f"/proc/{pid}").exists() and "Z" not in Path(f"/proc/{pid}/stat").read_text().split()[2] for pid in pids)
+
+
+@pytest.fixture
+def cell(tmp_path: Path, free_port: int, worker_id: str) -> Iterator[tuple[Cell, Remote]]:
+    host = f"127.0.5.{10 + (0 if worker_id == 'master' else int(worker_id[2:]))}"
+    simulator = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", host], stdout=subprocess.PIPE, text=True)
+    try:
+        assert simulator.stdout.readline().startswith("listening")
+        cell = Cell(tmp_path, host, free_port)
+        with Remote(host) as remote:
+            try:
+                yield cell, remote
+            finally:
+                cell.end()
+    finally:
+        simulator.terminate()
+        simulator.wait(timeout=10)
+
+
+def moving(remote: Remote) -> bool:
+    return max(abs(speed) for speed in remote.truth()["qd"]) > 0.3
+
+
+def standing(remote: Remote) -> bool:
+    return max(abs(speed) for speed in remote.truth()["qd"]) < 1e-3
+
+
+def stop(process: "subprocess.Popen[str]") -> str:
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=15)
+    assert process.returncode == 0, said
+    return said
+
+
+def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
+    """The whole flow once: recorded, assessed, on the bus, answering torque; a restart continues where it stopped."""
+    cell, _ = cell
+    daemon = cell.daemon("--now")
+    with cell.client() as client:
+        assert eventually(lambda: len(client.get("joint/*/friction")) == 6, 40.0), daemon.kill() or daemon.communicate()[1]
+        health = client.get("health")[0].document
+        assert health["state"] == "NORMAL"
+        told = client.get("replay")[0].document
+        assert (told["state"], told["verdict"]) == ("ended", "assessed")
+        friction = client.get("joint/3/friction")[0].document
+        assert friction["coulomb_nm"] > 0
+        answer = client.torque(q=[0, -1.5, 0.5, 0, 0, 0], qd=[0.5] * 6, temperature_c=[25.0] * 6)
+        assert len(answer.torque_nm) == 6
+        assert answer.model_revision == 1
+        assert eventually(lambda: len(client.get("torque/live")) == 1, 10.0)
+        live = client.get("torque/live")[0].document
+        assert len(live["residual_nm"]) == 6
+    said = stop(daemon)
+    assert "verdict=assessed" in said
+
+    told = cell.command("status", "--config", str(cell.config), "--json")
+    assert told.returncode == 0, told.stderr
+    assert [row["state"] for row in json.loads(told.stdout)["ledger"]] == ["assessed"]
+    assert json.loads(told.stdout)["health"]["stale"] is False
+    arguments = ["--q=0,-1.5,0.5,0,0,0", "--qd=0.5,0.5,0.5,0.5,0.5,0.5", "--temperature=25,25,25,25,25,25"]
+    local = cell.command("predict", "--config", str(cell.config), *arguments, "--local", "--json")
+    assert json.loads(local.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
+
+    daemon = cell.daemon()
+    with cell.client() as client:
+        assert eventually(lambda: len(client.get("joint/*/friction")) == 6, 10.0)
+        assert client.get("joint/3/friction")[0].document == friction
+        asked = cell.command("predict", "--config", str(cell.config), *arguments, "--json")
+        assert json.loads(asked.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
+    stop(daemon)
+    assert [row.state for row in cell.ledger()] == ["assessed"]
+
+
+def test_kill_nine_during_a_replay_stops_the_arm_and_the_ledger_says_aborted(cell):
+    """The daemon dies mid-motion: its children go, the watchdog stops the arm, the next start tells of it and does not repeat it."""
+    cell, remote = cell
+    daemon = cell.daemon("--now")
+    assert eventually(lambda: moving(remote), 40.0), daemon.kill() or daemon.communicate()[1]
+    family = children(daemon.pid)
+    assert family
+    os.kill(daemon.pid, signal.SIGKILL)
+    daemon.communicate()
+    assert eventually(lambda: remote.truth()["program"] is None, 2.0)  # the watchdog, 0.1 s of the arm's own clock
+    assert eventually(lambda: standing(remote), 2.0)  # then |q̇|/deceleration
+    assert eventually(lambda: gone(family), 2.0)
+    assert [row.state for row in cell.ledger()] == ["started"]
+
+    daemon = cell.daemon()
+    with cell.client() as client:
+        assert client.get("health")[0].document["state"] is None
+        assert client.get("joint/*/friction") == []
+    time.sleep(1.0)
+    assert standing(remote)
+    said = stop(daemon)
+    assert "verdict=aborted" in said
+    (row,) = cell.ledger()
+    assert row.state == "aborted"
+    assert list((cell.folder / "history" / "recordings").iterdir()) == []
+
+
+def test_sigterm_during_a_replay_stops_the_arm_first(cell):
+    """A service stop is no crash: the arm comes to rest, the ledger says why, the daemon ends with 0."""
+    cell, remote = cell
+    daemon = cell.daemon("--now")
+    assert eventually(lambda: moving(remote), 40.0), daemon.kill() or daemon.communicate()[1]
+    stop(daemon)
+    speeds = remote.truth()["qd"]
+    assert max(abs(speed) for speed in speeds) < 0.01, remote.truth()["stops"]  # at rest but for the servo's last microradians
+    (row,) = cell.ledger()
+    assert row.state == "aborted"
+    assert "stop" in (row.reason or "")
+
+
+def test_motion_that_is_not_allowed_is_skipped_with_the_reason(cell):
+    """The default configuration moves nothing, and says so in the ledger."""
+    cell, remote = cell
+    cell.config.write_text(cell.config.read_text().replace("allow_motion = true", ""))
+    before = remote.truth()["q"]
+    daemon = cell.daemon("--now")
+    with cell.client():
+        assert eventually(lambda: bool(cell.ledger()) and cell.ledger()[0].state == "skipped", 20.0)
+    stop(daemon)
+    assert "allow_motion" in (cell.ledger()[0].reason or "")
+    assert remote.truth()["q"] == pytest.approx(before, abs=1e-6)
+
+
+def test_a_wrong_configuration_ends_with_78_and_every_mistake(tmp_path: Path):
+    """The service manager must not restart into it; the operator sees all of it at once."""
+    config = tmp_path / "wrong.toml"
+    config.write_text('[robot]\nmodel = "ur7"\nsite = "A"\nid = "b"\n[replay]\nalow_motion = true\n')
+    ended = subprocess.run(
+        [sys.executable, "-m", "monitor", "run", "--config", str(config)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ended.returncode == 78
+    for part in ("ur7", "known are", "'A'", "did you mean allow_motion"):
+        assert part in ended.stderr
+    assert "Traceback" not in ended.stderr

@@ -1,0 +1,82 @@
+"""What the daemon does about a fault of its own in the middle of a window."""
+
+import os
+import subprocess
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from test_scheduler import needs_root, small_disk  # noqa: F401 - a fixture
+
+import monitor.service.daemon
+from monitor.config.load import load
+from monitor.errors import StoreError, StoreUnavailable
+from monitor.service.daemon import Daemon
+from monitor.store.database import Store
+
+
+def test_a_fault_of_ours_during_a_replay_ends_the_window_and_waits_for_a_person(tmp_path: Path, free_port: int):
+    """The window is told as aborted with the cause, the next perform is another one, and no arm moves before somebody looked."""
+    (tmp_path / "cell.toml").write_text(
+        f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[store]\ndirectory = "history"\n[bus]\nlisten = ["tcp/127.0.0.1:{free_port}"]\n'
+    )
+    configuration = load(tmp_path / "cell.toml")
+
+    def play(*_: object) -> None:
+        raise OSError(28, os.strerror(28))
+
+    with Store.open(configuration.state_directory) as store, Daemon(configuration, store, now=lambda: 1e9, play=play) as daemon:
+        row = daemon.perform(1e9)
+        assert row is not None
+        assert row.state == "aborted"
+        assert "No space left" in row.reason
+        assert [stop.cause for stop in store.waiting_stops()] == ["internal"]
+
+
+@needs_root
+def test_a_disk_without_room_at_the_start_is_waited_for(small_disk: Path, monkeypatch: pytest.MonkeyPatch):  # noqa: F811
+    """Started again and again the service manager would give it up: it waits, says so, and goes on when there is room."""
+    with Store.open(small_disk / "history") as store:
+        store.claim(1e9, "scheduled", 1e9)
+    filler = small_disk / "filler"
+    subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until there is no space
+    said: list[str] = []
+
+    def pause(_: float) -> None:
+        with pytest.raises(StoreUnavailable), Store.reader(small_disk / "history"):
+            pass
+        filler.unlink(missing_ok=True)
+
+    monkeypatch.setattr(monitor.service.daemon, "notify", said.append)
+    monkeypatch.setattr(monitor.service.daemon.time, "sleep", pause)
+    monkeypatch.setattr(monitor.service.daemon, "WAIT_FOR_DISK_S", 1.0)
+    with ExitStack() as stack:
+        store = monitor.service.daemon._opened(small_disk / "history", stack)
+        assert store.unfinished()
+    assert any("waiting for the history" in each for each in said)
+    with Store.open(small_disk / "history"), ExitStack() as stack, pytest.raises(StoreError, match="in use by another"):
+        monitor.service.daemon._opened(small_disk / "history", stack)
+
+
+def test_what_cannot_be_finished_at_the_start_is_finished_later(tmp_path: Path, free_port: int, monkeypatch: pytest.MonkeyPatch):
+    """A half-way replay and a disk that takes nothing: the daemon is there, on the bus, and the schedule's thread tries again."""
+    (tmp_path / "cell.toml").write_text(
+        f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[store]\ndirectory = "history"\n[bus]\nlisten = ["tcp/127.0.0.1:{free_port}"]\n'
+    )
+    configuration = load(tmp_path / "cell.toml")
+    with Store.open(configuration.state_directory) as store:
+        store.claim(1e9, "scheduled", 1e9)
+
+        def full(*_: object, **__: object) -> None:
+            raise StoreUnavailable("no space is left")
+
+        with monkeypatch.context() as patched:
+            patched.setattr(store, "end", full)
+            daemon = Daemon(configuration, store, now=lambda: 1e9, play=lambda *_: None)
+            daemon.__enter__()
+        try:
+            assert store.unfinished()
+            daemon.mend()
+            assert not store.unfinished()
+        finally:
+            daemon.__exit__()

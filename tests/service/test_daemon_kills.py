@@ -1,0 +1,89 @@
+"""kill −9 of the daemon, of its replay child, of both, at random times of a service's life: the arm stops, the history never lies."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from test_daemon import Cell, children, eventually, gone, standing
+
+from monitor.simulate.remote import Remote
+from monitor.store.database import Store
+from monitor.store.recordings import read_recording
+
+KILLS = 100
+
+
+def replay_children(pid: int) -> list[int]:
+    """Those that may move the arm."""
+    return [child for child in children(pid) if b"acquire.stream" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+@pytest.mark.xdist_group("daemon")
+def test_a_hundred_kills_leave_a_standing_arm_and_a_true_history(tmp_path: Path, free_port: int, soak_row):
+    """At a random time from the start of the service to the end of its replay; then the next one starts, repairs, and is killed too."""
+    dice = random.Random(100)
+    host, wrong = "127.0.7.99", []
+    moving = 0
+    simulator = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", host], stdout=subprocess.PIPE, text=True)
+    try:
+        assert "listening" in simulator.stdout.readline()
+        with Remote(host) as remote:
+            cell = Cell(tmp_path, host, free_port)
+            for number in range(KILLS):
+                whom, after_s = dice.choice(("child", "parent", "both")), dice.uniform(0.5, 14.0)
+                moved, found = kill_once(cell, remote, whom, after_s)
+                moving += moved
+                wrong += [f"kill {number} of {whom} after {after_s:.1f} s: {what}" for what in (*found, *lies(cell))]
+    finally:
+        simulator.terminate()
+        simulator.wait(timeout=10)
+    soak_row(f"kill −9 of child, daemon or both, {KILLS} times, {moving} of a moving arm", f"{len(wrong)} wrong", "0 wrong")
+    assert not wrong, wrong
+
+
+def kill_once(cell: Cell, remote: Remote, whom: str, after_s: float) -> tuple[bool, list[str]]:
+    """One service, killed so long after its start; whether the arm was moving, and what is wrong afterwards."""
+    wrong = []
+    daemon = cell.daemon("--now")
+    try:
+        time.sleep(after_s)
+        family = children(daemon.pid)
+        moved = not standing(remote)
+        for pid in {"child": replay_children(daemon.pid), "parent": [daemon.pid], "both": [*family, daemon.pid]}[whom]:
+            os.kill(pid, signal.SIGKILL)
+        if whom == "child":
+            # no replay ran yet, or the daemon goes on: SIGTERM stops what moves, it says what became of it, and ends in peace
+            daemon.send_signal(signal.SIGTERM)
+        daemon.communicate(timeout=20)
+        if not eventually(lambda: standing(remote) and remote.truth()["program"] is None, 2.0):
+            wrong.append("the arm did not stop")
+        if not eventually(lambda: gone(family), 3.0):
+            wrong.append("processes are left")
+    finally:
+        daemon.kill()
+        daemon.wait()
+    return moved, wrong
+
+
+def lies(cell: Cell) -> list[str]:
+    """Rows that claim more than happened: finished without a whole recording, or two at once unfinished."""
+    if not (cell.folder / "history" / "history.sqlite").is_file():
+        return []
+    found = []
+    with Store.reader(cell.folder / "history") as store:
+        rows = store.ledger()
+        for row in rows:
+            if row.state in {"recorded", "assessed"}:
+                recording = read_recording(store.recording_path(row.id))
+                if recording.duration_s < 5.9:
+                    found.append(f"replay {row.id} is {row.state} after {recording.duration_s:.1f} s")
+    if sum(row.state == "started" for row in rows) > 1:
+        found.append("two replays are unfinished: the older one was not repaired")
+    return found

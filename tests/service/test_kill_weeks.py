@@ -1,0 +1,182 @@
+"""kill −9 at random moments over simulated weeks of a schedule: what the arm did, what was said and what the history holds agree."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from monitor.store.database import Store
+
+HOUR = 3600.0
+START = 1_780_272_000.0
+
+# An arm that writes down, beyond any crash of the monitor's, each time it moves; a clock that goes on where it was, an hour in 20 ms.
+#
+# The interpreter and what it imports are loaded once, by a nest; every life is a process of its own that opens the store anew.
+SERVICE = """
+import os, sys, time
+from dataclasses import replace
+from pathlib import Path
+from monitor.config.load import from_document
+from monitor.service.scheduler import Clocks, Mover
+from monitor.store.database import Store
+from monitor.service.problems import Troubles
+
+folder, pace = Path(sys.argv[1]), float(sys.argv[2])
+
+def live():
+    began, base = time.monotonic(), float((folder / "clock").read_text())
+    moved = os.open(folder / "moved", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    read = [base]
+    def now():
+        read[0] = base + (time.monotonic() - began) * pace
+        return read[0]
+    same = lambda: read[0]  # a millisecond between two clocks would be minutes here
+
+    class Arm:
+        configuration = from_document({"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}, "store": {"directory": str(folder)},
+                                       "schedule": {"cron": "0 */6 * * *", "grace_s": 7200.0, "every_h": 8.0}}, folder / "cell.toml")
+        def __init__(self, store): self.store = store
+        def perform(self, window, kind="scheduled"):
+            number = self.store.claim(window, kind, now())
+            if number is None: return None
+            os.write(moved, f"{window!r}\\n".encode()); os.fsync(moved)
+            time.sleep(0.004)
+            path = self.store.recording_path(number)
+            path.with_name(f".{path.name}.tmp1").write_bytes(b"PAR1" * 1000)
+            os.replace(path.with_name(f".{path.name}.tmp1"), path)
+            self.store.recorded(number)
+            self.finish(number)
+        def finish(self, number):
+            self.store.commit(number, at_unix_s=now(), recorded_at_unix_s=now(), assessment={"n": number}, friction=[{"n": number}] * 6,
+                              belief={"n": number}, health={}, model={}, events=[{"n": number}])
+            os.write(1, f"safe {number}\\n".encode())
+        def skip(self, window, reason):
+            number = self.store.claim(window, "scheduled", now())
+            if number is not None: self.store.end(number, "skipped", reason, now())
+        def mend(self):
+            for row in self.store.repair(now()): self.finish(row.id)
+        def rewind(self): raise AssertionError("the clock never went back")
+        def next_due(self, at): pass
+
+    with Store.open(folder) as store:
+        arm = Arm(store)
+        mover = Mover(arm, store, Troubles(now), Clocks(now=now, monotonic=same))
+        arm.mend()
+        if os.environ.get("BACK_UP"): store.back_up(3)
+        while True:
+            mover.tick()
+            (folder / "clock.tmp").write_text(repr(now()))
+            os.replace(folder / "clock.tmp", folder / "clock")
+            time.sleep(0.002)
+
+for _ in sys.stdin:
+    pid = os.fork()
+    if pid == 0:
+        try:
+            live()
+        except BaseException:
+            import traceback
+            traceback.print_exc()
+        os._exit(1)
+    print("born", pid, flush=True)
+    print("dead", os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+"""
+
+
+def killed(nest: "subprocess.Popen[str]", dice: random.Random) -> set[int]:
+    """One life of the service; the numbers that it said are safe."""
+    assert nest.stdin is not None
+    assert nest.stdout is not None
+    nest.stdin.write("live\n")
+    nest.stdin.flush()
+    said: set[int] = set()
+    pid = None
+    at_work = dice.random() < 0.7  # the others are killed while they open the store, mend, and look for the first time
+    while pid is None or (at_work and not said):
+        word, number = heard(nest)
+        if word == "born":
+            pid = number
+        else:
+            assert word == "safe", (word, number)
+            said.add(number)
+    time.sleep(dice.uniform(0.0, 0.6 if at_work else 0.08))
+    os.kill(pid, signal.SIGKILL)
+    while (told := heard(nest))[0] == "safe":
+        said.add(told[1])
+    assert told == ("dead", -signal.SIGKILL)
+    return said
+
+
+def heard(nest: "subprocess.Popen[str]") -> tuple[str, int]:
+    """The next word of the nest or of the life in it."""
+    assert nest.stdout is not None
+    word, number = nest.stdout.readline().split()
+    return word, int(number)
+
+
+def lies(folder: Path, said: set[int]) -> list[str]:
+    """What of the history is not true."""
+    moved = [float(line) for line in (folder / "moved").read_text().splitlines()]
+    found = [f"window {window} moved the arm {moved.count(window)} times" for window in set(moved) if moved.count(window) > 1]
+    with Store.open(folder) as store:
+        if store.restored is not None:
+            found.append(store.restored.told)
+        rows = store.ledger()
+        assessed = {row.id for row in rows if row.state == "assessed"}
+        found += [f"replay {number} was said to be safe and is not" for number in sorted(said - assessed)]
+        entered = {row.window_unix_s for row in rows}
+        found += [f"the arm moved in {window}, and the ledger does not know" for window in moved if window not in entered]
+        open_ones = [row for row in rows if row.state in {"started", "recorded"}]
+        if len(open_ones) > 1:
+            found.append(f"{len(open_ones)} replays are unfinished at once")
+        state = store.state()
+        counts = {
+            "assessed": len(assessed),
+            "events": len(store.events()),
+            "friction": len(store.friction(joint=6)),
+            "verdicts": len(store.verdicts()),
+        }
+        if state is None or {state.revision, *counts.values()} != {len(assessed)}:
+            found.append(f"revision, {counts} do not agree")
+        found += [
+            f"replay {row.id} has no recording" for row in rows if row.state == "assessed" and not store.recording_path(row.id).is_file()
+        ]
+    return found
+
+
+def lived(folder: Path, kills: int, seed: int) -> tuple[list[str], int, float]:
+    dice, said, wrong = random.Random(seed), set[int](), []
+    (folder / "clock").write_text(repr(START))
+    command = [sys.executable, "-c", SERVICE, str(folder), repr(HOUR / 0.02)]
+    with (
+        (folder / "wrong").open("w") as errors,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True) as nest,
+    ):
+        for number in range(kills):
+            said |= killed(nest, dice)
+            wrong += [f"kill {number}: {what}" for what in lies(folder, said)]
+    assert (folder / "wrong").read_text() == ""
+    return wrong, len(said), (float((folder / "clock").read_text()) - START) / (7 * 24 * HOUR)
+
+
+def test_a_few_kills_over_simulated_weeks_leave_a_true_history(tmp_path: Path):
+    """The arm moved once a window, the ledger knows of it, and what was said to be safe is."""
+    wrong, said, weeks = lived(tmp_path, 6, 3)
+    assert wrong == []
+    assert said >= 2
+    assert weeks > 0.1
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+def test_two_hundred_kills_over_simulated_weeks_leave_a_true_history(tmp_path: Path, soak_row):
+    """The same, two hundred times."""
+    wrong, said, weeks = lived(tmp_path, 200, 200)
+    soak_row(f"kill −9, 200 times over {weeks:.0f} simulated weeks, {said} replays", f"{len(wrong)} lies", "0 lies")
+    assert wrong == []

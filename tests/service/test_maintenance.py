@@ -1,0 +1,158 @@
+"""The monitor looks after itself, and says how it is: in its document, in a file, in metrics."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import jsonschema
+import pytest
+from test_backups_and_retention import HISTORY, configuration, torn
+from test_store import DAY, commit, replayed
+
+from monitor.errors import StoreUnavailable
+from monitor.publish.documents import schema
+from monitor.publish.metrics import families
+from monitor.publish.timestamps import outside
+from monitor.service.maintenance import Upkeep, said, silent_s
+from monitor.service.problems import Troubles
+from monitor.store.backup import backups
+from monitor.store.database import Store
+from monitor.views.terminal.tables import print_status
+
+MORE = {
+    "next_replay_due_unix_s": 1.8e9, "next_replay_why": "cron", "lag_s": 0.7, "arm": {"heard": True, "trouble": None},
+    "bus": {"to_send": 1, "to_answer": 2, "dropped": 3}, "workers": {"replays": 0.1}, "overrides": [],
+}  # fmt: skip
+
+
+@pytest.fixture
+def upkeep(tmp_path: Path) -> Iterator[tuple[Upkeep, Store, Troubles, list[float]]]:
+    """Of a history of fifteen replays, and a clock that a test may set."""
+    clock = [1.7e9]
+    with Store.open(tmp_path) as store:
+        for n in range(15):
+            commit(store, replayed(store, 1.6e9 + n * DAY))
+        troubles = Troubles(lambda: clock[0])
+        yield Upkeep(store, lambda: configuration(tmp_path).store, troubles, lambda: clock[0]), store, troubles, clock
+
+
+def test_it_backs_up_at_the_start_and_not_at_every_start(upkeep):
+    """A service that is started again and again makes one an hour."""
+    upkeep, store, _, _ = upkeep
+    upkeep.look()
+    made = backups(store.directory)
+    assert len(made) == 1
+    upkeep.care()
+    assert backups(store.directory) == made
+    old = made[0].with_name("history-20260101T000000Z.sqlite")
+    made[0].rename(old)
+    upkeep.care()
+    assert len(backups(store.directory)) == 2
+
+
+def test_damage_that_is_found_while_it_runs_ends_the_service_and_spoils_no_backup(upkeep):
+    """The next start restores; until then it is told."""
+    upkeep, store, troubles, _ = upkeep
+    upkeep.look()
+    good = backups(store.directory)
+    store._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    torn(store.directory / HISTORY)
+    upkeep.care()
+    assert upkeep.damaged
+    assert "store" in troubles
+    assert backups(store.directory) == good
+
+
+def test_a_clock_behind_the_history_is_told_and_is_over_when_it_has_caught_up(upkeep):
+    """A year; then right again."""
+    upkeep, _, troubles, clock = upkeep
+    clock[0] = 1.6e9 - 365 * DAY
+    upkeep.look()
+    assert "set back" in troubles.listed()[0]["text"]
+    clock[0] = 1.7e9
+    upkeep.look()
+    assert "clock_behind" not in troubles
+
+
+def test_what_was_taken_back_does_not_keep_the_clock_behind(upkeep):
+    """Rejected as made up by a wrong clock: nothing of it is waited for."""
+    upkeep, store, troubles, clock = upkeep
+    commit(store, replayed(store, 1.9e9))
+    clock[0] = 1.8e9
+    upkeep.look()
+    assert "clock_behind" in troubles
+    store.end(replayed(store, 2.0e9), "rejected", "a test", 2.0e9)
+    store._db.execute("UPDATE ledger SET state = 'rejected' WHERE window_unix_s = 1.9e9")
+    upkeep.look()
+    assert "clock_behind" not in troubles
+
+
+def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(upkeep):
+    """Whoever asks how the monitor is learns that nothing moves, why, and what to do."""
+    upkeep, store, troubles, _ = upkeep
+    store.stopped("protective_stop", "the arm met something", 1.6e9)
+    upkeep.look()
+    (trouble,) = [each for each in troubles.listed() if each["name"] == "stop"]
+    assert "the arm met something" in trouble["text"]
+    assert "joint-monitor allow" in trouble["text"]
+    store.allow("Ada", "a box; it is gone", 1.6e9)
+    upkeep.look()
+    assert "stop" not in troubles
+
+
+def test_it_says_how_it_is_also_where_the_history_cannot_be_read(upkeep, monkeypatch: pytest.MonkeyPatch):
+    """A disk that fails is a trouble among others, and no reason to be silent, or to seem dead to the watchdog."""
+    upkeep, store, _, _ = upkeep
+
+    def failing(*_: object, **__: object) -> None:
+        raise StoreUnavailable("disk I/O error")
+
+    monkeypatch.setattr(store, "ledger", failing)
+    document = outside(upkeep.document(MORE))
+    jsonschema.validate(document, schema("monitor"), format_checker=jsonschema.FormatChecker())
+    assert document["last_replay"] is None
+    assert [trouble["name"] for trouble in document["troubles"]] == ["store"]
+
+
+def test_status_says_where_nobody_speaks_any_more(upkeep, capsys: pytest.CaptureFixture[str]):
+    """A monitor that ended weeks ago must not look like one that runs."""
+    upkeep, _, _, clock = upkeep
+    clock[0] = 1.7e9
+    document = outside(upkeep.document(MORE))
+    assert silent_s(document, 1.7e9 + 30.0) is None
+    assert silent_s(document, 1.7e9 + 3 * DAY) == 3 * DAY
+    told = {"robot": "cell-1", "model_revision": 0, "health": None, "friction": [], "ledger": [], "monitor": document}
+    print_status({**told, "monitor_silent_s": 3 * DAY})
+    assert "does not run" in capsys.readouterr().out
+    print_status({**told, "monitor_silent_s": None})
+    assert "does not run" not in capsys.readouterr().out
+
+
+def test_what_it_says_is_what_its_schema_promises_and_what_status_reads(upkeep):
+    """With everything known, and with nothing."""
+    upkeep, store, troubles, _ = upkeep
+    troubles.found("disk", "full")
+    document = outside(upkeep.document(MORE))
+    jsonschema.validate(document, schema("monitor"), format_checker=jsonschema.FormatChecker())
+    assert document["last_replay"]["state"] == "assessed"
+    upkeep.write(upkeep.document(MORE))
+    written = said(store.directory)
+    same = ("version", "started_at", "last_replay", "troubles", "next_replay_due", "arm", "bus", "reload")
+    assert {name: written[name] for name in same} == {name: document[name] for name in same}
+    assert said(store.directory / "nowhere") is None
+
+
+def test_it_is_metrics_too(upkeep):
+    """Every figure that is known, by name; a trouble by its name."""
+    upkeep, _, troubles, _ = upkeep
+    upkeep.look()
+    troubles.found("backup", "no room")
+    last = {"info": {"robot": {"site": "lab", "id": "cell-1"}}, "monitor": outside(upkeep.document(MORE))}
+    samples = {sample.name: sample for family in families(last) for sample in family.samples}
+    assert samples["joint_monitor_arm_heard"].value == 1.0
+    assert samples["joint_monitor_documents_dropped"].value == 3.0
+    assert samples["joint_monitor_trouble"].labels["name"] == "backup"
+    assert samples["joint_monitor_last_replay"].labels["state"] == "assessed"
+    assert abs(samples["joint_monitor_last_backup_timestamp_seconds"].value - time.time()) < 60.0
+    assert samples["joint_monitor_disk_free_bytes"].value > 0
+    assert not {name for name in (sample.name for family in families({}) for sample in family.samples) if "trouble" in name}

@@ -1,0 +1,389 @@
+"""The schedule's thread against clocks, disks and processes that fail: nothing twice, nothing late, and it goes on by itself."""
+
+import os
+import subprocess
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_backups_and_retention import configuration, lived, recordings  # noqa: F401 - a fixture
+
+from monitor.errors import StoreError
+from monitor.recording import Recording
+from monitor.service.assess_and_store import Held, held
+from monitor.service.problems import Troubles
+from monitor.service.recompute import rewind
+from monitor.service.scheduler import Clocks, Mover, too_little_room
+from monitor.store.database import LedgerRow, Store
+
+DAY = 86_400.0
+START = 1_780_272_000.0  # 2026-06-01T00:00Z
+
+
+class Arm:
+    """A daemon whose replays take no time; the ledger is real."""
+
+    def __init__(self, folder: Path, store: Store, **schedule: Any) -> None:
+        self.configuration = configuration(folder, schedule=schedule)
+        self.store, self.clock = store, [START, 0.0]
+        self.troubles = Troubles(lambda: self.clock[0])
+        self.replayed: list[float] = []
+        self.due: float | None = None
+        self.mended = self.rewound = 0
+        self.fails: Exception | None = None
+        self.mover = self.started()
+
+    def started(self) -> Mover:
+        return Mover(self, self.store, self.troubles, Clocks(now=lambda: self.clock[0], monotonic=lambda: self.clock[1]))
+
+    def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
+        if self.fails is not None:
+            raise self.fails
+        ledger_id = self.store.claim(window_unix_s, kind, self.clock[0])
+        if ledger_id is None:
+            return None
+        self.replayed.append(window_unix_s)
+        self.store.end(ledger_id, "rejected", "a test", self.clock[0])
+        return self.store.row(ledger_id)
+
+    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
+        ledger_id = self.store.claim(window_unix_s, kind, self.clock[0])
+        if ledger_id is not None:
+            self.store.end(ledger_id, "skipped", reason, self.clock[0])
+
+    def mend(self) -> None:
+        self.mended += 1
+        self.store.repair(self.clock[0])
+
+    def rewind(self) -> bool:
+        self.rewound += 1
+        return rewind(self.store, self.clock[0]) is not None
+
+    def next_due(self, unix_s: float | None) -> None:
+        self.due = unix_s
+
+    def passes(self, seconds: float, step: float = 240.0) -> None:
+        """Time, by both clocks, with a tick each step."""
+        while seconds > 0:
+            by = min(step, seconds)
+            self.clock[0] += by
+            self.clock[1] += by
+            seconds -= by
+            self.mover.tick()
+
+    def states(self) -> list[tuple[str, str]]:
+        return [(row.state, row.reason or "") for row in self.store.ledger()]
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Iterator[Arm]:
+    with Store.open(tmp_path / "history") as store:
+        yield Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=600.0)
+
+
+def test_a_week_has_a_replay_a_day_and_the_next_one_is_said(arm: Arm):
+    """At 03:00, with the first tick after it."""
+    arm.passes(7 * DAY)
+    assert arm.replayed == [START + day * DAY + 3 * 3600.0 for day in range(7)]
+    assert arm.due == START + 7 * DAY + 3 * 3600.0
+    assert arm.mover.lag_s is not None
+    assert arm.mover.lag_s <= 240.0
+
+
+def test_what_was_missed_is_told_and_never_made_up_for(arm: Arm):
+    """Off for four nights; started again at noon: four skipped rows, the fifth night is replayed."""
+    arm.passes(DAY)
+    arm.clock[0] += 3 * DAY + 12 * 3600.0
+    arm.mover = arm.started()
+    arm.passes(12 * 3600.0 + 4 * 3600.0)
+    assert [state for state, _ in arm.states()] == ["rejected", *["skipped"] * 4, "rejected"]
+    assert "not running" in arm.states()[1][1]
+
+
+def test_a_clock_set_back_replays_no_window_again_and_one_set_forward_is_doubted_first(arm: Arm):
+    """Back by two days: those windows are in the ledger. Forward by a year: an hour without a motion, then it is believed."""
+    arm.passes(3 * DAY)
+    before = list(arm.replayed)
+    arm.clock[0] -= 2 * DAY
+    arm.passes(2 * DAY)
+    assert arm.replayed == before
+    arm.passes(DAY)
+    assert len(arm.replayed) == len(before) + 1
+    arm.clock[0] += 365 * DAY + 3 * 3600.0 - 60.0  # into a window
+    arm.mover.tick()
+    assert "clock" in arm.troubles
+    assert arm.mover.coming(1)[0].opens_unix_s > arm.clock[0] + 3500.0  # nothing is promised for that hour
+    arm.passes(300.0)
+    assert len(arm.replayed) == len(before) + 1
+    arm.passes(2 * DAY)
+    assert "clock" not in arm.troubles
+    assert len(arm.replayed) == len(before) + 3
+
+
+def test_a_year_that_a_wrong_clock_made_up_is_taken_back_by_itself(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
+    """Forward, a replay learnt there, and back: that one is rejected, belief is as before it, and the windows of now open again."""
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="0 3 * * *")
+        arm.clock[0] = 1.0e9 + 2 * DAY
+        arm.mover = arm.started()
+        before = lived(store, arm.configuration, recordings, range(2))
+        arm.passes(3600.0)
+        arm.clock[0] += 365 * DAY
+        arm.passes(2 * 3600.0)
+        lived(store, arm.configuration, recordings, range(368, 370))
+        assert held(store).belief.at_unix_s > arm.clock[0]
+        arm.clock[0] -= 365 * DAY
+        arm.mover.tick()
+        after = held(store)
+        assert after.belief.as_document() == before.belief.as_document()
+        assert after.health.as_document() == before.health.as_document()
+        assert [state for state, _ in arm.states()].count("assessed") == 2
+        assert "dated in the future" in arm.states()[-1][1]
+        arm.passes(2 * DAY)
+        assert len(arm.replayed) >= 1
+
+
+def test_a_clock_that_was_only_set_back_takes_nothing_back(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
+    """The history is true, the clock is not: nothing of it is thrown away."""
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="0 3 * * *")
+        arm.clock[0] = 1.0e9 + 2 * DAY
+        arm.mover = arm.started()
+        lived(store, arm.configuration, recordings, range(2))
+        arm.passes(3600.0)
+        arm.clock[0] -= 365 * DAY
+        arm.passes(3600.0)
+        assert [state for state, _ in arm.states()].count("assessed") == 2
+        arm.clock[0] += 365 * DAY
+        arm.passes(3 * 3600.0)
+        assert [state for state, _ in arm.states()].count("assessed") == 2
+        assert isinstance(held(store), Held)
+
+
+def test_a_store_that_fails_moves_nothing_and_is_tried_again(arm: Arm):
+    """Told as trouble, mended when it is back, and the window is used while it is still open."""
+    stopping = threading.Event()
+    arm.clock[0] = START + 3 * 3600.0
+    arm.fails = StoreError("the disk is full")
+    ticks = [0]
+
+    def beat() -> None:
+        ticks[0] += 1
+        arm.clock[0] += 60.0
+        arm.clock[1] += 60.0
+        if ticks[0] == 3:
+            assert "store" in arm.troubles
+            arm.fails = None
+        if ticks[0] == 6:
+            stopping.set()
+        arm.mover.reconsider()
+
+    arm.mover.run(stopping, beat)
+    assert arm.mended >= 1
+    assert "store" not in arm.troubles
+    assert arm.replayed == [START + 3 * 3600.0]
+
+
+def test_after_a_restored_backup_no_window_of_before_is_used_again(tmp_path: Path):
+    """The ledger of the last hours is lost with the damaged file: what was open then may have been replayed."""
+    with Store.open(tmp_path / "history") as store:
+        Arm(tmp_path / "history", store, cron="0 3 * * *").passes(DAY)
+        store.back_up(3)
+    (tmp_path / "history" / "history.sqlite").write_bytes(b"nothing of a database" * 1000)
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=7200.0)
+        arm.clock[0] = START + DAY + 3 * 3600.0 + 600.0  # within the window that was perhaps used just before the crash
+        arm.mover = arm.started()
+        arm.passes(7000.0)
+        assert arm.replayed == []
+        arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=7200.0)  # another start, after it
+        arm.clock[0] = START + DAY + 4 * 3600.0
+        arm.mover = arm.started()
+        arm.passes(1800.0)
+        assert arm.replayed == []
+        arm.passes(DAY)
+        assert arm.replayed == [START + 2 * DAY + 3 * 3600.0]
+
+
+def test_a_window_waits_for_a_warm_arm_and_is_told_where_it_did_not_become_so(tmp_path: Path):
+    """Steady after twenty minutes of an hour; the next night it warms up all the time."""
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=3600.0, after_warm_up=True)
+
+        def night(kelvin_a_minute: float) -> None:
+            arm.passes(DAY - arm.clock[0] % DAY + 3 * 3600.0, 600.0)
+            for minute in range(120):
+                for _ in range(6):
+                    arm.passes(10.0)
+                    arm.mover.heard(True, (30.0 + kelvin_a_minute * minute,) * 6)
+
+        night(0.0)
+        assert len(arm.replayed) == 1
+        assert 600.0 <= arm.mover.lag_s <= 1300.0
+        night(0.2)
+        assert len(arm.replayed) == 1
+        assert "temperatures were not steady" in arm.states()[-1][1]
+
+
+def test_evidence_and_a_cold_start_bring_a_replay_forward_once(tmp_path: Path):
+    """Where the site allows it; asked for again and again it is still one."""
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="", evidence_windows=("22:00-05:00",), cold_start_after_h=4.0, grace_s=900.0)
+        arm.passes(12 * 3600.0)
+        for _ in range(3):
+            arm.mover.evidence(arm.clock[0])
+            arm.passes(60.0)
+        assert arm.replayed == []
+        arm.passes(12 * 3600.0)
+        assert len(arm.replayed) == 1
+        arm.mover.heard(True, None)
+        for _ in range(6):
+            arm.passes(3600.0, 3600.0)
+            arm.mover.heard(False, None)
+        arm.mover.heard(True, None)
+        arm.passes(60.0)
+        arm.mover.heard(True, None)
+        arm.passes(3600.0)
+        assert len(arm.replayed) == 2
+
+
+def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
+    """Its window is the moment."""
+    arm.passes(60.0)
+    arm.mover.want("a person")
+    arm.passes(60.0)
+    assert len(arm.replayed) == 1
+    assert arm.store.ledger()[0].kind == "requested"
+
+
+def test_who_asks_twice_gets_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
+    """Nothing moves that could not be recorded, whoever wants it; that it was wanted is told."""
+    arm.mover.want()
+    arm.mover.want()
+    arm.passes(240.0)
+    assert len(arm.replayed) == 1
+    arm.configuration = replace(arm.configuration, store=replace(arm.configuration.store, least_free_mb=1e12))
+    arm.mover.want()
+    arm.passes(240.0)
+    assert len(arm.replayed) == 1
+    (_, row) = arm.store.ledger()
+    assert (row.kind, row.state) == ("requested", "skipped")
+    assert "MB are free" in (row.reason or "")
+
+
+def test_a_host_whose_clock_begins_again_at_every_boot_loses_nothing_of_its_history(arm: Arm):
+    """A dead battery: 2019 at every boot until the network has set it. That it was set right once is no future that was made up."""
+    true, wrong = START, 1_546_300_800.0
+    for boot in range(3):
+        arm.clock[0] = wrong + 120.0 * boot  # no two boots take the same time
+        arm.mover = arm.started()
+        arm.passes(60.0, step=10.0)
+        arm.clock[0] = true = max(true, arm.store.newest_unix_s() or 0.0) + 5 * DAY
+        ledger_id = arm.store.claim(true, "requested", true)
+        arm.store.recording_path(ledger_id).write_bytes(b"PAR1")
+        arm.store.recorded(ledger_id)  # waits for its assessment: part of what will be held true
+        arm.mover.tick()
+        arm.passes(2 * DAY)
+        assert arm.rewound == 0, boot
+        assert "clock" not in arm.troubles
+    assert arm.replayed
+
+
+def test_before_the_clock_has_been_set_nothing_is_replayed(tmp_path: Path):
+    """1970, as a host without a clock begins: told, no window, no request; set right, it is believed at once."""
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="*/10 * * * *", grace_s=600.0)
+        arm.clock[0] = 100.0
+        arm.mover = arm.started()
+        arm.mover.want()
+        arm.passes(3600.0)
+        assert arm.replayed == []
+        assert "1970" in arm.troubles.listed()[0]["text"]
+        arm.clock[0] = START
+        arm.passes(240.0)
+        assert len(arm.replayed) >= 1
+        assert "clock" not in arm.troubles
+
+
+def test_a_thousand_days_of_absence_are_told_in_a_few_rows_and_at_once(arm: Arm):
+    """Sixty, the newest; and the night after is replayed."""
+    arm.passes(DAY)
+    arm.clock[0] += 1000 * DAY
+    arm.mover = arm.started()
+    arm.passes(DAY)
+    states = [state for state, _ in arm.states()]
+    assert states.count("skipped") <= 60
+    assert states.count("rejected") == 2
+
+
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: no disk of its own can be mounted, so a full one is not tested")
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 3 MB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "none", str(folder)], capture_output=True, check=False)
+    if done.returncode != 0:
+        pytest.skip(f"NO DISK OF ITS OWN, a full one is not tested: {done.stderr.decode().strip()}")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+@needs_root
+def test_a_full_disk_moves_nothing_says_so_and_is_over_when_there_is_room(small_disk: Path):
+    """The window is skipped with the reason where the ledger still takes it; the next one is replayed."""
+    with Store.open(small_disk / "history") as store:
+        arm = Arm(small_disk / "history", store, cron="0 * * * *", grace_s=600.0)
+        arm.configuration = replace(arm.configuration, store=replace(arm.configuration.store, least_free_mb=1.0))
+        arm.passes(3600.0)
+        before = len(arm.replayed)
+        filler = small_disk / "filler"
+        subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until there is no space
+        assert "MB are free" in (too_little_room(store, 1.0) or "")
+        stopping = threading.Event()
+        ticks = [0]
+
+        def beat() -> None:
+            ticks[0] += 1
+            arm.clock[0] += 600.0
+            arm.clock[1] += 600.0
+            arm.mover.reconsider()
+            if ticks[0] == 20:
+                stopping.set()
+
+        arm.mover.run(stopping, beat)
+        assert len(arm.replayed) == before
+        filler.unlink()
+        arm.passes(2 * 3600.0)
+        assert len(arm.replayed) >= before + 1
+        assert "store" not in arm.troubles
+
+
+@needs_root
+def test_a_disk_that_became_read_only_is_told_and_outlived(small_disk: Path):
+    """As after an error of the disk: nothing moves; writable again, it goes on."""
+    with Store.open(small_disk / "history") as store:
+        arm = Arm(small_disk / "history", store, cron="0 * * * *", grace_s=600.0)
+        arm.configuration = replace(arm.configuration, store=replace(arm.configuration.store, least_free_mb=1.0))
+        arm.passes(3600.0)
+        before = len(arm.replayed)
+        # a mount point that is read-only for this path, as open files keep a whole file system from becoming so
+        remount = ["mount", "-o", "remount,ro,bind", str(small_disk)]
+        subprocess.run(["mount", "--bind", str(small_disk), str(small_disk)], check=True)
+        try:
+            subprocess.run(remount, check=True)
+            assert "only be read" in (too_little_room(store, 1.0) or "")
+            arm.passes(3600.0)
+            assert len(arm.replayed) == before
+            assert "only be read" in arm.states()[-1][1]
+        finally:
+            subprocess.run(["umount", "-l", str(small_disk)], check=True)
+        arm.passes(3600.0)
+        assert len(arm.replayed) == before + 1

@@ -1,0 +1,114 @@
+"""What the service manager and its journal are told, held against sockets that listen as they do."""
+
+import logging
+import os
+import socket
+import struct
+import time
+from pathlib import Path
+
+import pytest
+
+from monitor.service.problems import Troubles
+from monitor.service.systemd import Heartbeats, JournalHandler, Watchdog, notify, reloading, watchdog_s
+
+
+@pytest.fixture
+def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A datagram socket where the service manager's would be."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
+        channel.bind(str(tmp_path / "notify"))
+        channel.settimeout(1.0)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "300000")
+        monkeypatch.delenv("WATCHDOG_PID", raising=False)
+        yield channel
+
+
+def heard(channel: socket.socket) -> list[str]:
+    channel.setblocking(False)
+    said = []
+    while True:
+        try:
+            said.append(channel.recv(4096).decode())
+        except BlockingIOError:
+            return said
+
+
+def test_the_watchdog_is_kicked_while_everybody_is_alive_and_not_when_one_is_late(manager, caplog):
+    """One worker that hangs is enough, though the main loop goes on; it comes back, and all is well again."""
+    heartbeats = Heartbeats()
+    heartbeats.beat("listen", 5.0)
+    heartbeats.beat("replays", 0.05)
+    watchdog = Watchdog(heartbeats)
+    watchdog.look()
+    assert heard(manager) == ["WATCHDOG=1"]
+    watchdog.look()
+    assert heard(manager) == []  # a third of its patience is soon enough
+    time.sleep(0.15)
+    for _ in range(3):
+        watchdog.look()
+    assert heard(manager) == []
+    assert len([record for record in caplog.records if "not alive: replays" in record.message]) == 1
+    heartbeats.beat("replays", 5.0)
+    watchdog.look()
+    assert heard(manager) == ["WATCHDOG=1"]
+
+
+def test_without_a_service_manager_nothing_is_said_and_nothing_fails(monkeypatch: pytest.MonkeyPatch):
+    """Also where its socket has gone."""
+    for name in ("NOTIFY_SOCKET", "WATCHDOG_USEC"):
+        monkeypatch.delenv(name, raising=False)
+    notify("READY=1")
+    assert watchdog_s() == 0.0
+    Watchdog(Heartbeats()).look()
+    monkeypatch.setenv("NOTIFY_SOCKET", "/nowhere/at/all")
+    notify("READY=1")
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    monkeypatch.setenv("WATCHDOG_PID", str(os.getpid() + 1))  # another process's
+    assert watchdog_s() == 0.0
+
+
+def test_a_reload_tells_when_it_began(manager):
+    """The monotonic clock's microseconds, as systemd compares them."""
+    before = time.monotonic()
+    reloading()
+    (said,) = heard(manager)
+    assert said.startswith("RELOADING=1\nMONOTONIC_USEC=")
+    assert abs(int(said.rsplit("=", 1)[1]) / 1e6 - before) < 1.0
+
+
+def test_the_journal_gets_fields_that_one_can_ask_for(tmp_path: Path):
+    """MESSAGE, PRIORITY, the robot, the replay; a message of two lines in the journal's binary form."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal:
+        journal.bind(str(tmp_path / "journal"))
+        handler = JournalHandler({"JOINT_MONITOR_ROBOT": "cell-1"}, str(tmp_path / "journal"))
+        log = logging.Logger("monitor.test")
+        log.addHandler(handler)
+        log.warning("replay=%d verdict=%s", 17, "aborted", extra={"replay": 17, "verdict": "aborted"})
+        log.error("two\nlines")
+        first, second = journal.recv(65536), journal.recv(65536)
+        handler.close()
+    fields = dict(line.split(b"=", 1) for line in first.splitlines())
+    assert fields[b"MESSAGE"] == b"replay=17 verdict=aborted"
+    assert fields[b"PRIORITY"] == b"4"
+    assert fields[b"JOINT_MONITOR_ROBOT"] == b"cell-1"
+    assert fields[b"JOINT_MONITOR_REPLAY"] == b"17"
+    assert second.startswith(b"MESSAGE\n" + struct.pack("<Q", 9) + b"two\nlines\nPRIORITY=3\n")
+
+
+def test_a_trouble_is_told_when_it_begins_and_when_it_is_over(caplog):
+    """Once each, however often it is seen; listed in between, with when it began."""
+    caplog.set_level(logging.INFO)
+    clock, elapsed = [100.0], [0.0]
+    troubles = Troubles(lambda: clock[0], lambda: elapsed[0])
+    for _ in range(5):
+        troubles.found("disk", f"full since {clock[0]:.0f}")
+        clock[0] += 1.0
+        elapsed[0] += 1.0
+    clock[0] -= 365 * 86_400.0  # set back meanwhile: how long it lasted is still true
+    troubles.over("clock")
+    assert troubles.listed() == [{"name": "disk", "since_unix_s": 100.0, "text": "full since 104"}]
+    troubles.said("disk", None)
+    assert [record.message for record in caplog.records] == ["trouble=disk: full since 100", "trouble=disk is over, after 5 s"]
+    assert troubles.listed() == []

@@ -1,0 +1,215 @@
+"""Recordings as files: ours come back as they went, others' are read or refused with the reason."""
+
+from dataclasses import fields
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from monitor.errors import BadInput, StoreError
+from monitor.recording import Context, Recording
+from monitor.store.recordings import read_recording, write_recording
+
+SPEC = "timestamp,actual_q:2,actual_qd:2,actual_current:2"
+HEADER = ["timestamp", "actual_q_0", "actual_q_1", "actual_qd_0", "actual_qd_1", "actual_current_0", "actual_current_1"]
+ROWS = np.arange(21.0).reshape(3, 7) / 8.0 - 1.0  # eighths are exact in binary and short in decimal
+
+
+def text(separator=",", decimal=".", header=True, end="\n"):
+    lines = [separator.join(HEADER)] if header else []
+    lines += [separator.join(f"{value:.3f}".replace(".", decimal) for value in row) for row in ROWS]
+    return end.join(lines) + end
+
+
+def assert_is_rows(recording):
+    np.testing.assert_array_equal(recording.t_s, ROWS[:, 0])
+    np.testing.assert_array_equal(recording.q, ROWS[:, 1:3])
+    np.testing.assert_array_equal(recording.qd, ROWS[:, 3:5])
+    np.testing.assert_array_equal(recording.current, ROWS[:, 5:7])
+
+
+def full(seed: int, samples: int) -> Recording:
+    """Every signal, every field of the context, torn values included."""
+    rng = np.random.default_rng(seed)
+    joint = {name: rng.normal(size=(samples, 3)) for name in ("q", "qd", "qdd", "current", "torque", "temperature_c")}
+    joint |= {f"target_{name}": rng.normal(size=(samples, 3)) for name in ("q", "qd", "qdd", "current", "moment")}
+    joint["current"][rng.integers(samples), 1] = np.nan
+    scalar = {name: rng.normal(size=samples) for name in ("t_s", "robot_mode", "safety_mode", "runtime_state", "speed_scaling")}
+    context = Context(
+        robot="ur5", serial="2015350000", firmware="3.15.8", mounting_rad=(np.pi, 0.1, 1 / 3), payload_kg=0.1 + 0.2, tool="Greifer ß",
+        trajectory_digest="0123", software="0.1.0", recorded_at_unix_s=1750032000.123456, note="after \"service\"",
+    )  # fmt: skip
+    return Recording(**joint, **scalar, context=context, quality={"missed_ticks": 3, "latency_s": [0.1, 0.2]}, source="replay 7")
+
+
+@given(seed=st.integers(0, 2**32 - 1), samples=st.integers(1, 50))
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_our_parquet_comes_back_exactly(tmp_path, seed, samples):
+    """Signals bit for bit (NaN too), context, quality and source: nothing of a recording is lost on disk."""
+    before = full(seed, samples)
+    write_recording(tmp_path / "one.parquet", before)
+    after = read_recording(tmp_path / "one.parquet")
+    for field in fields(Recording):
+        old, new = getattr(before, field.name), getattr(after, field.name)
+        if isinstance(old, np.ndarray):
+            assert old.tobytes() == np.ascontiguousarray(new).tobytes()
+        else:
+            assert old == new
+
+
+def test_what_was_not_recorded_stays_unrecorded(tmp_path):
+    """Signals that are None, and facts that nobody knows, are still None."""
+    write_recording(tmp_path / "a.parquet", Recording(t_s=np.arange(3.0), q=np.zeros((3, 6))))
+    after = read_recording(tmp_path / "a.parquet")
+    assert set(after.signals) == {"t_s", "q"}
+    assert after.context == Context()
+
+
+def test_anyone_can_read_our_parquet(tmp_path):
+    """The columns carry RTDE's names, compressed with zstd."""
+    write_recording(tmp_path / "a.parquet", full(0, 9))
+    assert {"timestamp", "actual_q_0", "actual_torque_2", "joint_temperatures_1", "target_moment_2"} <= set(
+        pd.read_parquet(tmp_path / "a.parquet").columns
+    )
+    assert pq.ParquetFile(tmp_path / "a.parquet").metadata.row_group(0).column(0).compression == "ZSTD"
+
+
+def test_parquet_of_others_is_read_by_its_names(tmp_path):
+    """No metadata of ours, just the names."""
+    pd.DataFrame(ROWS, columns=HEADER).to_parquet(tmp_path / "theirs.parquet")
+    assert_is_rows(read_recording(tmp_path / "theirs.parquet"))
+
+
+def test_writing_is_whole_or_not_at_all(tmp_path):
+    """Where the disk refuses, StoreError says so; no half file and no temporary one stays."""
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "inside").touch()
+    with pytest.raises(StoreError, match="taken: the recording cannot be written"):
+        write_recording(tmp_path / "taken", full(0, 5))
+    with pytest.raises(StoreError, match="cannot be written"):
+        write_recording(tmp_path / "absent" / "a.parquet", full(0, 5))
+    assert [entry.name for entry in tmp_path.iterdir()] == ["taken"]
+
+
+def test_writing_again_replaces(tmp_path):
+    """The later recording is the one that is read, and it stands alone in the folder."""
+    write_recording(tmp_path / "a.parquet", full(0, 5))
+    write_recording(tmp_path / "a.parquet", full(1, 7))
+    assert read_recording(tmp_path / "a.parquet").samples == 7
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(",", "."), (", ", "."), (";", "."), (";", ","), (" ", "."), ("  ", ","), ("\t", "."), ("\t", ",")]
+)
+@pytest.mark.parametrize("header", [True, False])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_every_usual_separator_and_decimal_sign_is_understood(tmp_path, separator, decimal, header, end):
+    """With the names in a header, or without and described by --columns."""
+    file = tmp_path / "a.csv"
+    file.write_bytes(text(separator, decimal, header, end).encode())
+    assert_is_rows(read_recording(file, None if header else SPEC))
+
+
+def test_a_header_is_skipped_where_columns_are_described(tmp_path):
+    """Names that mean nothing to us stand over columns that --columns explains; quotes and a byte order mark do no harm."""
+    file = tmp_path / "a.csv"
+    file.write_text("\ufeff" + '"t","a","b","c","d","e","f"\n' + text(header=False))
+    assert_is_rows(read_recording(file, SPEC))
+
+
+def test_columns_may_be_single_skipped_or_out_of_order(tmp_path):
+    """Positions one by one, two columns nobody wants, speeds last."""
+    file = tmp_path / "a.csv"
+    file.write_text(text(header=False))
+    recording = read_recording(file, "timestamp, actual_q_0, actual_q_1, skip:2, actual_qd:2")
+    np.testing.assert_array_equal(recording.qd, ROWS[:, 5:7])
+    assert recording.current is None
+
+
+def test_separators_left_at_the_end_are_no_columns(tmp_path):
+    """As spreadsheets leave them, with a header and without."""
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(line + ";;;" for line in text(";", ",").splitlines()))
+    assert_is_rows(read_recording(file))
+    file.write_text("\n".join(line + ";;;" for line in text(";", ",", header=False).splitlines()))
+    assert_is_rows(read_recording(file, SPEC))
+
+
+def test_other_columns_may_hold_anything(tmp_path):
+    """Times of day, words and empty fields beside what is read."""
+    file = tmp_path / "a.csv"
+    lines = text().splitlines()
+    file.write_text("\n".join([f"{lines[0]},when,payload,ok", *(f"{line},2022-10-26T08:17:21Z,1.5,True" for line in lines[1:])]))
+    recording = read_recording(file)
+    assert_is_rows(recording)
+    assert recording.context.payload_kg == 1.5
+
+
+def test_torn_rows_survive_reading_as_nan(tmp_path):
+    """Too short, too long, a word, an empty field: the row stays, so that it can be counted; its neighbours are untouched."""
+    good = text(header=False).splitlines()
+    torn = ["0.1,0.2,0.3", "0,0,0,0,0,0,0,0,0", "0,0,zero,0,0,0,0", "0,0,,0,0,0,0"]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join([good[0], *torn, good[1], good[2], "2.0,0.1"]))
+    recording = read_recording(file, SPEC)
+    assert recording.samples == 8
+    assert np.isnan(recording.q).any(axis=1).tolist() == [False, True, True, True, True, False, False, True]
+    np.testing.assert_array_equal(recording.q[[0, 5, 6]], ROWS[:, 1:3])
+
+
+def make(tmp_path, content):
+    file = tmp_path / "bad"
+    if isinstance(content, bytes):
+        file.write_bytes(content)
+    elif content is not None:
+        file.write_text(content)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("content", "columns", "message"),
+    [
+        (None, None, "no such file"),
+        ("", None, "is empty"),
+        (",".join(HEADER), None, "holds a header and no rows"),
+        (text(header=False), None, r"no header; say what its 7 columns are, e.g. --columns"),
+        (text(header=False), "timestamp,actual_q:2", r"rows have 7 columns, --columns timestamp,actual_q:2 names 3"),
+        (text(header=False), SPEC + ",skip:9", r"rows have 7 columns, --columns .* names 16"),
+        (text(), "timestamp,actual_q:2,speed:2,skip:2", r"'speed' is not known; known are timestamp, .*actual_q, .*skip"),
+        (text(), "actual_q:2,skip:5", "timestamp and actual_q:N are needed"),
+        (text(), "timestamp,actual_qd:6", "timestamp and actual_q:N are needed"),
+        (text(), "timestamp,actual_q:2,actual_qd:1,skip:3", "actual_qd has 1 columns, actual_q has 2"),
+        (text(), "timestamp,actual_q:two", r"'actual_q:two'; expected NAME or NAME:COUNT"),
+        (text(), "timestamp:2,actual_q:2,skip:3", "timestamp is one column, once"),
+        (text().replace("actual_q_", "joint_"), None, "holds no joint positions .* it names timestamp, joint_0"),
+        (text().replace("timestamp", "when"), None, "holds no column timestamp"),
+        (text().replace("actual_qd_1", "actual_qd_3"), None, "actual_qd has the indices 0, 3; expected 0 … 1"),
+        (b"PAR1 and then nothing", None, "not readable Parquet"),
+        (b"\x7fELF\0\0\0", None, "is binary, and not Parquet"),
+    ],
+)
+def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path, content, columns, message):
+    """BadInput, exit code 2: what was wrong, where, what would be right."""
+    with pytest.raises(BadInput, match=message) as refusal:
+        read_recording(make(tmp_path, content), columns)
+    assert refusal.value.exit_code == 2
+
+
+def test_a_folder_is_no_recording(tmp_path):
+    """The message says that it is a folder."""
+    with pytest.raises(BadInput, match="is a folder"):
+        read_recording(tmp_path)
+
+
+def test_parquet_without_positions_or_numbers_is_refused(tmp_path):
+    """By name, not by traceback."""
+    pd.DataFrame({"a": [1.0]}).to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(BadInput, match="holds no joint positions"):
+        read_recording(tmp_path / "a.parquet")
+    pd.DataFrame({"timestamp": [0.0], "actual_q_0": ["zero"]}).to_parquet(tmp_path / "b.parquet")
+    with pytest.raises(BadInput, match="column actual_q_0 does not hold numbers"):
+        read_recording(tmp_path / "b.parquet")

@@ -1,0 +1,194 @@
+"""`assess` over files gives the daemon's verdicts; `rehearse` answers for a configuration; what is wrong is named."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.assess import Assessment, assess
+from monitor.errors import BadInput
+from monitor.model.fourier import excitation_from_document
+from monitor.model.robot import Mounting, load_robot
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+from monitor.store.recordings import read_recording, write_recording
+from monitor.store.series import Entry, Series, assess_series, dated, interval_s, manifest
+
+ROOT = Path(__file__).parents[2]
+START_S = 1_750_032_000.0
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory) -> list[Path]:
+    """Three stepped replays of a simulated UR5 a day apart, as our Parquet."""
+    folder = tmp_path_factory.mktemp("series")
+    controller = Controller(SimulateSettings(seed=4))
+    text = (ROOT / "config/excitation/ur5-ground.json").read_text("utf-8")
+    excitation = replace(excitation_from_document(json.loads(text)), repetitions=1)
+    paths = []
+    for day in range(3):
+        controller.live(23.5, 20.0 + 3.0 * day, 0.3)
+        recording = stepped_replay(controller, excitation)
+        context = replace(recording.context, recorded_at_unix_s=START_S + day * 86_400.0)
+        paths.append(folder / f"day-{day}.parquet")
+        write_recording(paths[-1], replace(recording, context=context))
+    return paths
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "monitor", *arguments], capture_output=True, text=True, cwd=ROOT, check=False)
+
+
+def test_a_series_gives_the_daemons_verdicts(recordings):
+    """Files in any order: judged in time order, each with the belief of the one before, figure by figure as `assess` alone."""
+    robot = load_robot("ur5")
+    document = assess_series(Series(entries=[Entry(path) for path in reversed(recordings)], robot=robot))
+    assert [row["file"] for row in document["recordings"]] == ["day-0.parquet", "day-1.parquet", "day-2.parquet"]
+    last = None
+    for path in recordings:
+        last = assess(
+            read_recording(path), robot=robot, mounting=Mounting(), belief=last and last.belief, health=last and last.health
+        )  # fmt: skip
+        assert isinstance(last, Assessment)
+    told = [row["reference_torque_nm"] for row in document["friction"] if row["file"] == "day-2.parquet"]
+    assert told == [joint.reference_torque_nm for joint in last.friction]
+    assert document["health"] == {"arm": last.health.state, "joints": [joint.state for joint in last.health.joints]}
+    assert set(document) >= {"health", "alerts", "temperature", "friction", "contexts", "warnings"}
+
+
+def test_assess_prints_one_object(recordings):
+    """The command, from a shell, times in RFC 3339."""
+    done = run("assess", "--robot", "ur5", "--json", *map(str, recordings))
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["friction"][0]["recorded_at"] == "2025-06-16T00:00:00Z"
+    assert len(document["friction"]) == 18
+    assert document["health"]["arm"] in {"NORMAL", "OFF_SPEC"}
+
+
+@pytest.mark.timeout(400)  # half a minute of processor time, of which a loaded machine gives little
+def test_rehearse_answers_for_a_configuration(tmp_path):
+    """A small fleet: false alarms, delays and life in one object, and a picture."""
+    picture = tmp_path / "delays.png"
+    done = run("rehearse", "--config", "config/monitor.toml", "--arms", "16", "--json", "--plot", str(picture))
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["robot_years"] == 16
+    assert {row["wear"] for row in document["detection"]} >= {"5 % step", "10 %/year"}
+    fast = next(row for row in document["detection"] if row["wear"] == "100 %/year")
+    assert fast["median_days"] < 40
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def listed(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "runs.csv"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def test_a_manifest_says_times_payloads_and_mountings(tmp_path):
+    """Names are relative to its folder; a time without an offset is UTC."""
+    [entry] = manifest(listed(tmp_path, "file,recorded_at,payload_kg,mounting,note\na.csv,2026-01-31T03:00:00,1.5,ceiling,first\n"))
+    assert entry.file == tmp_path / "a.csv"
+    assert entry.recorded_at_unix_s == 1_769_828_400.0
+    assert (entry.payload_kg, entry.mounting.roll_rad, entry.note) == (1.5, pytest.approx(np.pi), "first")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("file,recorded_at\n", "names no recording"),
+        ("file,time\na.csv,2026-01-01\n", "column 'time' is not known"),
+        ("file\na.csv\n", "column 'recorded_at' is missing"),
+        ("file,recorded_at\na.csv,yesterday\n", "line 2: recorded_at is 'yesterday'"),
+        ("file,recorded_at,payload_kg\na.csv,2026-01-01,heavy\n", "line 2: payload_kg is 'heavy'"),
+        ("file,recorded_at,payload_kg\na.csv,2026-01-01,-1\n", "line 2: payload_kg is '-1'"),
+        ("file,recorded_at\n ,2026-01-01\n", "line 2: no file"),
+    ],
+)
+def test_a_manifest_that_is_wrong_is_named_by_line_and_column(tmp_path, text, says):
+    """Before any recording is read."""
+    with pytest.raises(BadInput, match=says):
+        manifest(listed(tmp_path, text))
+
+
+@pytest.mark.parametrize("text", ["", "1", "d", "0d", "1y", "-1d", "nan d"])
+def test_an_interval_that_is_none_is_refused(text):
+    """Number and unit."""
+    with pytest.raises(BadInput, match="--interval"):
+        interval_s(text)
+
+
+def test_a_recording_that_says_how_the_arm_hung_is_judged_as_that_unless_the_user_says_otherwise(recordings, tmp_path):
+    """The file's own word counts before what the series takes for granted, and the manifest's before the file's."""
+    hung = tmp_path / "hung.parquet"
+    recording = read_recording(recordings[0])
+    write_recording(hung, replace(recording, context=replace(recording.context, mounting_rad=(np.pi, 0.0, 0.0))))
+    series = Series(entries=[Entry(hung)], robot=load_robot("ur5"))
+    ((_, mounting),) = dated(series)
+    assert mounting.roll_rad == np.pi
+    ((_, mounting),) = dated(replace(series, entries=[Entry(hung, mounting=Mounting())]))
+    assert mounting == Mounting()
+    (tmp_path / "cell.toml").write_text('[robot]\nmodel = "ur5"\nsite = "hall-2"\nid = "cell-1"\n')
+    refused = run("import", "--config", str(tmp_path / "cell.toml"), str(hung))
+    assert refused.returncode == 2
+    assert "hangs otherwise than [robot] mounting = 'ground'" in refused.stderr
+
+
+def test_times_that_are_missing_or_the_same_are_refused(recordings):
+    """A file that says no time, and two of one time."""
+    robot = load_robot("ur5")
+    with pytest.raises(BadInput, match="recorded at the same time"):
+        assess_series(Series(entries=[Entry(recordings[0]), Entry(recordings[0])], robot=robot))
+    undated = recordings[0].parent / "undated.parquet"
+    recording = read_recording(recordings[0])
+    write_recording(undated, replace(recording, context=replace(recording.context, recorded_at_unix_s=None)))
+    with pytest.raises(BadInput, match="does not say when it was made"):
+        assess_series(Series(entries=[Entry(undated)], robot=robot))
+    assert assess_series(Series(entries=[Entry(undated, START_S)], robot=robot))["recordings"][0]["verdict"] == "assessed"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["assess", "--robot", "ur5"], "no recording was given"),
+        (["assess", "--robot", "ur5", "--manifest", "a.csv", "b.csv"], "expected it alone"),
+        (["assess", "--robot", "ur5", "--interval", "soon", "a.csv"], "--interval 'soon'"),
+        (["assess", "--robot", "ur5", "--gains", "1,2", "--interval", "1d", "a.csv"], "2 figures; expected 6"),
+        (["assess", "--robot", "ur5", "--config", "config/monitor.toml", "a.csv"], "both given"),
+        (["rehearse", "--config", "config/monitor.toml", "--plot", "x.pdf"], "ends in .png or .html"),
+    ],
+)
+def test_what_is_wrong_is_said_and_ends_with_2(arguments, says):
+    """No traceback."""
+    done = run(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert says in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+
+
+def test_a_manifest_says_serials_maintenance_and_revolutions(tmp_path):
+    """One a joint, with blanks between; figures that are none are named with their line."""
+    path = tmp_path / "runs.csv"
+    head = "file,recorded_at,maintenance,joint_serials,revolutions\n"
+    path.write_text(head + "a.csv,2026-01-01T00:00:00Z,joint 2 greased,A B C D E F,1 2 3 4 5 6.5\n", "utf-8")
+    (entry,) = manifest(path)
+    assert entry.maintenance == "joint 2 greased"
+    assert entry.joint_serials == ("A", "B", "C", "D", "E", "F")
+    assert entry.revolutions == (1.0, 2.0, 3.0, 4.0, 5.0, 6.5)
+    path.write_text(head + "a.csv,2026-01-01T00:00:00Z,,,1 two 3\n", "utf-8")
+    with pytest.raises(BadInput, match="line 2: revolutions is '1 two 3'"):
+        manifest(path)
+
+
+def test_why_a_joint_does_not_alert_is_said_on_request(recordings):
+    """In words by --why, of every joint in --json."""
+    told = run("assess", "--robot", "ur5", "--why", "2", *map(str, recordings))
+    assert told.returncode == 0, told.stderr
+    assert "joint 2: no further alert, for" in told.stdout
+    assert "next is the advisory tier, from +1%" in told.stdout

@@ -1,0 +1,240 @@
+"""The history survives what happens to a process, and says so where it cannot."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from monitor.errors import StoreError
+from monitor.store.database import Store
+
+DAY = 86_400.0
+
+
+def commit(store: Store, ledger_id: int, **changes: object) -> list:
+    given = {
+        "at_unix_s": 10.0,
+        "recorded_at_unix_s": 5.0,
+        "assessment": {"n": ledger_id},
+        "friction": [{"coulomb_nm": 1.5}, {"coulomb_nm": 2.5}],
+        "belief": {"b": ledger_id},
+        "health": {"h": 1},
+        "model": {"m": 1},
+        "events": [{"kind": "raised"}],
+    }
+    return store.commit(ledger_id, **(given | changes))
+
+
+def replayed(store: Store, window: float) -> int:
+    ledger_id = store.claim(window, "scheduled", window)
+    assert ledger_id is not None
+    store.recording_path(ledger_id).write_bytes(b"PAR1")
+    store.recorded(ledger_id)
+    return ledger_id
+
+
+def test_a_window_is_claimed_only_once(tmp_path: Path):
+    """The ledger refuses the second claim of a window, also after a restart."""
+    with Store.open(tmp_path) as store:
+        assert store.claim(DAY, "scheduled", DAY) is not None
+        assert store.claim(DAY, "scheduled", DAY + 1) is None
+    with Store.open(tmp_path) as store:
+        assert store.claim(DAY, "scheduled", DAY + 2) is None
+
+
+def test_a_replay_that_was_cut_short_becomes_aborted_and_is_not_run_again(tmp_path: Path):
+    """`started` without a recording can only mean that we died: it is closed as aborted, with the reason."""
+    with Store.open(tmp_path) as store:
+        store.claim(DAY, "scheduled", DAY)
+    with Store.open(tmp_path) as store:
+        assert store.repair(2 * DAY) == []
+        (row,) = store.ledger()
+    assert (row.state, row.ended_at_unix_s) == ("aborted", 2 * DAY)
+    assert "ended during this replay" in (row.reason or "")
+
+
+def test_a_recording_that_was_saved_before_the_crash_waits_for_its_assessment(tmp_path: Path):
+    """Rename happened, ledger update did not: the file is adopted, nothing measured is lost."""
+    with Store.open(tmp_path) as store:
+        ledger_id = store.claim(DAY, "scheduled", DAY)
+        store.recording_path(ledger_id).write_bytes(b"PAR1")
+        (store.recordings / ".replay-000002.parquet.tmp").write_bytes(b"half")
+    with Store.open(tmp_path) as store:
+        (row,) = store.repair(2 * DAY)
+        assert (row.id, row.state, row.recording) == (ledger_id, "recorded", store.recording_path(ledger_id).name)
+        assert list(store.recordings.glob(".*")) == []
+
+
+def test_an_assessment_is_all_or_nothing(tmp_path: Path):
+    """A document that cannot be stored leaves belief, history, events and ledger as they were."""
+    with Store.open(tmp_path) as store:
+        first, second = replayed(store, DAY), replayed(store, 2 * DAY)
+        commit(store, first)
+        with pytest.raises(ValueError, match="JSON"):
+            commit(store, second, events=[{"kind": "raised"}, {"change": float("nan")}])
+        state = store.state()
+        assert state is not None
+        assert (state.revision, state.belief) == (1, {"b": first})
+        assert [event.seq for event in store.events()] == [1]
+        assert [row.state for row in store.ledger()] == ["assessed", "recorded"]
+
+
+def test_a_replay_is_assessed_only_once(tmp_path: Path):
+    """The second commit of the same replay is refused and changes nothing."""
+    with Store.open(tmp_path) as store:
+        ledger_id = replayed(store, DAY)
+        commit(store, ledger_id)
+        with pytest.raises(StoreError, match="not waiting"):
+            commit(store, ledger_id)
+        assert len(store.friction(joint=1)) == 1
+
+
+def test_events_are_numbered_and_wait_until_they_are_published(tmp_path: Path):
+    """Unpublished events come back after a restart, in order; published ones do not."""
+    with Store.open(tmp_path) as store:
+        events = commit(store, replayed(store, DAY), events=[{"kind": "raised"}, {"kind": "updated"}])
+        store.published(events[0].seq)
+    with Store.open(tmp_path) as store:
+        assert [event.document["kind"] for event in store.events(unpublished=True)] == ["updated"]
+        assert [event.seq for event in store.events()] == [1, 2]
+
+
+def test_a_second_daemon_on_the_same_directory_is_refused(tmp_path: Path):
+    """Two writers would replay twice: the second one is told who is in the way."""
+    with Store.open(tmp_path), pytest.raises(StoreError, match="in use by another"), Store.open(tmp_path):
+        pass
+
+
+def test_commands_read_beside_the_daemon_and_before_the_first_run_are_told_so(tmp_path: Path):
+    """A reader sees what is committed; without a history it gets a sentence."""
+    with pytest.raises(StoreError, match="no history yet"), Store.reader(tmp_path):
+        pass
+    with Store.open(tmp_path) as store:
+        commit(store, replayed(store, DAY))
+        with Store.reader(tmp_path) as reader:
+            assert [row["coulomb_nm"] for row in reader.friction(limit=2)] == [1.5, 2.5]
+
+
+def test_a_newer_history_is_refused_with_the_reason(tmp_path: Path):
+    """A future schema is not opened and written over."""
+    with Store.open(tmp_path) as store:
+        store._db.execute("PRAGMA user_version = 99")
+    for opened in (Store.open, Store.reader, Store.beside):
+        with pytest.raises(StoreError, match="newer"), opened(tmp_path):
+            pass
+
+
+@pytest.mark.parametrize("version", [0, 1, 3])
+def test_another_programs_database_is_refused_and_left_as_it_is(tmp_path: Path, version: int):
+    """Whatever number of schema it says, none of our tables is put beside its own."""
+    with closing(sqlite3.connect(tmp_path / "history.sqlite")) as connection:
+        connection.executescript(f"CREATE TABLE photo (name TEXT); PRAGMA user_version = {version}")
+    before = (tmp_path / "history.sqlite").read_bytes()
+    for opened in (Store.open, Store.reader, Store.beside):
+        with pytest.raises(StoreError, match="another program's"), opened(tmp_path):
+            pass
+    assert (tmp_path / "history.sqlite").read_bytes() == before
+
+
+def test_a_folder_of_any_name_holds_a_history(tmp_path: Path):
+    """What has a meaning in an URI has none in a path."""
+    folder = tmp_path / "cell #1? 50%20"
+    with Store.open(folder) as store:
+        commit(store, replayed(store, DAY))
+    with Store.open(folder) as store:
+        assert store.restored is None
+        assert store.back_up(3).stat().st_size > 10_000
+    with Store.reader(folder) as store:
+        assert len(store.ledger()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == [folder.name]
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from monitor.store.database import Store
+with Store.open(Path(sys.argv[1])) as store:
+    store.repair(0.0)
+    start = len(store.ledger())
+    for n in range(start, start + 10_000):
+        i = store.claim(float(n), "scheduled", float(n))
+        store.recording_path(i).write_bytes(b"PAR1")
+        store.recorded(i)
+        store.commit(i, at_unix_s=1.0, recorded_at_unix_s=1.0, assessment={}, friction=[{}] * 6,
+                     belief={"n": n}, health={}, model={}, events=[{"n": n}])
+        print(n, flush=True)
+"""
+
+
+def test_kill_nine_at_any_moment_loses_and_doubles_nothing(tmp_path: Path):
+    """What the writer said it committed is there after SIGKILL, once; revision, events and history agree."""
+    for _ in range(6):
+        process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+        said = -1
+        for _ in range(25):
+            said = int(process.stdout.readline())
+        os.kill(process.pid, signal.SIGKILL)
+        said = max([said, *(int(line) for line in process.stdout.read().splitlines() if line.strip())])
+        process.wait()
+        with Store.open(tmp_path) as store:
+            waiting = store.repair(0.0)
+            rows = store.ledger()
+            state = store.state()
+            assert state is not None
+            assert state.belief["n"] >= said
+            assessed = [row for row in rows if row.state == "assessed"]
+            assert state.revision == len(assessed) == len(store.events())
+            assert len(store.friction(joint=6)) == len(assessed)
+            assert len(waiting) <= 1
+            for row in waiting:
+                store.end(row.id, "rejected", "test", 0.0)
+
+
+def test_a_stop_waits_until_a_person_allows_motion_again(tmp_path: Path):
+    """Noted with the end of its window in one transaction, or beside the schedule; allowed once, by name."""
+    with Store.open(tmp_path) as store:
+        ledger_id = store.claim(DAY, "scheduled", DAY)
+        store.end(ledger_id, "aborted", "joint 3 hit something", DAY + 1, stop="protective_stop")
+        harmless = store.claim(2 * DAY, "scheduled", 2 * DAY)
+        store.end(harmless, "aborted", "the cable was pulled", 2 * DAY)
+        with Store.beside(tmp_path) as beside:  # `joint-monitor replay` beside the daemon
+            beside.stopped("torque_band", "too heavy", 3 * DAY)
+        assert [(stop.ledger_id, stop.cause) for stop in store.waiting_stops()] == [(ledger_id, "protective_stop"), (None, "torque_band")]
+        with Store.beside(tmp_path) as beside:  # `joint-monitor allow` beside the daemon
+            assert len(beside.allow("Ada", "looked at it", 4 * DAY)) == 2
+            assert beside.allow("Ada", "again", 5 * DAY) == []
+        assert store.waiting_stops() == []
+
+
+def test_a_first_pass_counts_for_its_circumstances_and_only_until_they_change(tmp_path: Path):
+    """There and back is two changes: nobody knows what was moved meanwhile."""
+    with Store.open(tmp_path) as store:
+        assert not store.first_passed("a")
+        store.first_pass("a", {"payload_kg": 1.0}, 1.0)
+        assert store.first_passed("a")
+        store.first_pass("b", {"payload_kg": 2.0}, 2.0)
+        assert not store.first_passed("a")
+        assert store.latest_first_pass() == {"payload_kg": 2.0}
+
+
+def test_a_history_of_the_first_schema_is_renewed_with_what_it_holds(tmp_path: Path):
+    """Tables are added, rows stay; a reader says what to do instead of failing on a missing table."""
+    from monitor.store import schema as module
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "SCHEMA_VERSION", 1)
+        with Store.open(tmp_path) as store:
+            replayed(store, DAY)
+    with pytest.raises(StoreError, match="older joint-monitor"), Store.reader(tmp_path):
+        pass
+    with Store.open(tmp_path) as store:
+        assert [row.state for row in store.ledger()] == ["recorded"]
+        assert store.waiting_stops() == []
+    (kept,) = (tmp_path / "backups").iterdir()  # as it was, for whoever must go back to the older program
+    with closing(sqlite3.connect(kept)) as connection:
+        assert connection.execute("PRAGMA user_version").fetchone() == (1,)

@@ -1,0 +1,377 @@
+"""The page's server: who may see it, who may command, that it is quick with years of history, and that nobody can hold it up."""
+
+import http.client
+import json
+import re
+import socket
+import sqlite3
+import threading
+import time
+import tomllib
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from life import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
+
+from monitor.errors import BadConfiguration, BadInput, BusError
+from monitor.publish.documents import KINDS
+from monitor.views.web.content import columns, thinned
+from monitor.views.web.server import COMMANDS, HEADERS, STATIC
+from monitor.views.web.settings import PageSettings
+
+pytestmark = pytest.mark.xdist_group("page")
+TOKEN = "correct horse battery staple"
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """Forty days of one arm whose elbow wears, and its page."""
+    with monitor(tmp_path_factory.mktemp("life"), days=40, moving=False) as (server, daemon, store):
+        yield server, daemon, store
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("guarded")
+    (folder / "token").write_text(TOKEN + "\n")
+    with monitor(folder, days=0, settings=configuration(folder, token_file="token"), moving=False) as (server, _, _):
+        yield server
+
+
+def ask(server, path, method="GET", body=None, **headers):
+    host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    connection = http.client.HTTPConnection(host, int(port), timeout=10)
+    names = {name.replace("_", "-"): value for name, value in headers.items()}
+    connection.request(method, path, body, names)
+    answer = connection.getresponse()
+    content = answer.read()
+    connection.close()
+    return answer.status, dict(answer.getheaders()), content
+
+
+def origin(server):
+    return server.url.rstrip("/")
+
+
+def token_of(server, **headers):
+    return re.search(rb'name="page-token" content="([^"]+)"', ask(server, "/", **headers)[2]).group(1).decode()
+
+
+def command(server, name, document, **changed):
+    headers = {"Origin": origin(server), "X_Page_Token": token_of(server), "Content_Type": "application/json"} | changed
+    return ask(server, f"/api/cmd/{name}", "POST", json.dumps(document), **{k: v for k, v in headers.items() if v is not None})
+
+
+def test_everything_the_page_needs_comes_from_here(served):
+    """Each file that the page names is served, with a policy that forbids every other source."""
+    server, _, _ = served
+    status, headers, page = ask(server, "/")
+    assert status == 200
+    for name, value in HEADERS.items():
+        assert headers[name.lower()] == value
+    assert "default-src 'self'" in headers["content-security-policy"]
+    named = set(re.findall(rb'(?:src|href)="([^"#]+)"', page))
+    assert len(named) >= 7
+    for path in named:
+        assert path.startswith(b"/static/"), path
+        assert ask(server, path.decode())[0] == 200, path
+    for name in STATIC:
+        text = ask(server, f"/static/{name}")[2]
+        assert not re.search(rb"""(?:src|href|fetch\(|import|url\()\s*=?\s*["'(]?https?://""", text), name
+    assert b"MIT License" in ask(server, "/static/uPlot.LICENSE.txt")[2]
+    for path in ("/static/../server.py", "/static/%2e%2e/server.py", "/static/page.js.bak", "/etc/passwd"):
+        assert ask(server, path)[0] == 404
+
+
+def test_the_past_is_told_as_columns(served):
+    """As many times as replays, each joint with each figure; the wearing joint has worn, the others have not."""
+    server, _, store = served
+    past = json.loads(ask(server, "/api/history")[2])
+    assert past["replays"] == past["shown"] == len(past["t"]) == len(store.assessed()) == 38  # two windows were skipped
+    assert set(past["joints"]) == set("123456")
+    assert past["joints"]["3"]["wear"][-1] > 0.1
+    assert max(abs(past["joints"][j]["wear"][-1]) for j in "12456") < 0.05
+    schedule = json.loads(ask(server, "/api/schedule")[2])
+    assert schedule["coming"] == sorted(schedule["coming"], key=lambda window: window["opens"]) != []
+    assert any(row["state"] == "skipped" and "door" in row["reason"] for row in schedule["windows"])
+    assert any(event["kind"] == "raised" and event["joint"] == 3 for event in schedule["events"])
+    own = json.loads(ask(server, "/api/monitor")[2])
+    assert own["disk_free_gb"] > 0
+    assert own["resident_mb"] > 10
+
+
+def test_what_is_live_is_what_the_bus_says(served):
+    """The first events are the bus's last values; what is said later comes within a second."""
+    server, daemon, _ = served
+    host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    connection = http.client.HTTPConnection(host, int(port), timeout=10)
+    connection.request("GET", "/api/live")
+    stream = connection.getresponse()
+    assert stream.getheader("content-type").startswith("text/event-stream")
+
+    def next_value():
+        while (line := stream.readline()) != b"event: value\n":
+            assert line
+        key, _, document = stream.readline()[6:].partition(b" ")
+        return json.loads(key), json.loads(document)
+
+    last = daemon.bus.last_values()
+    assert dict(next_value() for _ in last) == last
+    daemon.next_due(1.9e9)
+    key, document = next_value()
+    assert key == "health"
+    assert document["next_replay_due"] == "2030-03-17T17:46:40Z"
+    connection.close()
+
+
+def test_a_stream_says_the_monitors_time_so_that_silence_is_news(served, monkeypatch):
+    """Nothing new on the bus: the clock comes all the same, and comes again."""
+    monkeypatch.setattr("monitor.views.web.server.SAYS_TIME_S", 0.3)
+    server, _, _ = served
+    host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    connection = http.client.HTTPConnection(host, int(port), timeout=10)
+    connection.request("GET", "/api/live")
+    stream, times = connection.getresponse(), []
+    while len(times) < 2:
+        if stream.readline() == b"event: time\n":
+            times.append(int(stream.readline()[6:]))
+    assert times[0] == times[1] == pytest.approx(1000 * (FIRST_UNIX_S + 40 * DAY_S))  # the fixture's clock stands
+    connection.close()
+
+
+def test_a_person_acknowledges_through_the_same_code_as_the_bus(served):
+    """The alert's document, the store's event, and the answer; a second person finds what the first one said."""
+    server, daemon, store = served
+    before = store.event_range()[1]
+    status, _, answer = command(server, "ack", {"joint": 3, "condition": "wear_rising", "by": "Ada", "why": "grease is ordered"})
+    assert status == 200
+    assert json.loads(answer)["alert"]["acknowledged_by"] == "Ada"
+    assert daemon.bus.last_values()["alert/j3/wear_rising"]["acknowledged_why"] == "grease is ordered"
+    (event,) = store.events(after=before)
+    assert event.document["kind"] == "acknowledged"
+
+
+@pytest.mark.parametrize(
+    ("document", "told"),
+    [
+        ({"joint": 3, "condition": "wear_rising", "by": ""}, "by"),
+        ({"joint": 5, "condition": "wear_rising", "by": "Ada"}, "no active alert 5/wear_rising"),
+        ({"joint": 3, "condition": "wear_rising", "by": "Ada", "hours": 3}, "hours"),
+        ({}, "condition"),
+        ([], "expected a JSON object"),
+    ],
+)
+def test_a_command_that_means_nothing_is_answered_with_the_reason(served, document, told):
+    """As over the bus: which field, and what is active."""
+    server, _, _ = served
+    status, _, answer = command(server, "ack", document)
+    assert status == 409
+    assert told in json.loads(answer)["error"]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": None},
+        {"Origin": "null"},
+        {"X_Page_Token": None},
+        {"X_Page_Token": "guessed"},
+        {"X_Page_Token": "gueßed"},
+    ],
+)
+def test_a_page_of_somebody_else_commands_nothing(served, name, changed):
+    """Another origin, none, or without the token that only our page can read: refused, and nothing is written."""
+    server, _, store = served
+    before = store.event_range()
+    changed = {key: value if value is None else value.encode("utf-8").decode("latin-1") for key, value in changed.items()}
+    asked = {"joint": 3, "condition": "wear_rising", "by": "Eve", "hours": 1}
+    assert command(server, name, asked, **changed)[0] == 403
+    assert store.event_range() == before
+
+
+def test_other_requests_that_are_no_commands_are_refused(served):
+    """No JSON, another type, too much, an unknown name, the wrong method."""
+    server, _, _ = served
+    good = {"Origin": origin(server), "X_Page_Token": token_of(server)}
+    assert ask(server, "/api/cmd/ack", "POST", "{", **good, Content_Type="application/json")[0] == 400
+    assert ask(server, "/api/cmd/ack", "POST", "[" * 9000, **good, Content_Type="application/json")[0] == 400
+    assert ask(server, "/api/cmd/ack", "POST", "{}", **good, Content_Type="text/plain")[0] == 415
+    assert ask(server, "/api/cmd/ack", "POST", " " * 30_000, **good, Content_Type="application/json")[0] == 413
+    assert ask(server, "/api/cmd/erase", "POST", "{}", **good, Content_Type="application/json")[0] == 404
+    assert ask(server, "/api/cmd/ack")[0] == 405
+
+
+def test_a_name_that_somebody_else_gave_this_machine_is_not_served(served):
+    """A page elsewhere may let its own name resolve to 127.0.0.1; the Host of its requests gives it away."""
+    server, _, _ = served
+    port = server.url.rstrip("/").rsplit(":", 1)[1]
+    assert ask(server, "/", Host=f"rebound.example:{port}")[0] == 421
+    assert ask(server, "/api/history", Host=f"rebound.example:{port}")[0] == 421
+    assert ask(server, "/", Host=f"localhost:{port}")[0] == 200
+
+
+def test_without_the_token_nothing_is_shown(guarded):
+    """Every address but the files of the page itself; a wrong token costs a second; the right one opens a session."""
+    for path in ("/api/about", "/api/history", "/api/schedule", "/api/monitor", "/api/live"):
+        assert ask(guarded, path)[0] == 401, path
+    status, _, page = ask(guarded, "/")
+    assert status == 401
+    assert b"Sign in" in page
+    assert b"page-token" not in page
+    form = {"Origin": origin(guarded), "Content_Type": "application/x-www-form-urlencoded"}
+    began = time.monotonic()
+    assert ask(guarded, "/login", "POST", "token=wrong", **form)[0] == 401
+    assert time.monotonic() - began > 0.9
+    typed = "token=" + TOKEN.replace(" ", "+")
+    assert ask(guarded, "/login", "POST", typed, **{**form, "Origin": "http://evil.example"})[0] == 403
+    status, headers, _ = ask(guarded, "/login", "POST", typed, **form)
+    assert status == 303
+    cookie = headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=strict" in cookie
+    session = cookie.partition(";")[0]
+    status, headers, _ = ask(guarded, "/login")
+    assert (status, headers["location"]) == (303, "/")
+    assert ask(guarded, "/api/about", Cookie=session)[0] == 200
+    assert ask(guarded, "/api/about", Cookie=session + "x")[0] == 401
+    # a browser gives a host's cookies to all its ports: another monitor of this machine must not sign one out here
+    assert session.partition("=")[0].endswith(guarded.url.rstrip("/").rsplit(":", 1)[1])
+
+
+def test_five_years_of_history_are_told_at_once(tmp_path):
+    """7300 replays more of six joints: the page's data together; 400 of them are drawn. Bounded generously: the figure is in the bench."""
+    with monitor(tmp_path, days=3, moving=False, before=lambda store: grow(store, 7300)) as (server, _, _):
+        ask(server, "/")
+        began = time.monotonic()
+        for path in ("/", "/api/about", "/api/history", "/api/schedule", "/api/monitor"):
+            assert ask(server, path)[0] == 200
+        took = time.monotonic() - began
+        past = json.loads(ask(server, "/api/history")[2])
+        assert past["replays"] == 7303
+        assert 350 <= past["shown"] <= 450
+        assert took < 3.0  # 0.2 s on an idle machine; a page that read every row would need ten times this bound's tenth
+
+
+def test_browsers_that_never_read_hold_nobody_up(served):
+    """Forty streams that nobody reads: the bus goes on, and the page still answers others."""
+    server, daemon, _ = served
+    host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    idle = []
+    for _ in range(40):
+        stuck = socket.create_connection((host, int(port)), timeout=10)
+        stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
+        stuck.sendall(f"GET /api/live HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode())
+        idle.append(stuck)
+    for k in range(200):
+        daemon.bus.stream("torque/live", "torque-live", {"k": k, "padding": "x" * 20_000})
+    assert ask(server, "/api/history")[0] == 200
+    assert ask(server, "/api/live")[0] == 503  # 32 are enough; the others were told so
+    for stuck in idle:
+        stuck.close()
+
+
+def test_connections_that_ask_nothing_keep_nobody_out_for_long(tmp_path, monkeypatch):
+    """As many as the server takes: silent ones, headers and bodies that never end; soon they are closed, and the page answers."""
+    monkeypatch.setattr("monitor.views.web.server.IDLE_S", 2.0)  # on a busy machine two hundred take half a second
+    with monitor(tmp_path, days=0, moving=False) as (server, _, _), ExitStack() as stack:
+        host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+        head = f"POST /login HTTP/1.1\r\nHost: {host}:{port}\r\n".encode()
+        for k in range(200):
+            silent = stack.enter_context(socket.create_connection((host, int(port)), timeout=10))
+            silent.sendall([b"", head, head + b"Content-Length: 99\r\n\r\n"][k % 3])
+        assert ask(server, "/")[0] == 503
+        until = time.monotonic() + 10.0
+        while ask(server, "/")[0] != 200:
+            assert time.monotonic() < until
+            time.sleep(0.1)
+
+
+def test_a_thousand_wild_requests_leave_the_page_standing(served):
+    """Seeded bytes on the socket, many at a time."""
+    import random
+
+    server, _, _ = served
+    host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    dice = random.Random(7)
+
+    def wild(seeds):
+        for seed in seeds:
+            own = random.Random(seed)
+            start = own.choice(
+                [b"", b"GET / HTTP/1.1\r\n", b"POST /api/cmd/ack HTTP/1.1\r\nContent-Length: 99\r\n", b"GET /\xff HTTP/9\r\n"]
+            )
+            with socket.create_connection((host, int(port)), timeout=5) as wire:
+                try:
+                    wire.sendall(start + own.randbytes(own.randint(0, 300)) + b"\r\n\r\n")
+                except OSError:
+                    continue
+
+    threads = [threading.Thread(target=wild, args=([dice.random() for _ in range(250)],)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    until = time.monotonic() + 10.0
+    while ask(server, "/")[0] == 503 and time.monotonic() < until:  # the last of them are still being seen off
+        time.sleep(0.1)
+    assert ask(server, "/")[0] == 200
+
+
+def test_settings_that_would_open_the_page_to_everybody_are_refused(tmp_path):
+    """A network address without a token, no address, no file, a token one may guess, a port that is taken."""
+    for wrong in ("0.0.0.0:8420", "192.168.1.4:80", "cell.example:80", "[::]:80"):
+        with pytest.raises(BadInput, match="token_file"):
+            PageSettings(listen=wrong)
+    for wrong in ("8420", "127.0.0.1", "127.0.0.1:high", ":1", "127.0.0.1:70000"):
+        with pytest.raises(BadInput, match="expected HOST:PORT"):
+            PageSettings(listen=wrong)
+    for right in ("127.0.0.1:0", "localhost:1", "[::1]:80", "127.8.8.8:80"):
+        assert PageSettings(listen=right).loopback
+    settings = PageSettings(listen="0.0.0.0:0", token_file="token")
+    with pytest.raises(BadInput, match="cannot be read"):
+        settings.token(tmp_path)
+    (tmp_path / "token").write_text("short")
+    with pytest.raises(BadInput, match="5 characters"):
+        settings.token(tmp_path)
+    with pytest.raises(BadConfiguration, match="token_file"):
+        configuration(tmp_path, "0.0.0.0:8420")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        settings = configuration(tmp_path, f"127.0.0.1:{taken.getsockname()[1]}")
+        with pytest.raises(BusError, match="cannot listen"), monitor(tmp_path, days=0, settings=settings, moving=False):
+            pass
+
+
+def test_thinning_keeps_the_ends_and_the_newest():
+    """In order, without doubles, never more than asked for by much; short pasts whole."""
+    assert thinned([], 600, 60) == []
+    assert thinned(list(range(50)), 600, 60) == list(range(50))
+    for count in (61, 599, 601, 7300, 100_000):
+        shown = thinned(list(range(count)), 600, 60)
+        assert shown == sorted(set(shown))
+        assert len(shown) <= 601
+        assert shown[0] == 0
+        assert shown[-60:] == list(range(count - 60, count))
+
+
+def test_a_joint_that_was_not_seen_leaves_a_gap():
+    """None where a replay told nothing, and no figure moves to another day."""
+    told = columns([(1, 1, 10.0, {"wear": 0.123456789}), (1, 2, 10.0, {"wear": None}), (2, 2, 20.0, {"wear": 0.5})])
+    assert told["t"] == [10, 20]
+    assert told["joints"]["1"]["wear"] == [0.12346, None]
+    assert told["joints"]["2"]["wear"] == [None, 0.5]
+
+
+def test_the_vendored_library_is_declared_and_shipped():
+    """Its licence beside it, and the wheel takes the whole package folder."""
+    root = Path(__file__).parents[2]
+    static = root / "monitor" / "views" / "web" / "static"
+    assert "MIT" in (static / "uPlot.LICENSE.txt").read_text("utf-8")
+    assert tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"] == [
+        "monitor"
+    ]
+    assert {path.name for path in static.iterdir()} == {*STATIC, "index.html", "login.html"}
+    assert "answer" in KINDS  # what a command is answered with
+    assert sqlite3.sqlite_version_info >= (3, 38)  # json_each is built in
