@@ -9,7 +9,7 @@ WORKERS ?= 3
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test card lint bench soak excitations install uninstall clean
+.PHONY: help demo test docs card lint bench soak excitations install uninstall clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -29,8 +29,13 @@ test: $(STAMP) ## the whole ordinary suite
 soak: $(STAMP) ## the longer evidence: kills, faults, fuzz, fleets; bounded and seeded
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m soak
 
-card: $(STAMP) ## what the verdicts are worth: PERFORMANCE.md from a seeded fleet of 2400 arms, about 40 minutes
+card: $(STAMP) ## what the verdicts are worth: docs/validation.md from a seeded fleet of 2400 arms, about 40 minutes
 	$(BIN)/python -m monitor.studies.performance_card
+
+docs: $(STAMP) ## the pages that are generated, and the site of all pages in build/site
+	$(BIN)/python docs/site/reference.py
+	$(BIN)/mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
+	@echo "build/site/index.html"
 
 lint: $(STAMP) ## style, types, and who may import whom
 	$(BIN)/ruff check .
@@ -81,4 +86,4 @@ uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monit
 	@echo "uninstalled; history and configurations stay in /var/lib/joint-monitor and /etc/joint-monitor, and the user joint-monitor with them"
 
 clean: ## remove the virtual environment and caches
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build/site

@@ -18,7 +18,8 @@ from monitor.studies.fleet import FleetSettings
 from monitor.studies.rehearsal import LATEST_ONSET, LEARNING_DAYS, Kind, detected, play, rehearse
 from monitor.studies.torque_study import foresee, summary, surrogate
 
-TARGET = Path("PERFORMANCE.md")
+TARGET = Path("docs/validation.md")
+END = "\n<!-- `make card` writes what stands above this line, and keeps what stands below it. -->\n"
 NOTES = {
     "step": """
 - **A 5 % step within 30 days in 99 %.** At σ = 2 % and ρ = 0.5 thirty days against a baseline of 60 make 6.6 σ for somebody who knows
@@ -153,6 +154,12 @@ def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = 
     return card(document, rows, torque, physics, seed=seed, arm_days_a_minute=arm_days_a_minute)
 
 
+def beside(text: str, page: Path) -> str:
+    """The card, followed by what the page holds below the card's end."""
+    rest = page.read_text("utf-8").partition(END)[2] if page.is_file() else ""
+    return text + END + rest if rest else text
+
+
 def _surrogate(physics: dict[str, Any]) -> str:
     low, high = 100 * min(physics["std"]), 100 * max(physics["std"])
     alike = physics["p"] >= 0.01 and physics["slope_per_k"] <= 0.001
@@ -239,7 +246,7 @@ def main() -> None:
         parser.error("--arms: expected 16 or more, two of each scenario")
     excitation = replace(excitation_from_document(json.loads(EXCITATION.read_text("utf-8"))), repetitions=1)
     text = make(excitation, arms=arguments.arms, seed=arguments.seed, workers=arguments.workers)
-    arguments.output.write_text(text, "utf-8")
+    arguments.output.write_text(beside(text, arguments.output), "utf-8")
     sys.stdout.write(text)
 
 

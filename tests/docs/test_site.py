@@ -1,0 +1,64 @@
+"""The site: every page is in it, nothing is missing, and the two generated pages say what the code says."""
+
+import importlib.util
+import logging
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SITE = ROOT / "docs" / "site"
+
+
+def test_the_generated_pages_are_those_that_the_code_generates():
+    """Every key of the configuration, every command with its options. To repair: `make docs`."""
+    spec = importlib.util.spec_from_file_location("docs_reference", SITE / "reference.py")
+    reference = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reference)
+    assert set(reference.PAGES) == {"configuration.md", "commands.md"}
+    for name, page in reference.PAGES.items():
+        assert (ROOT / "docs" / name).read_text("utf-8") == page(), f"docs/{name} is not of today: run `make docs`"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder that MkDocs built, and what it logged."""
+    pytest.importorskip("mkdocs", reason="MkDocs is absent: it comes with the extra `dev`")
+    from mkdocs.commands.build import build
+    from mkdocs.config import load_config
+
+    said: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: said.append(record.getMessage())
+    logging.getLogger("mkdocs").addHandler(handler)
+    folder = tmp_path_factory.mktemp("site")
+    try:
+        build(load_config(str(SITE / "mkdocs.yml"), site_dir=str(folder), strict=False))
+    finally:
+        logging.getLogger("mkdocs").removeHandler(handler)
+    return folder, said
+
+
+def test_the_site_is_built_without_a_warning(site):
+    """Links, anchors, pages that no menu names."""
+    folder, said = site
+    assert said == []
+    assert {path.stem for path in (ROOT / "docs").glob("*.md")} <= {path.stem for path in folder.glob("*.html")}
+
+
+def test_the_site_needs_no_other_host(site):
+    """Whoever reads it beside a robot has no internet: styles, scripts, fonts and pictures come with it."""
+    folder, _ = site
+    for page in folder.glob("*.html"):
+        fetched = re.findall(r"<(?:link|script|img|iframe)[^>]+(?:href|src)=\"([^\"]+)\"", page.read_text("utf-8"))
+        assert not [address for address in fetched if address.startswith(("http", "//"))], page.name
+
+
+def test_what_a_page_shows_of_the_repository_comes_with_the_site(site):
+    """A link to a file outside docs/ leads to a copy of it."""
+    folder, _ = site
+    copies = {path.relative_to(folder / "files").as_posix().removesuffix(".txt") for path in (folder / "files").rglob("*.txt")}
+    assert "config/monitor.toml" in copies
+    for name in copies:
+        assert (folder / "files" / f"{name}.txt").read_bytes() == (ROOT / name).read_bytes()
