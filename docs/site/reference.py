@@ -9,8 +9,8 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 import typer.main
 from annotated_types import Interval
 
-from monitor.cli import app
-from monitor.config import load
+from monitor.cli.main import app
+from monitor.config.load import load
 
 DOCS = Path(__file__).parents[1]
 REFERENCE = DOCS.parent / "config" / "monitor.toml"
