@@ -12,14 +12,14 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from monitor import __version__
+from monitor.acquire.rows import columns, recorded
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, Facts, refuse_unless, some
 from monitor.acquire.safety.gate import Announce, Ask, Gate
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState, arm_state
 from monitor.acquire.ur import dashboard
 from monitor.acquire.ur.child import Child, ChildLost
-from monitor.acquire.ur.rows import columns, recorded
-from monitor.acquire.ur.state import ArmState, arm_state
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot

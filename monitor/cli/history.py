@@ -27,7 +27,7 @@ def schedule(
     from contextlib import ExitStack
     from datetime import datetime
 
-    from monitor.acquire.schedule import DAY_S, expected
+    from monitor.acquire.schedule.windows import DAY_S, expected
     from monitor.config.load import load
     from monitor.publish.timestamps import rfc3339
     from monitor.store.backup import present

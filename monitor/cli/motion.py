@@ -137,7 +137,7 @@ def record(
     as_json: JsonOption = False,
 ) -> None:
     """Only listen, while a program of yours moves the arm, and save the recording."""
-    from monitor.acquire.ur.record import record as listen
+    from monitor.acquire.record import record as listen
     from monitor.config.load import load
     from monitor.store.recordings import write_recording
     from monitor.views.terminal.tables import progress

@@ -16,7 +16,7 @@ import numpy as np
 from annotated_types import Interval
 from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, ValidationError, create_model
 
-from monitor.acquire.schedule import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import AssessSettings
 from monitor.config.sources import PREFIX, overridden, placed, with_credentials, without_secrets

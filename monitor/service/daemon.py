@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from monitor.acquire.ur.state import ROBOT_MODE_RUNNING
+from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.assess import Rejected
 from monitor.config.load import Configuration, load
 from monitor.config.reload import reloaded
@@ -489,7 +489,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
 
     Raises StoreError or BusError where the daemon cannot start, StoreError where the history was found damaged while it ran.
     """
-    from monitor.acquire.ur.listen import Listener, ListenSettings
+    from monitor.acquire.listen import Listener, ListenSettings
     from monitor.service.motion import move
 
     log_refusals(configuration.bus)

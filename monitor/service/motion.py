@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from monitor.acquire.check import check as look_at
 from monitor.acquire.replay import Progress, replay
 from monitor.acquire.safety.conditions import Condition, Permit
 from monitor.acquire.safety.first_pass import band_for, circumstances, slowed
 from monitor.acquire.safety.gate import Announce, Ask
-from monitor.acquire.ur.check import check as look_at
 from monitor.config.load import Configuration
 from monitor.errors import ReplayAborted, StoreError
 from monitor.judge.torque.compensated_model import CompensatedModel

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 from monitor import __version__
-from monitor.acquire.schedule import DAY_S
+from monitor.acquire.schedule.windows import DAY_S
 from monitor.config.load import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import TIERS

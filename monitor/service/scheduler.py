@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from monitor.acquire.schedule import Asked, ColdStart, Warmth, Window, coming, look, reach_back_s
+from monitor.acquire.schedule.windows import Asked, ColdStart, Warmth, Window, coming, look, reach_back_s
 from monitor.config.load import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339

@@ -27,8 +27,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import Progress, replay
-from monitor.acquire.ur.listen import Listener, ListenSettings
 from monitor.config.load import Configuration, from_document
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.identify.quality import distrust

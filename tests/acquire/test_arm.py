@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState
 from monitor.acquire.ur.arm import REMEMBERED, Arm, Failure, strayed, unwell
-from monitor.acquire.ur.state import ArmState
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
 WELL = ArmState(

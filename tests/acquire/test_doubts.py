@@ -14,13 +14,13 @@ from test_arm import SETTINGS, WELL
 from test_guard import NOON, SIMULATED, facts, nudged, well
 
 from monitor.acquire.replay import replay
+from monitor.acquire.rows import PLACE, SIGNALS, WIDTH, snapshot
 from monitor.acquire.safety.conditions import Condition, Facts, conditions
 from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.torque_band import TorqueBand
+from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream
 from monitor.acquire.ur.arm import Failure, unwell
-from monitor.acquire.ur.rows import PLACE, SIGNALS, WIDTH, snapshot
-from monitor.acquire.ur.state import arm_state
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.remote import Remote

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from monitor.acquire.safety import guard
 from monitor.acquire.safety.conditions import CHECKS, Facts, Permit, conditions, tilt_deg
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState
 from monitor.acquire.ur.dashboard import Identity
-from monitor.acquire.ur.state import ArmState
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.robot import Mounting, load_robot

@@ -14,9 +14,9 @@ import pytest
 from excitations import short
 from processes import children
 
+from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.listen import Listener, ListenSettings
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.acquire.schedule import (
+from monitor.acquire.schedule.windows import (
     DAY_S,
     Asked,
     ColdStart,

@@ -9,9 +9,9 @@ from excitations import short
 from synthetic_arm import Arm as LearntArm
 from synthetic_arm import History
 
+from monitor.acquire.rows import PLACE, WIDTH
 from monitor.acquire.safety.first_pass import band_for, circumstances, slowed
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.rows import PLACE, WIDTH
 from monitor.assess import assess
 from monitor.config.load import find_excitation
 from monitor.design.cell import plain_cell

@@ -15,7 +15,7 @@ import pytest
 import zenoh
 from undeclared import undeclared
 
-from monitor.acquire.schedule import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.config.load import find_excitation, from_document
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Alert

@@ -20,7 +20,7 @@ KILLS = 100
 
 def replay_children(pid: int) -> list[int]:
     """Those that may move the arm."""
-    return [child for child in children(pid) if b"acquire.stream" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    return [child for child in children(pid) if b"acquire.ur.stream" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
 @pytest.mark.soak

@@ -16,8 +16,7 @@ import numpy as np
 from monitor.acquire.path import joint_path
 from monitor.acquire.safety.limits import clear_approach, clear_of, within_limits
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.dashboard import Identity
-from monitor.acquire.ur.state import (
+from monitor.acquire.state import (
     ROBOT_MODE_RUNNING,
     ROBOT_MODES,
     RUNTIME_STATES,
@@ -28,6 +27,7 @@ from monitor.acquire.ur.state import (
     STANDSTILL_RAD_S,
     ArmState,
 )
+from monitor.acquire.ur.dashboard import Identity
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
 from monitor.model.fourier import Excitation

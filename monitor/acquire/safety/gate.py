@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from monitor.acquire.safety.conditions import AT_THE_LAST, Condition, Facts, Permit, conditions, refuse_unless, some
-from monitor.acquire.ur.state import ArmState
+from monitor.acquire.state import ArmState
 
 log = logging.getLogger(__name__)
 

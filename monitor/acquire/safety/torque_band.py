@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.acquire.ur.rows import PLACE
+from monitor.acquire.rows import PLACE
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.predictor import prepared
 from monitor.model.robot import Mounting, Robot

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from rtde_control import RTDEControlInterface
 
+from monitor.acquire import state as names
+from monitor.acquire.rows import PLACE, Torn, heard, snapshot
 from monitor.acquire.safety.conditions import is_full_speed
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur import state as names
+from monitor.acquire.state import ArmState, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
-from monitor.acquire.ur.rows import PLACE, Torn, heard, snapshot
-from monitor.acquire.ur.state import ArmState, arm_state
 from monitor.recording import Array
 
 POLL_S = 0.0003  # the finest sleep that does not burn a core; measured 0 missed of 3750 ticks

@@ -16,13 +16,13 @@ import numpy as np
 from rtde_control import RTDEControlInterface
 
 from monitor.acquire.path import joint_path
+from monitor.acquire.rows import PLACE
 from monitor.acquire.safety import guard
 from monitor.acquire.safety.conditions import Facts
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.arm import Arm, Failure
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, real_time
-from monitor.acquire.ur.rows import PLACE
-from monitor.acquire.ur.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.design.cell import cell_from_document
 from monitor.errors import MonitorError, MotionRefused, RobotUnreachable
 from monitor.model.fourier import excitation_from_document

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from monitor import __version__
-from monitor.acquire.schedule import Ledger, ScheduleSettings, expected
+from monitor.acquire.schedule.windows import Ledger, ScheduleSettings, expected
 from monitor.publish.timestamps import rfc3339
 
 MOST_REPLAYS = 400  # of a joint's line: more would be less than three pixels apart

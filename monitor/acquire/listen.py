@@ -1,6 +1,6 @@
 """Receive-only: the arm's live state, decimated, for predictions and production residuals.
 
-The same discipline as a replay: ur-rtde lives in a child process (`python -m monitor.acquire.ur.listen`) that may be
+The same discipline as a replay: ur-rtde lives in a child process (`python -m monitor.acquire.listen`) that may be
 killed at any moment; the daemon calls `poll` now and then, which restarts a lost child with growing pauses.
 Listening never moves an arm, so any address is allowed, and it may go on during a replay.
 """
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.acquire.rows import columns
 from monitor.acquire.ur.child import Child, ChildLost
-from monitor.acquire.ur.rows import columns
 from monitor.errors import BadInput
 from monitor.recording import Array
 
@@ -152,7 +152,7 @@ class Listener:
         self._heard_at, self._spoke = now, False
         try:
             self._child = Child(
-                "monitor.acquire.ur.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz, "every_tick": False}
+                "monitor.acquire.listen", {"host": self._settings.host, "rate_hz": self._settings.rate_hz, "every_tick": False}
             )
         except ChildLost as lost:
             self._lost(now, str(lost))
@@ -172,8 +172,8 @@ class Listener:
 
 def main() -> None:
     """The child: rows to the parent until the connection or the parent is gone; never returns."""
+    from monitor.acquire.rows import PLACE, Torn, heard, snapshot
     from monitor.acquire.ur.child import begin, drowsy, leave, real_time
-    from monitor.acquire.ur.rows import PLACE, Torn, heard, snapshot
 
     job, outbox, lifeline = begin()
     host = job["host"]

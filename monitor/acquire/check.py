@@ -1,6 +1,6 @@
 """One look at an arm, receive-only: what every condition says, without uploading a program and without moving anything.
 
-ur-rtde lives in a child process (`python -m monitor.acquire.ur.check`), as everywhere.
+ur-rtde lives in a child process (`python -m monitor.acquire.check`), as everywhere.
 """
 
 import time
@@ -10,9 +10,9 @@ import numpy as np
 from monitor.acquire.safety.conditions import Condition, Facts, Permit, conditions
 from monitor.acquire.safety.gate import Ask
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState, arm_state
 from monitor.acquire.ur.child import Child, ChildLost
 from monitor.acquire.ur.dashboard import identity
-from monitor.acquire.ur.state import ArmState, arm_state
 from monitor.errors import RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -56,7 +56,7 @@ def check(
 
 def look(host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
     """The arm's state now; None where no RTDE data comes in that time."""
-    child = Child("monitor.acquire.ur.check", {"host": host, "rate_hz": rate_hz})
+    child = Child("monitor.acquire.check", {"host": host, "rate_hz": rate_hz})
     until = time.monotonic() + timeout_s
     try:
         while time.monotonic() < until:
@@ -73,8 +73,8 @@ def look(host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
 
 def main() -> None:
     """The child: one row, its accelerometer averaged, or why there is none; never returns."""
+    from monitor.acquire.rows import PLACE, Torn, heard, snapshot
     from monitor.acquire.ur.child import begin, leave
-    from monitor.acquire.ur.rows import PLACE, Torn, heard, snapshot
 
     job, outbox, lifeline = begin()
     try:

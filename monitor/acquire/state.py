@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from monitor.acquire.ur.rows import PLACE
+from monitor.acquire.rows import PLACE
 from monitor.recording import Array
 
 ROBOT_MODE_RUNNING = 7

@@ -10,9 +10,9 @@ from collections.abc import Callable
 import numpy as np
 
 from monitor import __version__
+from monitor.acquire.rows import columns, recorded
 from monitor.acquire.ur import dashboard
 from monitor.acquire.ur.child import Child, ChildLost
-from monitor.acquire.ur.rows import columns, recorded
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.recording import Array, Context, Recording
 
@@ -36,7 +36,7 @@ def record(
     who = dashboard.identity(host)
     if who.serial is not None and context.serial is not None and who.serial != context.serial:
         raise MotionRefused(f"{host}: the controller's serial number is {who.serial}, expected {context.serial}")
-    child = Child("monitor.acquire.ur.listen", {"host": host, "rate_hz": rate_hz, "every_tick": True})
+    child = Child("monitor.acquire.listen", {"host": host, "rate_hz": rate_hz, "every_tick": True})
     rows: list[Array] = []
     began_unix_s: float | None = None
     heard_at = time.monotonic()
