@@ -47,7 +47,7 @@ def assess(
         from monitor.config.load import load
 
         configuration = load(config)
-        arm, settings, standing = configuration.model, configuration.assess, configuration.mounting
+        arm, settings, standing = configuration.robot_description, configuration.assess, configuration.mounting
         if joint_gains is None:
             joint_gains = configuration.gains_nm_per_a
     else:
@@ -82,8 +82,10 @@ def rehearse(
     from monitor.views.terminal.tables import status as status_line
 
     configuration = load(config)
-    if configuration.model.joints != 6:
-        raise BadInput(f"rehearse: the fleet has six joints an arm; {configuration.robot.model} has {configuration.model.joints}")
+    if configuration.robot_description.joints != 6:
+        raise BadInput(
+            f"rehearse: the fleet has six joints an arm; {configuration.robot.model} has {configuration.robot_description.joints}"
+        )
     if plot is not None:
         from monitor.views.plots.identification import check_target
 

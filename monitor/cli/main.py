@@ -356,7 +356,7 @@ def predict(
 ) -> None:
     """Torque from the temperature-compensated model of a running daemon, or of its history."""
     configuration = _load(config)
-    joints = configuration.model.joints
+    joints = configuration.robot_description.joints
     request = {
         name: _numbers(text, f"--{name}", joints)
         for name, text in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", temperature))
@@ -391,12 +391,12 @@ def _local_torque(configuration: "Configuration", request: dict[str, Any]) -> di
 
     with Store.reader(configuration.state_directory) as store:
         state = store.state()
-        newest = store.friction(limit=configuration.model.joints)
+        newest = store.friction(limit=configuration.robot_description.joints)
     if state is None:
         raise BadInput(f"{configuration.state_directory}: no replay has been assessed yet, so there is no model")
     temperatures = [row.get("temperature_c") for row in newest]
     present = None if None in temperatures or not newest else np.array(temperatures)
-    answer: dict[str, Any] = plain(torque_answer(model_from_document(state.model), configuration.model, present, request))
+    answer: dict[str, Any] = plain(torque_answer(model_from_document(state.model), configuration.robot_description, present, request))
     return answer
 
 
@@ -439,7 +439,7 @@ def status(
     configuration = _load(config)
     with Store.reader(configuration.state_directory) as store:
         state = store.state()
-        newest = store.friction(limit=configuration.model.joints)
+        newest = store.friction(limit=configuration.robot_description.joints)
         ledger = store.ledger(limit=10)
     monitor = said(configuration.state_directory)
     document = {

@@ -83,7 +83,7 @@ class Configuration:
     overrides: tuple[str, ...] = ()  # variables of the environment that stand in for the file
 
     @property
-    def model(self) -> Robot:
+    def robot_description(self) -> Robot:
         """The robot's published parameters."""
         return load_robot(self.robot.model)
 

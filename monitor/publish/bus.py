@@ -24,7 +24,7 @@ import zenoh
 from monitor.errors import BadInput, BusError
 
 if TYPE_CHECKING:
-    from monitor.publish.permit import Answer as PermitAnswer
+    from monitor.publish.permit import PermitReply
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ _ID = re.compile(r"[a-z0-9_-]+\Z")
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
 
-class Answer(NamedTuple):
+class QueryHandler(NamedTuple):
     """Who answers a key, and with what kind of document.
 
     `about` gets the query's JSON object, or, where a key takes none, the selector's parameters; what it raises as BadInput becomes the
@@ -170,7 +170,7 @@ def encoding(kind: str) -> zenoh.Encoding:
 class Bus:
     """One open session: last values out, queries in. A context manager; `publish` never blocks for long and never raises."""
 
-    def __init__(self, settings: BusSettings, key_prefix: str, answers: Mapping[str, Answer] | None = None) -> None:
+    def __init__(self, settings: BusSettings, key_prefix: str, answers: Mapping[str, QueryHandler] | None = None) -> None:
         """Open the session.
 
         `answers` maps a key below the prefix to who answers there; only a query for exactly that key is answered, so that a wildcard
@@ -266,7 +266,7 @@ class Bus:
         """What a query on a key below the prefix is answered, for who is in this process. Raises BadInput as the error reply would say."""
         return self._answers[key].about(about)
 
-    def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> "PermitAnswer | None":
+    def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> "PermitReply | None":
         """Ask whoever answers `permit/replay`; None where nobody does in that time."""
         from monitor.publish.permit import asked
 

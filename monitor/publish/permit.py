@@ -19,16 +19,16 @@ log = logging.getLogger(__name__)
 KEY = "permit/replay"
 
 
-class Answer(NamedTuple):
+class PermitReply(NamedTuple):
     """What was answered."""
 
     allowed: bool
     told: str
 
 
-def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> Answer | None:
+def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
     """One question; None where nobody answered in that time."""
-    answers: list[Answer] = []
+    answers: list[PermitReply] = []
     silent = False  # somebody who answers this key has not yet
     try:
         replies = session.get(
@@ -40,7 +40,7 @@ def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout
             timeout=timeout_s,
         )
     except zenoh.ZError as error:
-        return Answer(False, f"permit/replay cannot be asked: {printable(str(error))}")
+        return PermitReply(False, f"permit/replay cannot be asked: {printable(str(error))}")
     for reply in replies:
         if reply.ok is not None:
             answers.append(_read(reply.ok.payload.to_bytes()))
@@ -48,22 +48,22 @@ def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout
             silent = True
         elif reply.err is not None:
             said = printable(reply.err.payload.to_bytes().decode(errors="replace"))
-            answers.append(Answer(False, f"permit/replay answered with an error: {said}"))
+            answers.append(PermitReply(False, f"permit/replay answered with an error: {said}"))
     refused = next((answer for answer in answers if not answer.allowed), None)
     if refused is not None or silent or not answers:
         return refused
     return answers[0]
 
 
-def _read(payload: bytes) -> Answer:
+def _read(payload: bytes) -> PermitReply:
     try:
         document = json.loads(payload)
     except (ValueError, RecursionError):
-        return Answer(False, f"permit/replay answered {payload[:80]!r}; expected JSON with allow and why")
+        return PermitReply(False, f"permit/replay answered {payload[:80]!r}; expected JSON with allow and why")
     if not isinstance(document, dict) or not isinstance(document.get("allow"), bool):
-        return Answer(False, f'permit/replay answered {payload[:80]!r}; expected {{"allow": true or false, "why": text}}')
+        return PermitReply(False, f'permit/replay answered {payload[:80]!r}; expected {{"allow": true or false, "why": text}}')
     why = printable(str(document.get("why", "no reason given")))
-    return Answer(document["allow"], f"permit/replay says {'yes' if document['allow'] else 'no'}: {why}")
+    return PermitReply(document["allow"], f"permit/replay says {'yes' if document['allow'] else 'no'}: {why}")
 
 
 def printable(text: str) -> str:
@@ -94,6 +94,6 @@ class Asker:
     def __exit__(self, *_: object) -> None:
         self._session.close()
 
-    def ask(self, about: Mapping[str, Any], timeout_s: float) -> Answer | None:
+    def ask(self, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
         """As `asked`."""
         return asked(self._session, self._prefix, about, timeout_s)

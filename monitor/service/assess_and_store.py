@@ -19,15 +19,15 @@ from monitor.judge.document import plain
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
 from monitor.model.robot import Robot
 from monitor.recording import Recording
-from monitor.store.database import Event, Store
-from monitor.store.provenance import circumstances
+from monitor.store.database import AlertEvent, Store
+from monitor.store.provenance import provenance
 from monitor.store.recordings import read_recording
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Held:
+class EstimatorState:
     """What is held true of the arm now; None before its first assessment."""
 
     belief: Belief | None = None
@@ -35,20 +35,20 @@ class Held:
     model: CompensatedModel | None = None
 
 
-class Entered(NamedTuple):
+class HistoryEntry(NamedTuple):
     """What one recording became."""
 
     outcome: Assessment | Rejected
-    events: list[Event]
+    events: list[AlertEvent]
     recording: Recording | None  # None where it cannot be read
 
 
-def held(store: Store) -> Held:
+def load_state(store: Store) -> EstimatorState:
     """As the last assessment, and what people said since, left it."""
     state = store.state()
     if state is None:
-        return Held()
-    return Held(
+        return EstimatorState()
+    return EstimatorState(
         belief=belief_from_document(state.belief), health=health_from_document(state.health), model=model_from_document(state.model)
     )
 
@@ -56,9 +56,9 @@ def held(store: Store) -> Held:
 def made_with(configuration: Configuration) -> dict[str, Any]:
     """Everything beside the recordings that can change a verdict: programs, processor, threads, arm and settings."""
     return {
-        "programs": circumstances(),
+        "programs": provenance(),
         "robot": configuration.robot.model,
-        "robot_digest": robot_digest(configuration.model),
+        "robot_digest": robot_digest(configuration.robot_description),
         "mounting_rad": list(configuration.mounting.angles_rad),
         "gains_nm_per_a": list(configuration.robot.gains_nm_per_a),
         "settings": plain(configuration.assess),
@@ -70,9 +70,9 @@ def robot_digest(robot: Robot) -> str:
     return hashlib.sha256(json.dumps(plain(robot), sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def enter(
-    store: Store, configuration: Configuration, held: Held, ledger_id: int, recording: Recording, now: Callable[[], float]
-) -> Entered:
+def assess_recording(
+    store: Store, configuration: Configuration, held: EstimatorState, ledger_id: int, recording: Recording, now: Callable[[], float]
+) -> HistoryEntry:
     """Assess a recording that the store has, and commit what follows; a rejection ends its window with the reason.
 
     Raises StoreError where the history does not take it.
@@ -80,7 +80,7 @@ def enter(
     outcome = _outcome(recording, configuration, held, ledger_id)
     if isinstance(outcome, Rejected):
         store.end(ledger_id, "rejected", outcome.reason, now())
-        return Entered(outcome, [], recording)
+        return HistoryEntry(outcome, [], recording)
     events = store.commit(
         ledger_id,
         at_unix_s=now(),
@@ -93,17 +93,19 @@ def enter(
         events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
         made_with=made_with(configuration),
     )
-    return Entered(outcome, events, recording)
+    return HistoryEntry(outcome, events, recording)
 
 
-def enter_stored(store: Store, configuration: Configuration, held: Held, ledger_id: int, now: Callable[[], float]) -> Entered:
+def assess_stored(
+    store: Store, configuration: Configuration, held: EstimatorState, ledger_id: int, now: Callable[[], float]
+) -> HistoryEntry:
     """The same for a recording that waits on disk; one that cannot be read is rejected."""
     try:
         recording = read_recording(store.recording_path(ledger_id))
     except BadInput as error:
         store.end(ledger_id, "rejected", str(error), now())
-        return Entered(Rejected(str(error)), [], None)
-    return enter(store, configuration, held, ledger_id, recording, now)
+        return HistoryEntry(Rejected(str(error)), [], None)
+    return assess_recording(store, configuration, held, ledger_id, recording, now)
 
 
 def adopt_orphans(store: Store, at_unix_s: float) -> int:
@@ -120,11 +122,11 @@ def adopt_orphans(store: Store, at_unix_s: float) -> int:
     return adopted
 
 
-def _outcome(recording: Recording, configuration: Configuration, held: Held, ledger_id: int) -> Assessment | Rejected:
+def _outcome(recording: Recording, configuration: Configuration, held: EstimatorState, ledger_id: int) -> Assessment | Rejected:
     try:
         return assess(
             recording,
-            robot=configuration.model,
+            robot=configuration.robot_description,
             mounting=configuration.mounting,
             belief=held.belief,
             health=held.health,
@@ -139,7 +141,7 @@ def _outcome(recording: Recording, configuration: Configuration, held: Held, led
         return Rejected(f"internal: {type(error).__name__}: {error}")
 
 
-def now_held(before: Held, entered: Entered) -> Held:
+def state_after(before: EstimatorState, entered: HistoryEntry) -> EstimatorState:
     """What is held true after it."""
     outcome = entered.outcome
-    return before if isinstance(outcome, Rejected) else Held(belief=outcome.belief, health=outcome.health, model=outcome.model)
+    return before if isinstance(outcome, Rejected) else EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)

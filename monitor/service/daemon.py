@@ -21,7 +21,7 @@ from monitor.judge.alerts.rules import stale
 from monitor.judge.document import plain
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.fourier import Excitation
-from monitor.publish.bus import Answer, Bus, log_refusals
+from monitor.publish.bus import Bus, QueryHandler, log_refusals
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
 from monitor.publish.health_document import health_told
 from monitor.publish.live_torque import LiveTorque
@@ -30,15 +30,15 @@ from monitor.publish.queries import MOST_EVENTS, events_after, history_question,
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.recording import Array, Context, Recording
-from monitor.service.assess_and_store import Held, adopt_orphans, enter_stored, held, now_held
+from monitor.service.assess_and_store import EstimatorState, adopt_orphans, assess_stored, load_state, state_after
 from monitor.service.info import info
-from monitor.service.maintenance import Upkeep
-from monitor.service.problems import Troubles
+from monitor.service.maintenance import Maintenance
+from monitor.service.problems import Problems
 from monitor.service.production import Production, Sample
-from monitor.service.recompute import rewind
-from monitor.service.scheduler import Mover
+from monitor.service.recompute import roll_back
+from monitor.service.scheduler import Scheduler
 from monitor.service.systemd import Heartbeats, Watchdog, notify, reloading
-from monitor.store.database import RESTORED, Event, LedgerRow, Store
+from monitor.store.database import RESTORED, AlertEvent, LedgerRow, Store
 from monitor.store.recordings import read_recording, write_recording
 from monitor.views.web.factory import page
 
@@ -70,10 +70,10 @@ class Daemon:
         self._store = store
         self._now = now
         self._play = play
-        self._robot = configuration.model
+        self._robot = configuration.robot_description
         self._started_at_unix_s = now()
         self._one_at_a_time = threading.Lock()
-        self._held = Held()
+        self._held = EstimatorState()
         self._live: LiveTorque | None = None
         self._next_due_unix_s: float | None = None
         self.production = Production(configuration.assess.residual)  # what is heard between replays
@@ -83,12 +83,12 @@ class Daemon:
         self.pull_forward: Callable[[float], None] | None = None  # production looked odd at that time: the next replay may come sooner
         self.on_busy: Callable[[], None] | None = None  # told often while a replay is under way, or its assessment
         answers = {
-            "torque": Answer("torque", self._answer_torque),
-            "history": Answer("history", self._answer_history, payload=False),
-            "event": Answer("events", self._answer_event, payload=False),
-            "cmd/ack": Answer("answer", self._answer_ack),
-            "cmd/shelve": Answer("answer", self._answer_shelve),
-            "cmd/replay": Answer("answer", self._answer_replay),
+            "torque": QueryHandler("torque", self._answer_torque),
+            "history": QueryHandler("history", self._answer_history, payload=False),
+            "event": QueryHandler("events", self._answer_event, payload=False),
+            "cmd/ack": QueryHandler("answer", self._answer_ack),
+            "cmd/shelve": QueryHandler("answer", self._answer_shelve),
+            "cmd/replay": QueryHandler("answer", self._answer_replay),
         }
         self.bus = Bus(configuration.bus, configuration.key_prefix, answers)
 
@@ -102,7 +102,7 @@ class Daemon:
         return self
 
     def _take_up(self) -> None:
-        self._held = held(self._store)
+        self._held = load_state(self._store)
         self._prepare_live(self._last_recording())
         if self._held.belief is not None:
             self.production.continue_from(self._held.belief.usage)
@@ -115,7 +115,7 @@ class Daemon:
             if adopted:
                 log.warning("%d recordings that the restored history does not know wait for their assessment", adopted)
         try:
-            self.mend(at_most=AT_START)
+            self.recover(at_most=AT_START)
             self._tell_restored()
         except StoreUnavailable as error:  # the schedule's thread tries again, and tells it
             log.warning("what the last run left half-way is finished later: %s", error)
@@ -123,7 +123,7 @@ class Daemon:
         for event in self._store.events(unpublished=True):
             self._say_event(event)
 
-    def mend(self, at_most: int | None = None) -> None:
+    def recover(self, at_most: int | None = None) -> None:
         """Finish what a crash, or a disk that took no more, left half-way: aborted, or assessed now. Raises StoreError."""
         with self._one_at_a_time:
             before = {row.id for row in self._store.ledger(states=("started",))}
@@ -135,10 +135,10 @@ class Daemon:
                 self._assess_stored(row.id)
                 self.busy()
 
-    def rewind(self) -> bool:
+    def roll_back(self) -> bool:
         """Take back what was learnt in a future that a wrong clock made up; False where the recordings to do so are gone."""
         with self._one_at_a_time, self._judging:
-            known = rewind(self._store, self._now())
+            known = roll_back(self._store, self._now())
             if known is not None:
                 self._held = known
                 self._prepare_live(self._last_recording())
@@ -160,7 +160,7 @@ class Daemon:
         return self.stopping.is_set()
 
     @property
-    def model(self) -> CompensatedModel | None:
+    def torque_model(self) -> CompensatedModel | None:
         """What is known of the arm's torque now."""
         return self._held.model
 
@@ -254,11 +254,11 @@ class Daemon:
 
     def _assess_stored(self, ledger_id: int) -> None:
         with self._judging:
-            entered = enter_stored(self._store, self.configuration, self._held, ledger_id, self._now)
+            entered = assess_stored(self._store, self.configuration, self._held, ledger_id, self._now)
             if isinstance(entered.outcome, Rejected):
                 return
             known = self._held.belief.context if self._held.belief else None
-            self._held = now_held(self._held, entered)
+            self._held = state_after(self._held, entered)
             self._prepare_live(entered.recording)
         self.busy()
         if entered.outcome.identification.temperature_c is not None:
@@ -335,7 +335,7 @@ class Daemon:
         place = "arm" if alert.joint is None else f"j{alert.joint}"
         self._say(f"alert/{place}/{alert.condition}", "alert", alert_document(alert))
 
-    def _say_event(self, event: Event) -> None:
+    def _say_event(self, event: AlertEvent) -> None:
         self.bus.event(_event_document(event), done=lambda: self._store.published(event.seq))
 
     def _say_info(self) -> None:
@@ -476,7 +476,7 @@ class Daemon:
             self.pull_forward(now)
 
 
-def _event_document(event: Event) -> dict[str, Any]:
+def _event_document(event: AlertEvent) -> dict[str, Any]:
     told = outside({"seq": event.seq, "at_unix_s": event.at_unix_s, **event.document})
     assert isinstance(told, dict)
     return told
@@ -510,7 +510,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
                 first_pass_path=store.first_pass_path(row.id),
                 ask=daemon.bus.ask_permit,
                 announce=lambda about: daemon.say_replay({"state": "announced", "replay": row.id, **about}),
-                model=daemon.model,
+                model=daemon.torque_model,
             )
 
         daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play))
@@ -522,18 +522,20 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
             # from another thread: the main one may hold the event's own lock at the moment of the signal
             signal.signal(number, lambda *_, event=event: threading.Thread(target=event.set, daemon=True).start())
 
-        heartbeats, troubles = Heartbeats(), Troubles(time.time)
+        heartbeats, problems = Heartbeats(), Problems(time.time)
         heartbeats.beat("bus", PATIENCE_S)  # one that never sends its first document is missed as well
-        mover = Mover(daemon, store, troubles)
-        upkeep = Upkeep(store, lambda: daemon.configuration.store, troubles, time.time)
-        daemon.wanted, daemon.pull_forward = mover.want, mover.evidence
+        scheduler = Scheduler(daemon, store, problems)
+        maintenance = Maintenance(store, lambda: daemon.configuration.store, problems, time.time)
+        daemon.wanted, daemon.pull_forward = scheduler.want, scheduler.evidence
         daemon.on_busy = lambda: heartbeats.beat("replays", PATIENCE_S)
         if replay_now:
-            mover.want()
+            scheduler.want()
         workers = [
             # one thread that lives as long as the service: a replay's child must not outlive the thread that started it
-            threading.Thread(target=mover.run, args=(daemon.stopping, daemon.busy), name="replays"),
-            threading.Thread(target=upkeep.run, args=(daemon.stopping, lambda: heartbeats.beat("upkeep", 10 * PATIENCE_S)), name="upkeep"),
+            threading.Thread(target=scheduler.run, args=(daemon.stopping, daemon.busy), name="replays"),
+            threading.Thread(
+                target=maintenance.run, args=(daemon.stopping, lambda: heartbeats.beat("upkeep", 10 * PATIENCE_S)), name="upkeep"
+            ),
         ]
         for worker in workers:
             worker.start()
@@ -546,14 +548,14 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         listener.start()
         stack.callback(listener.stop)
         notify("READY=1")
-        upcoming = mover.coming(1)
+        upcoming = scheduler.coming(1)
         following = rfc3339(upcoming[0].opens_unix_s) if upcoming else "never"
         log.info("watching robot=%s host=%s next=%s", configuration.robot.id, configuration.robot.host, following)
         stack.callback(notify, "STOPPING=1\nSTATUS=stopping")
-        _watch(daemon, listener, mover, upkeep, troubles, heartbeats, hangup)
+        _watch(daemon, listener, scheduler, maintenance, problems, heartbeats, hangup)
         log.info("stopping")
-        if upkeep.damaged is not None:
-            raise StoreError(f"{store.directory}: the history was found damaged: {upkeep.damaged}; the next start restores it")
+        if maintenance.damaged is not None:
+            raise StoreError(f"{store.directory}: the history was found damaged: {maintenance.damaged}; the next start restores it")
 
 
 def _opened(directory: Path, stack: ExitStack) -> Store:
@@ -578,16 +580,16 @@ def _opened(directory: Path, stack: ExitStack) -> Store:
 def _watch(
     daemon: Daemon,
     listener: Any,
-    mover: Mover,
-    upkeep: Upkeep,
-    troubles: Troubles,
+    scheduler: Scheduler,
+    maintenance: Maintenance,
+    problems: Problems,
     heartbeats: Heartbeats,
     hangup: threading.Event,
 ) -> None:
     """Main loop: live predictions from what is heard; how the arm and the monitor are; the watchdog, while everybody is alive."""
     watchdog = Watchdog(heartbeats)
     said_health = said_monitor = live_due = 0.0
-    while not daemon.stopping.wait(min(0.5 / daemon.configuration.bus.live_rate_hz, LONGEST_PAUSE_S)) and upkeep.damaged is None:
+    while not daemon.stopping.wait(min(0.5 / daemon.configuration.bus.live_rate_hz, LONGEST_PAUSE_S)) and maintenance.damaged is None:
         period_s = 1.0 / daemon.configuration.bus.live_rate_hz
         fresh = listener.poll()
         if fresh and (now := time.monotonic()) >= live_due - 0.25 * period_s:  # a row may come a little early, and is not left out for it
@@ -596,44 +598,44 @@ def _watch(
             daemon.live(state.q, state.qd, state.target_qdd, state.current, state.temperature_c)
         daemon.bus.robot_alive(listener.reachable)
         state = listener.latest()
-        mover.heard(
+        scheduler.heard(
             listener.reachable and state is not None and state.robot_mode == ROBOT_MODE_RUNNING,
             None if state is None or not listener.reachable else tuple(state.temperature_c.tolist()),
         )
-        troubles.said("arm", listener.trouble)
-        troubles.said("restored", daemon.restored)
+        problems.said("arm", listener.trouble)
+        problems.said("restored", daemon.restored)
         if hangup.is_set():
             hangup.clear()
-            reload(daemon, mover, upkeep)
+            reload(daemon, scheduler, maintenance)
         now = time.monotonic()
         if now - said_health >= daemon.configuration.bus.health_period_s or not said_health:
             said_health = now
             try:
                 daemon.clear_own()
             except StoreError as error:  # the next round tries again
-                troubles.found("store", str(error))
+                problems.found("store", str(error))
             daemon.say_health()
         if now - said_monitor >= MONITOR_PERIOD_S or not said_monitor:
             said_monitor = now
-            troubles.said("router", daemon.bus.without_router())
-            document = upkeep.document(_known(daemon, listener, mover, heartbeats))
+            problems.said("router", daemon.bus.without_router())
+            document = maintenance.document(_known(daemon, listener, scheduler, heartbeats))
             # the sender's heartbeat is that this document leaves, whatever the history does
             daemon.say_monitor(document, done=lambda: heartbeats.beat("bus", PATIENCE_S))
-            upkeep.write(document)
+            maintenance.write(document)
             notify(f"STATUS={status_line(daemon.health_state, document)}")
         watchdog.look()
 
 
-def _known(daemon: Daemon, listener: Any, mover: Mover, heartbeats: Heartbeats) -> dict[str, Any]:
+def _known(daemon: Daemon, listener: Any, scheduler: Scheduler, heartbeats: Heartbeats) -> dict[str, Any]:
     """What the monitor's own document says beside what upkeep knows."""
     try:
-        upcoming = mover.coming(1)
+        upcoming = scheduler.coming(1)
     except StoreError:  # told as trouble by whoever needs more of it than this
         upcoming = []
     return {
         "next_replay_due_unix_s": upcoming[0].opens_unix_s if upcoming else None,
         "next_replay_why": upcoming[0].why if upcoming else None,
-        "lag_s": mover.lag_s,
+        "lag_s": scheduler.lag_s,
         "arm": {"heard": listener.reachable, "trouble": listener.trouble},
         "bus": daemon.bus.lengths(),
         "workers": heartbeats.ages_s(),
@@ -641,19 +643,19 @@ def _known(daemon: Daemon, listener: Any, mover: Mover, heartbeats: Heartbeats) 
     }
 
 
-def reload(daemon: Daemon, mover: Mover, upkeep: Upkeep) -> None:
+def reload(daemon: Daemon, scheduler: Scheduler, maintenance: Maintenance) -> None:
     """SIGHUP: the configuration once more; all of it is right, or nothing of it is taken."""
     reloading()
     try:
         found = reloaded(daemon.configuration, load(daemon.configuration.path))
     except BadConfiguration as error:
         log.error("reload refused, the old configuration stays: %s", error)
-        upkeep.reload = {"at_unix_s": time.time(), "done": False, "told": str(error), "waiting": []}
+        maintenance.reload = {"at_unix_s": time.time(), "done": False, "told": str(error), "waiting": []}
     else:
         daemon.reconfigured(found.configuration)
-        mover.reconsider()
+        scheduler.reconsider()
         log.info("reloaded: %s", found.told)
-        upkeep.reload = {"at_unix_s": time.time(), "done": True, "told": found.told, "waiting": list(found.waiting)}
+        maintenance.reload = {"at_unix_s": time.time(), "done": True, "told": found.told, "waiting": list(found.waiting)}
     notify("READY=1")
 
 

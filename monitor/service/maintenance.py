@@ -17,11 +17,11 @@ from monitor import __version__
 from monitor.config.load import StoreSettings
 from monitor.errors import StoreError
 from monitor.publish.timestamps import outside
-from monitor.service.problems import Troubles
+from monitor.service.problems import Problems
 from monitor.service.scheduler import too_little_room
 from monitor.store.backup import HISTORY, backups, lost, made_at_unix_s
 from monitor.store.database import Store
-from monitor.store.provenance import circumstances
+from monitor.store.provenance import provenance
 
 log = logging.getLogger(__name__)
 
@@ -33,11 +33,11 @@ SAID = "monitor.json"
 SILENT_S = 60.0  # it speaks every ten seconds
 
 
-class Upkeep:
+class Maintenance:
     """Call `look` often, or `run` in a thread."""
 
-    def __init__(self, store: Store, settings: Callable[[], StoreSettings], troubles: Troubles, now: Callable[[], float]) -> None:
-        self._store, self._settings, self._troubles, self._now = store, settings, troubles, now
+    def __init__(self, store: Store, settings: Callable[[], StoreSettings], problems: Problems, now: Callable[[], float]) -> None:
+        self._store, self._settings, self._problems, self._now = store, settings, problems, now
         self._began_unix_s = now()
         self._began = time.monotonic()
         self._cared: float | None = None  # monotonic: when it was last backed up and tidied, or that was tried
@@ -51,7 +51,7 @@ class Upkeep:
             try:
                 self.look()
             except StoreError as error:
-                self._troubles.found("store", str(error))
+                self._problems.found("store", str(error))
             except Exception:  # what looks after the others must outlive a fault of ours; the stack says which
                 log.exception("upkeep met a fault")
             stopping.wait(LOOK_EVERY_S)
@@ -59,10 +59,10 @@ class Upkeep:
     def look(self) -> None:
         """Disk and clock now; backup and retention at the start and once a day."""
         short = too_little_room(self._store, self._settings().least_free_mb)
-        self._troubles.said("disk", None if short is None else short.removeprefix("disk: "))
-        self._troubles.said("clock_behind", self._behind())
-        self._troubles.said("stop", self._stopped())
-        if self._cared is None or time.monotonic() - self._cared >= (FRESH_S if "backup" in self._troubles else DAY_S):
+        self._problems.said("disk", None if short is None else short.removeprefix("disk: "))
+        self._problems.said("clock_behind", self._behind())
+        self._problems.said("stop", self._stopped())
+        if self._cared is None or time.monotonic() - self._cared >= (FRESH_S if "backup" in self._problems else DAY_S):
             self._cared = time.monotonic()
             self.care()
 
@@ -73,23 +73,23 @@ class Upkeep:
             wrong = lost(self._store.directory)
             if wrong is not None:
                 self.damaged = wrong
-                self._troubles.found("store", f"the history is damaged: {wrong}; it is restored by the next start")
+                self._problems.found("store", f"the history is damaged: {wrong}; it is restored by the next start")
                 return
             newest = next(iter(backups(self._store.directory)), None)
             # by the host's own clock, which also names them; one from the future was made by a wrong clock
             if newest is None or not -FRESH_S < time.time() - made_at_unix_s(newest) < FRESH_S:
                 made = self._store.back_up(settings.backups)
                 log.info("backup %s, %.1f MB", made.name, made.stat().st_size / 1e6)
-            self._troubles.over("backup")
+            self._problems.over("backup")
         except StoreError as error:
-            self._troubles.found("backup", str(error))
+            self._problems.found("backup", str(error))
         try:
-            gone = self._store.let_go(days=settings.recordings_days, most_bytes=1e9 * settings.recordings_gb, at_unix_s=now)
+            gone = self._store.prune(days=settings.recordings_days, most_bytes=1e9 * settings.recordings_gb, at_unix_s=now)
             if gone:
                 log.info("let go of %d recordings, %s to %s", len(gone), gone[0], gone[-1])
-            self._troubles.over("retention")
+            self._problems.over("retention")
         except StoreError as error:
-            self._troubles.found("retention", str(error))
+            self._problems.found("retention", str(error))
 
     def _behind(self) -> str | None:
         """Whether the history knows of later times than the clock."""
@@ -113,7 +113,7 @@ class Upkeep:
         try:
             last = store.ledger(limit=1)
         except StoreError as error:  # the rest is worth telling all the more
-            self._troubles.found("store", str(error))
+            self._problems.found("store", str(error))
             last = []
         newest = next(iter(backups(store.directory)), None)
         usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
@@ -123,11 +123,11 @@ class Upkeep:
             free = about.f_bavail * about.f_frsize
         return {
             "version": __version__,
-            "programs": circumstances(),
+            "programs": provenance(),
             "started_at_unix_s": self._began_unix_s,
             "uptime_s": round(time.monotonic() - self._began, 1),
             "said_at_unix_s": self._now(),
-            "troubles": self._troubles.listed(),
+            "troubles": self._problems.listed(),
             "last_replay": None
             if not last
             else {

@@ -19,7 +19,7 @@ from monitor.config.load import Configuration
 from monitor.errors import ReplayAborted, StoreError
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.fourier import Excitation
-from monitor.publish.permit import Answer
+from monitor.publish.permit import PermitReply
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
 from monitor.store.backup import present
@@ -28,7 +28,7 @@ from monitor.store.recordings import write_recording
 
 log = logging.getLogger(__name__)
 
-AskAnswer = Callable[[Mapping[str, Any], float], Answer | None]
+AskAnswer = Callable[[Mapping[str, Any], float], PermitReply | None]
 
 
 def move(
@@ -48,7 +48,7 @@ def move(
 
     Raises as `acquire.replay.replay`, and StoreError where the first pass cannot be kept.
     """
-    settings, robot = configuration.replay, configuration.model
+    settings, robot = configuration.replay, configuration.robot_description
 
     def play(played: Excitation, *, slowly: bool) -> Recording:
         waiting = store.waiting_stops()
@@ -96,7 +96,7 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
     return look_at(
         configuration.replay,
         configuration.excitation,
-        configuration.model,
+        configuration.robot_description,
         configuration.context,
         stopped_before=told,
         ask=None if ask is None else _permit(ask),

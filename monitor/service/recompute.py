@@ -14,9 +14,9 @@ from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.recording import Array, Recording
-from monitor.service.assess_and_store import Held, robot_digest
-from monitor.store.database import Event, Store, Verdict
-from monitor.store.provenance import circumstances, differences
+from monitor.service.assess_and_store import EstimatorState, robot_digest
+from monitor.store.database import AlertEvent, Store, StoredAssessment
+from monitor.store.provenance import differences, provenance
 from monitor.store.recordings import read_recording
 
 MOST_TOLD = 20  # verdicts that differ, each with what differs
@@ -46,7 +46,7 @@ def recompute(store: Store) -> dict[str, Any]:
     The document says how many came out the same to the last bit, which did not and in what, and what has changed since they were made.
     A verdict whose recording retention has removed cannot be recomputed; those after it go on from the next checkpoint.
     """
-    held: Held | None = Held()  # None: unknown until the next checkpoint
+    held: EstimatorState | None = EstimatorState()  # None: unknown until the next checkpoint
     tally = _Tally()
     differing: list[dict[str, Any]] = []
     changed: dict[str, None] = {}
@@ -60,7 +60,7 @@ def recompute(store: Store) -> dict[str, Any]:
             tally.unknown += 1
         else:
             made_with = store.made_with(verdict.made_with)
-            changed |= dict.fromkeys(differences(made_with["programs"], circumstances()))
+            changed |= dict.fromkeys(differences(made_with["programs"], provenance()))
             if made_with["robot_digest"] != robot_digest(load_robot(made_with["robot"])):
                 changed |= {f"parameters of the {made_with['robot']}": None}
         if isinstance(outcome, Assessment):
@@ -69,7 +69,7 @@ def recompute(store: Store) -> dict[str, Any]:
             tally.different += bool(wrong)
             if wrong and len(differing) < MOST_TOLD:
                 differing.append({"replay": verdict.ledger_id, "figures": len(wrong), "differs": wrong[:MOST_TOLD]})
-            held = Held(belief=outcome.belief, health=outcome.health, model=outcome.model)
+            held = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
         elif held is not None and why and not why.startswith("gone"):
             tally.different += 1
             differing.append({"replay": verdict.ledger_id, "figures": 1, "differs": [why]})
@@ -78,7 +78,7 @@ def recompute(store: Store) -> dict[str, Any]:
             tally.gone += 1
             held = None
         if held is None and (kept := store.checkpoint(verdict.ledger_id)) is not None:
-            held = Held(belief=belief_from_document(kept[0]), health=health_from_document(kept[1]))
+            held = EstimatorState(belief=belief_from_document(kept[0]), health=health_from_document(kept[1]))
     return {
         "assessments": tally.identical + tally.different + tally.gone,
         "identical": tally.identical,
@@ -87,11 +87,11 @@ def recompute(store: Store) -> dict[str, Any]:
         "unknown_circumstances": tally.unknown,
         "changed_since": list(changed),
         "differing": differing,
-        "circumstances": circumstances(),
+        "circumstances": provenance(),
     }
 
 
-def _again(store: Store, verdict: Verdict, held: Held) -> tuple[Assessment | None, str]:
+def _again(store: Store, verdict: StoredAssessment, held: EstimatorState) -> tuple[Assessment | None, str]:
     """The verdict once more, or why not."""
     made, why = _made(store, verdict)
     if made is None:
@@ -112,7 +112,7 @@ def _again(store: Store, verdict: Verdict, held: Held) -> tuple[Assessment | Non
     return (None, f"is rejected now: {outcome.reason}") if isinstance(outcome, Rejected) else (outcome, "")
 
 
-def _made(store: Store, verdict: Verdict) -> tuple[_Made | None, str]:
+def _made(store: Store, verdict: StoredAssessment) -> tuple[_Made | None, str]:
     """What a verdict was made of, or why that is not known any more."""
     try:
         recording = read_recording(store.recording_path(verdict.ledger_id))
@@ -131,7 +131,7 @@ def _made(store: Store, verdict: Verdict) -> tuple[_Made | None, str]:
     ), ""
 
 
-def _model_of(store: Store, verdict: Verdict, belief: Belief) -> CompensatedModel | None:
+def _model_of(store: Store, verdict: StoredAssessment, belief: Belief) -> CompensatedModel | None:
     """The model that a checkpoint does not hold; None where the verdict's recording is gone."""
     made, _ = _made(store, verdict)
     if made is None:
@@ -142,17 +142,17 @@ def _model_of(store: Store, verdict: Verdict, belief: Belief) -> CompensatedMode
         return None
 
 
-def rewind(store: Store, now_unix_s: float) -> Held | None:
+def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
     """Take back what was learnt while the clock was in the future: those replays become rejected, windows skipped then open again.
 
     Returns what is held true without them; None, and nothing is changed, where the recordings to find that out are gone.
     """
     verdicts = [verdict for verdict in store.verdicts() if verdict.recorded_at_unix_s <= now_unix_s]
-    known, start = Held(), 0
+    known, start = EstimatorState(), 0
     for k in range(len(verdicts) - 2, -1, -1):  # one at least is judged again: a checkpoint holds no model
         if (kept := store.checkpoint(verdicts[k].ledger_id)) is not None:
             belief = belief_from_document(kept[0])
-            known = Held(belief=belief, health=health_from_document(kept[1]), model=_model_of(store, verdicts[k], belief))
+            known = EstimatorState(belief=belief, health=health_from_document(kept[1]), model=_model_of(store, verdicts[k], belief))
             start = k + 1
             break
     words = [event for event in store.events() if event.ledger_id is None]
@@ -162,7 +162,7 @@ def rewind(store: Store, now_unix_s: float) -> Held | None:
         outcome, _ = _again(store, verdict, _with_words(known, told))
         if outcome is None:
             return None
-        known = Held(belief=outcome.belief, health=outcome.health, model=outcome.model)
+        known = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
         since = verdict.judged_at_unix_s
     documents = None
     if known.belief is not None and known.health is not None and known.model is not None:
@@ -171,7 +171,7 @@ def rewind(store: Store, now_unix_s: float) -> Held | None:
     return known
 
 
-def _with_words(held: Held, events: list[Event]) -> Held:
+def _with_words(held: EstimatorState, events: list[AlertEvent]) -> EstimatorState:
     """What people, or the monitor itself, said of alerts between two replays is part of the health that the next one begins with."""
     health = held.health
     if health is None or not events:
@@ -180,7 +180,7 @@ def _with_words(held: Held, events: list[Event]) -> Held:
     for event in events:
         alert = alert_from_document(event.document)
         alerts[alert.key] = alert
-    return Held(belief=held.belief, health=replace(health, alerts=tuple(alerts.values())), model=held.model)
+    return EstimatorState(belief=held.belief, health=replace(health, alerts=tuple(alerts.values())), model=held.model)
 
 
 def alert_from_document(document: dict[str, Any]) -> Alert:

@@ -12,7 +12,7 @@ from monitor.config.load import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import TIERS
 from monitor.publish.timestamps import outside, rfc3339
-from monitor.store.database import Event, Stop, Store
+from monitor.store.database import AlertEvent, Stop, Store
 
 GAP = 2.5  # times the usual interval: longer, and the arm was not watched
 FACTS = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest")
@@ -69,7 +69,7 @@ def report(
             "alerts": _alerts(until, state.health if state else None, begin, end),
             "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
             "contexts": contexts,
-            "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.model.joints),
+            "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.robot_description.joints),
             "stops": [_stop(stop, end) for stop in store.stops() if begin <= stop.at_unix_s < end],
             "warnings": warnings,
             "limits": list(LIMITS),
@@ -155,7 +155,7 @@ def _newest(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def _stale(rows: Sequence[Mapping[str, Any]], begin: float, end: float, configuration: Configuration) -> list[dict[str, Any]]:
     """Joints of which the period's replays taught nothing in its last `stale_days`; none where the period is shorter than that."""
     limit = end - configuration.assess.health.stale_days * DAY_S
-    learnt: dict[int, float | None] = dict.fromkeys(range(1, configuration.model.joints + 1))
+    learnt: dict[int, float | None] = dict.fromkeys(range(1, configuration.robot_description.joints + 1))
     for row in rows:
         # without a figure of its own, or of an old history without any, the replay said nothing of the joint
         if row.get("replay_torque_nm", row["reference_torque_nm"]) is not None:
@@ -163,7 +163,7 @@ def _stale(rows: Sequence[Mapping[str, Any]], begin: float, end: float, configur
     return [{"joint": joint, "learnt_at_unix_s": at} for joint, at in learnt.items() if (begin if at is None else at) < limit]
 
 
-def _alerts(until: Sequence[Event], health: Mapping[str, Any] | None, begin: float, end: float) -> list[dict[str, Any]]:
+def _alerts(until: Sequence[AlertEvent], health: Mapping[str, Any] | None, begin: float, end: float) -> list[dict[str, Any]]:
     """The last alert of every condition that was active at some time of the period, as it stood at the period's end.
 
     until : all transitions before the end; `health` knows alerts of a history that has lost its transitions.

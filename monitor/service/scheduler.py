@@ -17,7 +17,7 @@ from monitor.acquire.schedule.windows import Asked, ColdStart, Warmth, Window, c
 from monitor.config.load import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
-from monitor.service.problems import Troubles
+from monitor.service.problems import Problems
 from monitor.store.database import LedgerRow, Store
 
 log = logging.getLogger(__name__)
@@ -43,10 +43,10 @@ class Performer(Protocol):
     def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
         """Enter a window as skipped."""
 
-    def mend(self) -> None:
+    def recover(self) -> None:
         """Finish what a failing disk left half-way."""
 
-    def rewind(self) -> bool:
+    def roll_back(self) -> bool:
         """Take back what was learnt in a future that a wrong clock made up; whether it could be."""
 
     def next_due(self, unix_s: float | None) -> None:
@@ -61,11 +61,11 @@ class Clocks:
     monotonic: Callable[[], float] = lambda: time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
-class Mover:
+class Scheduler:
     """Call `tick` often, or `run` in a thread; `heard`, `want` and `evidence` from any."""
 
-    def __init__(self, daemon: Performer, store: Store, troubles: Troubles, clocks: Clocks | None = None) -> None:
-        self._daemon, self._store, self._troubles, self._clocks = daemon, store, troubles, clocks or Clocks()
+    def __init__(self, daemon: Performer, store: Store, problems: Problems, clocks: Clocks | None = None) -> None:
+        self._daemon, self._store, self._problems, self._clocks = daemon, store, problems, clocks or Clocks()
         self._salt = daemon.configuration.key_prefix
         self._wanted: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._wake = threading.Event()
@@ -123,10 +123,10 @@ class Mover:
             try:
                 self.tick()
             except MonitorError as error:
-                self._troubles.found("store", str(error))
+                self._problems.found("store", str(error))
             except Exception as error:  # the schedule must outlive one fault of ours; the stack says which
                 log.exception("the schedule met a fault")
-                self._troubles.found("fault", f"{type(error).__name__}: {error}")
+                self._problems.found("fault", f"{type(error).__name__}: {error}")
             self._wake.wait(TICK_S)
             self._wake.clear()
 
@@ -137,11 +137,11 @@ class Mover:
         """
         now, monotonic = self._clocks.now(), self._clocks.monotonic()
         self._compare_clocks(now, monotonic)
-        if "store" in self._troubles or self._store.unfinished():
-            self._daemon.mend()
-            self._troubles.over("store")
+        if "store" in self._problems or self._store.unfinished():
+            self._daemon.recover()
+            self._problems.over("store")
         if now < EARLIEST_UNIX_S:
-            self._troubles.found("clock", f"the clock says {rfc3339(now)}; nothing is replayed before it has been set right")
+            self._problems.found("clock", f"the clock says {rfc3339(now)}; nothing is replayed before it has been set right")
             return
         if not self._wanted.empty():
             while not self._wanted.empty():  # several who ask at once are served by one
@@ -149,7 +149,7 @@ class Mover:
             self._requested()
         if monotonic < self._doubt_until:
             return
-        self._troubles.over("clock")
+        self._problems.over("clock")
         if now < self._next_look and now - self._watched < LOOK_EVERY_S:
             return
         self._look(now)
@@ -231,7 +231,7 @@ class Mover:
                     self._store.set_note(_FORWARD, json.dumps([self._last[0], now]))
                     self._doubt_until = monotonic + DOUBT_S
                     told = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
-                    self._troubles.found("clock", told)
+                    self._problems.found("clock", told)
                 elif jump < 0:
                     self._doubt_until = 0.0
         noted = self._store.note(_FORWARD) if self._last is None or now < self._last[0] else None
@@ -245,10 +245,10 @@ class Mover:
         newest, lasted = max(watched, self._store.newest_unix_s() or 0.0), max(0.0, watched - after)
         if before + lasted - DOUBTED_JUMP_S <= now < newest - DOUBTED_JUMP_S:
             self._store.set_note(_FORWARD, "")
-            if self._daemon.rewind():
+            if self._daemon.roll_back():
                 log.warning("the clock is back from the future: what was learnt there is taken back")
             else:
-                self._troubles.found("rewind", "replays dated in the future cannot be taken back: older recordings are gone")
+                self._problems.found("rewind", "replays dated in the future cannot be taken back: older recordings are gone")
 
 
 def too_little_room(store: Store, least_free_mb: float) -> str | None:

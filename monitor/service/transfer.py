@@ -12,7 +12,7 @@ from monitor.config.load import Configuration
 from monitor.errors import BadInput, StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import JOINT_COLUMNS, Recording
-from monitor.service.assess_and_store import enter_stored, held, now_held
+from monitor.service.assess_and_store import assess_stored, load_state, state_after
 from monitor.store.database import Store
 from monitor.store.recordings import read_recording, write_recording
 from monitor.store.series import Entry, Series, dated
@@ -120,9 +120,9 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
     Raises BadInput, and nothing is changed, where one is not later than what was learnt last, is of a time to come, or hangs otherwise than
     this arm.
     """
-    robot, mounting = configuration.model, configuration.mounting
+    robot, mounting = configuration.robot_description, configuration.mounting
     found = dated(Series(entries=entries, robot=robot, mounting=mounting, columns=columns))
-    known = held(store)
+    known = load_state(store)
     last = None if known.belief is None else known.belief.at_unix_s
     for recording, hangs in found:
         at = recording.context.recorded_at_unix_s or 0.0
@@ -145,8 +145,8 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
             continue
         write_recording(store.recording_path(ledger_id), recording)
         store.recorded(ledger_id)
-        entered = enter_stored(store, configuration, known, ledger_id, time.time)
-        known = now_held(known, entered)
+        entered = assess_stored(store, configuration, known, ledger_id, time.time)
+        known = state_after(known, entered)
         if isinstance(entered.outcome, Rejected):
             told["rejected"].append({"file": recording.source, "reason": entered.outcome.reason})
         else:

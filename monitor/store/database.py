@@ -23,7 +23,7 @@ import orjson
 
 from monitor.errors import StoreError
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
-from monitor.store.retention import Kept, to_let_go
+from monitor.store.retention import KeptRecording, to_prune
 from monitor.store.schema import SCHEMA_VERSION, check_version, migrate, schema_of
 
 _LEDGER_KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
@@ -32,7 +32,7 @@ MOST_BACKUPS = 365  # days: none is let go of where nobody has said how many
 CHECKPOINT_EVERY = 30  # assessments; a recomputation need not go further back, and 5 years are 240 of them
 
 
-class Event(NamedTuple):
+class AlertEvent(NamedTuple):
     """One transition of an alert, numbered without gaps in the order in which they happened."""
 
     seq: int
@@ -56,7 +56,7 @@ class LedgerRow:
     removed_at_unix_s: float | None = None  # when retention let go of the recording
 
 
-class Verdict(NamedTuple):
+class StoredAssessment(NamedTuple):
     """One past assessment, as it was stored."""
 
     ledger_id: int
@@ -87,7 +87,7 @@ class Stop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class State:
+class StoredState:
     """What is held true now, as the documents that the rooms wrote."""
 
     revision: int  # counts assessments
@@ -400,7 +400,7 @@ class Store:
         model: Mapping[str, Any],
         events: Sequence[Mapping[str, Any]],
         made_with: Mapping[str, Any] | None = None,
-    ) -> list[Event]:
+    ) -> list[AlertEvent]:
         """One assessment with all that follows from it, and what it was made with, in one transaction.
 
         Returns the events with the sequence numbers that they were given.
@@ -426,21 +426,23 @@ class Store:
                 db.execute("INSERT INTO checkpoint VALUES (?, ?, ?)", (ledger_id, _packed(belief), _packed(health)))
             return _numbered(db, ledger_id, at_unix_s, events)
 
-    def state(self) -> State | None:
+    def state(self) -> StoredState | None:
         """What is held true now; None before the first assessment."""
         rows = self._rows("SELECT revision, belief, health, model FROM state")
         if not rows:
             return None
         ((revision, belief, health, model),) = rows
-        return State(revision=revision, belief=json.loads(belief), health=json.loads(health), model=json.loads(model))
+        return StoredState(revision=revision, belief=json.loads(belief), health=json.loads(health), model=json.loads(model))
 
-    def verdicts(self) -> list[Verdict]:
+    def verdicts(self) -> list[StoredAssessment]:
         """Every past assessment in the order in which they were made."""
         rows = self._rows(
             "SELECT ledger_id, recorded_at_unix_s, ended_at_unix_s, document, made_with FROM assessment JOIN ledger ON id = ledger_id "
             "ORDER BY recorded_at_unix_s, ledger_id"
         )
-        return [Verdict(ledger_id, at, judged_at, json.loads(text), made_with) for ledger_id, at, judged_at, text, made_with in rows]
+        return [
+            StoredAssessment(ledger_id, at, judged_at, json.loads(text), made_with) for ledger_id, at, judged_at, text, made_with in rows
+        ]
 
     def made_with(self, digest: str) -> dict[str, Any]:
         """The circumstances of that digest."""
@@ -523,20 +525,20 @@ class Store:
 
     # --- events -----------------------------------------------------------------------------
 
-    def revise(self, health: Mapping[str, Any], events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[Event]:
+    def revise(self, health: Mapping[str, Any], events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[AlertEvent]:
         """What a person did to alerts, in one transaction: the health that follows, and the transitions with their numbers."""
         with self._transaction() as db:
             if db.execute("UPDATE state SET health = ?", (_text(health),)).rowcount != 1:
                 raise StoreError("no replay has been assessed yet")
             return _numbered(db, None, at_unix_s, events)
 
-    def events(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> list[Event]:
+    def events(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> list[AlertEvent]:
         """The newest `limit` transitions after number `after`, in order; only those that were never published where asked."""
         rows = self._rows(
             "SELECT seq, at_unix_s, document, ledger_id FROM event WHERE published <= ? AND seq > ? ORDER BY seq DESC LIMIT ?",
             (0 if unpublished else 1, after, -1 if limit is None else limit),
         )
-        return [Event(seq, at, json.loads(document), ledger_id) for seq, at, document, ledger_id in reversed(rows)]
+        return [AlertEvent(seq, at, json.loads(document), ledger_id) for seq, at, document, ledger_id in reversed(rows)]
 
     def _number_events_from(self, at_unix_s: float) -> None:
         """The numbers that a damaged history gave out since its backup are not known, and must not mean something else to who heard them.
@@ -592,7 +594,7 @@ class Store:
         """A backup now, beside whoever writes; of each of the newest `keep` days the newest stays. Raises StoreError."""
         return back_up(self.directory, keep)
 
-    def let_go(self, *, days: float, most_bytes: float, at_unix_s: float) -> list[str]:
+    def prune(self, *, days: float, most_bytes: float, at_unix_s: float) -> list[str]:
         """Remove the recordings beyond these limits (0: none), and note it with their windows. Returns their names.
 
         Raises StoreError where one cannot be removed.
@@ -603,20 +605,20 @@ class Store:
                 continue
             path = self.recordings / row.recording
             try:
-                kept.append(Kept(row.id, path, row.started_at_unix_s, path.stat().st_size))
+                kept.append(KeptRecording(row.id, path, row.started_at_unix_s, path.stat().st_size))
             except FileNotFoundError:
-                self._let_go(row.id, at_unix_s)  # a person took it, or a crash came between removing and noting
-        going = to_let_go(kept, days=days, most_bytes=most_bytes, now_unix_s=at_unix_s)
+                self._note_removed(row.id, at_unix_s)  # a person took it, or a crash came between removing and noting
+        going = to_prune(kept, days=days, most_bytes=most_bytes, now_unix_s=at_unix_s)
         for each in going:
             try:
                 each.path.unlink(missing_ok=True)
                 self.first_pass_path(each.ledger_id).unlink(missing_ok=True)
             except OSError as error:
                 raise StoreError(f"{each.path}: cannot be removed: {error.strerror}") from None
-            self._let_go(each.ledger_id, at_unix_s)
+            self._note_removed(each.ledger_id, at_unix_s)
         return [each.path.name for each in going]
 
-    def _let_go(self, ledger_id: int, at_unix_s: float) -> None:
+    def _note_removed(self, ledger_id: int, at_unix_s: float) -> None:
         with self._transaction() as db:
             db.execute("UPDATE ledger SET removed_at_unix_s = ? WHERE id = ?", (float(at_unix_s), ledger_id))
 
@@ -632,13 +634,13 @@ def _packed(document: Mapping[str, Any]) -> bytes:
     return zlib.compress(_text(document).encode())
 
 
-def _numbered(db: sqlite3.Connection, ledger_id: int | None, at_unix_s: float, events: Sequence[Mapping[str, Any]]) -> list[Event]:
+def _numbered(db: sqlite3.Connection, ledger_id: int | None, at_unix_s: float, events: Sequence[Mapping[str, Any]]) -> list[AlertEvent]:
     numbered = []
     for document in events:
         cursor = db.execute(
             "INSERT INTO event (ledger_id, at_unix_s, document) VALUES (?, ?, ?)", (ledger_id, float(at_unix_s), _text(document))
         )
-        numbered.append(Event(int(cursor.lastrowid or 0), float(at_unix_s), dict(document), ledger_id))
+        numbered.append(AlertEvent(int(cursor.lastrowid or 0), float(at_unix_s), dict(document), ledger_id))
     return numbered
 
 

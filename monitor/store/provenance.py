@@ -12,7 +12,7 @@ PACKAGES = ("numpy", "scipy", "filterpy", "pyarrow")  # whose arithmetic, or who
 
 
 @cache
-def circumstances() -> dict[str, Any]:
+def provenance() -> dict[str, Any]:
     """Of this process."""
     import numpy as np
 

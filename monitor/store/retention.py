@@ -6,7 +6,7 @@ from typing import NamedTuple
 LEAST_KEPT = 10  # whatever the limits say: a person who looks for a reason wants to see some
 
 
-class Kept(NamedTuple):
+class KeptRecording(NamedTuple):
     """A recording on disk."""
 
     ledger_id: int
@@ -15,7 +15,7 @@ class Kept(NamedTuple):
     size: int  # bytes
 
 
-def to_let_go(kept: list[Kept], *, days: float, most_bytes: float, now_unix_s: float) -> list[Kept]:
+def to_prune(kept: list[KeptRecording], *, days: float, most_bytes: float, now_unix_s: float) -> list[KeptRecording]:
     """Those beyond the limits, oldest first; 0 is no limit. `kept` holds only what has been judged, oldest first."""
     may_go = kept[: max(0, len(kept) - LEAST_KEPT)]
     total = sum(each.size for each in kept)

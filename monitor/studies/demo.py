@@ -131,7 +131,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
                     diary.doing = f"live replay over RTDE, servoJ at 125 Hz: {at.phase} {at.elapsed_s:.1f}{total} s"
 
                 def live() -> Recording:
-                    model, settings = configuration.model, configuration.replay
+                    model, settings = configuration.robot_description, configuration.replay
                     return replay(excitation, model, settings, context=context, on_progress=on_progress, should_stop=should_stop)
 
                 return _undisturbed(live, configuration, diary)

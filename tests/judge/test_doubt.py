@@ -16,7 +16,7 @@ from monitor.judge.torque.compensated_model import CompensatedModel, model_from_
 from monitor.judge.torque.prediction_error import OWN_REPLAYS, WILDEST, Doubt, Missed, believed, missed, pooled
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
-from monitor.service.assess_and_store import held
+from monitor.service.assess_and_store import load_state
 from monitor.store.database import Store
 
 UR5 = load_robot("ur5")
@@ -137,7 +137,7 @@ def test_torque_is_the_same_to_the_last_bit_after_a_restart(lived, tmp_path):
     assert lived.model.error_rms_nm is not None
     stored(tmp_path, lived.belief.as_document(), lived.health.as_document(), lived.model.as_document())
     with Store.open(tmp_path) as store:
-        back = held(store)
+        back = load_state(store)
     assert all(np.array_equal(a, b) for a, b in zip(asked(lived.model), asked(back.model), strict=True))
     assert json.dumps(back.belief.as_document()) == json.dumps(lived.belief.as_document())
 
@@ -150,7 +150,7 @@ def test_a_history_from_before_is_read_and_goes_on(lived, model, tmp_path):
     del belief["doubt"]
     stored(tmp_path, belief, lived.health.as_document(), old)
     with Store.open(tmp_path) as store:
-        back = held(store)
+        back = load_state(store)
     plain = replace(lived.model, finer=None, error_rms_nm=None, measured_rms_nm=None)
     assert all(np.array_equal(a, b) for a, b in zip(asked(plain), asked(back.model), strict=True))
     seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)

@@ -19,9 +19,9 @@ from monitor.judge.alerts.health import Alert
 from monitor.publish.bus import session_config
 from monitor.publish.documents import KINDS, schema
 from monitor.service.daemon import Daemon, _known
-from monitor.service.maintenance import Upkeep
-from monitor.service.problems import Troubles
-from monitor.service.scheduler import Mover
+from monitor.service.maintenance import Maintenance
+from monitor.service.problems import Problems
+from monitor.service.scheduler import Scheduler
 from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
@@ -71,10 +71,10 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
         daemon._say_event(numbered[0])
         daemon.live(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
         daemon.say_health()
-        troubles = Troubles(lambda: START_UNIX_S)
-        upkeep = Upkeep(store, lambda: daemon.configuration.store, troubles, lambda: START_UNIX_S)
+        problems = Problems(lambda: START_UNIX_S)
+        maintenance = Maintenance(store, lambda: daemon.configuration.store, problems, lambda: START_UNIX_S)
         listener = SimpleNamespace(reachable=True, trouble=None)
-        daemon.say_monitor(upkeep.document(_known(daemon, listener, Mover(daemon, store, troubles), Heartbeats())))
+        daemon.say_monitor(maintenance.document(_known(daemon, listener, Scheduler(daemon, store, problems), Heartbeats())))
         said.append(("event", events.recv()))
         said += [(str(reply.ok.key_expr).removeprefix(f"{PREFIX}/"), reply.ok) for reply in session.get(f"{PREFIX}/**", timeout=5.0)]
         for key, payload in ASKED.items():

@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from monitor.errors import BadInput, BusError
-from monitor.publish.bus import Answer, Bus, BusSettings, prefix, session_config
+from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix, session_config
 from monitor.publish.client import Client
 
 
@@ -28,7 +28,7 @@ def bus(free_port: int) -> Iterator[tuple[Bus, str]]:
     with Bus(
         BusSettings(listen=(endpoint,)),
         prefix("lab", "cell-1"),
-        {"torque": Answer("doubled", double), "history": Answer("told", dict, payload=False)},
+        {"torque": QueryHandler("doubled", double), "history": QueryHandler("told", dict, payload=False)},
     ) as bus:
         yield bus, endpoint
 

@@ -24,9 +24,9 @@ from monitor.publish.client import Client
 from monitor.publish.documents import KINDS, schema
 from monitor.service.daemon import Daemon, _watch
 from monitor.service.info import digest
-from monitor.service.maintenance import Upkeep
-from monitor.service.problems import Troubles
-from monitor.service.scheduler import Mover
+from monitor.service.maintenance import Maintenance
+from monitor.service.problems import Problems
+from monitor.service.scheduler import Scheduler
 from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
@@ -314,7 +314,7 @@ def test_live_torque_is_the_measured_one_beside_what_the_model_says(cell):
     Of a normal residual 90 % lie within 1.64 deviations; joint by joint at least 75 %, for a residual of a real law is not white.
     """
     daemon, _, arm, endpoint = cell
-    robot, recording = daemon.configuration.model, arm.recording
+    robot, recording = daemon.configuration.robot_description, arm.recording
     moving = [n for n in range(100, recording.samples, 20) if min(abs(recording.qd[n])) > 0.05]
     told = []
     with Client(endpoint, "lab", "cell-1") as client:
@@ -357,9 +357,9 @@ def test_live_torque_comes_at_the_configured_rate(cell):
     row, configuration = arm.recording, daemon.configuration
     names = ("q", "qd", "target_qdd", "current", "temperature_c")
     state = SimpleNamespace(robot_mode=7, **{name: getattr(row, name)[0] for name in names})
-    troubles = Troubles(time.time)
-    upkeep = Upkeep(store, lambda: configuration.store, troubles, time.time)
-    parts = (Mover(daemon, store, troubles), upkeep, troubles, Heartbeats(), threading.Event())
+    problems = Problems(time.time)
+    maintenance = Maintenance(store, lambda: configuration.store, problems, time.time)
+    parts = (Scheduler(daemon, store, problems), maintenance, problems, Heartbeats(), threading.Event())
     for rate_hz, asked_hz in ((10.0, 10.0), (2.0, 10.0), (0.4, 1.0)):
         daemon.configuration = replace(configuration, bus=replace(configuration.bus, live_rate_hz=rate_hz))
         said: list[dict] = []

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from rich.text import Text
 
-from monitor.publish.bus import Answer, Bus, BusSettings, prefix
+from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix
 from monitor.views.terminal.watch import line
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +40,10 @@ def cell(tmp_path, free_port):
     script = tmp_path / "joint-monitor"
     script.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m monitor "$@"\n')
     script.chmod(0o755)
-    answers = {"torque": Answer("torque", lambda _: document("torque")), "event": Answer("events", lambda _: EVENTS, payload=False)}
+    answers = {
+        "torque": QueryHandler("torque", lambda _: document("torque")),
+        "event": QueryHandler("events", lambda _: EVENTS, payload=False),
+    }
     with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "sim-1"), answers) as bus:
         bus.publish("health", "health", document("health"))
         bus.publish("alert/j3/wear_rising", "alert", document("alert"))

@@ -10,7 +10,7 @@ import pytest
 import trustme
 
 from monitor.errors import BadInput
-from monitor.publish.bus import Answer, Bus, BusSettings, prefix
+from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix
 from monitor.publish.diagnosis import reach
 
 DEPLOY = Path(__file__).parents[2] / "deploy" / "zenoh"
@@ -96,7 +96,7 @@ def test_no_router_no_host_no_name(free_port):
 def test_a_daemon_without_secrets_is_reached_and_may_be_acted_on(free_port):
     """Plain TCP on loopback; asked without anything happening."""
     endpoint, called = f"tcp/127.0.0.1:{free_port}", []
-    with Bus(BusSettings(listen=(endpoint,)), PREFIX, {"cmd/ack": Answer("answer", lambda asked: called.append(asked) or {})}) as bus:
+    with Bus(BusSettings(listen=(endpoint,)), PREFIX, {"cmd/ack": QueryHandler("answer", lambda asked: called.append(asked) or {})}) as bus:
         assert seen(endpoint).cause == "denied"  # a bus that says nothing at all is no daemon of this robot
         bus.publish("info", "info", {})
         found = seen(endpoint)
@@ -107,7 +107,7 @@ def test_a_daemon_without_secrets_is_reached_and_may_be_acted_on(free_port):
 def test_every_way_that_tls_fails_has_its_words(etc, free_port):
     """Against a daemon with the shipped configuration: their certificate, ours, none, a file that is not there, the wrong protocol."""
     endpoint, called = f"tls/127.0.0.1:{free_port}", []
-    answers = {"cmd/ack": Answer("answer", lambda asked: called.append(asked) or {})}
+    answers = {"cmd/ack": QueryHandler("answer", lambda asked: called.append(asked) or {})}
     with Bus(BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5")), PREFIX, answers) as bus:
         bus.publish("info", "info", {})
 
@@ -170,7 +170,7 @@ def test_through_a_router(etc, free_port, router):
     assert absent.cause == "nothing_said"
     assert "not connected to that router" in absent.told
     settings = BusSettings(listen=(), connect=(endpoint,), zenoh=str(etc / "daemon.json5"))
-    with Bus(settings, PREFIX, {"cmd/ack": Answer("answer", lambda _: {})}) as bus:
+    with Bus(settings, PREFIX, {"cmd/ack": QueryHandler("answer", lambda _: {})}) as bus:
         bus.publish("info", "info", {})
         for _ in range(10):
             if (found := seen(endpoint, zenoh_file=viewer)).reached:

@@ -11,7 +11,7 @@ import trustme
 import zenoh
 
 from monitor.errors import BadInput, BusError
-from monitor.publish.bus import Answer, Bus, BusSettings, prefix, session_config
+from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix, session_config
 from monitor.publish.client import Client
 from monitor.publish.permit import Asker
 
@@ -50,7 +50,7 @@ def etc(tmp_path_factory):
 def bus(etc, free_port):
     """A daemon's bus behind TLS, with one command that remembers who called."""
     endpoint, called = f"tls/127.0.0.1:{free_port}", []
-    answers = {"cmd/ack": Answer("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
+    answers = {"cmd/ack": QueryHandler("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
     with Bus(BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5")), prefix("lab", "cell-1"), answers) as bus:
         bus.publish("health", "health", {"state": "NORMAL"})
         yield bus, endpoint, called
@@ -176,7 +176,7 @@ def test_through_the_router_of_the_example(etc, free_port):
     router = subprocess.Popen([sys.executable, "-c", script, str(etc / "router.json5"), endpoint], stdout=subprocess.PIPE, text=True)
     try:
         assert router.stdout.readline() == "up\n"
-        answers = {"cmd/ack": Answer("answer", lambda request: {"done": "acknowledged"})}
+        answers = {"cmd/ack": QueryHandler("answer", lambda request: {"done": "acknowledged"})}
         settings = BusSettings(listen=(), connect=(endpoint,), zenoh=str(etc / "daemon.json5"))
         with Bus(settings, prefix("lab", "cell-1"), answers) as bus:
             bus.publish("health", "health", {"state": "NORMAL"})
@@ -213,7 +213,7 @@ def test_users_and_passwords_from_credentials(etc, tmp_path, free_port, monkeypa
     text = (etc / "maintenance-password.json5").read_text("utf-8")
     (etc / "viewer-password.json5").write_text(text.replace('"maintenance"', '"viewer"'), "utf-8")
     credentials("monitor", users["monitor"])
-    answers = {"cmd/ack": Answer("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
+    answers = {"cmd/ack": QueryHandler("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
     settings = BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon-passwords.json5"))
     with Bus(settings, prefix("lab", "cell-1"), answers) as bus:
         bus.publish("health", "health", {"state": "NORMAL"})

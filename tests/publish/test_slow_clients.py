@@ -13,7 +13,7 @@ import pytest
 import zenoh
 
 from monitor.errors import BadInput
-from monitor.publish.bus import QUEUE_LENGTH, Answer, Bus, BusSettings, prefix, session_config
+from monitor.publish.bus import QUEUE_LENGTH, Bus, BusSettings, QueryHandler, prefix, session_config
 from monitor.publish.client import Client
 
 ROOT = Path(__file__).parents[2]
@@ -47,7 +47,7 @@ def test_a_client_that_no_longer_reads_is_cut_off_and_may_come_back(endpoint):
     Zenoh alone waits 5 s for it, each time: 10 s were measured. Ours is half a second; 4 s leave room for a busy machine.
     """
     big = {"rows": "x" * 400_000}
-    answers = {"torque": Answer("torque", lambda _: {}), "history": Answer("history", lambda _: big, payload=False)}
+    answers = {"torque": QueryHandler("torque", lambda _: {}), "history": QueryHandler("history", lambda _: big, payload=False)}
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     stop = threading.Event()
     with Bus(BusSettings(listen=(endpoint,)), PREFIX, answers) as bus:
@@ -99,7 +99,7 @@ def test_a_flood_of_questions_is_answered_or_refused_to_the_last_one(endpoint):
         gate.wait(20.0)
         return {}
 
-    with Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": Answer("torque", answer)}):
+    with Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": QueryHandler("torque", answer)}):
         with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
 
             def count(reply: zenoh.Reply) -> None:
@@ -123,7 +123,7 @@ def test_a_flood_of_questions_is_answered_or_refused_to_the_last_one(endpoint):
 def test_what_is_too_large_is_refused_without_being_read(endpoint):
     """4 MB and more of payload: an error that names the limit."""
     with (
-        Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": Answer("torque", lambda _: {})}),
+        Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": QueryHandler("torque", lambda _: {})}),
         Client(endpoint, "lab", "cell-1") as client,
     ):
         with pytest.raises(BadInput, match="at most 4000000 are read"):

@@ -90,7 +90,7 @@ def test_ten_thousand_replays_leave_memory_where_it_was(tmp_path: Path, free_por
             assert row.state == "assessed", row.reason
             states.append(daemon.health_state)
             if n % UPKEEP_EVERY == UPKEEP_EVERY - 1:
-                store.let_go(days=30.0, most_bytes=0.0, at_unix_s=cell.clock_unix_s)
+                store.prune(days=30.0, most_bytes=0.0, at_unix_s=cell.clock_unix_s)
                 store.back_up(3)
                 print(f"{n + 1} replays, {time.monotonic() - began:.0f} s, {own_mib():.1f} MiB", flush=True)
             if n % 50 == 49:

@@ -16,7 +16,7 @@ from test_store import DAY, commit, replayed
 from monitor.config.load import Configuration, from_document
 from monitor.errors import StoreError
 from monitor.recording import Recording
-from monitor.service.assess_and_store import Held, enter_stored, held, now_held
+from monitor.service.assess_and_store import EstimatorState, assess_stored, load_state, state_after
 from monitor.service.motion import look
 from monitor.service.preflight import service_conditions
 from monitor.service.recompute import recompute
@@ -28,7 +28,7 @@ from monitor.store.backup import back_up, backups, fault
 from monitor.store.database import RESTORED, Store
 from monitor.store.provenance import differences, processor_family
 from monitor.store.recordings import write_recording
-from monitor.store.retention import LEAST_KEPT, Kept, to_let_go
+from monitor.store.retention import LEAST_KEPT, KeptRecording, to_prune
 
 HISTORY = "history.sqlite"
 
@@ -214,23 +214,23 @@ def test_a_damaged_history_never_pushes_a_good_backup_out(tmp_path: Path):
 
 def test_recordings_are_let_go_of_by_age_and_by_size_and_their_verdicts_stay(tmp_path: Path):
     """The oldest first, never the last ten, never one that waits; noted with the window."""
-    kept = [Kept(n, tmp_path / str(n), n * DAY, 100) for n in range(30)]
+    kept = [KeptRecording(n, tmp_path / str(n), n * DAY, 100) for n in range(30)]
     now = 30 * DAY
-    assert to_let_go(kept, days=0, most_bytes=0, now_unix_s=now) == []
-    assert [each.ledger_id for each in to_let_go(kept, days=25, most_bytes=0, now_unix_s=now)] == [0, 1, 2, 3, 4]
-    assert [each.ledger_id for each in to_let_go(kept, days=0, most_bytes=2700, now_unix_s=now)] == [0, 1, 2]
-    assert len(to_let_go(kept, days=1, most_bytes=1, now_unix_s=now)) == 30 - LEAST_KEPT
+    assert to_prune(kept, days=0, most_bytes=0, now_unix_s=now) == []
+    assert [each.ledger_id for each in to_prune(kept, days=25, most_bytes=0, now_unix_s=now)] == [0, 1, 2, 3, 4]
+    assert [each.ledger_id for each in to_prune(kept, days=0, most_bytes=2700, now_unix_s=now)] == [0, 1, 2]
+    assert len(to_prune(kept, days=1, most_bytes=1, now_unix_s=now)) == 30 - LEAST_KEPT
     with Store.open(tmp_path) as store:
         for n in range(15):
             commit(store, replayed(store, n * DAY))
         waiting = replayed(store, 0.5 * DAY)
         (store.recordings / "replay-000002.parquet").unlink()  # by a person
-        gone = store.let_go(days=1, most_bytes=0, at_unix_s=30 * DAY)
+        gone = store.prune(days=1, most_bytes=0, at_unix_s=30 * DAY)
         assert gone == [f"replay-{n:06d}.parquet" for n in (1, 3, 4, 5)]  # fourteen are left, ten stay
         assert store.recording_path(waiting).is_file()
         assert [row.id for row in store.ledger() if row.removed_at_unix_s is not None] == [1, 2, 3, 4, 5]
         assert len(store.verdicts()) == 15
-        assert store.let_go(days=1, most_bytes=0, at_unix_s=30 * DAY) == []
+        assert store.prune(days=1, most_bytes=0, at_unix_s=30 * DAY) == []
 
 
 # --- the same verdicts again ------------------------------------------------------------------------------------------
@@ -249,9 +249,9 @@ def configuration(folder: Path, **sections: Any) -> Configuration:
     return from_document(least | sections, folder / "cell.toml")
 
 
-def lived(store: Store, configuration: Configuration, recordings: list[Recording], days: range) -> Held:
+def lived(store: Store, configuration: Configuration, recordings: list[Recording], days: range) -> EstimatorState:
     """So many days with a replay each."""
-    known = held(store)
+    known = load_state(store)
     for day in days:
         at = 1.0e9 + day * DAY
         ledger_id = store.claim(at, "scheduled", at)
@@ -260,7 +260,7 @@ def lived(store: Store, configuration: Configuration, recordings: list[Recording
         path = store.recording_path(ledger_id)
         write_recording(path, replace(recording, context=context, source=path.name))
         store.recorded(ledger_id)
-        known = now_held(known, enter_stored(store, configuration, known, ledger_id, lambda at=at: at))
+        known = state_after(known, assess_stored(store, configuration, known, ledger_id, lambda at=at: at))
     return known
 
 

@@ -76,7 +76,7 @@ def test_what_cannot_be_finished_at_the_start_is_finished_later(tmp_path: Path, 
             daemon.__enter__()
         try:
             assert store.unfinished()
-            daemon.mend()
+            daemon.recover()
             assert not store.unfinished()
         finally:
             daemon.__exit__()

@@ -23,9 +23,9 @@ import os, sys, time
 from dataclasses import replace
 from pathlib import Path
 from monitor.config.load import from_document
-from monitor.service.scheduler import Clocks, Mover
+from monitor.service.scheduler import Clocks, Scheduler
 from monitor.store.database import Store
-from monitor.service.problems import Troubles
+from monitor.service.problems import Problems
 
 folder, pace = Path(sys.argv[1]), float(sys.argv[2])
 
@@ -59,18 +59,18 @@ def live():
         def skip(self, window, reason):
             number = self.store.claim(window, "scheduled", now())
             if number is not None: self.store.end(number, "skipped", reason, now())
-        def mend(self):
+        def recover(self):
             for row in self.store.repair(now()): self.finish(row.id)
-        def rewind(self): raise AssertionError("the clock never went back")
+        def roll_back(self): raise AssertionError("the clock never went back")
         def next_due(self, at): pass
 
     with Store.open(folder) as store:
         arm = Arm(store)
-        mover = Mover(arm, store, Troubles(now), Clocks(now=now, monotonic=same))
-        arm.mend()
+        scheduler = Scheduler(arm, store, Problems(now), Clocks(now=now, monotonic=same))
+        arm.recover()
         if os.environ.get("BACK_UP"): store.back_up(3)
         while True:
-            mover.tick()
+            scheduler.tick()
             (folder / "clock.tmp").write_text(repr(now()))
             os.replace(folder / "clock.tmp", folder / "clock")
             time.sleep(0.002)

@@ -13,8 +13,8 @@ from monitor.errors import StoreUnavailable
 from monitor.publish.documents import schema
 from monitor.publish.metrics import families
 from monitor.publish.timestamps import outside
-from monitor.service.maintenance import Upkeep, said, silent_s
-from monitor.service.problems import Troubles
+from monitor.service.maintenance import Maintenance, said, silent_s
+from monitor.service.problems import Problems
 from monitor.store.backup import backups
 from monitor.store.database import Store
 from monitor.views.terminal.tables import print_status
@@ -26,99 +26,99 @@ MORE = {
 
 
 @pytest.fixture
-def upkeep(tmp_path: Path) -> Iterator[tuple[Upkeep, Store, Troubles, list[float]]]:
+def maintenance(tmp_path: Path) -> Iterator[tuple[Maintenance, Store, Problems, list[float]]]:
     """Of a history of fifteen replays, and a clock that a test may set."""
     clock = [1.7e9]
     with Store.open(tmp_path) as store:
         for n in range(15):
             commit(store, replayed(store, 1.6e9 + n * DAY))
-        troubles = Troubles(lambda: clock[0])
-        yield Upkeep(store, lambda: configuration(tmp_path).store, troubles, lambda: clock[0]), store, troubles, clock
+        problems = Problems(lambda: clock[0])
+        yield Maintenance(store, lambda: configuration(tmp_path).store, problems, lambda: clock[0]), store, problems, clock
 
 
-def test_it_backs_up_at_the_start_and_not_at_every_start(upkeep):
+def test_it_backs_up_at_the_start_and_not_at_every_start(maintenance):
     """A service that is started again and again makes one an hour."""
-    upkeep, store, _, _ = upkeep
-    upkeep.look()
+    maintenance, store, _, _ = maintenance
+    maintenance.look()
     made = backups(store.directory)
     assert len(made) == 1
-    upkeep.care()
+    maintenance.care()
     assert backups(store.directory) == made
     old = made[0].with_name("history-20260101T000000Z.sqlite")
     made[0].rename(old)
-    upkeep.care()
+    maintenance.care()
     assert len(backups(store.directory)) == 2
 
 
-def test_damage_that_is_found_while_it_runs_ends_the_service_and_spoils_no_backup(upkeep):
+def test_damage_that_is_found_while_it_runs_ends_the_service_and_spoils_no_backup(maintenance):
     """The next start restores; until then it is told."""
-    upkeep, store, troubles, _ = upkeep
-    upkeep.look()
+    maintenance, store, problems, _ = maintenance
+    maintenance.look()
     good = backups(store.directory)
     store._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     torn(store.directory / HISTORY)
-    upkeep.care()
-    assert upkeep.damaged
-    assert "store" in troubles
+    maintenance.care()
+    assert maintenance.damaged
+    assert "store" in problems
     assert backups(store.directory) == good
 
 
-def test_a_clock_behind_the_history_is_told_and_is_over_when_it_has_caught_up(upkeep):
+def test_a_clock_behind_the_history_is_told_and_is_over_when_it_has_caught_up(maintenance):
     """A year; then right again."""
-    upkeep, _, troubles, clock = upkeep
+    maintenance, _, problems, clock = maintenance
     clock[0] = 1.6e9 - 365 * DAY
-    upkeep.look()
-    assert "set back" in troubles.listed()[0]["text"]
+    maintenance.look()
+    assert "set back" in problems.listed()[0]["text"]
     clock[0] = 1.7e9
-    upkeep.look()
-    assert "clock_behind" not in troubles
+    maintenance.look()
+    assert "clock_behind" not in problems
 
 
-def test_what_was_taken_back_does_not_keep_the_clock_behind(upkeep):
+def test_what_was_taken_back_does_not_keep_the_clock_behind(maintenance):
     """Rejected as made up by a wrong clock: nothing of it is waited for."""
-    upkeep, store, troubles, clock = upkeep
+    maintenance, store, problems, clock = maintenance
     commit(store, replayed(store, 1.9e9))
     clock[0] = 1.8e9
-    upkeep.look()
-    assert "clock_behind" in troubles
+    maintenance.look()
+    assert "clock_behind" in problems
     store.end(replayed(store, 2.0e9), "rejected", "a test", 2.0e9)
     store._db.execute("UPDATE ledger SET state = 'rejected' WHERE window_unix_s = 1.9e9")
-    upkeep.look()
-    assert "clock_behind" not in troubles
+    maintenance.look()
+    assert "clock_behind" not in problems
 
 
-def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(upkeep):
+def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(maintenance):
     """Whoever asks how the monitor is learns that nothing moves, why, and what to do."""
-    upkeep, store, troubles, _ = upkeep
+    maintenance, store, problems, _ = maintenance
     store.stopped("protective_stop", "the arm met something", 1.6e9)
-    upkeep.look()
-    (trouble,) = [each for each in troubles.listed() if each["name"] == "stop"]
+    maintenance.look()
+    (trouble,) = [each for each in problems.listed() if each["name"] == "stop"]
     assert "the arm met something" in trouble["text"]
     assert "joint-monitor allow" in trouble["text"]
     store.allow("Ada", "a box; it is gone", 1.6e9)
-    upkeep.look()
-    assert "stop" not in troubles
+    maintenance.look()
+    assert "stop" not in problems
 
 
-def test_it_says_how_it_is_also_where_the_history_cannot_be_read(upkeep, monkeypatch: pytest.MonkeyPatch):
+def test_it_says_how_it_is_also_where_the_history_cannot_be_read(maintenance, monkeypatch: pytest.MonkeyPatch):
     """A disk that fails is a trouble among others, and no reason to be silent, or to seem dead to the watchdog."""
-    upkeep, store, _, _ = upkeep
+    maintenance, store, _, _ = maintenance
 
     def failing(*_: object, **__: object) -> None:
         raise StoreUnavailable("disk I/O error")
 
     monkeypatch.setattr(store, "ledger", failing)
-    document = outside(upkeep.document(MORE))
+    document = outside(maintenance.document(MORE))
     jsonschema.validate(document, schema("monitor"), format_checker=jsonschema.FormatChecker())
     assert document["last_replay"] is None
     assert [trouble["name"] for trouble in document["troubles"]] == ["store"]
 
 
-def test_status_says_where_nobody_speaks_any_more(upkeep, capsys: pytest.CaptureFixture[str]):
+def test_status_says_where_nobody_speaks_any_more(maintenance, capsys: pytest.CaptureFixture[str]):
     """A monitor that ended weeks ago must not look like one that runs."""
-    upkeep, _, _, clock = upkeep
+    maintenance, _, _, clock = maintenance
     clock[0] = 1.7e9
-    document = outside(upkeep.document(MORE))
+    document = outside(maintenance.document(MORE))
     assert silent_s(document, 1.7e9 + 30.0) is None
     assert silent_s(document, 1.7e9 + 3 * DAY) == 3 * DAY
     told = {"robot": "cell-1", "model_revision": 0, "health": None, "friction": [], "ledger": [], "monitor": document}
@@ -128,26 +128,26 @@ def test_status_says_where_nobody_speaks_any_more(upkeep, capsys: pytest.Capture
     assert "does not run" not in capsys.readouterr().out
 
 
-def test_what_it_says_is_what_its_schema_promises_and_what_status_reads(upkeep):
+def test_what_it_says_is_what_its_schema_promises_and_what_status_reads(maintenance):
     """With everything known, and with nothing."""
-    upkeep, store, troubles, _ = upkeep
-    troubles.found("disk", "full")
-    document = outside(upkeep.document(MORE))
+    maintenance, store, problems, _ = maintenance
+    problems.found("disk", "full")
+    document = outside(maintenance.document(MORE))
     jsonschema.validate(document, schema("monitor"), format_checker=jsonschema.FormatChecker())
     assert document["last_replay"]["state"] == "assessed"
-    upkeep.write(upkeep.document(MORE))
+    maintenance.write(maintenance.document(MORE))
     written = said(store.directory)
     same = ("version", "started_at", "last_replay", "troubles", "next_replay_due", "arm", "bus", "reload")
     assert {name: written[name] for name in same} == {name: document[name] for name in same}
     assert said(store.directory / "nowhere") is None
 
 
-def test_it_is_metrics_too(upkeep):
+def test_it_is_metrics_too(maintenance):
     """Every figure that is known, by name; a trouble by its name."""
-    upkeep, _, troubles, _ = upkeep
-    upkeep.look()
-    troubles.found("backup", "no room")
-    last = {"info": {"robot": {"site": "lab", "id": "cell-1"}}, "monitor": outside(upkeep.document(MORE))}
+    maintenance, _, problems, _ = maintenance
+    maintenance.look()
+    problems.found("backup", "no room")
+    last = {"info": {"robot": {"site": "lab", "id": "cell-1"}}, "monitor": outside(maintenance.document(MORE))}
     samples = {sample.name: sample for family in families(last) for sample in family.samples}
     assert samples["joint_monitor_arm_heard"].value == 1.0
     assert samples["joint_monitor_documents_dropped"].value == 3.0

@@ -13,10 +13,10 @@ from test_backups_and_retention import configuration, lived, recordings  # noqa:
 
 from monitor.errors import StoreError
 from monitor.recording import Recording
-from monitor.service.assess_and_store import Held, held
-from monitor.service.problems import Troubles
-from monitor.service.recompute import rewind
-from monitor.service.scheduler import Clocks, Mover, too_little_room
+from monitor.service.assess_and_store import EstimatorState, load_state
+from monitor.service.problems import Problems
+from monitor.service.recompute import roll_back
+from monitor.service.scheduler import Clocks, Scheduler, too_little_room
 from monitor.store.database import LedgerRow, Store
 
 DAY = 86_400.0
@@ -29,15 +29,15 @@ class Arm:
     def __init__(self, folder: Path, store: Store, **schedule: Any) -> None:
         self.configuration = configuration(folder, schedule=schedule)
         self.store, self.clock = store, [START, 0.0]
-        self.troubles = Troubles(lambda: self.clock[0])
+        self.problems = Problems(lambda: self.clock[0])
         self.replayed: list[float] = []
         self.due: float | None = None
         self.mended = self.rewound = 0
         self.fails: Exception | None = None
-        self.mover = self.started()
+        self.scheduler = self.started()
 
-    def started(self) -> Mover:
-        return Mover(self, self.store, self.troubles, Clocks(now=lambda: self.clock[0], monotonic=lambda: self.clock[1]))
+    def started(self) -> Scheduler:
+        return Scheduler(self, self.store, self.problems, Clocks(now=lambda: self.clock[0], monotonic=lambda: self.clock[1]))
 
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
         if self.fails is not None:
@@ -54,13 +54,13 @@ class Arm:
         if ledger_id is not None:
             self.store.end(ledger_id, "skipped", reason, self.clock[0])
 
-    def mend(self) -> None:
+    def recover(self) -> None:
         self.mended += 1
         self.store.repair(self.clock[0])
 
-    def rewind(self) -> bool:
+    def roll_back(self) -> bool:
         self.rewound += 1
-        return rewind(self.store, self.clock[0]) is not None
+        return roll_back(self.store, self.clock[0]) is not None
 
     def next_due(self, unix_s: float | None) -> None:
         self.due = unix_s
@@ -72,7 +72,7 @@ class Arm:
             self.clock[0] += by
             self.clock[1] += by
             seconds -= by
-            self.mover.tick()
+            self.scheduler.tick()
 
     def states(self) -> list[tuple[str, str]]:
         return [(row.state, row.reason or "") for row in self.store.ledger()]
@@ -89,15 +89,15 @@ def test_a_week_has_a_replay_a_day_and_the_next_one_is_said(arm: Arm):
     arm.passes(7 * DAY)
     assert arm.replayed == [START + day * DAY + 3 * 3600.0 for day in range(7)]
     assert arm.due == START + 7 * DAY + 3 * 3600.0
-    assert arm.mover.lag_s is not None
-    assert arm.mover.lag_s <= 240.0
+    assert arm.scheduler.lag_s is not None
+    assert arm.scheduler.lag_s <= 240.0
 
 
 def test_what_was_missed_is_told_and_never_made_up_for(arm: Arm):
     """Off for four nights; started again at noon: four skipped rows, the fifth night is replayed."""
     arm.passes(DAY)
     arm.clock[0] += 3 * DAY + 12 * 3600.0
-    arm.mover = arm.started()
+    arm.scheduler = arm.started()
     arm.passes(12 * 3600.0 + 4 * 3600.0)
     assert [state for state, _ in arm.states()] == ["rejected", *["skipped"] * 4, "rejected"]
     assert "not running" in arm.states()[1][1]
@@ -113,13 +113,13 @@ def test_a_clock_set_back_replays_no_window_again_and_one_set_forward_is_doubted
     arm.passes(DAY)
     assert len(arm.replayed) == len(before) + 1
     arm.clock[0] += 365 * DAY + 3 * 3600.0 - 60.0  # into a window
-    arm.mover.tick()
-    assert "clock" in arm.troubles
-    assert arm.mover.coming(1)[0].opens_unix_s > arm.clock[0] + 3500.0  # nothing is promised for that hour
+    arm.scheduler.tick()
+    assert "clock" in arm.problems
+    assert arm.scheduler.coming(1)[0].opens_unix_s > arm.clock[0] + 3500.0  # nothing is promised for that hour
     arm.passes(300.0)
     assert len(arm.replayed) == len(before) + 1
     arm.passes(2 * DAY)
-    assert "clock" not in arm.troubles
+    assert "clock" not in arm.problems
     assert len(arm.replayed) == len(before) + 3
 
 
@@ -128,16 +128,16 @@ def test_a_year_that_a_wrong_clock_made_up_is_taken_back_by_itself(tmp_path: Pat
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *")
         arm.clock[0] = 1.0e9 + 2 * DAY
-        arm.mover = arm.started()
+        arm.scheduler = arm.started()
         before = lived(store, arm.configuration, recordings, range(2))
         arm.passes(3600.0)
         arm.clock[0] += 365 * DAY
         arm.passes(2 * 3600.0)
         lived(store, arm.configuration, recordings, range(368, 370))
-        assert held(store).belief.at_unix_s > arm.clock[0]
+        assert load_state(store).belief.at_unix_s > arm.clock[0]
         arm.clock[0] -= 365 * DAY
-        arm.mover.tick()
-        after = held(store)
+        arm.scheduler.tick()
+        after = load_state(store)
         assert after.belief.as_document() == before.belief.as_document()
         assert after.health.as_document() == before.health.as_document()
         assert [state for state, _ in arm.states()].count("assessed") == 2
@@ -151,7 +151,7 @@ def test_a_clock_that_was_only_set_back_takes_nothing_back(tmp_path: Path, recor
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *")
         arm.clock[0] = 1.0e9 + 2 * DAY
-        arm.mover = arm.started()
+        arm.scheduler = arm.started()
         lived(store, arm.configuration, recordings, range(2))
         arm.passes(3600.0)
         arm.clock[0] -= 365 * DAY
@@ -160,7 +160,7 @@ def test_a_clock_that_was_only_set_back_takes_nothing_back(tmp_path: Path, recor
         arm.clock[0] += 365 * DAY
         arm.passes(3 * 3600.0)
         assert [state for state, _ in arm.states()].count("assessed") == 2
-        assert isinstance(held(store), Held)
+        assert isinstance(load_state(store), EstimatorState)
 
 
 def test_a_store_that_fails_moves_nothing_and_is_tried_again(arm: Arm):
@@ -175,15 +175,15 @@ def test_a_store_that_fails_moves_nothing_and_is_tried_again(arm: Arm):
         arm.clock[0] += 60.0
         arm.clock[1] += 60.0
         if ticks[0] == 3:
-            assert "store" in arm.troubles
+            assert "store" in arm.problems
             arm.fails = None
         if ticks[0] == 6:
             stopping.set()
-        arm.mover.reconsider()
+        arm.scheduler.reconsider()
 
-    arm.mover.run(stopping, beat)
+    arm.scheduler.run(stopping, beat)
     assert arm.mended >= 1
-    assert "store" not in arm.troubles
+    assert "store" not in arm.problems
     assert arm.replayed == [START + 3 * 3600.0]
 
 
@@ -196,12 +196,12 @@ def test_after_a_restored_backup_no_window_of_before_is_used_again(tmp_path: Pat
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=7200.0)
         arm.clock[0] = START + DAY + 3 * 3600.0 + 600.0  # within the window that was perhaps used just before the crash
-        arm.mover = arm.started()
+        arm.scheduler = arm.started()
         arm.passes(7000.0)
         assert arm.replayed == []
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=7200.0)  # another start, after it
         arm.clock[0] = START + DAY + 4 * 3600.0
-        arm.mover = arm.started()
+        arm.scheduler = arm.started()
         arm.passes(1800.0)
         assert arm.replayed == []
         arm.passes(DAY)
@@ -218,11 +218,11 @@ def test_a_window_waits_for_a_warm_arm_and_is_told_where_it_did_not_become_so(tm
             for minute in range(120):
                 for _ in range(6):
                     arm.passes(10.0)
-                    arm.mover.heard(True, (30.0 + kelvin_a_minute * minute,) * 6)
+                    arm.scheduler.heard(True, (30.0 + kelvin_a_minute * minute,) * 6)
 
         night(0.0)
         assert len(arm.replayed) == 1
-        assert 600.0 <= arm.mover.lag_s <= 1300.0
+        assert 600.0 <= arm.scheduler.lag_s <= 1300.0
         night(0.2)
         assert len(arm.replayed) == 1
         assert "temperatures were not steady" in arm.states()[-1][1]
@@ -234,18 +234,18 @@ def test_evidence_and_a_cold_start_bring_a_replay_forward_once(tmp_path: Path):
         arm = Arm(tmp_path / "history", store, cron="", evidence_windows=("22:00-05:00",), cold_start_after_h=4.0, grace_s=900.0)
         arm.passes(12 * 3600.0)
         for _ in range(3):
-            arm.mover.evidence(arm.clock[0])
+            arm.scheduler.evidence(arm.clock[0])
             arm.passes(60.0)
         assert arm.replayed == []
         arm.passes(12 * 3600.0)
         assert len(arm.replayed) == 1
-        arm.mover.heard(True, None)
+        arm.scheduler.heard(True, None)
         for _ in range(6):
             arm.passes(3600.0, 3600.0)
-            arm.mover.heard(False, None)
-        arm.mover.heard(True, None)
+            arm.scheduler.heard(False, None)
+        arm.scheduler.heard(True, None)
         arm.passes(60.0)
-        arm.mover.heard(True, None)
+        arm.scheduler.heard(True, None)
         arm.passes(3600.0)
         assert len(arm.replayed) == 2
 
@@ -253,7 +253,7 @@ def test_evidence_and_a_cold_start_bring_a_replay_forward_once(tmp_path: Path):
 def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
     """Its window is the moment."""
     arm.passes(60.0)
-    arm.mover.want("a person")
+    arm.scheduler.want("a person")
     arm.passes(60.0)
     assert len(arm.replayed) == 1
     assert arm.store.ledger()[0].kind == "requested"
@@ -261,12 +261,12 @@ def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
 
 def test_who_asks_twice_gets_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
     """Nothing moves that could not be recorded, whoever wants it; that it was wanted is told."""
-    arm.mover.want()
-    arm.mover.want()
+    arm.scheduler.want()
+    arm.scheduler.want()
     arm.passes(240.0)
     assert len(arm.replayed) == 1
     arm.configuration = replace(arm.configuration, store=replace(arm.configuration.store, least_free_mb=1e12))
-    arm.mover.want()
+    arm.scheduler.want()
     arm.passes(240.0)
     assert len(arm.replayed) == 1
     (_, row) = arm.store.ledger()
@@ -279,16 +279,16 @@ def test_a_host_whose_clock_begins_again_at_every_boot_loses_nothing_of_its_hist
     true, wrong = START, 1_546_300_800.0
     for boot in range(3):
         arm.clock[0] = wrong + 120.0 * boot  # no two boots take the same time
-        arm.mover = arm.started()
+        arm.scheduler = arm.started()
         arm.passes(60.0, step=10.0)
         arm.clock[0] = true = max(true, arm.store.newest_unix_s() or 0.0) + 5 * DAY
         ledger_id = arm.store.claim(true, "requested", true)
         arm.store.recording_path(ledger_id).write_bytes(b"PAR1")
         arm.store.recorded(ledger_id)  # waits for its assessment: part of what will be held true
-        arm.mover.tick()
+        arm.scheduler.tick()
         arm.passes(2 * DAY)
         assert arm.rewound == 0, boot
-        assert "clock" not in arm.troubles
+        assert "clock" not in arm.problems
     assert arm.replayed
 
 
@@ -297,22 +297,22 @@ def test_before_the_clock_has_been_set_nothing_is_replayed(tmp_path: Path):
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="*/10 * * * *", grace_s=600.0)
         arm.clock[0] = 100.0
-        arm.mover = arm.started()
-        arm.mover.want()
+        arm.scheduler = arm.started()
+        arm.scheduler.want()
         arm.passes(3600.0)
         assert arm.replayed == []
-        assert "1970" in arm.troubles.listed()[0]["text"]
+        assert "1970" in arm.problems.listed()[0]["text"]
         arm.clock[0] = START
         arm.passes(240.0)
         assert len(arm.replayed) >= 1
-        assert "clock" not in arm.troubles
+        assert "clock" not in arm.problems
 
 
 def test_a_thousand_days_of_absence_are_told_in_a_few_rows_and_at_once(arm: Arm):
     """Sixty, the newest; and the night after is replayed."""
     arm.passes(DAY)
     arm.clock[0] += 1000 * DAY
-    arm.mover = arm.started()
+    arm.scheduler = arm.started()
     arm.passes(DAY)
     states = [state for state, _ in arm.states()]
     assert states.count("skipped") <= 60
@@ -354,16 +354,16 @@ def test_a_full_disk_moves_nothing_says_so_and_is_over_when_there_is_room(small_
             ticks[0] += 1
             arm.clock[0] += 600.0
             arm.clock[1] += 600.0
-            arm.mover.reconsider()
+            arm.scheduler.reconsider()
             if ticks[0] == 20:
                 stopping.set()
 
-        arm.mover.run(stopping, beat)
+        arm.scheduler.run(stopping, beat)
         assert len(arm.replayed) == before
         filler.unlink()
         arm.passes(2 * 3600.0)
         assert len(arm.replayed) >= before + 1
-        assert "store" not in arm.troubles
+        assert "store" not in arm.problems
 
 
 @needs_root

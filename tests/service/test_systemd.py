@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor.service.problems import Troubles
+from monitor.service.problems import Problems
 from monitor.service.systemd import Heartbeats, JournalHandler, Watchdog, notify, reloading, watchdog_s
 
 
@@ -101,14 +101,14 @@ def test_a_trouble_is_told_when_it_begins_and_when_it_is_over(caplog):
     """Once each, however often it is seen; listed in between, with when it began."""
     caplog.set_level(logging.INFO)
     clock, elapsed = [100.0], [0.0]
-    troubles = Troubles(lambda: clock[0], lambda: elapsed[0])
+    problems = Problems(lambda: clock[0], lambda: elapsed[0])
     for _ in range(5):
-        troubles.found("disk", f"full since {clock[0]:.0f}")
+        problems.found("disk", f"full since {clock[0]:.0f}")
         clock[0] += 1.0
         elapsed[0] += 1.0
     clock[0] -= 365 * 86_400.0  # set back meanwhile: how long it lasted is still true
-    troubles.over("clock")
-    assert troubles.listed() == [{"name": "disk", "since_unix_s": 100.0, "text": "full since 104"}]
-    troubles.said("disk", None)
+    problems.over("clock")
+    assert problems.listed() == [{"name": "disk", "since_unix_s": 100.0, "text": "full since 104"}]
+    problems.said("disk", None)
     assert [record.message for record in caplog.records] == ["trouble=disk: full since 100", "trouble=disk is over, after 5 s"]
-    assert troubles.listed() == []
+    assert problems.listed() == []

@@ -147,9 +147,9 @@ def _move(daemon, clock, done):
         clock[0] += 0.2
         q, qd, qdd = (row[0] for row in excitation.at(np.array([t % excitation.period_s])))
         temperature = np.array([28.0, 28.5, 29.0, 30.0, 29.5, 30.5])
-        if daemon.model is None:
+        if daemon.torque_model is None:
             continue
-        torque = daemon.model.torque(load_robot("ur5"), q[None], qd[None], qdd[None], temperature[None]).torque[0]
+        torque = daemon.torque_model.torque(load_robot("ur5"), q[None], qd[None], qdd[None], temperature[None]).torque[0]
         daemon.live(q, qd, qdd, (torque + rng.normal(0.0, 0.3, 6)) / gains, temperature)
 
 

@@ -25,7 +25,7 @@ def page(configuration: Any, bus: Ask, store: Past, now: Callable[[], float] = t
 
 def about(configuration: Any) -> dict[str, Any]:
     """Who it is, and the arm's geometry for its drawing."""
-    who, arm, health = configuration.robot, configuration.model, configuration.assess.health
+    who, arm, health = configuration.robot, configuration.robot_description, configuration.assess.health
     prognosis = configuration.assess.prognosis
     return {
         "robot": {
