@@ -9,8 +9,8 @@ import numpy as np
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.identify import identify
-from monitor.identify.quality import TrustSettings, distrust
-from monitor.identify.warnings import Caveat
+from monitor.identify.quality import QualitySettings, quality_problem
+from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.health import Health, HealthSettings, Transition, alert_document
 from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life
 from monitor.judge.alerts.rules import judge
@@ -35,7 +35,7 @@ class AssessSettings:
     """The settings of every room on the way."""
 
     method: str = "wls"
-    trust: TrustSettings = field(default_factory=TrustSettings)
+    trust: QualitySettings = field(default_factory=QualitySettings)
     identify: IdentifySettings = field(default_factory=IdentifySettings)
     drift: DriftSettings = field(default_factory=DriftSettings)
     temperature: TemperatureSettings = field(default_factory=TemperatureSettings)
@@ -110,7 +110,7 @@ class Assessment:
     health: Health
     transitions: tuple[Transition, ...]
     model: CompensatedModel
-    caveats: tuple[Caveat, ...]
+    warnings: tuple[DataWarning, ...]
 
     def as_document(self) -> dict[str, Any]:
         """What is told of this replay, plain JSON; belief and model have documents of their own."""
@@ -125,7 +125,7 @@ class Assessment:
             "friction": plain(self.friction),
             "temperature": plain(self.temperature),
             "contexts": plain(self.belief.contexts),
-            "warnings": [plain(caveat) for caveat in self.caveats],
+            "warnings": [plain(warning) for warning in self.warnings],
         }
 
 
@@ -156,7 +156,7 @@ def assess(
     refused = _refusal(recording.context.recorded_at_unix_s, belief)
     if refused:
         return refused
-    why_not = distrust(recording.quality, recording.samples, settings.trust)
+    why_not = quality_problem(recording.quality, recording.samples, settings.trust)
     if why_not is not None:
         return Rejected(f"the recording is not to be trusted: {why_not}")
     try:
@@ -203,7 +203,7 @@ def judge_identification(
         health=judged.health,
         transitions=judged.transitions,
         model=compensated(identification, belief, coulomb=coulomb, viscous=viscous),
-        caveats=(*identification.caveats, *told),
+        warnings=(*identification.warnings, *told),
     )
 
 
@@ -220,7 +220,7 @@ def model_after(
 
 
 def _identified(recording: Recording, robot: Robot, mounting: Mounting, gains: Array | None, settings: AssessSettings) -> Identification:
-    return identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, finer=True)
+    return identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, residual_friction=True)
 
 
 def _refusal(at_unix_s: float | None, belief: Belief | None) -> Rejected | None:

@@ -334,7 +334,7 @@ def energy(
         "duration_s": float(t_s[-1] - t_s[0]),
         "payload_kg": mass_kg,
         **energy_document(arm, t_s, energies, speed, regions, mass_kg),
-        "warnings": [{"code": caveat.code, "text": caveat.text} for caveat in found.caveats],
+        "warnings": [{"code": warning.code, "text": warning.text} for warning in found.warnings],
     }
     if as_json:
         _print_json(document)

@@ -38,7 +38,7 @@ class Repair(NamedTuple):
     text: str
 
 
-def mended(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
+def cleaned(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
     """The recording in seconds, radians and with a clock that runs on, and what had to be done for it.
 
     Raises Unidentifiable where speeds are not what the positions change by.
@@ -75,9 +75,9 @@ def _running_on(t_s: Array) -> tuple[Array, int]:
         if (step[i] < 0.0 and back and np.max(after) < np.max(before)) or (step[i] > limit and ahead):
             offset[i + 1 :] += t[i] + HOLE_S - t[i + 1]
             jumps += 1
-    mended = t_s.copy()
-    mended[finite] = t + offset
-    return (mended, jumps) if jumps else (t_s, 0)
+    cleaned = t_s.copy()
+    cleaned[finite] = t + offset
+    return (cleaned, jumps) if jumps else (t_s, 0)
 
 
 def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.consistent import Consistent
 from monitor.identify.gains import Gains
 from monitor.identify.identification import Identification
 from monitor.identify.payload import NAMES as PAYLOAD_NAMES
 from monitor.identify.payload import Payload
+from monitor.identify.physically_consistent import PhysicallyConsistentArm
 from monitor.identify.validate import Validation
 from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, Robot
@@ -82,11 +82,11 @@ def document(identification: Identification, validations: Sequence[Validation] =
             for validation in validations
         ],
         **({} if found.physical is None else {"physical": physical_document(found.physical)}),
-        "warnings": [{"code": caveat.code, "text": caveat.text} for caveat in found.caveats],
+        "warnings": [{"code": warning.code, "text": warning.text} for warning in found.warnings],
     }
 
 
-def physical_document(physical: Consistent) -> dict[str, Any]:
+def physical_document(physical: PhysicallyConsistentArm) -> dict[str, Any]:
     """Standard parameters of an arm that can exist, about the centres of mass, in DH frames."""
     arm = physical.robot
     return {
@@ -192,7 +192,7 @@ def payload_document(payload: Payload) -> dict[str, Any]:
         "rms_nm": _numbers(payload.rms_nm),
         "relative_rms": _numbers(payload.relative_rms),
         "samples": payload.samples,
-        "warnings": [{"code": caveat.code, "text": caveat.text} for caveat in payload.caveats],
+        "warnings": [{"code": warning.code, "text": warning.text} for warning in payload.warnings],
     }
 
 

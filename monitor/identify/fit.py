@@ -43,7 +43,7 @@ class Equations:
         torque: Array = self.Y @ np.where(layout.load, values, 0.0)
         return torque
 
-    def rows(self, law: FrictionLaw, values: Array, layout: "Layout", trust: Array | None = None) -> Rows:
+    def rows(self, law: FrictionLaw, values: Array, layout: "Layout", robust_weight: Array | None = None) -> Rows:
         """In the unknowns of the law, the load as predicted with base parameters `values` (B,)."""
         Y, torque = self.Y, self.torque_nm
         if layout.frozen:
@@ -51,7 +51,7 @@ class Equations:
             Y = np.where(layout.rigid, 0.0, Y)
         if len(law.parameters) > 2:
             Y = np.concatenate([Y, _own(self.beyond(law, values, layout))], axis=2)
-        return Rows(Y, torque, self.used, self.steps, self.motion.segments, trust)
+        return Rows(Y, torque, self.used, self.steps, self.motion.segments, robust_weight)
 
     def beyond(self, law: FrictionLaw, values: Array, layout: "Layout") -> Array:
         """(N, J, E) each joint's columns of the law but fc's and fv's, as round as the torque."""
@@ -116,7 +116,7 @@ def fit(equations: Sequence[Equations], law: FrictionLaw, layout: Layout, prior:
 def refit(equations: Sequence[Equations], paper: Fit, law: FrictionLaw, layout: Layout, prior: Array) -> tuple[Solution, list[Array]]:
     """What `fit` makes of a richer law, to a hundredth of what it leaves: solution and residuals (N, J), from a fit of the paper's.
 
-    Only each joint's own columns change from round to round, so the rest is triangulated once. Rows keep the trust of that fit.
+    Only each joint's own columns change from round to round, so the rest is triangulated once. Rows keep the robust weights of that fit.
     """
     B, J = len(prior), len(paper.weights)
     own = [Projected(paper.rows, j) for j in range(J)]
@@ -142,7 +142,7 @@ def with_causes(equations: Sequence[Equations], found: Fit, layout: Layout, prio
     rows = []
     for eq, before in zip(equations, found.rows, strict=True):
         values = found.solution.values[: len(prior)]
-        rec = eq.rows(law, values, layout, before.trust)
+        rec = eq.rows(law, values, layout, before.robust_weight)
         qd, middle = eq.motion.qd, eq.motion.t_s - np.mean(eq.motion.t_s)
         delay = np.gradient(before.Y @ found.solution.values, axis=0)  # (N, J) torque of the fit, by sample
         warming = middle[:, None, None] * LAWS["paper"].columns(qd)  # (N, J, 2)
@@ -203,9 +203,9 @@ def _robust(equations: Sequence[Equations], start: Fit, layout: Layout, prior: A
     for _ in range(ROBUST_ROUNDS):
         residuals = found.residuals
         scale = robust_scale(found.rows, residuals)
-        trust = [(STUDENT_FREEDOM + 1.0) / (STUDENT_FREEDOM + (residual / scale) ** 2) for residual in residuals]
+        robust_weights = [(STUDENT_FREEDOM + 1.0) / (STUDENT_FREEDOM + (residual / scale) ** 2) for residual in residuals]
         values = found.solution.values[: len(prior)]
-        rows = [eq.rows(found.law, values, layout, t) for eq, t in zip(equations, trust, strict=True)]
+        rows = [eq.rows(found.law, values, layout, t) for eq, t in zip(equations, robust_weights, strict=True)]
         joints = factors(rows)
         weights = 1.0 / scale
         found = Fit(
@@ -233,13 +233,13 @@ def robust_scale(rows: Sequence[Rows], residuals: Sequence[Array]) -> Array:
 
 
 def robust_inflation(found: Fit) -> float:
-    """By how much Σw exceeds Σψ′, which the variance of an M-estimator has in its place (Huber (1981), §7.6); 1 without trust."""
+    """By how much Σw exceeds Σψ′, which the variance of an M-estimator has in its place (Huber (1981), §7.6); 1 without robust weights."""
     weight = slope = 0.0
     for rec, residual in zip(found.rows, found.residuals, strict=True):
-        if rec.trust is None:
+        if rec.robust_weight is None:
             return 1.0
         u2 = (residual * found.weights) ** 2
         derivative = (STUDENT_FREEDOM + 1.0) * (STUDENT_FREEDOM - u2) / (STUDENT_FREEDOM + u2) ** 2
-        weight += float(np.sum(rec.trust[rec.used]))
+        weight += float(np.sum(rec.robust_weight[rec.used]))
         slope += float(np.sum(derivative[rec.used]))
     return max(1.0, weight / slope) if slope > 0.0 else 1.0

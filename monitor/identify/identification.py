@@ -8,13 +8,13 @@ import numpy as np
 from annotated_types import Interval
 
 from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, SignalSettings
-from monitor.identify.warnings import Caveat
+from monitor.identify.warnings import DataWarning
 from monitor.model.friction import LAWS, FrictionLaw
 from monitor.model.robot import Mounting
 from monitor.recording import Array
 
 if TYPE_CHECKING:
-    from monitor.identify.consistent import Consistent
+    from monitor.identify.physically_consistent import PhysicallyConsistentArm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +56,7 @@ class FrictionFit:
         return np.einsum("jk,jk->j", x, self.values), np.sqrt(np.einsum("ji,jik,jk->j", x, self.covariance, x))
 
 
-class Finer(NamedTuple):
+class ResidualFrictionFit(NamedTuple):
     """The same recording fitted by the law `concave`, rigid parameters anew: what predicts its torque best; no covariances."""
 
     rigid: Array  # (B,) base parameters, of which those of friction say nothing
@@ -93,7 +93,7 @@ class Identification:
     rms_all_nm: Array  # (J,) over all samples
     normalised_error_nm: float  # e_N = √(eᵀe)/N, Raviola et al. (2021)
     samples: int
-    caveats: tuple[Caveat, ...] = ()
+    warnings: tuple[DataWarning, ...] = ()
     sources: tuple[Source, ...] = ()
     friction: FrictionFit | None = None  # None: the paper's law, fc and fv say all
     total_covariance: Array | None = None  # (B, B) with misfit, and with what masses took of the law's lack: another motion's
@@ -102,8 +102,8 @@ class Identification:
     paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): neither the noise's scale nor its correlation is in it
     warming_k_per_min: Array | None = None  # (J,) how fast the joints warmed meanwhile; positive: the grease is colder than the sensor
     mean_speed_rad_s: Array | None = None  # (J,) of |q̇|
-    finer: Finer | None = None  # where it was asked for
-    physical: "Consistent | None" = None  # the standard parameters of an arm that can exist, where they were asked for
+    residual_friction: ResidualFrictionFit | None = None  # where it was asked for
+    physical: "PhysicallyConsistentArm | None" = None  # the standard parameters of an arm that can exist, where they were asked for
 
     @property
     def law(self) -> FrictionLaw:

@@ -7,17 +7,17 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify import warnings as told
-from monitor.identify.consistent import Consistent, consistent
 from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, refit, robust_inflation, with_causes
-from monitor.identify.identification import Finer, FrictionFit, Identification, IdentifySettings, Source
+from monitor.identify.identification import FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
 from monitor.identify.least_squares import WINDOW_STEPS, Solution, condition_number, jackknife_covariances
 from monitor.identify.mounting import mounting_check
+from monitor.identify.physically_consistent import PhysicallyConsistentArm, physically_consistent
 from monitor.identify.projection import mapped, mean_load, positive, projection
 from monitor.identify.selection import AUTO, choose_law
 from monitor.identify.signals import Mask, Motion, motion
 from monitor.identify.torque import joint_torque
 from monitor.identify.validate import errors_of, refuse_other_arm
-from monitor.identify.warnings import Caveat
+from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base, base_parameters
 from monitor.model.friction import LAWS, friction_law
 from monitor.model.regressor import friction_columns, regressor
@@ -37,7 +37,7 @@ def identify(
     gains: Array | None = None,
     rigid_from: Identification | None = None,
     settings: IdentifySettings | None = None,
-    finer: bool = False,
+    residual_friction: bool = False,
 ) -> Identification:
     """The base parameters that explain the recordings together.
 
@@ -46,7 +46,7 @@ def identify(
     `consistent` is `wls` over arms that can exist; its covariance is that of `wls`, which the bounds can only narrow.
     friction : `paper`, `load`, `concave`, `stribeck`, or `auto`: the simplest of them that predicts data left out as well as the best.
     rigid_from : an earlier identification whose rigid parameters are taken as known; covariances are then under that condition.
-    finer : beside the law `paper`, fit `concave` for the prediction of torque.
+    residual_friction : beside the law `paper`, fit `concave` for the prediction of torque.
     gains : (J,) [N·m/A] or None for the published torque constants. Raises Unidentifiable where a recording holds too little motion,
     BadInput where it does not fit the robot.
     """
@@ -73,8 +73,8 @@ def identify(
         friction=friction,
         rigid_from=rigid_from,
         settings=settings,
-        caveats=remarks,
-        finer=finer,
+        warnings=remarks,
+        residual_friction=residual_friction,
     )
     return replace(found, warming_k_per_min=_warming(recordings))
 
@@ -89,8 +89,8 @@ def identify_motions(
     friction: str = "paper",
     rigid_from: Identification | None = None,
     settings: IdentifySettings | None = None,
-    caveats: Sequence[Caveat] = (),
-    finer: bool = False,
+    warnings: Sequence[DataWarning] = (),
+    residual_friction: bool = False,
 ) -> Identification:
     """`identify` from prepared signals on: torques are (N, J) [N·m] of each motion."""
     settings = settings or IdentifySettings()
@@ -142,7 +142,7 @@ def identify_motions(
     predicted = measured - np.concatenate(found.residuals)
     moving = np.abs(speeds) > settings.moving_rad_s
     errors = errors_of(measured, predicted, moving)
-    remarks = [*caveats, *told.of_joints(robot, speeds, moving), *told.of_trust(found.rows)]
+    remarks = [*warnings, *told.of_joints(robot, speeds, moving), *told.of_robust_weights(found.rows)]
     excited = found.solution.excited[: base.count] | (layout.rigid & layout.frozen)
     remarks += told.of_solution(base.names, excited, condition, len(measured), coulomb, viscous)
     if physical is not None and physical.residual_ratio > told.FAR_FROM_PHYSICAL:
@@ -176,7 +176,7 @@ def identify_motions(
         rms_all_nm=errors.rms_all_nm,
         normalised_error_nm=errors.normalised_error_nm,
         samples=len(measured),
-        caveats=tuple(remarks),
+        warnings=tuple(remarks),
         sources=tuple(
             Source(m.source, m.recorded_samples, m.rate_hz, m.duration_s, m.rejected_samples, dict(m.rejected_why)) for m in motions
         ),
@@ -186,7 +186,9 @@ def identify_motions(
         held_out=held_out,
         paper_d=np.linalg.norm((M @ found.solution.directions), axis=1),
         physical=physical,
-        finer=_finer(equations, found, layout, prior, moving) if finer and law == LAWS["paper"] else None,
+        residual_friction=_residual_friction(equations, found, layout, prior, moving)
+        if residual_friction and law == LAWS["paper"]
+        else None,
     )
 
 
@@ -198,14 +200,14 @@ def _refuse_twice(recordings: Sequence[Recording]) -> None:
                 raise BadInput(f"{one.source or 'recording'} is {other.source or 'recording'} once more: it says nothing new; give it once")
 
 
-def _finer(equations: Sequence[Equations], paper: Fit, layout: Layout, prior: Array, errors_over: Mask) -> Finer:
+def _residual_friction(equations: Sequence[Equations], paper: Fit, layout: Layout, prior: Array, errors_over: Mask) -> ResidualFrictionFit:
     """The law `concave` on the same equations."""
     law, B = LAWS["concave"], len(prior)
     solution, residuals = refit(equations, paper, law, layout, prior)
     values, places = solution.values, layout.of_law(law)
     loads = [np.where(eq.used, np.abs(eq.load(values[:B], layout)), 0.0) for eq in equations]
     left = np.concatenate(residuals)
-    return Finer(
+    return ResidualFrictionFit(
         rigid=values[:B],
         friction=np.where(np.all(solution.excited[places], axis=1)[:, None], values[places], np.nan),
         load_nm=np.max(np.concatenate(loads), axis=0),
@@ -213,13 +215,13 @@ def _finer(equations: Sequence[Equations], paper: Fit, layout: Layout, prior: Ar
     )
 
 
-def _physical(found: Fit, base: Base, robot: Robot) -> tuple[Fit, Consistent]:
+def _physical(found: Fit, base: Base, robot: Robot) -> tuple[Fit, PhysicallyConsistentArm]:
     """The nearest arm that can exist, on the factors of the fit."""
     extra = found.joints[0].R.shape[1] - 1 - base.count
     combination = np.zeros((base.count + extra, base.combination.shape[1] + extra))
     combination[: base.count, : base.combination.shape[1]] = base.combination
     combination[base.count :, base.combination.shape[1] :] = np.eye(extra)
-    physical = consistent(found.joints, found.weights, combination, robot)
+    physical = physically_consistent(found.joints, found.weights, combination, robot)
     return replace(found, solution=replace(found.solution, values=physical.values)), physical
 
 

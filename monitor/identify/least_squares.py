@@ -27,12 +27,12 @@ class Rows(NamedTuple):
     used: Mask  # (N, J)
     steps: Indices  # (N,) number of the step of 1/6 block each sample lies in, from 0
     segments: Indices  # (N,) number of the stretch without a hole
-    trust: Array | None = None  # (N, J) weight of each row's square, 0 … 1, from a robust fit; None: all alike
+    robust_weight: Array | None = None  # (N, J) weight of each row's square, 0 … 1, from a robust fit; None: all alike
 
     @property
     def root_weight(self) -> Array:
         """(N, J) what each row is multiplied by, before its joint's weight; 0 where it is not used."""
-        return np.where(self.used, 1.0 if self.trust is None else np.sqrt(self.trust), 0.0)
+        return np.where(self.used, 1.0 if self.robust_weight is None else np.sqrt(self.robust_weight), 0.0)
 
 
 class Factor(NamedTuple):
@@ -58,7 +58,7 @@ def factors(recordings: Sequence[Rows]) -> list[Factor]:
         rows = []
         for rec in recordings:
             on = rec.used[:, j]
-            weight = 1.0 if rec.trust is None else np.sqrt(rec.trust[on, j, None])
+            weight = 1.0 if rec.robust_weight is None else np.sqrt(rec.robust_weight[on, j, None])
             rows.append(weight * np.column_stack([rec.Y[on, j], rec.torque_nm[on, j]]))
         stacked = np.concatenate(rows)  # (n, B + 1)
         result.append(Factor(triangle(stacked), len(stacked)))
@@ -71,7 +71,10 @@ class Projected:
     def __init__(self, recordings: Sequence[Rows], j: int) -> None:
         on = [rec.used[:, j] for rec in recordings]
         self._on = on
-        self._root = [1.0 if rec.trust is None else np.sqrt(rec.trust[used, j, None]) for rec, used in zip(recordings, on, strict=True)]
+        self._root = [
+            1.0 if rec.robust_weight is None else np.sqrt(rec.robust_weight[used, j, None])
+            for rec, used in zip(recordings, on, strict=True)
+        ]
         Y = self._stacked([rec.Y[:, j] for rec in recordings])
         self._B, self._j, self.samples = Y.shape[1], j, len(Y)
         self._felt = np.flatnonzero(np.any(Y != 0.0, axis=0))

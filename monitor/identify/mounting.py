@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from monitor.identify.least_squares import triangle
 from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, Indices, Mask, Motion
-from monitor.identify.warnings import Caveat
+from monitor.identify.warnings import DataWarning
 from monitor.model.base import base_parameters
 from monitor.model.identifiable import mounting_with_up
 from monitor.model.regressor import friction_columns, regressor
@@ -56,7 +56,7 @@ class Upward:
         return mounting_with_up(self.up)
 
 
-def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Caveat | None:
+def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> DataWarning | None:
     """`mounting_contradiction` where gravity in the data is not where the mounting puts it, else None.
 
     torques : (N, J) [N·m] of each motion.
@@ -72,7 +72,7 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
         "masses": "; up is told from down by the manufacturer's masses, not by these data",
         "open": "; up and down stay open: the opposite direction explains the data as well",
     }[found.sign_by]
-    return Caveat(
+    return DataWarning(
         "mounting_contradiction",
         f"gravity in the data is {angle_deg:.0f} ± {max(std_deg, 0.1):.2g}° from where the mounting {_called(mounting)} puts it: "
         f"likely is {_likely(found.up)}{sign}; rotation about the vertical (yaw) never shows in torques",

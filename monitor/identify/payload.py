@@ -15,7 +15,7 @@ from monitor.identify.least_squares import WINDOW_STEPS, Rows, factors, jackknif
 from monitor.identify.signals import motion
 from monitor.identify.torque import joint_torque
 from monitor.identify.validate import refuse_other_arm
-from monitor.identify.warnings import Caveat
+from monitor.identify.warnings import DataWarning
 from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
 from monitor.recording import Array, Recording
@@ -57,14 +57,14 @@ class Payload:
         return self.mass_kg > TELLING_STD * self.mass_std_kg
 
     @property
-    def caveats(self) -> tuple[Caveat, ...]:
+    def warnings(self) -> tuple[DataWarning, ...]:
         """What the reader must know."""
         mass = f"{self.mass_kg:.3g} ± {self.mass_std_kg:.2g} kg"
         if self.mass_kg < -TELLING_STD * self.mass_std_kg:
             text = f"the payload comes out at {mass}: the arm was heavier when it was identified, or gains, mounting or robot are others"
-            return (Caveat("unphysical_payload", text),)
+            return (DataWarning("unphysical_payload", text),)
         if not self.telling:
-            return (Caveat("no_payload", f"no payload shows: {mass}; its centre means nothing"),)
+            return (DataWarning("no_payload", f"no payload shows: {mass}; its centre means nothing"),)
         return ()
 
 

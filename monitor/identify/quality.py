@@ -11,7 +11,7 @@ from annotated_types import Interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrustSettings:
+class QualitySettings:
     """How much a replay may have been disturbed and still be learnt from."""
 
     max_missed_share: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.02  # of the ticks; alone on two cores none are missed
@@ -22,7 +22,7 @@ class TrustSettings:
     min_speed_scaling: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.999  # less is another trajectory too
 
 
-def distrust(quality: Mapping[str, Any], samples: int, settings: TrustSettings) -> str | None:
+def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualitySettings) -> str | None:
     """Why a recording of N samples is not to be learnt from, in words; None where nothing speaks against it."""
 
     def known(name: str) -> float | None:

@@ -50,8 +50,8 @@ def choose_law(equations: Sequence[Equations], layout: Layout, prior: Array, met
 def _stretch(rec: Rows, k: int) -> Rows:
     """The k-th of FOLDS parts of a recording."""
     on = np.arange(len(rec.steps)) * FOLDS // len(rec.steps) == k
-    trust = None if rec.trust is None else rec.trust[on]
-    return Rows(rec.Y[on], rec.torque_nm[on], rec.used[on], rec.steps[on], rec.segments[on], trust)
+    robust_weight = None if rec.robust_weight is None else rec.robust_weight[on]
+    return Rows(rec.Y[on], rec.torque_nm[on], rec.used[on], rec.steps[on], rec.segments[on], robust_weight)
 
 
 def _left_out(folds: Sequence[Sequence[Factor]], weights: Array, expected: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from annotated_types import Interval
 
 from monitor.errors import Unidentifiable
-from monitor.identify.clean import Repair, mended
+from monitor.identify.clean import Repair, cleaned
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Recording
 
@@ -122,7 +122,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     name = recording.source or "recording"
     if recording.current is None and recording.torque is None:
         raise Unidentifiable(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint")
-    recording, repairs = mended(recording)
+    recording, repairs = cleaned(recording)
     keep, why = _sound_rows(recording)
     if len(keep) < 10:
         told = f" ({_told(why)})" if why else ""

@@ -22,40 +22,44 @@ DISBELIEVED = 0.2  # weight of a sample five standard deviations off
 DISBELIEVED_SHARE = 0.01  # of the samples; a normal distribution has none
 
 
-class Caveat(NamedTuple):
+class DataWarning(NamedTuple):
     """Something the reader of a result must know; `code` is for programs, `text` for people."""
 
     code: str
     text: str
 
 
-def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[Caveat]:
+def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[DataWarning]:
     """What one recording gives reason to say."""
     name = motion.source or "recording"
     if motion.rejected_samples:
         why = ", ".join(f"{count} {reason}" for reason, count in motion.rejected_why.items())
-        yield Caveat("rejected_rows", f"{name}: {motion.rejected_samples} of {motion.recorded_samples} rows were left out: {why}")
+        yield DataWarning("rejected_rows", f"{name}: {motion.rejected_samples} of {motion.recorded_samples} rows were left out: {why}")
     for repair in motion.repairs:
-        yield Caveat(repair.code, f"{name}: {repair.text}{'' if repair.code == 'clock_doubtful' else '; put right'}")
+        yield DataWarning(repair.code, f"{name}: {repair.text}{'' if repair.code == 'clock_doubtful' else '; put right'}")
     if motion.repaired_samples:
-        yield Caveat(
+        yield DataWarning(
             "repaired_spikes", f"{name}: {motion.repaired_samples} readings of current or torque stood out alone and were repaired"
         )
     if motion.current_is_target:
-        yield Caveat(
+        yield DataWarning(
             "current_is_target", f"{name}: the actual current equals the target's bit for bit: this is a simulator's, not an arm's"
         )
     if motion.rate_hz < LOW_RATE_HZ:
-        yield Caveat("low_rate", f"{name}: {motion.rate_hz:.3g} Hz blurs reversals and accelerations; 100 Hz or more is better")
+        yield DataWarning("low_rate", f"{name}: {motion.rate_hz:.3g} Hz blurs reversals and accelerations; 100 Hz or more is better")
     if payload_kg:
-        yield Caveat("payload", f"{name}: a payload of {payload_kg:g} kg is part of the last link's parameters and of the load on friction")
+        yield DataWarning(
+            "payload", f"{name}: a payload of {payload_kg:g} kg is part of the last link's parameters and of the load on friction"
+        )
     if motion.temperature_c is not None:
         swing = np.ptp(motion.temperature_c, axis=0)  # (J,)
         for j in np.flatnonzero(swing > TEMPERATURE_DRIFT_K):
-            yield Caveat("temperature_drift", f"{name}: joint {j + 1} changed by {swing[j]:.1f} K: viscous friction is that of the mean")
+            yield DataWarning(
+                "temperature_drift", f"{name}: joint {j + 1} changed by {swing[j]:.1f} K: viscous friction is that of the mean"
+            )
 
 
-def of_joints(robot: Robot, speeds: Array, moving: Mask) -> Iterator[Caveat]:
+def of_joints(robot: Robot, speeds: Array, moving: Mask) -> Iterator[DataWarning]:
     """How well each joint was moved. speeds : (N, J) [rad/s], moving : (N, J)."""
     for j in range(robot.joints):
         share = float(np.mean(moving[:, j]))
@@ -63,50 +67,52 @@ def of_joints(robot: Robot, speeds: Array, moving: Mask) -> Iterator[Caveat]:
         forward = float(np.mean(speeds[moving[:, j], j] > 0.0)) if share else 0.0
         if share < MOVING_SHARE or fastest < USEFUL_SPEED_RAD_S:
             text = f"joint {j + 1} moves in {share:.0%} of the samples and never faster than {fastest:.2g} rad/s: its friction is a guess"
-            yield Caveat("joint_hardly_moves", text)
+            yield DataWarning("joint_hardly_moves", text)
         elif min(forward, 1.0 - forward) < ONE_WAY_SHARE:
-            yield Caveat("one_direction", f"joint {j + 1} moves one way only: Coulomb friction cannot be told from weight")
+            yield DataWarning("one_direction", f"joint {j + 1} moves one way only: Coulomb friction cannot be told from weight")
 
 
-def of_trust(rows: Sequence[Rows]) -> Iterator[Caveat]:
+def of_robust_weights(rows: Sequence[Rows]) -> Iterator[DataWarning]:
     """How much a robust fit did not believe."""
     for j in range(rows[0].torque_nm.shape[1]):
-        trusts = [rec.trust[rec.used[:, j], j] for rec in rows if rec.trust is not None]
-        trust = np.concatenate([np.empty(0), *trusts])
-        share = float(np.mean(trust < DISBELIEVED)) if len(trust) else 0.0
+        weights = [rec.robust_weight[rec.used[:, j], j] for rec in rows if rec.robust_weight is not None]
+        weight = np.concatenate([np.empty(0), *weights])
+        share = float(np.mean(weight < DISBELIEVED)) if len(weight) else 0.0
         if share > DISBELIEVED_SHARE:
-            yield Caveat("outliers", f"joint {j + 1}: {share:.1%} of the samples do not fit the rest and had next to no weight")
+            yield DataWarning("outliers", f"joint {j + 1}: {share:.1%} of the samples do not fit the rest and had next to no weight")
 
 
 def of_solution(
     names: Sequence[str], excited: Mask, condition: float, samples: int, coulomb_nm: Array, viscous_nm_s_per_rad: Array
-) -> Iterator[Caveat]:
+) -> Iterator[DataWarning]:
     """What the solution itself betrays."""
     if samples < SAMPLES_A_PARAMETER * len(names):
-        yield Caveat("few_samples", f"{samples} samples for {len(names)} parameters; {SAMPLES_A_PARAMETER * len(names)} or more are better")
+        yield DataWarning(
+            "few_samples", f"{samples} samples for {len(names)} parameters; {SAMPLES_A_PARAMETER * len(names)} or more are better"
+        )
     if not np.all(excited):
         missing = "; ".join(name for name, known in zip(names, excited, strict=True) if not known)
-        yield Caveat("not_excited", f"this motion does not reveal {missing}: those values are the manufacturer's")
+        yield DataWarning("not_excited", f"this motion does not reveal {missing}: those values are the manufacturer's")
     elif condition > ILL_CONDITIONED:
-        yield Caveat("ill_conditioned", f"the condition number is {condition:.3g}; a designed excitation reaches 50–200")
+        yield DataWarning("ill_conditioned", f"the condition number is {condition:.3g}; a designed excitation reaches 50–200")
     for j, (fc, fv) in enumerate(zip(coulomb_nm, viscous_nm_s_per_rad, strict=True)):
         if fc < 0.0 or fv < 0.0:
             text = (
                 f"joint {j + 1}: fc = {fc:.3g} N·m, fv = {fv:.3g} N·m·s/rad; friction cannot be negative: gains, model or motion are wrong"
             )
-            yield Caveat("unphysical_friction", text)
+            yield DataWarning("unphysical_friction", text)
 
 
-def far_from_physical(residual_ratio: float) -> Caveat:
+def far_from_physical(residual_ratio: float) -> DataWarning:
     """The best arm that can exist explains the data worse by more than noise and a fair law would let it."""
     text = (
         f"the best arm that can exist leaves {residual_ratio - 1.0:.1%} more than the best that cannot: "
         f"gains, mounting, robot or friction law are doubtful"
     )
-    return Caveat("far_from_physical", text)
+    return DataWarning("far_from_physical", text)
 
 
-def of_recordings(recordings: Sequence[Recording]) -> Iterator[Caveat]:
+def of_recordings(recordings: Sequence[Recording]) -> Iterator[DataWarning]:
     """Whether several recordings belong together."""
     if len({(recording.context.payload_kg, recording.context.tool) for recording in recordings}) > 1:
-        yield Caveat("mixed_payload", "the recordings differ in payload or tool: one set of parameters cannot fit them all")
+        yield DataWarning("mixed_payload", "the recordings differ in payload or tool: one set of parameters cannot fit them all")

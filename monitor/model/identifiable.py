@@ -40,7 +40,7 @@ FRAMES: dict[str, Callable[[Robot], list[tuple[Array, Array]]]] = {
 }
 
 
-def quotable(robot: Robot, mounting: Mounting, frames: str | list[tuple[Array, Array]] = "standard-dh") -> Classification:
+def individually_identifiable(robot: Robot, mounting: Mounting, frames: str | list[tuple[Array, Array]] = "standard-dh") -> Classification:
     """What of the standard parameters is identifiable where each link's are written in another frame fixed to it.
 
     frames : a name in `FRAMES`, or for each link (R, r): R (3, 3) turns components into DH frame i, r (3,) [m] is the origin in DH frame i.
@@ -121,7 +121,7 @@ def base_document(robot: Robot, mounting: Mounting, frames: str = "standard-dh")
             "by_column": told(base.by_column),
             "as_in_paper": told(base.as_in_paper),
         },
-        "quotable": {"frames": frames, **told(quotable(robot, mounting, frames))},
+        "quotable": {"frames": frames, **told(individually_identifiable(robot, mounting, frames))},
         "notes": list(_notes(robot, mounting, base)),
     }
 

@@ -149,7 +149,7 @@ def assess_series(series: Series) -> dict[str, Any]:
             continue
         files.append({"file": recording.source, "recorded_at_unix_s": at, "verdict": "assessed", "reason": None})
         friction += [{"file": recording.source, "recorded_at_unix_s": at, **plain(joint)} for joint in outcome.friction]
-        warnings += [{"file": recording.source, **plain(caveat)} for caveat in outcome.caveats]
+        warnings += [{"file": recording.source, **plain(warning)} for warning in outcome.warnings]
         for transition in outcome.transitions:
             raised_in = alerts.get(transition.alert.key, {}).get("file") if transition.kind != "raised" else None
             alerts[transition.alert.key] = {**alert_document(transition.alert), "file": raised_in or recording.source}

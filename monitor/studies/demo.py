@@ -31,7 +31,7 @@ from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import Progress, replay
 from monitor.config.load import Configuration, from_document
 from monitor.errors import ReplayAborted, RobotUnreachable
-from monitor.identify.quality import distrust
+from monitor.identify.quality import quality_problem
 from monitor.identify.validate import errors_of
 from monitor.judge.drift.observation import DriftSettings
 from monitor.model.fourier import Excitation
@@ -243,7 +243,7 @@ def _undisturbed(live: Callable[[], Recording], configuration: Configuration, di
                 raise
             why: str | None = error.cause
         else:
-            why = distrust(recording.quality, recording.samples, configuration.assess.trust)
+            why = quality_problem(recording.quality, recording.samples, configuration.assess.trust)
             if why is None:
                 return recording
         diary.disturbed.append(f"day {diary.day + 1}: {why}")

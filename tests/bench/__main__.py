@@ -21,9 +21,9 @@ def cases() -> dict[str, Callable[[], object]]:
     """What is timed, by name; a name after `vs` is what its ratio is quoted against."""
     import pinocchio as pin
 
-    from monitor.identify.consistent import consistent
     from monitor.identify.identify import identify, identify_motions
     from monitor.identify.least_squares import WINDOW_STEPS, Rows, factors
+    from monitor.identify.physically_consistent import physically_consistent
     from monitor.identify.signals import motion
     from monitor.identify.torque import joint_torque
     from monitor.model.base import base_parameters
@@ -63,7 +63,7 @@ def cases() -> dict[str, Callable[[], object]]:
         "identify wls": lambda: identify([recording], robot, mounting, method="wls"),
         "identify robust": lambda: identify([recording], robot, mounting, method="robust"),
         "identify wls, friction auto": lambda: identify([recording], robot, mounting, friction="auto"),
-        "physically consistent fit, from factors": lambda: consistent(factored, weights, base.combination, robot),
+        "physically consistent fit, from factors": lambda: physically_consistent(factored, weights, base.combination, robot),
     }
     other = figaroh_case(model, moved, torque)
     return everything if other is None else {**everything, "ls and standard deviations by figaroh, filtered signals to parameters": other}

@@ -128,7 +128,7 @@ def test_frozen_rigid_parameters_are_kept_and_steady_friction():
     np.testing.assert_array_equal(found.values[~friction], first.values[~friction])
     np.testing.assert_array_equal(found.covariance[np.ix_(~friction, ~friction)], first.covariance[np.ix_(~friction, ~friction)])
     assert not np.array_equal(found.values[friction], first.values[friction])
-    assert "not_excited" not in {caveat.code for caveat in found.caveats}
+    assert "not_excited" not in {warning.code for warning in found.warnings}
     assert np.mean(np.std(frozen, axis=0)) < np.mean(np.std(free, axis=0))
     np.testing.assert_allclose(np.mean(frozen, axis=0), COULOMB_NM + 0.4 * VISCOUS, rtol=0.02)
 
@@ -168,10 +168,12 @@ def test_a_payload_of_nothing_is_refused():
 def test_the_finer_terms_are_those_of_the_concave_law():
     """Fitted on rows triangulated once, with scales and load settled together: within a fiftieth of what the law itself leaves."""
     rec = recording(with_gears(seed=1))
-    whole, beside = identify([rec], UR5, GROUND, friction="concave"), identify([rec], UR5, GROUND, finer=True)
-    np.testing.assert_allclose(beside.finer.rms_nm, whole.rms_nm, rtol=0.02)
+    whole, beside = identify([rec], UR5, GROUND, friction="concave"), identify([rec], UR5, GROUND, residual_friction=True)
+    np.testing.assert_allclose(beside.residual_friction.rms_nm, whole.rms_nm, rtol=0.02)
     x = np.stack([[1.0, v, 20.0, np.sqrt(v)] for v in (0.2, 0.6, 1.2)])  # (3, K) at 20 N·m of load
-    np.testing.assert_allclose(beside.finer.friction @ x.T, whole.friction.values @ x.T, atol=0.02 * np.max(whole.rms_nm) + 0.02)
+    np.testing.assert_allclose(
+        beside.residual_friction.friction @ x.T, whole.friction.values @ x.T, atol=0.02 * np.max(whole.rms_nm) + 0.02
+    )
     plain = identify([rec], UR5, GROUND)
     np.testing.assert_array_equal(beside.coulomb_nm, plain.coulomb_nm)
     np.testing.assert_array_equal(beside.covariance, plain.covariance)

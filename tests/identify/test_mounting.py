@@ -52,7 +52,7 @@ def replayed(request):
 
 @pytest.mark.parametrize("configured", ["ground", "ceiling", "wall"])
 def test_a_simulated_arm_tells_a_wrong_mounting_and_no_right_one(replayed, configured):
-    """All nine pairs: the caveat comes for the six wrong ones, with the right name and the angle to 3°.
+    """All nine pairs: the warning comes for the six wrong ones, with the right name and the angle to 3°.
 
     This motion is half as fast as a designed one, and its friction follows laws that the fit does not know."""
     real, moved, torque = replayed
@@ -69,7 +69,7 @@ def test_a_simulated_arm_tells_a_wrong_mounting_and_no_right_one(replayed, confi
 
 
 def test_yaw_never_matters(replayed):
-    """A base turned about the vertical feels the same gravity: no caveat for any yaw of the right mounting."""
+    """A base turned about the vertical feels the same gravity: no warning for any yaw of the right mounting."""
     real, moved, torque = replayed
     for yaw in (-90.0, 45.0, 180.0):
         turned = replace(Mounting.parse(real), yaw_rad=np.radians(yaw))

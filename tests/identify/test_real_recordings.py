@@ -144,7 +144,7 @@ def test_ur10e_payload_is_found_with_the_arm_and_its_friction_frozen(ur10e, ur10
 
 
 def test_ur3e_is_read_by_its_column_names(real_data):
-    """25 Hz, temperatures, payload register; identified with gains assumed, with the caveats it deserves."""
+    """25 Hz, temperatures, payload register; identified with gains assumed, with the warnings it deserves."""
     recording = read_recording(real_data / "ur3e" / "rtde_25hz.csv")
     assert (recording.samples, recording.joints, recording.context.payload_kg) == (888, 6, 1.07)
     found = identify([recording], load_robot("ur3e"), GROUND, gains=np.array([11.0, 11.0, 9.0, 5.0, 5.0, 5.0]))
@@ -152,7 +152,7 @@ def test_ur3e_is_read_by_its_column_names(real_data):
     np.testing.assert_allclose(found.temperature_c, [34.4, 35.7, 37.9, 40.9, 43.0, 43.0], atol=0.1)
     assert np.all(found.coulomb_nm > 0.0)
     assert np.all(found.viscous_nm_s_per_rad > 0.0)
-    assert {"low_rate", "payload", "joint_hardly_moves"} <= {caveat.code for caveat in found.caveats}
+    assert {"low_rate", "payload", "joint_hardly_moves"} <= {warning.code for warning in found.warnings}
 
 
 @pytest.mark.parametrize("name", ["real_10hz.csv", "ursim_125hz.csv"])
@@ -194,11 +194,11 @@ def test_the_measured_torque_of_a_real_arm_stays_in_its_interval(ur10e, name):
 
 @pytest.fixture(scope="module")
 def compensated(ur10e):
-    """The model of the 50 s run, without the finer terms and with them."""
+    """The model of the 50 s run, without the terms of residual friction and with them."""
     robot, _, read = ur10e
     models = []
-    for finer in (False, True):
-        found = identify([read("ur-20_02_12-50sec_12harm.csv")], robot, GROUND, gains=GAINS, finer=finer)
+    for residual_friction in (False, True):
+        found = identify([read("ur-20_02_12-50sec_12harm.csv")], robot, GROUND, gains=GAINS, residual_friction=residual_friction)
         found = replace(found, temperature_c=np.full(6, 30.0))  # was not recorded, and must be something
         outcome = judge_identification(found, Context(robot="ur10e", recorded_at_unix_s=1.0), belief=None, health=None)
         assert isinstance(outcome, Assessment), outcome

@@ -26,7 +26,7 @@ def test_five_percent_of_gross_outliers_do_not_move_a_robust_fit():
     found = identify_motions([exact_motion(known)], [torque], UR5, GROUND, method="robust")
     assert off(found) < 0.01
     assert off(identify_motions([exact_motion(known)], [torque], UR5, GROUND)) > 0.05
-    told = [caveat.text for caveat in found.caveats if caveat.code == "outliers"]
+    told = [warning.text for warning in found.warnings if warning.code == "outliers"]
     assert len(told) == 6  # each joint has them
     assert all("5." in text or "4." in text for text in told)  # and is told how many
 
@@ -41,7 +41,7 @@ def test_spikes_and_a_push_are_survived_from_the_recording_on():
     found = identify([hurt], UR5, GROUND, method="robust")
     assert off(found) < 0.03
     assert off(identify([hurt], UR5, GROUND)) > 0.10
-    assert "repaired_spikes" in {caveat.code for caveat in found.caveats}
+    assert "repaired_spikes" in {warning.code for warning in found.warnings}
 
 
 def test_where_all_is_well_robust_agrees_with_wls():
@@ -51,5 +51,5 @@ def test_where_all_is_well_robust_agrees_with_wls():
     (F, std), (F_wls, std_wls) = robust.friction_at(0.4), wls.friction_at(0.4)
     assert np.all(np.abs(F - F_wls) < 0.5 * std_wls)
     assert np.all(np.abs(std / std_wls - 1.0) < 0.4)
-    assert "repaired_spikes" not in {caveat.code for caveat in robust.caveats}
-    assert "outliers" not in {caveat.code for caveat in robust.caveats}
+    assert "repaired_spikes" not in {warning.code for warning in robust.warnings}
+    assert "outliers" not in {warning.code for warning in robust.warnings}

@@ -22,7 +22,7 @@ def true_base(robot, found):
 
 
 def codes(found):
-    return {caveat.code for caveat in found.caveats}
+    return {warning.code for warning in found.warnings}
 
 
 @pytest.mark.parametrize("method", ["ls", "wls"])
@@ -157,7 +157,7 @@ def test_validation_figures_are_what_they_are_called():
 
 
 def test_a_joint_that_stands_still_has_no_friction_to_report():
-    """Its fc, fv and their doubt are unknown (NaN), the caveats say so, and the other joints are as if it were not there."""
+    """Its fc, fv and their doubt are unknown (NaN), the warnings say so, and the other joints are as if it were not there."""
     still = excitation(UR5)
     still = replace(still, a_rad_s=still.a_rad_s * [1, 1, 1, 1, 1, 0], b_rad_s=still.b_rad_s * [1, 1, 1, 1, 1, 0])
     t_s, (q, qd, qdd) = still.sampled(125.0)
@@ -184,7 +184,7 @@ def test_a_joint_that_stands_still_has_no_friction_to_report():
     ids=["warming", "simulator", "payload", "sign", "rate"],
 )
 def test_what_a_reader_must_know_is_told(change, code):
-    """Each circumstance has its caveat, and the undisturbed recording has none of them."""
+    """Each circumstance has its warning, and the undisturbed recording has none of them."""
     sound = recording(truth(UR5))
     assert code not in codes(identify([sound], UR5, GROUND))
     assert code in codes(identify([change(sound)], UR5, GROUND))

@@ -11,7 +11,7 @@ from synthetic_arm import COULOMB_NM, Arm, History
 
 from monitor.errors import BadInput
 from monitor.judge.temperature.curves import Curve
-from monitor.judge.torque.compensated_model import CompensatedModel, Finer, model_from_document
+from monitor.judge.torque.compensated_model import CompensatedModel, ResidualFriction, model_from_document
 from monitor.judge.torque.predictor import prepared
 from monitor.model.robot import load_robot
 
@@ -165,16 +165,16 @@ def test_what_does_not_fit_is_named(model, change, says):
 
 
 @pytest.fixture(scope="module")
-def finer(model) -> CompensatedModel:
+def with_residual_friction(model) -> CompensatedModel:
     """The same with friction beyond fc and fv, one joint's so negative that friction would drive."""
     terms = np.tile([-2.0, -3.0, 0.05, 5.5], (6, 1))
     terms[3] = [-50.0, -50.0, 0.0, 0.0]
-    beyond = Finer(terms=terms, temperature_c=np.full(6, 25.0), speed_rad_s=np.full(6, 1.0), load_nm=np.full(6, 40.0))
-    return replace(model, finer=beyond)
+    beyond = ResidualFriction(terms=terms, temperature_c=np.full(6, 25.0), speed_rad_s=np.full(6, 1.0), load_nm=np.full(6, 40.0))
+    return replace(model, residual_friction=beyond)
 
 
 @pytest.fixture(scope="module")
-def curved(finer) -> CompensatedModel:
+def curved(with_residual_friction) -> CompensatedModel:
     """The same with a straight line, an exponential and Vogel's law, for both fc and fv."""
     kind = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
 
@@ -184,7 +184,9 @@ def curved(finer) -> CompensatedModel:
         cov = np.tile([[1e-4, -2e-6], [-2e-6, 1e-6]], (6, 1, 1))
         return replace(line, curve=Curve(kind, a, b, np.where(vogel, -100.0, none), line.reference_c, cov, np.zeros((6, 3))))
 
-    return replace(finer, coulomb=by(finer.coulomb, 0.003), viscous=by(finer.viscous, 0.016))
+    return replace(
+        with_residual_friction, coulomb=by(with_residual_friction.coulomb, 0.003), viscous=by(with_residual_friction.viscous, 0.016)
+    )
 
 
 @settings(max_examples=50, deadline=None)
@@ -193,10 +195,10 @@ def curved(finer) -> CompensatedModel:
     qdd=st.lists(st.floats(-9.0, 9.0), min_size=6, max_size=6),
     temperature_c=st.floats(-20.0, 90.0),
 )
-def test_friction_never_drives_and_one_sample_says_what_many_say(finer, curved, qd, qdd, temperature_c):
+def test_friction_never_drives_and_one_sample_says_what_many_say(with_residual_friction, curved, qd, qdd, temperature_c):
     """Power of friction ≥ 0 at any speed, load and temperature; both ways of asking agree to rounding, in every figure."""
     v, a, T = np.array(qd), np.array(qdd), np.full(6, temperature_c)
-    for model in (finer, curved):
+    for model in (with_residual_friction, curved):
         many = model.torque(UR5, Q[0], v, a, T)
         one = prepared(model, UR5).sample(Q[0].tolist(), qd, qdd, T.tolist())
         assert np.all(many.friction * v >= 0.0)
@@ -206,7 +208,7 @@ def test_friction_never_drives_and_one_sample_says_what_many_say(finer, curved, 
 
 def test_a_reader_of_the_document_alone_finds_the_same_friction(curved):
     """By README's formula: line, exponential and Vogel's law, wear included."""
-    model = replace(curved, finer=None, wear=np.linspace(0.0, 0.1, 6))
+    model = replace(curved, residual_friction=None, wear=np.linspace(0.0, 0.1, 6))
     told, T = json.loads(json.dumps(model.as_document(), allow_nan=False)), 31.0
 
     def value(law, j):
@@ -223,19 +225,25 @@ def test_a_reader_of_the_document_alone_finds_the_same_friction(curved):
         assert np.allclose(predicted[:, j], fresh * np.exp(told["wear"][j]))
 
 
-def test_what_is_beyond_fc_and_fv_stays_as_it_was_at_the_fastest_learnt(model, finer):
+def test_what_is_beyond_fc_and_fv_stays_as_it_was_at_the_fastest_learnt(model, with_residual_friction):
     """Beyond 1 rad/s the difference to the model without it no longer changes, nor beyond 40 N·m; and it survives as JSON."""
     still, T = np.zeros(6), np.full(6, 25.0)
     at = [
         m.torque(UR5, Q[0], np.full(6, v), still, T).friction - model.torque(UR5, Q[0], np.full(6, v), still, T).friction
-        for m in (finer, model_from_document(json.loads(json.dumps(finer.as_document(), allow_nan=False))))
+        for m in (
+            with_residual_friction,
+            model_from_document(json.loads(json.dumps(with_residual_friction.as_document(), allow_nan=False))),
+        )
         for v in (1.0, 2.5)
     ]
     kept = np.arange(6) != 3  # the clamped one
     assert np.allclose(at[0][0, :3], at[2][0, :3])
     assert np.array_equal(at[1], at[3])
     assert np.all(np.abs(at[0][0, kept]) > 0.0)
-    flat = [m.torque(UR5, np.tile(Q[0], (2, 1)), np.array([[1.0] * 6, [2.5] * 6]), np.zeros((2, 6)), T).rigid for m in (finer, model)]
+    flat = [
+        m.torque(UR5, np.tile(Q[0], (2, 1)), np.array([[1.0] * 6, [2.5] * 6]), np.zeros((2, 6)), T).rigid
+        for m in (with_residual_friction, model)
+    ]
     assert np.array_equal(*flat)
     # at one state the rigid torque also depends on speed, so the load term alone is bounded by its largest load
     assert np.all(np.abs(at[1] - at[0])[0, kept] <= 0.05 * 40.0 + 1e-9)

@@ -132,8 +132,8 @@ def stored(folder: Path, belief: dict, health: dict, model: dict) -> None:
 
 
 def test_torque_is_the_same_to_the_last_bit_after_a_restart(lived, tmp_path):
-    """What is finer than fc and fv, and both doubts, come back from the history with the rest."""
-    assert lived.model.finer is not None
+    """Residual friction beyond fc and fv, and both doubts, come back from the history with the rest."""
+    assert lived.model.residual_friction is not None
     assert lived.model.error_rms_nm is not None
     stored(tmp_path, lived.belief.as_document(), lived.health.as_document(), lived.model.as_document())
     with Store.open(tmp_path) as store:
@@ -151,13 +151,13 @@ def test_a_history_from_before_is_read_and_goes_on(lived, model, tmp_path):
     stored(tmp_path, belief, lived.health.as_document(), old)
     with Store.open(tmp_path) as store:
         back = load_state(store)
-    plain = replace(lived.model, finer=None, error_rms_nm=None, measured_rms_nm=None)
+    plain = replace(lived.model, residual_friction=None, error_rms_nm=None, measured_rms_nm=None)
     assert all(np.array_equal(a, b) for a, b in zip(asked(plain), asked(back.model), strict=True))
     seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)
     state = {"belief": back.belief, "health": back.health, "model": back.model}
     after = assess(seen, robot=UR5, mounting=Mounting(), **state)
     assert isinstance(after, Assessment)
-    assert after.model.finer is not None
+    assert after.model.residual_friction is not None
     assert np.all(after.belief.doubt.replays == 1)
 
 

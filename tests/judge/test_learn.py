@@ -187,7 +187,7 @@ def test_one_wild_replay_teaches_nothing_and_is_told():
     wild = history.add(20, Arm(seed=99).replay(30.0, np.array([0, 0.4, 0, 0, 0, 0])))
     assert wild.belief.event[1] == OUTLIER
     assert np.allclose(wild.belief.track.mean[1], aged(before, wild.belief.at_unix_s, DriftSettings()).track.mean[1])
-    assert any(caveat.code == "outlier" and "joint 2" in caveat.text for caveat in wild.caveats)
+    assert any(warning.code == "outlier" and "joint 2" in warning.text for warning in wild.warnings)
     assert wild.health.joints[1].state == "CHECK_FUNCTION"
     calm = history.add(21, Arm(seed=21).replay(30.0))
     assert calm.health.joints[1].state == "NORMAL"
@@ -263,11 +263,11 @@ def test_a_new_payload_keeps_the_wear_and_says_so():
     after = history.add(60, loaded, heavier)
     assert after.friction[2].wear == pytest.approx(before, abs=0.01)
     assert all(abs(joint.wear) < 0.02 for joint in after.friction if joint.joint != 3)
-    [caveat] = [caveat for caveat in after.caveats if caveat.code == "context_changed"]
-    assert "payload_kg 0.0 → 3.0" in caveat.text
+    [warning] = [warning for warning in after.warnings if warning.code == "context_changed"]
+    assert "payload_kg 0.0 → 3.0" in warning.text
     assert [opened.replays for opened in after.belief.contexts] == [60, 1]
     again = history.add(61, Arm(seed=61, noise=0.005).replay(30.0, 0.3), heavier)
-    assert not [caveat for caveat in again.caveats if caveat.code == "context_changed"]
+    assert not [warning for warning in again.warnings if warning.code == "context_changed"]
 
 
 def test_a_context_known_to_the_gram_is_the_same():
@@ -305,7 +305,7 @@ def test_without_temperatures_we_are_less_sure_and_raise_nothing():
                 blind.belief.reference_torque_nm(DriftSettings())[1] > 1.2 * with_t.last.belief.reference_torque_nm(DriftSettings())[1]
             )
     assert with_t.told
-    assert any(caveat.code == "temperature_unknown" for caveat in blind.caveats)
+    assert any(warning.code == "temperature_unknown" for warning in blind.warnings)
     # but that nothing can be told is told, once, of the arm; and asked for a joint, the reason is the right one
     assert [(kind, joint, condition) for _, kind, joint, condition, _ in without.told] == [("raised", None, "temperature_sensor")]
     assert without.health.state == "CHECK_FUNCTION"
@@ -389,8 +389,8 @@ def test_a_context_seen_before_has_its_baseline_back():
     level = np.exp(history.last.belief.level())
     back = history.add(60, Arm(seed=60, noise=0.005).replay(30.0, np.array([0, 0, 0.1, 0, 0, 0])))
     assert np.allclose(np.exp(back.belief.level()), level / 1.3, rtol=0.02)
-    [caveat] = [caveat for caveat in back.caveats if caveat.code == "context_changed"]
-    assert "known from before" in caveat.text
+    [warning] = [warning for warning in back.warnings if warning.code == "context_changed"]
+    assert "known from before" in warning.text
 
 
 def test_a_fifth_context_takes_the_place_of_the_one_longest_away():
@@ -433,7 +433,7 @@ def test_a_fast_warm_up_is_told_from_wear():
         colder = Arm(seed=day, noise=0.005).replay(32.0 - 3.0 * warming)
         seen = replace(colder, temperature_c=np.full(6, 32.0), warming_k_per_min=np.full(6, warming))
         last = history.add(day, seen)
-    assert any(caveat.code == "warming_fast" for caveat in last.caveats)
+    assert any(warning.code == "warming_fast" for warning in last.warnings)
     assert np.max(np.abs(last.belief.wear)) < 0.01
     assert history.told == []
 

@@ -138,7 +138,7 @@ def test_a_sensor_that_stands_still_is_no_wear_of_a_winter():
         history.add(day, replace(seen, temperature_c=told))
     assert [(kind, joint, condition) for _, kind, joint, condition, _ in history.told] == [("raised", 3, "temperature_sensor")]
     assert 60 < history.told[0][0] < 90
-    assert "temperature_stuck" in {caveat.code for caveat in history.last.caveats}
+    assert "temperature_stuck" in {warning.code for warning in history.last.warnings}
 
 
 def test_a_sensor_that_moves_again_is_believed_again():

@@ -7,7 +7,7 @@ import pytest
 from synthetic_arm import Arm, History
 
 from monitor.identify.identification import Identification
-from monitor.identify.warnings import Caveat
+from monitor.identify.warnings import DataWarning
 from monitor.judge.drift.undeclared_change import rigid_of
 from monitor.model.robot import load_robot
 
@@ -57,7 +57,7 @@ def test_a_mounting_that_contradicts_gravity_is_no_wear():
     history, arm = History(), Arm(seed=1)
     for day in range(12):
         seen = arm.replay(30.0, 0.0 if day < 9 else 0.2)
-        history.add(day, replace(seen, caveats=(Caveat("mounting_contradiction", "gravity is 90° off"),)) if day >= 9 else seen)
+        history.add(day, replace(seen, warnings=(DataWarning("mounting_contradiction", "gravity is 90° off"),)) if day >= 9 else seen)
     assert {condition for _, _, _, condition, _ in history.told} == {"mounting_contradiction"}
     assert history.health.state == "CHECK_FUNCTION"
 

@@ -87,7 +87,7 @@ def test_a_replaced_joint_begins_without_wear_and_the_others_keep_theirs():
     for day in range(60, 90):
         told = history.add(day, Arm(seed=day).replay(30.0, np.array([0, -0.1, 0, 0, 0.2, 0])), replace(CONTEXT, joint_serials=renewed))
         if day == 60:
-            assert any("joints 2 were replaced" in caveat.text for caveat in told.caveats)
+            assert any("joints 2 were replaced" in warning.text for warning in told.warnings)
     assert abs(told.friction[1].wear) < 0.03
     assert told.friction[4].wear == pytest.approx(0.2, abs=0.04)
 

@@ -10,7 +10,7 @@ import pytest
 
 from monitor.errors import BadInput
 from monitor.model.base import base_parameters
-from monitor.model.identifiable import FRAMES, base_document, inertial_change, quotable
+from monitor.model.identifiable import FRAMES, base_document, individually_identifiable, inertial_change
 from monitor.model.regressor import parameter_names, regressor
 from monitor.model.robot import PER_JOINT, Mounting, load_robot, robot_names
 
@@ -168,21 +168,23 @@ def test_singular_values_fall_off_and_their_energy_adds_up():
 def test_in_the_papers_frames_quotable_is_what_stands_alone(mounting):
     """The row-space criterion and the columns agree: neither depends on the chosen basis."""
     robot, attitude = load_robot("ur5"), Mounting.parse(mounting)
-    assert quotable(robot, attitude) == base_parameters(robot, attitude).by_column
+    assert individually_identifiable(robot, attitude) == base_parameters(robot, attitude).by_column
 
 
 @pytest.mark.parametrize("frames", ["modified-dh", "joint"])
 def test_quotable_in_other_frames_means_no_invisible_change_touches_it(frames):
     """A parameter may be quoted exactly where every combination without torque leaves it alone: here by the closed form, moved there."""
     robot = load_robot("ur5")
-    classes = quotable(robot, Mounting.parse("wall"), frames)
+    classes = individually_identifiable(robot, Mounting.parse("wall"), frames)
     change = np.eye(len(NAMES))
     for i, frame in enumerate(FRAMES[frames](robot)):
         change[13 * i : 13 * i + 10, 13 * i : 13 * i + 10] = inertial_change(*frame)
     moved = np.linalg.solve(change, invisible(robot, upright=False).T)  # (78, 24) in the other frames
     untouched = {name for name, row in zip(NAMES, moved, strict=True) if np.max(np.abs(row)) < 1e-9}
     assert set(classes.fully) == untouched
-    assert classes != quotable(robot, Mounting.parse("wall"))  # frames matter: here m2 shows only in sums, there not at all
+    assert classes != individually_identifiable(
+        robot, Mounting.parse("wall")
+    )  # frames matter: here m2 shows only in sums, there not at all
 
 
 def test_a_frame_askew_takes_what_could_be_quoted():
@@ -190,7 +192,7 @@ def test_a_frame_askew_takes_what_could_be_quoted():
     robot = load_robot("ur5")
     c, s = np.cos(np.radians(30.0)), np.sin(np.radians(30.0))
     frames = [(np.eye(3), np.zeros(3))] * 5 + [(np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), np.zeros(3))]
-    lost = set(quotable(robot, Mounting()).fully) - set(quotable(robot, Mounting(), frames).fully)
+    lost = set(individually_identifiable(robot, Mounting()).fully) - set(individually_identifiable(robot, Mounting(), frames).fully)
     assert lost == {"m6y6", "J6yz", "J6zz"}
 
 
@@ -214,9 +216,9 @@ def test_frames_that_nobody_knows_are_refused():
     """By name, and by count."""
     robot = load_robot("ur5")
     with pytest.raises(BadInput, match="known are standard-dh, modified-dh, joint"):
-        quotable(robot, Mounting(), "craig")
+        individually_identifiable(robot, Mounting(), "craig")
     with pytest.raises(BadInput, match="expected 6"):
-        quotable(robot, Mounting(), [(np.eye(3), np.zeros(3))])
+        individually_identifiable(robot, Mounting(), [(np.eye(3), np.zeros(3))])
 
 
 def test_a_hundredth_of_a_degree_is_told():

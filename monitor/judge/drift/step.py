@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.identify.warnings import Caveat
+from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.belief import Belief, OpenedContext, as_last_said, comparable, differences
 from monitor.judge.drift.change_detection import followed
@@ -34,7 +34,7 @@ class Learnt(NamedTuple):
     """The belief after a replay, and what the reader must know of how it came about."""
 
     belief: Belief
-    caveats: tuple[Caveat, ...]
+    warnings: tuple[DataWarning, ...]
     contradiction: Contradiction = NOTHING_SAID
 
 
@@ -144,10 +144,10 @@ def learn(
     sensors = watched(belief.sensors, seen.temperature_c)
     frozen = stuck(sensors)
     seen = seen._replace(temperature_c=np.where(frozen, np.nan, seen.temperature_c))
-    caveats: list[Caveat] = []
+    warnings: list[DataWarning] = []
     if frozen.any():
         text = f"joints {numbers(frozen)}: the temperature sensor stands still while the other joints warm and cool: not believed"
-        caveats.append(Caveat("temperature_stuck", text))
+        warnings.append(DataWarning("temperature_stuck", text))
     changed = differences(belief.context, context)
     if changed:
         exchanged = _exchanged(belief.context, context)
@@ -158,12 +158,12 @@ def learn(
         if exchanged.any():
             belief = _with_new_joints(belief, exchanged, settings)
             then += f"; joints {numbers(exchanged)} were replaced: they begin without wear"
-        caveats.append(Caveat("context_changed", f"{'; '.join(changed)}: {then}"))
+        warnings.append(DataWarning("context_changed", f"{'; '.join(changed)}: {then}"))
     said = contradiction(identification, belief.weights, health or HealthSettings())
     contradicted = said.condition is not None
     if contradicted:
         seen = seen._replace(log_torque=np.full(belief.joints, np.nan))
-        caveats.append(Caveat(str(said.condition), said.text))
+        warnings.append(DataWarning(str(said.condition), said.text))
     days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
     new_day = belief.replays == 0 or math.floor(at_unix_s / SECONDS_PER_DAY) > math.floor(belief.at_unix_s / SECONDS_PER_DAY)
     belief = aged(belief, at_unix_s, settings, context.revolutions)
@@ -173,11 +173,11 @@ def learn(
     known_c = np.isfinite(T)
     if not known_c.all():
         text = f"joints {numbers(~known_c)}: no temperature: the replay is learnt with more doubt and counts for no alert"
-        caveats.append(Caveat("temperature_unknown", text))
+        warnings.append(DataWarning("temperature_unknown", text))
     fast = np.abs(np.nan_to_num(seen.warming_k_per_min)) > WARMING_FAST_K_PER_MIN
     if fast.any():
         text = f"joints {numbers(fast)}: warming or cooling faster than {WARMING_FAST_K_PER_MIN:g} K/min: the grease lags behind the sensor"
-        caveats.append(Caveat("warming_fast", text))
+        warnings.append(DataWarning("warming_fast", text))
     if belief.replays < settings.settle_replays:
         T0 = belief.reference_temperature_c
         T0 = T0 + (np.where(known_c, T, T0) - T0) / (belief.replays + 1)
@@ -187,7 +187,7 @@ def learn(
     track = followed(belief.track, seen, belief.slot, belief.joints, settings)
     belief = replace(_remembering_the_first(belief, seen, settings), track=track)
     if not contradicted:
-        caveats += _told(belief)
+        warnings += _told(belief)
     unworn = np.where(belief.learnt_from & (not contradicted), np.exp(-belief.wear), np.nan)  # wear divided out, outliers left out
     now = belief.contexts[-1]
     return Learnt(
@@ -204,7 +204,7 @@ def learn(
             viscous=learnt(belief.viscous, T, identification.viscous_nm_s_per_rad * unworn),
             coulomb=learnt(belief.coulomb, T, identification.coulomb_nm * unworn),
         ),
-        tuple(caveats),
+        tuple(warnings),
         said,
     )
 
@@ -243,26 +243,26 @@ def _remembering_the_first(belief: Belief, seen: Observation, settings: DriftSet
     )
 
 
-def _told(belief: Belief) -> list[Caveat]:
+def _told(belief: Belief) -> list[DataWarning]:
     """What of the last update a reader must know."""
-    caveats = []
+    warnings = []
     track = belief.track
     for j in np.flatnonzero(belief.event == OUTLIER):
         text = f"joint {j + 1}: {track.innovation[j]:+z.1%} from the expected friction, {abs(track.normalised[j]):.1f} σ: not learnt from"
-        caveats.append(Caveat("outlier", text))
+        warnings.append(DataWarning("outlier", text))
     for j in np.flatnonzero(belief.event == STEP):
         text = f"joint {j + 1}: {track.agreeing[j]:.0f} replays are best explained by a change of the joint: "
         text += f"wear is now {belief.wear[j]:+z.1%}"
-        caveats.append(Caveat("step", text))
+        warnings.append(DataWarning("step", text))
     if (belief.event == UNSEEN).any():
         text = (
             f"joints {numbers(belief.event == UNSEEN)}: friction at {belief.reference_speed_rad_s:g} rad/s is not resolved in this replay"
         )
-        caveats.append(Caveat("joint_unseen", text))
+        warnings.append(DataWarning("joint_unseen", text))
     if (track.consistency > 2.5).any():  # 20 replays' mean of χ²(1): 2.5 is about 5 σ
         text = f"joints {numbers(track.consistency > 2.5)}: replays scatter more than the filter believes"
-        caveats.append(Caveat("filter_inconsistent", text))
-    return caveats
+        warnings.append(DataWarning("filter_inconsistent", text))
+    return warnings
 
 
 def numbers(mask: np.ndarray) -> str:

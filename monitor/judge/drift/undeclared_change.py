@@ -54,9 +54,9 @@ def rigid_of(identification: Identification) -> np.ndarray:
 
 def contradiction(identification: Identification, weights: Weights | None, settings: HealthSettings) -> Contradiction:
     """What of the recording contradicts its context. `weights` are those of the replays before in the same context."""
-    for caveat in identification.caveats:
-        if caveat.code == "mounting_contradiction":
-            return Contradiction(MOUNTING, caveat.text)
+    for warning in identification.warnings:
+        if warning.code == "mounting_contradiction":
+            return Contradiction(MOUNTING, warning.text)
     rigid = rigid_of(identification)
     if weights is None or weights.replays < FEWEST or not np.array_equal(weights.columns, np.array(identification.columns)[rigid]):
         return NOTHING_SAID

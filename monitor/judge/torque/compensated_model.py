@@ -24,7 +24,7 @@ from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
 
-class Finer(NamedTuple):
+class ResidualFriction(NamedTuple):
     """What a replay's friction has beyond its fc and fv."""
 
     terms: Array  # (J, 4) of s, q̇, |τ|·s and |q̇|^½·s; 0 where nothing is known
@@ -49,7 +49,7 @@ class CompensatedModel:
     wear: Array  # (J,) log, now
     wear_std: Array  # (J,)
     residual_rms_nm: Array  # (J,) what the model did not explain of the last replay
-    finer: Finer | None = None  # None, as in documents before it: fc and fv say all
+    residual_friction: ResidualFriction | None = None  # None, as in documents before it: fc and fv say all
     error_rms_nm: Array | None = None  # (J,) of the model, measurement's noise left out; None: residual_rms_nm stands for it
     measured_rms_nm: Array | None = None  # (J,) of single measured samples from the model; likewise
 
@@ -85,7 +85,7 @@ class CompensatedModel:
     def as_document(self) -> dict[str, Any]:
         """Plain JSON; `model_from_document` is its inverse."""
         document: dict[str, Any] = plain(self)
-        return document
+        return {("finer" if key == "residual_friction" else key): value for key, value in document.items()}  # as stored since version 1
 
     def _worn(self, fresh: Valued) -> Valued:
         worn = np.exp(self.wear)
@@ -98,18 +98,18 @@ def compensated(identification: Identification, belief: Belief, *, coulomb: Line
     variances = identification.friction_cov[:, [0, 1], [0, 1]]  # (J, 2)
     scale = np.sqrt(variances.prod(axis=1))
     correlation = np.divide(identification.friction_cov[:, 0, 1], scale, out=np.zeros_like(scale), where=scale > 0)
-    finer, J = identification.finer, belief.joints
-    left_nm = identification.rms_nm if finer is None else finer.rms_nm
+    residual_friction, J = identification.residual_friction, belief.joints
+    left_nm = identification.rms_nm if residual_friction is None else residual_friction.rms_nm
     error_nm, measured_nm = (None, None) if belief.doubt is None else believed(belief.doubt, left_nm)
     beyond = None
-    if finer is not None:
+    if residual_friction is not None:
         line = np.stack([identification.coulomb_nm, identification.viscous_nm_s_per_rad], axis=1)  # (J, 2)
         known = identification.temperature_c
-        beyond = Finer(
-            terms=np.nan_to_num(np.where(np.isfinite(line[:, :1]), finer.friction - np.pad(line, ((0, 0), (0, 2))), 0.0)),
+        beyond = ResidualFriction(
+            terms=np.nan_to_num(np.where(np.isfinite(line[:, :1]), residual_friction.friction - np.pad(line, ((0, 0), (0, 2))), 0.0)),
             temperature_c=np.full(J, np.nan) if known is None else known,
             speed_rad_s=identification.max_speed_rad_s,
-            load_nm=finer.load_nm,
+            load_nm=residual_friction.load_nm,
         )
     return CompensatedModel(
         robot=identification.robot,
@@ -117,14 +117,14 @@ def compensated(identification: Identification, belief: Belief, *, coulomb: Line
         revision=belief.replays,
         at_unix_s=belief.at_unix_s,
         columns=tuple(int(column) for column in np.array(identification.columns)[rigid]),
-        values=(identification.values if finer is None else finer.rigid)[rigid],
+        values=(identification.values if residual_friction is None else residual_friction.rigid)[rigid],
         coulomb=coulomb,
         viscous=viscous,
         friction_correlation=np.clip(np.nan_to_num(correlation), -1.0, 1.0),
         wear=belief.wear,
         wear_std=belief.wear_std,
         residual_rms_nm=left_nm,
-        finer=beyond,
+        residual_friction=beyond,
         error_rms_nm=error_nm,
         measured_rms_nm=measured_nm,
     )
@@ -141,8 +141,8 @@ def model_from_document(document: Any) -> CompensatedModel:
     }
     beyond = document.get("finer")
     if beyond is not None:
-        shapes = {name: (J, 4) if name == "terms" else (J,) for name in Finer._fields}
-        beyond = Finer(**{name: array(beyond, name, shape, where="model: finer") for name, shape in shapes.items()})
+        shapes = {name: (J, 4) if name == "terms" else (J,) for name in ResidualFriction._fields}
+        beyond = ResidualFriction(**{name: array(beyond, name, shape, where="model: finer") for name, shape in shapes.items()})
     told = {
         name: array(document, name, (J,), where=where) for name in ("error_rms_nm", "measured_rms_nm") if document.get(name) is not None
     }
@@ -156,7 +156,7 @@ def model_from_document(document: Any) -> CompensatedModel:
             columns=tuple(int(column) for column in columns),
             coulomb=line_from_document(entry(document, "coulomb", where=where), J, where="model: coulomb"),
             viscous=line_from_document(entry(document, "viscous", where=where), J, where="model: viscous"),
-            finer=beyond,
+            residual_friction=beyond,
             **arrays,
             **told,
         )

@@ -68,12 +68,14 @@ class Predictor:
         self._noise_var = np.maximum(sample_nm**2 - self._rest_var, 0.0)  # NaN stays
         low, high = model.viscous.range_c.T
         self._range_c = low - model.viscous.margin_k, high + model.viscous.margin_k
-        self._beyond = None if model.finer is None else model.finer.terms.T[:, None]  # (4, 1, J)
-        if model.finer is not None:
-            T1 = np.where(np.isfinite(model.finer.temperature_c), model.finer.temperature_c, model.viscous.reference_c)
+        self._beyond = None if model.residual_friction is None else model.residual_friction.terms.T[:, None]  # (4, 1, J)
+        if model.residual_friction is not None:
+            T1 = np.where(
+                np.isfinite(model.residual_friction.temperature_c), model.residual_friction.temperature_c, model.viscous.reference_c
+            )
             then = self._friction(T1)[0][1]
             self._per_viscous = np.divide(1.0, then, out=np.zeros_like(then), where=then > 0)  # (J,)
-            self._speed, self._load = model.finer.speed_rad_s, model.finer.load_nm
+            self._speed, self._load = model.residual_friction.speed_rad_s, model.residual_friction.load_nm
         self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
         whole: tuple[Array, ...] = (
             self._correlation,
@@ -83,12 +85,14 @@ class Predictor:
             self._unknown,
             self._noise_var,
         )  # (J,) each
-        finer = [()] * len(self._worn)
-        if model.finer is not None:
-            parts = (*(model.finer.terms.T * self._per_viscous), self._speed, self._load, self._rigid.rotor)
-            finer = list(zip(*(part.tolist() for part in parts), strict=True))
+        residual_friction = [()] * len(self._worn)
+        if model.residual_friction is not None:
+            parts = (*(model.residual_friction.terms.T * self._per_viscous), self._speed, self._load, self._rigid.rotor)
+            residual_friction = list(zip(*(part.tolist() for part in parts), strict=True))
         laws = [[point_law(line, j) if known else UNKNOWN for j, known in enumerate(self._known.tolist())] for line in self._lines]
-        self._figures = list(zip(*laws, self._worn.tolist(), *(part.tolist() for part in whole), finer, strict=True))  # J tuples
+        self._figures = list(
+            zip(*laws, self._worn.tolist(), *(part.tolist() for part in whole), residual_friction, strict=True)
+        )  # J tuples
 
     def _friction(self, temperature_c: Array) -> tuple[Array, Array]:
         """With present wear, fc and fv at temperatures (…, J), and their variances, (2, …, J) each; 0 and NaN where unknown."""

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.errors import Unidentifiable
-from monitor.identify.clean import mended
+from monitor.identify.clean import cleaned
 from monitor.identify.signals import motion
 from monitor.identify.warnings import of_motion
 from monitor.recording import Recording
@@ -59,7 +59,7 @@ def test_a_wrong_unit_is_recognised_put_right_and_told(factors, told):
     assert [repair.text for repair in found.repairs] == told
     for name in ("q", "qd", "qdd", "current"):
         np.testing.assert_allclose(getattr(found, name), getattr(right, name), atol=1e-6)  # a clock in ms is rounded elsewhere
-    assert [caveat.code for caveat in of_motion(found, None)] == ["unit_repaired"] * len(told)
+    assert [warning.code for warning in of_motion(found, None)] == ["unit_repaired"] * len(told)
 
 
 def test_positions_in_degrees_without_speeds_are_recognised():
@@ -79,7 +79,7 @@ def test_a_recording_in_si_units_is_left_alone(rate_hz, speed_rad_s, noise, seed
     rng = np.random.default_rng(seed)
     clean = swing(rate_hz=rate_hz, speed_rad_s=speed_rad_s)
     noisy = replace(clean, q=clean.q + 1e-4 * rng.normal(size=clean.q.shape), qd=clean.qd + noise * rng.normal(size=clean.qd.shape))
-    same, repairs = mended(noisy)
+    same, repairs = cleaned(noisy)
     assert repairs == ()
     assert same is noisy
 
@@ -90,7 +90,7 @@ def test_torn_rows_do_not_hide_a_unit(rows, value):
     degrees = scaled(swing(), qd=DEGREES)
     damaged = degrees.qd.copy()
     damaged[rows] = value
-    assert [repair.code for repair in mended(replace(degrees, qd=damaged))[1]] == ["unit_repaired"]
+    assert [repair.code for repair in cleaned(replace(degrees, qd=damaged))[1]] == ["unit_repaired"]
 
 
 def test_speeds_that_are_not_the_positions_own_are_refused():
@@ -131,7 +131,7 @@ def test_a_torn_time_is_no_clock_that_was_set(rows, value):
     t_s = swing().t_s.copy()
     scattered = [row for k, row in enumerate(sorted(rows)) if k == 0 or row - sorted(rows)[k - 1] > 60]
     t_s[scattered] = value
-    assert mended(replace(swing(), t_s=t_s))[1] == ()
+    assert cleaned(replace(swing(), t_s=t_s))[1] == ()
 
 
 @pytest.mark.parametrize("factor", [1.3, 1.9, 0.6])
@@ -144,4 +144,4 @@ def test_a_clock_that_runs_at_another_pace_is_refused(factor):
 def test_a_clock_a_little_off_is_doubted():
     """Ten per cent: fitted, and told."""
     found = motion(scaled(swing(), t_s=1.1))
-    assert [caveat.code for caveat in of_motion(found, None)] == ["clock_doubtful"]
+    assert [warning.code for warning in of_motion(found, None)] == ["clock_doubtful"]

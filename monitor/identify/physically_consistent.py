@@ -28,7 +28,7 @@ UNKNOWN_LINK_KG = 5.0  # order of a link's mass where the manufacturer gives non
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ConsistentSettings:
+class PhysicalConsistencySettings:
     """What a link of an arm may be."""
 
     mass_factor: tuple[float, float] = (0.5, 2.0)  # of the manufacturer's mass; torque alone does not bound the masses
@@ -38,7 +38,7 @@ class ConsistentSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Consistent:
+class PhysicallyConsistentArm:
     """An arm that can exist, and what it costs beside the best that cannot."""
 
     parameters: Array  # (13·J,) standard parameters in DH frames
@@ -72,20 +72,20 @@ class Consistent:
         return _toml(self)
 
 
-def consistent(
+def physically_consistent(
     joints: Sequence[Factor],
     weights: Array,
     combination: Array,
     robot: Robot,
-    settings: ConsistentSettings | None = None,
-) -> Consistent:
+    settings: PhysicalConsistencySettings | None = None,
+) -> PhysicallyConsistentArm:
     """The physical parameters that explain the rows in the factors best.
 
     weights : (J,) of each joint's rows, best 1 / its residual. combination : (B, 13·J), base = combination · standard, or
     (B + E, 13·J + E) with friction parameters beyond the paper's last; those are kept non-negative like fc, fv and Im.
     Raises Unidentifiable where no arm within the bounds exists or the solver does not converge.
     """
-    settings = settings or ConsistentSettings()
+    settings = settings or PhysicalConsistencySettings()
     P = PER_JOINT * robot.joints
     E = combination.shape[1] - P
     if E < 0 or combination.shape[0] != joints[0].R.shape[1] - 1 or len(weights) != robot.joints or len(joints) != robot.joints:
@@ -106,7 +106,7 @@ def consistent(
     found = scale * _solve(A @ combination * (scale / unit), b / unit, prior / scale, scale, robot, settings)
 
     values = combination @ found
-    return Consistent(
+    return PhysicallyConsistentArm(
         parameters=found[:P],
         extra=found[P:],
         values=values,
@@ -132,7 +132,7 @@ def _scale(robot: Robot, extra: int) -> Array:
     return np.append(np.array(blocks).ravel(), np.ones(extra))
 
 
-def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, settings: ConsistentSettings) -> Array:
+def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, settings: PhysicalConsistencySettings) -> Array:
     """Clarabel: the scaled parameters x with ‖A x − b‖² + w·‖(x − prior)‖² smallest, w on the rigid part and the rotors."""
     pull = np.zeros(len(prior))
     for i in range(robot.joints):
@@ -185,7 +185,7 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
     return np.asarray(answer.x, dtype=float)
 
 
-def _mass_bounds(robot: Robot, settings: ConsistentSettings) -> Array:
+def _mass_bounds(robot: Robot, settings: PhysicalConsistencySettings) -> Array:
     """(J, 2) [kg]; the last link may carry a tool or payload."""
     known = robot.mass_kg > 0.0
     bounds = np.where(known[:, None], np.multiply.outer(robot.mass_kg, settings.mass_factor), settings.unknown_mass_kg)
@@ -227,7 +227,7 @@ def _with(robot: Robot, parameters: Array) -> Robot:
     return replace(robot, mass_kg=mass, com_m=com, inertia_kg_m2=tensor - steiner)
 
 
-def _toml(found: Consistent) -> str:
+def _toml(found: PhysicallyConsistentArm) -> str:
     robot = found.robot
 
     def row(values: Array) -> str:

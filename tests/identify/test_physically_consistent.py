@@ -12,8 +12,8 @@ from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, truth
 from scipy.optimize import lsq_linear
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.consistent import Consistent, ConsistentSettings, consistent
 from monitor.identify.least_squares import Rows, factors, residual_rms, solve
+from monitor.identify.physically_consistent import PhysicalConsistencySettings, PhysicallyConsistentArm, physically_consistent
 from monitor.identify.signals import motion
 from monitor.identify.torque import joint_torque
 from monitor.model.base import base_parameters
@@ -49,7 +49,7 @@ def fitted(robot, mounting, recordings, gains=None):
     return joints, weights, base
 
 
-def is_physical(found: Consistent):
+def is_physical(found: PhysicallyConsistentArm):
     """Every tensor about its centre of mass is that of a mass distribution, every mass positive, no friction drives."""
     for J in found.robot.inertia_kg_m2:
         assert np.linalg.eigvalsh(0.5 * np.trace(J) * np.eye(3) - J)[0] > 0.0
@@ -58,7 +58,7 @@ def is_physical(found: Consistent):
         assert np.all(values >= -1e-6)  # the solver's feasibility
 
 
-def loads(found: Consistent):
+def loads(found: PhysicallyConsistentArm):
     """URDF and TOML give back the parameters to 1e-9, and pinocchio a positive definite mass matrix wherever the arm stands."""
     rigid = np.ones(len(found.parameters), dtype=bool)
     for kind in range(10, PER_JOINT):
@@ -98,7 +98,7 @@ def test_ur10e_fits_within_2_percent_of_what_no_body_need_obey(real_data):
     robot = load_robot("ur10e")
     for name in ("ur-20_02_12-50sec_12harm.csv", "ur-20_02_10-30sec_12harm.csv", "ur-20_02_19_14harm50sec.csv"):
         joints, weights, base = fitted(robot, GROUND, [read_recording(real_data / "ur10e" / name, COLUMNS)], GAINS)
-        found = consistent(joints, weights, base.combination, robot)
+        found = physically_consistent(joints, weights, base.combination, robot)
         print(name, "residual ratio", round(found.residual_ratio, 4), "masses", found.robot.mass_kg.round(2))
         assert 1.0 <= found.residual_ratio <= 1.02
         is_physical(found)
@@ -108,7 +108,7 @@ def test_ur10e_fits_within_2_percent_of_what_no_body_need_obey(real_data):
 def test_a_simulated_replay_fits_within_2_percent(ur5_replay):
     """The simulator's friction is another law than the paper's: misfit there is, but not because of the constraints."""
     joints, weights, base = fitted(load_robot("ur5"), GROUND, [ur5_replay])
-    found = consistent(joints, weights, base.combination, load_robot("ur5"))
+    found = physically_consistent(joints, weights, base.combination, load_robot("ur5"))
     print("residual ratio", found.residual_ratio)
     assert 1.0 <= found.residual_ratio <= 1.02
     is_physical(found)
@@ -137,7 +137,7 @@ def test_a_physical_arm_is_found_again(name):
     robot = load_robot(name)
     mounting = Mounting.parse("wall")
     joints, base = exact(robot, mounting)
-    found = consistent(joints, np.ones(6), base.combination, robot)
+    found = physically_consistent(joints, np.ones(6), base.combination, robot)
     standard = robot.nominal_parameters(with_inertia=True).reshape(6, PER_JOINT)
     standard[:, 10:] = np.stack([COULOMB_NM, VISCOUS, ROTOR_KG_M2], axis=1)
     expected = base.combination @ standard.ravel()
@@ -157,7 +157,7 @@ def test_constraints_bind_where_least_squares_leaves_the_physical():
     joints = factors([Rows(Y, torque, np.ones(known.q.shape, dtype=bool), np.arange(len(Y)), np.zeros(len(Y), dtype=int))])
     free = solve(joints, np.ones(6), np.zeros(base.count))
     assert np.all(free.values[np.searchsorted(base.columns, friction_columns(6)[1])] < 0.0)
-    found = consistent(joints, np.ones(6), base.combination, robot)
+    found = physically_consistent(joints, np.ones(6), base.combination, robot)
     is_physical(found)
     np.testing.assert_allclose(found.viscous_nm_s_per_rad, 0.0, atol=1e-3)
     assert found.residual_ratio > 1.5
@@ -179,7 +179,7 @@ def test_further_friction_parameters_are_kept_and_not_negative():
     joints = factors([Rows(np.concatenate([Y, extra], axis=2), torque, every, np.arange(len(Y)), np.zeros(len(Y), dtype=int))])
     combination = np.zeros((base.count + 2, 80))
     combination[: base.count, :78], combination[base.count :, 78:] = base.combination, np.eye(2)
-    found = consistent(joints, np.ones(6), combination, robot)
+    found = physically_consistent(joints, np.ones(6), combination, robot)
     A = np.concatenate([factor.R for factor in joints])
     least = np.append(np.full(base.count, -np.inf), [0.0, 0.0])
     bounded = lsq_linear(A[:, :-1], A[:, -1], bounds=(least, np.inf)).x
@@ -193,9 +193,9 @@ def test_what_cannot_be_met_is_said():
     robot = load_robot("ur5")
     joints, base = exact(robot, GROUND, rate_hz=25.0)
     with pytest.raises(Unidentifiable, match="no physical arm was found"):
-        consistent(joints, np.ones(6), base.combination, robot, ConsistentSettings(mass_factor=(2.0, 1.0)))
+        physically_consistent(joints, np.ones(6), base.combination, robot, PhysicalConsistencySettings(mass_factor=(2.0, 1.0)))
     with pytest.raises(BadInput, match="do not fit"):
-        consistent(joints, np.ones(5), base.combination, robot)
+        physically_consistent(joints, np.ones(5), base.combination, robot)
 
 
 def test_an_arm_of_unknown_masses_is_found_too():
@@ -206,7 +206,7 @@ def test_an_arm_of_unknown_masses_is_found_too():
         robot, mass_kg=np.zeros(6), com_m=np.zeros((6, 3)), inertia_kg_m2=np.zeros((6, 3, 3)), max_torque_nm=np.full(6, np.inf),
         payload_max_kg=np.nan,
     )  # fmt: skip
-    found = consistent(joints, np.ones(6), base.combination, bare)
+    found = physically_consistent(joints, np.ones(6), base.combination, bare)
     is_physical(found)
     assert found.residual_ratio < 1.02
     loads(found)
