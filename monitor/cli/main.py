@@ -149,7 +149,7 @@ def simulate(
         given = [f"{option}={value}" for option, value in options.items() if value is not None]
         simulate_and_watch([f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", *given], bind, command_port)
         return
-    from monitor.simulate.wire.server import serve
+    from monitor.simulate.server import serve
 
     serve(settings, lambda: typer.echo(announcement(settings)))
 

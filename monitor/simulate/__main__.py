@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
             remote_control=not given.local_control,
             wear_per_revolution=_numbers(given.wear_per_revolution),
         )
-        from monitor.simulate.wire.server import serve  # pinocchio: only when the arguments are right
+        from monitor.simulate.server import serve  # pinocchio: only when the arguments are right
 
         line = f"listening {settings.bind} robot={settings.robot} rtde=30004 commands={settings.command_port}\n"
 

@@ -10,13 +10,13 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.simulate.arguments import Choice, Kind, Number, Text, check
 from monitor.simulate.arm.sensors import SensorFaults
-from monitor.simulate.controller.inputs import INPUT_TYPES
+from monitor.simulate.controller.registers import INPUT_TYPES
 from monitor.simulate.settings import Version
 
 if TYPE_CHECKING:
     from monitor.simulate.controller.controller import Controller
+    from monitor.simulate.server import Listeners
     from monitor.simulate.wire.ports import Ports
-    from monitor.simulate.wire.server import Listeners
 
 SERVICES = ("rtde", "dashboard", "primary", "secondary", "realtime")
 STALL_MAX_S = 3600.0

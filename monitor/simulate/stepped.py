@@ -12,7 +12,7 @@ from monitor.model.fourier import Excitation
 from monitor.recording import Array, Context, Recording
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import SafetyMode
-from monitor.simulate.controller.variables import target_moment
+from monitor.simulate.wire.variables import target_moment
 
 RATE_HZ = 125.0
 LOOKAHEAD_S, GAIN = 0.03, 500.0  # as the replays on the wire

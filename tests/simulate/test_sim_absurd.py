@@ -9,9 +9,9 @@ from test_sim_controller import DOUBLES, MOVE, SERVO, Pendant
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.arm.kinematics import Kinematics, se3
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.inputs import INPUT_TYPES, recipe
 from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
-from monitor.simulate.controller.scripts import Refused, Steps, parse
+from monitor.simulate.controller.program.scripts import Refused, Steps, parse
+from monitor.simulate.controller.registers import INPUT_TYPES, recipe
 from monitor.simulate.faults import Place, inject
 from monitor.simulate.scenario import scenario_from_document
 from monitor.simulate.settings import SimulateSettings

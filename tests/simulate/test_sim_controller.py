@@ -8,8 +8,8 @@ from test_sim_scripts import CONTROL
 
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.inputs import INPUT_TYPES, recipe
 from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
+from monitor.simulate.controller.registers import INPUT_TYPES, recipe
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire import dashboard
 

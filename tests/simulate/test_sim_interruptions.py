@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from test_sim_controller import CLEAR, MOVE, ONE, Pendant
 
-from monitor.simulate.controller.inputs import INPUT_TYPES, recipe
 from monitor.simulate.controller.modes import Runtime, SafetyMode
+from monitor.simulate.controller.registers import INPUT_TYPES, recipe
 from monitor.simulate.wire import dashboard
 
 SLIDER = recipe(["speed_slider_mask", "speed_slider_fraction"], INPUT_TYPES)

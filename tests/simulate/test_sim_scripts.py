@@ -5,7 +5,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.simulate.controller.scripts import (
+from monitor.simulate.controller.program.scripts import (
     SCRIPT_MAX_BYTES,
     ControlScript,
     Framer,

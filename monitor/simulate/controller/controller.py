@@ -19,20 +19,20 @@ from monitor.simulate.arm.physics import Arm, Target, arm_model
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import Sensors
 from monitor.simulate.arm.thermal import Temperatures
-from monitor.simulate.controller.inputs import REGISTERS, Inputs, Outputs, Recipe
-from monitor.simulate.controller.life import Life
 from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode, Stop
 from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2, Moves
-from monitor.simulate.controller.program import ControlProgram, SteppedProgram, StepsProgram
+from monitor.simulate.controller.program.control import ControlProgram, SteppedProgram, StepsProgram
+from monitor.simulate.controller.program.scripts import ControlScript, Immediate, Refused, Steps, parse
 from monitor.simulate.controller.published import known
-from monitor.simulate.controller.scripts import ControlScript, Immediate, Refused, Steps, parse
+from monitor.simulate.controller.registers import REGISTERS, Inputs, Outputs, Recipe
+from monitor.simulate.controller.scenario_player import Life
 from monitor.simulate.controller.truth import truth
-from monitor.simulate.controller.variables import Moments, output_variables
 from monitor.simulate.faults import Place, outputs_of
 from monitor.simulate.scenario import Scenario
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire import primary, realtime
 from monitor.simulate.wire.packing import Variable
+from monitor.simulate.wire.variables import Moments, output_variables
 
 log = logging.getLogger(__name__)
 

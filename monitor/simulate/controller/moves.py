@@ -9,7 +9,7 @@ import numpy as np
 from monitor.recording import Array
 from monitor.simulate.arm import motions
 from monitor.simulate.arm.kinematics import se3
-from monitor.simulate.controller.scripts import Move, StopMotion
+from monitor.simulate.controller.program.scripts import Move, StopMotion
 
 if TYPE_CHECKING:
     import pinocchio as pin

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate.controller.inputs import FORMAT
+from monitor.simulate.controller.registers import FORMAT
 
 Values = Sequence[float]
 

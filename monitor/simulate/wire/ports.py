@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from monitor.simulate.controller.scripts import Framer
+from monitor.simulate.controller.program.scripts import Framer
 from monitor.simulate.faults import SERVICES, WireFaults
 from monitor.simulate.wire import dashboard, primary
 from monitor.simulate.wire.rtde import ProtocolError, RtdeSession, text_message

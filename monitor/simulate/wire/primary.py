@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from monitor.simulate.controller.variables import SUPPLY_V, TOOL_OFF, TOOL_RUNNING, joint_mode, supply_current
+from monitor.simulate.wire.variables import SUPPLY_V, TOOL_OFF, TOOL_RUNNING, joint_mode, supply_current
 
 if TYPE_CHECKING:
     from monitor.simulate.controller.controller import Controller

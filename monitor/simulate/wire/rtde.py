@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from monitor.simulate.controller.inputs import Recipe, recipe
+from monitor.simulate.controller.registers import Recipe, recipe
 from monitor.simulate.wire.packing import reader
 
 if TYPE_CHECKING:

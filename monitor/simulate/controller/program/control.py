@@ -15,8 +15,8 @@ import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate.arm import motions
-from monitor.simulate.controller import queries
-from monitor.simulate.controller.scripts import ControlScript, Move, Progress, Step, Steps, StopMotion, Wait, Write
+from monitor.simulate.controller.program import queries
+from monitor.simulate.controller.program.scripts import ControlScript, Move, Progress, Step, Steps, StopMotion, Wait, Write
 
 if TYPE_CHECKING:
     from monitor.simulate.controller.controller import Controller

@@ -11,7 +11,7 @@ from monitor.simulate.arm.kinematics import composed, pose_of
 from monitor.simulate.settings import PAYLOAD_COM_MAX_M
 
 if TYPE_CHECKING:
-    from monitor.simulate.controller.program import ControlProgram
+    from monitor.simulate.controller.program.control import ControlProgram
 
 Result = bool | int | Array | None
 STEADY_RAD_S = 0.01

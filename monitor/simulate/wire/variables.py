@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from monitor.recording import Array
-from monitor.simulate.controller.inputs import INPUT_TYPES, REGISTERS
+from monitor.simulate.controller.registers import INPUT_TYPES, REGISTERS
 from monitor.simulate.wire.packing import Sort, Source, Variable, array, computed, constant, listed, number
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""Programs that the simulated controller runs: scripts, the register machine of ur-rtde, lists of steps."""
