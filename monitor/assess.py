@@ -9,7 +9,7 @@ import numpy as np
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.identify import identify
-from monitor.identify.quality import QualitySettings, quality_problem
+from monitor.identify.signals.quality import QualitySettings, quality_problem
 from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.health import Health, HealthSettings, Transition, alert_document
 from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life

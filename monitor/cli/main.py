@@ -238,8 +238,8 @@ def identify(
 
 
 def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: "Array | None") -> None:
-    from monitor.identify.signals import motion
-    from monitor.identify.torque import joint_torque
+    from monitor.identify.signals.motion import motion
+    from monitor.identify.signals.torque import joint_torque
     from monitor.identify.validate import predict_torque
     from monitor.views.plots.identification import Residuals, residual_plot
 
@@ -292,7 +292,7 @@ def energy(
 ) -> None:
     """Kinetic energy along a trajectory, with its uncertainty, beside limits. For a risk assessment: not a safety function."""
     from monitor.identify.identify import identify as identify_recordings
-    from monitor.identify.signals import motion
+    from monitor.identify.signals.motion import motion
     from monitor.identify.validate import refuse_other_arm
     from monitor.model.energy import BodyRegion, energy_document, flange_speed, kinetic_energy
     from monitor.model.robot import Mounting

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm
 from monitor.identify.gains import Gains
 from monitor.identify.identification import Identification
 from monitor.identify.payload import NAMES as PAYLOAD_NAMES
 from monitor.identify.payload import Payload
-from monitor.identify.physically_consistent import PhysicallyConsistentArm
 from monitor.identify.validate import Validation
 from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, Robot

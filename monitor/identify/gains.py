@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.least_squares import WINDOW_STEPS, Factor, Rows, factors, jackknife_covariance, residual_rms, solve
-from monitor.identify.signals import Motion, SignalSettings, motion
+from monitor.identify.fit.least_squares import WINDOW_STEPS, Factor, Rows, factors, jackknife_covariance, residual_rms, solve
+from monitor.identify.signals.motion import Motion, SignalSettings, motion
 from monitor.identify.validate import refuse_other_arm
 from monitor.model.base import base_parameters
 from monitor.model.regressor import friction_columns, regressor

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, SignalSettings
+from monitor.identify.signals.motion import STANDSTILL_SPEED_RAD_S, SignalSettings
 from monitor.identify.warnings import DataWarning
 from monitor.model.friction import LAWS, FrictionLaw
 from monitor.model.robot import Mounting
 from monitor.recording import Array
 
 if TYPE_CHECKING:
-    from monitor.identify.physically_consistent import PhysicallyConsistentArm
+    from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

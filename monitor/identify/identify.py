@@ -7,15 +7,15 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify import warnings as told
-from monitor.identify.fit import Equations, Fit, Layout, fit, layout_of, refit, robust_inflation, with_causes
+from monitor.identify.fit.fit import Equations, Fit, Layout, fit, layout_of, refit, robust_inflation, with_causes
+from monitor.identify.fit.least_squares import WINDOW_STEPS, Solution, condition_number, jackknife_covariances
+from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
+from monitor.identify.fit.projection import mapped, mean_load, positive, projection
+from monitor.identify.fit.selection import AUTO, choose_law
 from monitor.identify.identification import FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
-from monitor.identify.least_squares import WINDOW_STEPS, Solution, condition_number, jackknife_covariances
 from monitor.identify.mounting import mounting_check
-from monitor.identify.physically_consistent import PhysicallyConsistentArm, physically_consistent
-from monitor.identify.projection import mapped, mean_load, positive, projection
-from monitor.identify.selection import AUTO, choose_law
-from monitor.identify.signals import Mask, Motion, motion
-from monitor.identify.torque import joint_torque
+from monitor.identify.signals.motion import Mask, Motion, motion
+from monitor.identify.signals.torque import joint_torque
 from monitor.identify.validate import errors_of, refuse_other_arm
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base, base_parameters

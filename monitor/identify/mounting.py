@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from monitor.identify.least_squares import triangle
-from monitor.identify.signals import STANDSTILL_SPEED_RAD_S, Indices, Mask, Motion
+from monitor.identify.fit.least_squares import triangle
+from monitor.identify.signals.motion import STANDSTILL_SPEED_RAD_S, Indices, Mask, Motion
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import base_parameters
 from monitor.model.identifiable import mounting_with_up

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.fit import layout_of
+from monitor.identify.fit.fit import layout_of
+from monitor.identify.fit.least_squares import WINDOW_STEPS, Rows, factors, jackknife_covariance, residual_rms, solve
 from monitor.identify.identification import Identification, IdentifySettings
-from monitor.identify.least_squares import WINDOW_STEPS, Rows, factors, jackknife_covariance, residual_rms, solve
-from monitor.identify.signals import motion
-from monitor.identify.torque import joint_torque
+from monitor.identify.signals.motion import motion
+from monitor.identify.signals.torque import joint_torque
 from monitor.identify.validate import refuse_other_arm
 from monitor.identify.warnings import DataWarning
 from monitor.model.regressor import regressor

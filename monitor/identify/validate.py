@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.fit import layout_of
+from monitor.identify.fit.fit import layout_of
 from monitor.identify.identification import Identification, IdentifySettings
-from monitor.identify.signals import Mask, motion
-from monitor.identify.torque import joint_torque
+from monitor.identify.signals.motion import Mask, motion
+from monitor.identify.signals.torque import joint_torque
 from monitor.model.regressor import regressor
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording

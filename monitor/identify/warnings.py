@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.least_squares import Rows
-from monitor.identify.signals import Mask, Motion
+from monitor.identify.fit.least_squares import Rows
+from monitor.identify.signals.motion import Mask, Motion
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording
 

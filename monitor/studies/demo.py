@@ -31,7 +31,7 @@ from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import Progress, replay
 from monitor.config.load import Configuration, from_document
 from monitor.errors import ReplayAborted, RobotUnreachable
-from monitor.identify.quality import quality_problem
+from monitor.identify.signals.quality import quality_problem
 from monitor.identify.validate import errors_of
 from monitor.judge.drift.observation import DriftSettings
 from monitor.model.fourier import Excitation

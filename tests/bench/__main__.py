@@ -21,11 +21,11 @@ def cases() -> dict[str, Callable[[], object]]:
     """What is timed, by name; a name after `vs` is what its ratio is quoted against."""
     import pinocchio as pin
 
+    from monitor.identify.fit.least_squares import WINDOW_STEPS, Rows, factors
+    from monitor.identify.fit.physically_consistent import physically_consistent
     from monitor.identify.identify import identify, identify_motions
-    from monitor.identify.least_squares import WINDOW_STEPS, Rows, factors
-    from monitor.identify.physically_consistent import physically_consistent
-    from monitor.identify.signals import motion
-    from monitor.identify.torque import joint_torque
+    from monitor.identify.signals.motion import motion
+    from monitor.identify.signals.torque import joint_torque
     from monitor.model.base import base_parameters
     from monitor.model.regressor import regressor
     from monitor.simulate.controller.controller import Controller

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from monitor.identify.signals import Motion
+from monitor.identify.signals.motion import Motion
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.recording import Array, Recording

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.errors import Unidentifiable
-from monitor.identify.clean import cleaned
-from monitor.identify.signals import motion
+from monitor.identify.signals.clean import cleaned
+from monitor.identify.signals.motion import motion
 from monitor.identify.warnings import of_motion
 from monitor.recording import Recording
 

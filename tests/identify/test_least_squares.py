@@ -5,7 +5,7 @@ import pytest
 from oracle_arm import GROUND, truth
 from scipy.signal import lfilter
 
-from monitor.identify.least_squares import Rows, factors, jackknife_covariance, merged, residual_rms, solve
+from monitor.identify.fit.least_squares import Rows, factors, jackknife_covariance, merged, residual_rms, solve
 from monitor.model.base import base_parameters
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import load_robot

@@ -8,8 +8,8 @@ import pytest
 from oracle_arm import exact_motion, excitation, recording, truth
 
 from monitor.identify.mounting import mounting_check, upward
-from monitor.identify.signals import motion
-from monitor.identify.torque import joint_torque
+from monitor.identify.signals.motion import motion
+from monitor.identify.signals.torque import joint_torque
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings

@@ -12,10 +12,10 @@ from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, truth
 from scipy.optimize import lsq_linear
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.least_squares import Rows, factors, residual_rms, solve
-from monitor.identify.physically_consistent import PhysicalConsistencySettings, PhysicallyConsistentArm, physically_consistent
-from monitor.identify.signals import motion
-from monitor.identify.torque import joint_torque
+from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
+from monitor.identify.fit.physically_consistent import PhysicalConsistencySettings, PhysicallyConsistentArm, physically_consistent
+from monitor.identify.signals.motion import motion
+from monitor.identify.signals.torque import joint_torque
 from monitor.model.base import base_parameters
 from monitor.model.fourier import excitation_from_document
 from monitor.model.regressor import friction_columns, regressor

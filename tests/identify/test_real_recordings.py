@@ -9,8 +9,8 @@ from monitor.assess import Assessment, judge_identification
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
-from monitor.identify.signals import motion
-from monitor.identify.torque import joint_torque
+from monitor.identify.signals.motion import motion
+from monitor.identify.signals.torque import joint_torque
 from monitor.identify.validate import validate
 from monitor.judge.torque import prediction_error as doubt
 from monitor.model.regressor import regressor

@@ -135,7 +135,7 @@ def test_ground_parameters_predict_the_ceiling():
 
 def test_validation_figures_are_what_they_are_called():
     """rms, relative rms, r², e_N and the manufacturer's, recomputed from the residual on the filtered motion."""
-    from monitor.identify.signals import motion
+    from monitor.identify.signals.motion import motion
     from monitor.model.regressor import regressor
 
     found, held_out = identify([recording(truth(UR5))], UR5, GROUND), recording(truth(UR5, seed=2), seed=2)

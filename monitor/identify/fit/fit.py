@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.least_squares import Factor, Projected, Rows, Solution, factors, residual_rms, residuals_of, solve
-from monitor.identify.signals import Indices, Mask, Motion
+from monitor.identify.fit.least_squares import Factor, Projected, Rows, Solution, factors, residual_rms, residuals_of, solve
+from monitor.identify.signals.motion import Indices, Mask, Motion
 from monitor.model.friction import LAWS, FrictionLaw
 from monitor.model.regressor import ROTOR, friction_columns
 from monitor.model.robot import PER_JOINT

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from monitor.identify.fit import Equations, Fit, Layout
+from monitor.identify.fit.fit import Equations, Fit, Layout
 from monitor.recording import Array
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.signals import Motion
+from monitor.identify.signals.motion import Motion
 from monitor.model.robot import Robot
 from monitor.recording import Array
 

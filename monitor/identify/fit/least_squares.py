@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals import Indices, Mask
+from monitor.identify.signals.motion import Indices, Mask
 from monitor.recording import Array
 
 EXCITED = 1e-6  # of the largest singular value, columns scaled alike: below it a direction is rounding or encoder noise

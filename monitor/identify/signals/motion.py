@@ -13,7 +13,7 @@ import numpy.typing as npt
 from annotated_types import Interval
 
 from monitor.errors import Unidentifiable
-from monitor.identify.clean import Repair, cleaned
+from monitor.identify.signals.clean import Repair, cleaned
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Recording
 

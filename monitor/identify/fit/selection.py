@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit import Equations, Layout, fit
-from monitor.identify.least_squares import Factor, Rows, factors, residual_rms, solve
+from monitor.identify.fit.fit import Equations, Layout, fit
+from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
 from monitor.model.friction import EVERY_TERM, LAWS, FrictionLaw
 from monitor.recording import Array
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.least_squares import Factor, residual_rms
+from monitor.identify.fit.least_squares import Factor, residual_rms
 from monitor.model.regressor import COULOMB, ROTOR, VISCOUS
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
 from monitor.model.urdf import urdf_text
