@@ -7,8 +7,8 @@ import time
 
 import numpy as np
 
-from monitor.acquire.safety.conditions import Condition, Facts, Permit, conditions
-from monitor.acquire.safety.gate import Ask
+from monitor.acquire.safety.conditions import ConditionInputs, ConditionResult, Permit, conditions
+from monitor.acquire.safety.gate import AskPermit
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
 from monitor.acquire.ur.child import Child, ChildLost
@@ -28,8 +28,8 @@ def check(
     context: Context,
     *,
     stopped_before: str | None = None,
-    ask: Ask | None = None,
-) -> tuple[Condition, ...]:
+    ask: AskPermit | None = None,
+) -> tuple[ConditionResult, ...]:
     """Every condition as it is now. An arm that does not answer is told by its conditions; nothing is raised for it."""
     try:
         who = identity(settings.host)
@@ -40,7 +40,7 @@ def check(
         permit = ask({"robot": robot.name, "only_a_check": True}, settings.permit_timeout_s)
         permit = permit or Permit(False, f"permit/replay: no answer within {settings.permit_timeout_s:g} s")
     return conditions(
-        Facts(
+        ConditionInputs(
             settings=settings,
             excitation=excitation,
             robot=robot,
@@ -73,12 +73,12 @@ def look(host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
 
 def main() -> None:
     """The child: one row, its accelerometer averaged, or why there is none; never returns."""
-    from monitor.acquire.rows import PLACE, Torn, heard, snapshot
+    from monitor.acquire.rows import COLUMN, Torn, connect_receiver, snapshot
     from monitor.acquire.ur.child import begin, leave
 
     job, outbox, lifeline = begin()
     try:
-        receive, signals = heard(job["host"], job["rate_hz"])
+        receive, signals = connect_receiver(job["host"], job["rate_hz"])
         rows: list[Array] = []
         told_s = None
         while receive.isConnected() and len(rows) < LOOKS:
@@ -89,7 +89,7 @@ def main() -> None:
             lifeline.word()
             time.sleep(0.001)
         if len(rows) == LOOKS:
-            place = PLACE["actual_tool_accelerometer"]
+            place = COLUMN["actual_tool_accelerometer"]
             rows[-1][place] = np.mean([row[place] for row in rows], axis=0)
             outbox.row(rows[-1])
             leave(0)

@@ -18,7 +18,7 @@ from monitor.recording import Array
 
 LONGEST_POLL_S = 0.02  # live state is decimated: a late look costs nothing
 POLL_SHARE = 0.8  # of a period: each row is seen, and hardly one look is in vain
-DROWSY_SHARE = 0.25  # of a period: what a sleep of ur-rtde's thread may last longer; each row is still taken in before the next comes
+TIMER_SLACK_SHARE = 0.25  # of a period: what a sleep of ur-rtde's thread may last longer; each row is still taken in before the next comes
 EVERY_TICK_POLL_S = 0.0003  # the finest sleep that does not burn a core
 
 
@@ -93,7 +93,7 @@ class Listener:
         self._spoke = False  # this child has delivered a row
         self._next_try_at = 0.0
         self._pause_s = settings.first_pause_s
-        self.trouble: str | None = None  # why the arm cannot be heard; None while it can, or before the first try
+        self.problem: str | None = None  # why the arm cannot be heard; None while it can, or before the first try
 
     @property
     def reachable(self) -> bool:
@@ -141,7 +141,7 @@ class Listener:
             self._lost(now, last_word)
             return fresh
         if fresh:
-            self._heard_at, self._spoke, self._latest, self.trouble = now, True, fresh[-1], None
+            self._heard_at, self._spoke, self._latest, self.problem = now, True, fresh[-1], None
             self._pause_s = self._settings.first_pause_s
         patience_s = self._settings.silence_timeout_s if self._spoke else self._settings.startup_timeout_s
         if now - self._heard_at > patience_s:
@@ -157,8 +157,8 @@ class Listener:
         except ChildLost as lost:
             self._lost(now, str(lost))
 
-    def _lost(self, now: float, trouble: str) -> None:
-        self.trouble = trouble
+    def _lost(self, now: float, problem: str) -> None:
+        self.problem = problem
         self._drop()
         self._next_try_at = now + self._pause_s
         self._pause_s = min(2.0 * self._pause_s, self._settings.longest_pause_s)
@@ -172,24 +172,24 @@ class Listener:
 
 def main() -> None:
     """The child: rows to the parent until the connection or the parent is gone; never returns."""
-    from monitor.acquire.rows import PLACE, Torn, heard, snapshot
-    from monitor.acquire.ur.child import begin, drowsy, leave, real_time
+    from monitor.acquire.rows import COLUMN, Torn, connect_receiver, snapshot
+    from monitor.acquire.ur.child import begin, leave, real_time, set_timer_slack
 
     job, outbox, lifeline = begin()
     host = job["host"]
     if job["every_tick"] and not ipaddress.ip_address(host).is_loopback:
         real_time()  # before ur-rtde starts its threads, which inherit it
     elif not job["every_tick"]:
-        drowsy(DROWSY_SHARE / job["rate_hz"])  # likewise
+        set_timer_slack(TIMER_SLACK_SHARE / job["rate_hz"])  # likewise
     poll_s = EVERY_TICK_POLL_S if job["every_tick"] else min(LONGEST_POLL_S, POLL_SHARE / job["rate_hz"])
     try:
-        receive, signals = heard(host, job["rate_hz"])
-        drowsy(0.0)  # this thread's own looks come in time
+        receive, signals = connect_receiver(host, job["rate_hz"])
+        set_timer_slack(0.0)  # this thread's own looks come in time
         told_s = None
         while receive.isConnected():
             if receive.getTimestamp() != told_s:
                 row, _ = snapshot(receive, signals)
-                row[PLACE["host_monotonic_s"]] = time.monotonic()
+                row[COLUMN["host_monotonic_s"]] = time.monotonic()
                 told_s = row[0]
                 outbox.row(row)
             lifeline.word()

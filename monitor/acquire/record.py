@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire.rows import columns, recorded
+from monitor.acquire.rows import columns, recording_from_columns
 from monitor.acquire.ur import dashboard
 from monitor.acquire.ur.child import Child, ChildLost
 from monitor.errors import MotionRefused, RobotUnreachable
@@ -85,7 +85,7 @@ def _recording(rows: Array, context: Context, rate_hz: float, ended: str, began_
     payload = table["payload"][0]
     if context.payload_kg is None and np.isfinite(payload):
         context = dataclasses.replace(context, payload_kg=float(payload))
-    return recorded(
+    return recording_from_columns(
         table,
         context=context,
         quality={

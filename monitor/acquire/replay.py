@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire.rows import columns, recorded
-from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, Facts, refuse_unless, some
-from monitor.acquire.safety.gate import Announce, Ask, Gate
+from monitor.acquire.rows import columns, recording_from_columns
+from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, ConditionInputs, refuse_unless, some
+from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
@@ -30,7 +30,7 @@ STOP_PATIENCE_S = 5.0  # slow down along the path, come to rest, end the program
 LEAVING_S = 1.0  # from the child's last word to its end
 
 
-class Progress(NamedTuple):
+class ReplayProgress(NamedTuple):
     """Where a replay is, for a display."""
 
     phase: str  # connect, control, approach, settle, play, return, finish
@@ -45,10 +45,10 @@ def replay(
     settings: ReplaySettings,
     *,
     context: Context | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: Callable[[ReplayProgress], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
     stopped_before: str | None = None,
-    ask: Ask | None = None,
+    ask: AskPermit | None = None,
     announce: Announce | None = None,
     band: TorqueBand | None = None,
 ) -> Recording:
@@ -60,7 +60,7 @@ def replay(
 
     Raises MotionRefused (nothing was moved), RobotUnreachable (nothing was moved), ReplayAborted with its `cause`.
     """
-    facts = Facts(
+    facts = ConditionInputs(
         settings=settings,
         excitation=excitation,
         robot=robot,
@@ -94,7 +94,7 @@ def replay(
     return _recording(watch, _known(facts, watch.state), settings, excitation)
 
 
-def _known(facts: Facts, state: ArmState | None) -> Context:
+def _known(facts: ConditionInputs, state: ArmState | None) -> Context:
     """The context with what the controller says of itself."""
     who, context = facts.identity, facts.context
     assert who is not None
@@ -120,7 +120,7 @@ class _Watch:
         self,
         settings: ReplaySettings,
         gate: Gate,
-        on_progress: Callable[[Progress], None] | None,
+        on_progress: Callable[[ReplayProgress], None] | None,
         should_stop: Callable[[], bool] | None,
         band: TorqueBand | None,
     ) -> None:
@@ -158,7 +158,7 @@ class _Watch:
             now = time.monotonic()
             if self.on_progress and now - shown_at >= 0.1:
                 shown_at = now
-                self.on_progress(Progress(self.phase, now - self.phase_at, self.duration_s, len(self.rows)))
+                self.on_progress(ReplayProgress(self.phase, now - self.phase_at, self.duration_s, len(self.rows)))
             if self.asked_at is None and self.should_stop and self.should_stop():
                 self.asked_at = now
                 if not self.in_control:  # nothing moves yet
@@ -263,7 +263,7 @@ def _recording(watch: _Watch, context: Context, settings: ReplaySettings, excita
         "controller_clock_at_start_s": float(t_s[0]),
         "host_clock_at_start_unix_s": watch.first_row_unix_s,
     }
-    return recorded(
+    return recording_from_columns(
         table,
         context=dataclasses.replace(context, recorded_at_unix_s=watch.first_row_unix_s),
         quality=quality,

@@ -59,15 +59,15 @@ def _places() -> dict[str, slice]:
     return places
 
 
-PLACE = _places()
-WIDTH = PLACE["host_monotonic_s"].stop
+COLUMN = _places()
+WIDTH = COLUMN["host_monotonic_s"].stop
 
 
 class Torn(Exception):
     """A getter did not deliver what its variable holds: the connection went away while reading."""
 
 
-def heard(host: str, rate_hz: float) -> tuple["RTDEReceiveInterface", tuple[Signal, ...]]:
+def connect_receiver(host: str, rate_hz: float) -> tuple["RTDEReceiveInterface", tuple[Signal, ...]]:
     """A receiving connection, and what of SIGNALS this controller reports. Call it only in a child process.
 
     A controller that lacks a variable refuses the whole request and names the variable: what is optional is then left out.
@@ -100,7 +100,7 @@ def snapshot(receive: "RTDEReceiveInterface", signals: tuple[Signal, ...] = SIGN
             if signal.width > 1 and len(value) != signal.width:
                 raise Torn(f"{signal.variable} has {len(value)} values; expected {signal.width}")
             # NaN is what is not reported; what is reported and is no number must not pass for that
-            row[PLACE[signal.variable]] = np.where(np.isnan(value), np.inf, value) if signal.optional else value
+            row[COLUMN[signal.variable]] = np.where(np.isnan(value), np.inf, value) if signal.optional else value
         if receive.getTimestamp() == row[0]:
             return row, attempt
     raise Torn(f"no row was complete within {attempts} readings")
@@ -108,10 +108,10 @@ def snapshot(receive: "RTDEReceiveInterface", signals: tuple[Signal, ...] = SIGN
 
 def columns(rows: Array) -> dict[str, Array]:
     """Rows (N, WIDTH) by the name of the variable: (N,) or (N, J)."""
-    return {name: rows[:, place.start] if place.stop - place.start == 1 else rows[:, place] for name, place in PLACE.items()}
+    return {name: rows[:, place.start] if place.stop - place.start == 1 else rows[:, place] for name, place in COLUMN.items()}
 
 
-def recorded(table: dict[str, Array], *, context: Context, quality: dict[str, Any], source: str) -> Recording:
+def recording_from_columns(table: dict[str, Array], *, context: Context, quality: dict[str, Any], source: str) -> Recording:
     """The recording whose signals these columns are."""
     return Recording(
         t_s=table["timestamp"],

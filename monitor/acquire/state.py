@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from monitor.acquire.rows import PLACE
+from monitor.acquire.rows import COLUMN
 from monitor.recording import Array
 
 ROBOT_MODE_RUNNING = 7
@@ -68,7 +68,7 @@ class ArmState:
 
 def arm_state(row: Array) -> ArmState:
     """The same from one row (WIDTH,)."""
-    of = {name: row[place] for name, place in PLACE.items()}
+    of = {name: row[place] for name, place in COLUMN.items()}
     x, y, z = of["actual_tool_accelerometer"]
     return ArmState(
         robot_mode=int(of["robot_mode"][0]),

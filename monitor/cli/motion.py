@@ -15,7 +15,7 @@ from monitor.errors import BadInput, ReplayAborted, StoreError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from monitor.acquire.replay import Progress
+    from monitor.acquire.replay import ReplayProgress
     from monitor.config.load import Configuration
     from monitor.recording import Recording
 
@@ -44,7 +44,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on sta
 
 def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     """May the service run, and the arm move, now? Every condition by name; nothing is moved. Exit 3: something speaks against it."""
-    from monitor.acquire.safety.conditions import Condition
+    from monitor.acquire.safety.conditions import ConditionResult
     from monitor.config.load import load
     from monitor.service.motion import look
     from monitor.service.preflight import service_conditions
@@ -55,12 +55,12 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
         try:
             found = look(configuration, ask=ask)
         except StoreError as error:  # without its history nobody knows whether a stop waits for a person
-            found = (Condition(name="previous_stop", holds=False, told=str(error)),)
+            found = (ConditionResult(name="previous_stop", holds=False, text=str(error)),)
     may = all(condition.holds for condition in found)
     bus = _reached(configuration)
     if as_json:
         told, ours = (
-            [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.told} for each in part]
+            [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.text} for each in part]
             for part in (found, service)
         )
         may_run = all(condition.holds for condition in service)
@@ -69,7 +69,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     else:
         from monitor.views.terminal.tables import print_bus, print_conditions
 
-        rows = [(each.name, each.word, each.told) for each in (*service, *found)]
+        rows = [(each.name, each.status, each.text) for each in (*service, *found)]
         print_conditions(f"{configuration.robot.id} at {configuration.robot.host}", rows)
         print_bus(bus)
     if not (may and all(condition.holds for condition in service)):
@@ -94,7 +94,7 @@ def replay(config: ConfigOption, output: OutputOption, as_json: JsonOption = Fal
         progress("replay") as show,
     ):
 
-        def on_progress(at: "Progress") -> None:
+        def on_progress(at: "ReplayProgress") -> None:
             show(at.phase, at.elapsed_s, at.duration_s)
 
         def announce(about: "Mapping[str, Any]") -> None:

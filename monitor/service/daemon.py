@@ -602,7 +602,7 @@ def _watch(
             listener.reachable and state is not None and state.robot_mode == ROBOT_MODE_RUNNING,
             None if state is None or not listener.reachable else tuple(state.temperature_c.tolist()),
         )
-        problems.said("arm", listener.trouble)
+        problems.said("arm", listener.problem)
         problems.said("restored", daemon.restored)
         if hangup.is_set():
             hangup.clear()
@@ -636,7 +636,7 @@ def _known(daemon: Daemon, listener: Any, scheduler: Scheduler, heartbeats: Hear
         "next_replay_due_unix_s": upcoming[0].opens_unix_s if upcoming else None,
         "next_replay_why": upcoming[0].why if upcoming else None,
         "lag_s": scheduler.lag_s,
-        "arm": {"heard": listener.reachable, "trouble": listener.trouble},
+        "arm": {"heard": listener.reachable, "trouble": listener.problem},
         "bus": daemon.bus.lengths(),
         "workers": heartbeats.ages_s(),
         "overrides": list(daemon.configuration.overrides),

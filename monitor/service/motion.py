@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from monitor.acquire.check import check as look_at
-from monitor.acquire.replay import Progress, replay
-from monitor.acquire.safety.conditions import Condition, Permit
-from monitor.acquire.safety.first_pass import band_for, circumstances, slowed
-from monitor.acquire.safety.gate import Announce, Ask
+from monitor.acquire.replay import ReplayProgress, replay
+from monitor.acquire.safety.conditions import ConditionResult, Permit
+from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
+from monitor.acquire.safety.gate import Announce, AskPermit
 from monitor.config.load import Configuration
 from monitor.errors import ReplayAborted, StoreError
 from monitor.judge.torque.compensated_model import CompensatedModel
@@ -39,7 +39,7 @@ def move(
     *,
     should_stop: Callable[[], bool],
     first_pass_path: Path,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: Callable[[ReplayProgress], None] | None = None,
     ask: AskAnswer | None = None,
     announce: Announce | None = None,
     model: CompensatedModel | None = None,
@@ -58,7 +58,7 @@ def move(
             band = band_for(
                 robot, played, settings, context, gains=configuration.gains_nm_per_a, model=model if _same_load(store, context) else None
             )
-            log.info("first pass at %g of the pace, torque within %s", played.time_scale, band.told)
+            log.info("first pass at %g of the pace, torque within %s", played.time_scale, band.description)
         return replay(
             played,
             robot,
@@ -72,7 +72,7 @@ def move(
             band=band,
         )
 
-    digest = circumstances(excitation, settings, context)
+    digest = first_pass_key(excitation, settings, context)
     if settings.first_pass and not store.first_passed(digest):
         slow = play(slowed(excitation, settings), slowly=True)
         note = "first pass, slow: not assessed"
@@ -83,7 +83,7 @@ def move(
     return play(excitation, slowly=False)
 
 
-def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[Condition, ...]:
+def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[ConditionResult, ...]:
     """Every condition as it is now: receive-only, and what the history has to say."""
     told = None
     try:
@@ -103,7 +103,7 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
     )
 
 
-def _permit(ask: AskAnswer) -> Ask:
+def _permit(ask: AskAnswer) -> AskPermit:
     def asking(about: Mapping[str, Any], timeout_s: float) -> Permit | None:
         told = outside(dict(about))
         assert isinstance(told, dict)

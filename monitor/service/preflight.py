@@ -8,7 +8,7 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-from monitor.acquire.safety.conditions import Condition
+from monitor.acquire.safety.conditions import ConditionResult
 from monitor.config.load import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
@@ -18,70 +18,76 @@ from monitor.store.schema import schema_of
 EARLIEST_UNIX_S = 1_767_225_600.0  # 2026-01-01: this program did not exist before; a host without a clock of its own begins in 1970
 
 
-def service_conditions(configuration: Configuration, now_unix_s: float | None = None) -> tuple[Condition, ...]:
+def service_conditions(configuration: Configuration, now_unix_s: float | None = None) -> tuple[ConditionResult, ...]:
     """All of them; nothing is changed."""
     now = time.time() if now_unix_s is None else now_unix_s
     return (_configuration(configuration), _history(configuration), _disk(configuration), _clock(configuration, now))
 
 
-def _configuration(configuration: Configuration) -> Condition:
+def _configuration(configuration: Configuration) -> ConditionResult:
     overrides = ", ".join(configuration.overrides)
     told = f"{configuration.path} is right" + (f"; the environment stands in for it: {overrides}" if overrides else "")
-    return Condition(name="configuration", holds=True, told=told)
+    return ConditionResult(name="configuration", holds=True, text=told)
 
 
-def _history(configuration: Configuration) -> Condition:
+def _history(configuration: Configuration) -> ConditionResult:
     directory = configuration.state_directory
     path = directory / HISTORY
     try:
         is_there = present(directory)
     except StoreError as error:
-        return Condition(name="history", holds=False, told=str(error))
+        return ConditionResult(name="history", holds=False, text=str(error))
     if not is_there and (wrong := lost(directory)) is None:
         parent = next(folder for folder in (directory, *directory.parents) if os.access(folder, os.F_OK))
         if not os.access(parent, os.W_OK):
-            return Condition(name="history", holds=False, told=f"{directory}: cannot be made: {parent} cannot be written to")
-        return Condition(name="history", holds=True, told=f"{directory}: nothing yet; the first run makes it")
+            return ConditionResult(name="history", holds=False, text=f"{directory}: cannot be made: {parent} cannot be written to")
+        return ConditionResult(name="history", holds=True, text=f"{directory}: nothing yet; the first run makes it")
     if not is_there:
-        return Condition(name="history", holds=False, told=f"{path}: {wrong}; the next `joint-monitor run` restores what can be")
+        return ConditionResult(name="history", holds=False, text=f"{path}: {wrong}; the next `joint-monitor run` restores what can be")
     try:
         with closing(connected(path, "ro")) as connection:
             said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             version = schema_of(connection, directory)
             rows = connection.execute("SELECT count(*) FROM ledger").fetchone()[0] if version else 0
     except StoreError as error:
-        return Condition(name="history", holds=False, told=str(error))
+        return ConditionResult(name="history", holds=False, text=str(error))
     except sqlite3.Error as error:
-        return Condition(name="history", holds=False, told=f"{path}: {error}; the next `joint-monitor run` restores the newest good backup")
+        return ConditionResult(
+            name="history", holds=False, text=f"{path}: {error}; the next `joint-monitor run` restores the newest good backup"
+        )
     if said != "ok":
-        return Condition(name="history", holds=False, told=f"{path}: damaged ({said}); the next run restores the newest good backup")
+        return ConditionResult(name="history", holds=False, text=f"{path}: damaged ({said}); the next run restores the newest good backup")
     if not os.access(path, os.W_OK) or not os.access(directory, os.W_OK):
-        return Condition(name="history", holds=False, told=f"{path}: cannot be written by this user")
+        return ConditionResult(name="history", holds=False, text=f"{path}: cannot be written by this user")
     newest = next(iter(backups(directory)), None)
     backup = f"the newest backup is of {rfc3339(made_at_unix_s(newest))}" if newest else "no backup yet"
-    return Condition(name="history", holds=True, told=f"sound, {rows} windows; {backup}")
+    return ConditionResult(name="history", holds=True, text=f"sound, {rows} windows; {backup}")
 
 
-def _disk(configuration: Configuration) -> Condition:
+def _disk(configuration: Configuration) -> ConditionResult:
     directory = configuration.state_directory
     folder = next(each for each in (directory, *directory.parents) if os.access(each, os.F_OK))
     free_mb = shutil.disk_usage(folder).free / 1e6
     least_mb = configuration.store.least_free_mb
     told = f"{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB"
-    return Condition(name="disk", holds=free_mb >= least_mb, told=told)
+    return ConditionResult(name="disk", holds=free_mb >= least_mb, text=told)
 
 
-def _clock(configuration: Configuration, now: float) -> Condition:
+def _clock(configuration: Configuration, now: float) -> ConditionResult:
     if now < EARLIEST_UNIX_S:
-        return Condition(name="clock", holds=False, told=f"{rfc3339(now)}: before this program existed")
+        return ConditionResult(name="clock", holds=False, text=f"{rfc3339(now)}: before this program existed")
     newest = _newest(configuration.state_directory / HISTORY)
     if newest is not None and newest > now + 3600.0:
-        return Condition(name="clock", holds=False, told=f"{rfc3339(now)}: the history knows of {rfc3339(newest)}; set the clock right")
+        return ConditionResult(
+            name="clock", holds=False, text=f"{rfc3339(now)}: the history knows of {rfc3339(newest)}; set the clock right"
+        )
     synchronised = _synchronised()
     if synchronised is None:
-        return Condition(name="clock", holds=True, told=f"{rfc3339(now)}; whether it is synchronised, nobody here says", checked=False)
+        return ConditionResult(
+            name="clock", holds=True, text=f"{rfc3339(now)}; whether it is synchronised, nobody here says", checked=False
+        )
     words = "synchronised" if synchronised else "not synchronised: drifting hours would shift the windows"
-    return Condition(name="clock", holds=True, told=f"{rfc3339(now)}, {words}", checked=synchronised)
+    return ConditionResult(name="clock", holds=True, text=f"{rfc3339(now)}, {words}", checked=synchronised)
 
 
 def _newest(path: Path) -> float | None:

@@ -1,6 +1,6 @@
 """The schedule's own thread: asks what is due, and has it done; one replay at a time, and none that the ledger knows already.
 
-What is due, `schedule.look` says; what may move, the guards say; what happened, the ledger says. Here is only the clock between them.
+What is due, `check_windows` says; what may move, the guards say; what happened, the ledger says. Here is only the clock between them.
 """
 
 import json
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from monitor.acquire.schedule.windows import Asked, ColdStart, Warmth, Window, coming, look, reach_back_s
+from monitor.acquire.schedule.windows import ColdStart, Triggers, WarmUp, Window, check_windows, reach_back_s, upcoming
 from monitor.config.load import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
@@ -75,7 +75,7 @@ class Scheduler:
         self._next_look = 0.0  # UTC
         self._noted = 0.0  # monotonic
         self.lag_s: float | None = None  # of the last replay, from the opening of its window
-        self._warmth = Warmth()
+        self._warmth = WarmUp()
         now = self._clocks.now()
         running = store.note(_RUNNING)
         self._cold = ColdStart(None if running is None else float(running))
@@ -103,11 +103,11 @@ class Scheduler:
         """The arm now: whether it is ready to move, and how warm it is."""
         now = self._clocks.now()
         before = self._cold.at_unix_s
-        self._cold.heard(running, now, self._daemon.configuration.schedule.cold_start_after_h)
+        self._cold.observe(running, now, self._daemon.configuration.schedule.cold_start_after_h)
         if self._cold.at_unix_s != before:
             self._next_look = 0.0
         if temperature_c is not None:
-            self._warmth.heard(temperature_c, now)
+            self._warmth.observe(temperature_c, now)
 
     def reconsider(self) -> None:
         """The configuration has changed."""
@@ -178,21 +178,21 @@ class Scheduler:
             return []
         known = self._store.windows(now - settings.jitter_s, now + 400 * 86_400.0)
         believed = now + max(0.0, self._doubt_until - self._clocks.monotonic())
-        more = coming(settings, max(believed, self._not_before), count + min(len(known), 50), began, self._salt)
+        more = upcoming(settings, max(believed, self._not_before), count + min(len(known), 50), began, self._salt)
         return [window for window in more if window.key_unix_s not in known][:count]
 
     def _look(self, now: float) -> None:
         configuration = self._daemon.configuration
         since = min(self._watched, now)
         entered = self._store.windows(since - reach_back_s(configuration.schedule), now + 86_400.0)
-        said = look(
+        said = check_windows(
             configuration.schedule,
             now_unix_s=now,
             since_unix_s=since,
             entered=entered,
             began_unix_s=self._store.began_unix_s(),
             salt=self._salt,
-            asked=Asked(self._cold.at_unix_s, self._evidence_unix_s),
+            triggers=Triggers(self._cold.at_unix_s, self._evidence_unix_s),
         )
         for window in said.missed:
             if window.opens_unix_s >= self._not_before:

@@ -28,7 +28,7 @@ from rich.table import Table
 from rich.text import Text
 
 from monitor.acquire.listen import Listener, ListenSettings
-from monitor.acquire.replay import Progress, replay
+from monitor.acquire.replay import ReplayProgress, replay
 from monitor.config.load import Configuration, from_document
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.identify.signals.quality import quality_problem
@@ -126,7 +126,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
         def have(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
             if diary.day in LIVE_DAYS:
 
-                def on_progress(at: Progress) -> None:
+                def on_progress(at: ReplayProgress) -> None:
                     total = f" of {at.duration_s:.0f}" if at.duration_s else ""
                     diary.doing = f"live replay over RTDE, servoJ at 125 Hz: {at.phase} {at.elapsed_s:.1f}{total} s"
 

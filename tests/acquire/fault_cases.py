@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from processes import children
 
-from monitor.acquire.replay import Progress, replay
+from monitor.acquire.replay import ReplayProgress, replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.dashboard import Dashboard
 from monitor.errors import ReplayAborted, RobotUnreachable
@@ -144,7 +144,7 @@ def _tried(case: Case, at_s: float, excitation: Excitation, robot: Robot, settin
     fault: dict[str, float] = {}
     rows = [0]
 
-    def on_progress(progress: Progress) -> None:
+    def on_progress(progress: ReplayProgress) -> None:
         rows[0] = progress.rows
         if progress.phase == "play" and progress.elapsed_s >= at_s and not fault:
             with Remote(host) as remote:

@@ -10,7 +10,7 @@ import pytest
 
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.acquire.ur.arm import REMEMBERED, Arm, Failure, strayed, unwell
+from monitor.acquire.ur.arm import REMEMBERED, Arm, StreamFailure, following_failure, state_failure
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
 WELL = ArmState(
@@ -28,7 +28,7 @@ WELL = ArmState(
 
 def test_an_arm_that_plays_and_is_well_goes_on():
     """Otherwise the causes below would prove nothing."""
-    assert unwell(WELL, SETTINGS) is None
+    assert state_failure(WELL, SETTINGS) is None
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_an_arm_that_plays_and_is_well_goes_on():
 )
 def test_each_way_of_being_unwell_has_its_cause(changes, cause):
     """The most telling one first where several hold."""
-    failure = unwell(replace(WELL, **changes), SETTINGS)
+    failure = state_failure(replace(WELL, **changes), SETTINGS)
     assert failure is not None
     assert failure.cause == cause
 
@@ -61,16 +61,16 @@ def test_lag_is_not_straying_and_standing_still_is():
     sent = np.outer(t, [0.0, 2.5, 0.0, 0.0, 0.0, 0.0])  # (N, J)
     for i in range(REMEMBERED, len(t)):
         behind = sent[i] - 0.05 * np.array([0.0, 2.5, 0.0, 0.0, 0.0, 0.0])
-        assert strayed(behind, sent[i - REMEMBERED : i], 0.05) is None
+        assert following_failure(behind, sent[i - REMEMBERED : i], 0.05) is None
     stopped = sent[40]
-    found = next(i for i in range(41, len(t)) if strayed(stopped, sent[i - REMEMBERED : i], 0.05))
+    found = next(i for i in range(41, len(t)) if following_failure(stopped, sent[i - REMEMBERED : i], 0.05))
     # out of the band's memory after 0.2 s, beyond 0.05 rad of its edge 0.02 s later
     assert t[found] - t[40] < 0.2 + 0.02 + 2 * 0.008
 
 
 def test_the_joint_that_strayed_is_named():
     """Counted from 1, with the distance."""
-    failure = strayed(np.array([0, 0, 0, 0.1, 0, 0]), np.zeros((3, 6)), 0.05)
+    failure = following_failure(np.array([0, 0, 0, 0.1, 0, 0]), np.zeros((3, 6)), 0.05)
     assert failure is not None
     assert "joint 4 is 0.100 rad" in str(failure)
 
@@ -96,7 +96,7 @@ class Cycles:
 )
 def test_what_late_targets_can_cause_is_laid_at_their_door_and_nothing_else(cause, gap_s, ago_s, named):
     """The cause that an operator reads is the one to act on."""
-    failure = Arm.named(Cycles(gap_s, ago_s), Failure(cause, "…"))
+    failure = Arm.named(Cycles(gap_s, ago_s), StreamFailure(cause, "…"))
     assert failure.cause == named
     assert named == cause or cause in str(failure)
 

@@ -94,7 +94,7 @@ def test_a_listener_waits_longer_after_each_failure_and_says_why():
         time.sleep(0.02)
     assert not listener.reachable
     assert listener.latest() is None
-    assert "127.0.2.4" in (listener.trouble or "")
+    assert "127.0.2.4" in (listener.problem or "")
     listener.stop()
     assert children() == []
     assert 2 <= len(seen) <= 5  # pauses of 0.2, 0.4, 0.8, 1.6 s and a start each; never more than five in 4 s
@@ -106,9 +106,9 @@ def test_a_listener_gives_up_on_a_mute_controller():
         listener = Listener(ListenSettings(host="127.0.2.5", startup_timeout_s=1.0, first_pause_s=5.0))
         listener.start()
         until = time.monotonic() + 5.0
-        while listener.trouble is None and time.monotonic() < until:
+        while listener.problem is None and time.monotonic() < until:
             listener.poll()
             time.sleep(0.02)
-        assert "no RTDE data" in (listener.trouble or "")
+        assert "no RTDE data" in (listener.problem or "")
         assert children() == []
         listener.stop()

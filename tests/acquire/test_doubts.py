@@ -14,19 +14,19 @@ from test_arm import SETTINGS, WELL
 from test_guard import NOON, SIMULATED, facts, nudged, well
 
 from monitor.acquire.replay import replay
-from monitor.acquire.rows import PLACE, SIGNALS, WIDTH, snapshot
-from monitor.acquire.safety.conditions import Condition, Facts, conditions
+from monitor.acquire.rows import COLUMN, SIGNALS, WIDTH, snapshot
+from monitor.acquire.safety.conditions import ConditionInputs, ConditionResult, conditions
 from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream
-from monitor.acquire.ur.arm import Failure, unwell
+from monitor.acquire.ur.arm import StreamFailure, state_failure
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.remote import Remote
 
 
-def named(known: Facts) -> dict[str, Condition]:
+def named(known: ConditionInputs) -> dict[str, ConditionResult]:
     return {condition.name: condition for condition in conditions(known)}
 
 
@@ -67,13 +67,13 @@ def test_a_value_that_is_reported_and_is_garbage_does_not_pass_for_one_that_is_n
     assert [name for name, each in found.items() if not each.holds] == [condition]
     without = tuple(signal for signal in SIGNALS if signal.variable != variable)
     absent, _ = snapshot(Told(), without)
-    assert np.all(np.isnan(absent[PLACE[variable]]))
+    assert np.all(np.isnan(absent[COLUMN[variable]]))
 
 
 @pytest.mark.parametrize("speeds", [{"speed_fraction": 0.5}, {"speed_scaling": 0.5, "speed_fraction": 1.0}, {"speed_scaling": math.inf}])
 def test_a_slider_that_is_moved_during_a_replay_ends_it_whichever_variable_tells_it(speeds):
     """On a real controller the slider is target_speed_fraction, and speed_scaling the trajectory limiter's own."""
-    failure = unwell(replace(WELL, **speeds), SETTINGS)
+    failure = state_failure(replace(WELL, **speeds), SETTINGS)
     assert failure is not None
     assert failure.cause == "speed_scaling"
 
@@ -81,9 +81,9 @@ def test_a_slider_that_is_moved_during_a_replay_ends_it_whichever_variable_tells
 def test_a_payload_that_is_changed_during_a_replay_ends_it():
     """Every condition holds all through the motion; the torque of another payload would be learnt as friction."""
     heavier = replace(WELL, payload_kg=2.0)
-    assert unwell(heavier, SETTINGS, 2.02) is None
-    assert unwell(heavier, SETTINGS) is None
-    failure = unwell(heavier, SETTINGS, 0.0)
+    assert state_failure(heavier, SETTINGS, 2.02) is None
+    assert state_failure(heavier, SETTINGS) is None
+    failure = state_failure(heavier, SETTINGS, 0.0)
     assert failure is not None
     assert failure.cause == "payload"
     assert ReplayAborted("…", failure.cause).needs_a_person
@@ -97,7 +97,7 @@ class Uploaded:
         self.recent: list[np.ndarray] = []
         self.asked_to_stop: str | None = None
         self._row = np.zeros(WIDTH)
-        self._row[PLACE["target_q"]] = target_q
+        self._row[COLUMN["target_q"]] = target_q
 
     def message(self, kind: str, **_: object) -> None:
         """Nobody listens."""
@@ -119,13 +119,13 @@ def test_an_arm_that_was_moved_while_the_program_was_uploaded_is_not_sent_along_
     if taken:
         assert np.array_equal(stream.take_control(arm), there)
         return
-    with pytest.raises(Failure, match="joint 3 was moved by") as failure:
+    with pytest.raises(StreamFailure, match="joint 3 was moved by") as failure:
         stream.take_control(arm)
     assert failure.value.cause == "no_control"
 
 
 def test_nothing_begins_after_a_request_to_stop():
-    """Asked in the last 0.4 s of a phase, that phase ends by itself: what was to follow does not begin, and nothing is called finished."""
+    """After a request in the last 0.4 s of a phase that phase ends as planned; the next does not begin, and the replay is no success."""
     arm = Uploaded(well().target_q, well().target_q)
     arm.asked_to_stop = "permit_withdrawn"
     with pytest.raises(stream.Stopped):
@@ -159,7 +159,7 @@ def test_the_way_to_the_start_and_back_must_fit_into_the_window_too():
     late = {"settings": settings, "now_unix_s": NOON - 9.0}
     assert named(facts(well(), **late))["time_window"].holds
     far = well(target_q=nudged(0, 2.0), q=nudged(0, 2.0))
-    assert "the motion alone takes" in named(facts(far, **late))["time_window"].told
+    assert "the motion alone takes" in named(facts(far, **late))["time_window"].text
 
 
 def test_a_window_without_length_is_no_whole_day():
@@ -174,7 +174,7 @@ def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
     robot = load_robot("ur5")
     band = TorqueBand(robot, Mounting(), payload_kg=0.0, gains_nm_per_a=np.full(6, 10.0), share=0.25, rate_hz=125.0)
     row = np.zeros(WIDTH)
-    row[PLACE[variable]] = np.nan
+    row[COLUMN[variable]] = np.nan
     found = [band.outside(row) for _ in range(10)]
     assert found[-1] is not None
     assert found[-1][0] == "torque_band"

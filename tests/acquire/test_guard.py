@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.acquire.safety import guard
-from monitor.acquire.safety.conditions import CHECKS, Facts, Permit, conditions, tilt_deg
+from monitor.acquire.safety.conditions import CHECKS, ConditionInputs, Permit, conditions, tilt_deg
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
 from monitor.acquire.ur.dashboard import Identity
@@ -26,42 +26,42 @@ SIMULATED = ReplaySettings(host="127.0.0.1", allow_motion=True)
 
 def test_a_sound_excitation_may_be_played_on_a_simulated_arm():
     """The other tests would prove nothing if everything were refused."""
-    guard.permission(SIMULATED, short(), load_robot("ur5"))
+    guard.check_all(SIMULATED, short(), load_robot("ur5"))
 
 
 def test_motion_is_off_unless_somebody_turned_it_on():
     """The default of allow_motion refuses."""
     with pytest.raises(MotionRefused, match="allow_motion is false"):
-        guard.permission(ReplaySettings(host="127.0.0.1"), short(), load_robot("ur5"))
+        guard.check_all(ReplaySettings(host="127.0.0.1"), short(), load_robot("ur5"))
 
 
 @pytest.mark.parametrize("truthy", ["yes", 1, "false"])
 def test_only_true_itself_allows_motion(truthy):
     """A word or number that happens to be truthy, "false" above all, does not move an arm."""
     with pytest.raises(MotionRefused, match="allow_motion"):
-        guard.permitted(ReplaySettings(host="127.0.0.1", allow_motion=truthy), short(), load_robot("ur5"))
+        guard.check_quick(ReplaySettings(host="127.0.0.1", allow_motion=truthy), short(), load_robot("ur5"))
 
 
 @pytest.mark.parametrize("host", ["localhost", "ur5.local", "0.0.0.0", "8.8.8.8", "127.0.0.1.example.org", "::1", "127.1", "", "224.0.0.1"])
 def test_only_a_literal_address_near_by_may_be_moved(host):
     """Names may resolve to anything, so even localhost is refused; nothing out in the world is moved."""
     with pytest.raises(MotionRefused, match=r"address: .*address"):
-        guard.permitted(replace(SIMULATED, host=host, cell=plain_cell(Mounting())), short(), load_robot("ur5"))
+        guard.check_quick(replace(SIMULATED, host=host, cell=plain_cell(Mounting())), short(), load_robot("ur5"))
 
 
 def test_a_real_arm_moves_only_with_every_guard_on():
     """An address that is not this machine's needs a cell that is described and slow first passes."""
     real = replace(SIMULATED, host="192.168.0.10", cell=plain_cell(Mounting()))
-    guard.permitted(real, short(), load_robot("ur5"))
+    guard.check_quick(real, short(), load_robot("ur5"))
     for changes, word in (({"first_pass": False}, "first_pass"), ({"cell": None}, "unchecked"), ({"allow_motion": False}, "allow_motion")):
         with pytest.raises(MotionRefused, match=word):
-            guard.permitted(replace(real, **changes), short(), load_robot("ur5"))
+            guard.check_quick(replace(real, **changes), short(), load_robot("ur5"))
 
 
 def test_an_excitation_of_another_robot_is_refused_by_name():
     """Both names are said."""
     with pytest.raises(MotionRefused, match=r"'ur3'.*'ur5'"):
-        guard.permission(SIMULATED, short(robot="ur3"), load_robot("ur5"))
+        guard.check_all(SIMULATED, short(robot="ur3"), load_robot("ur5"))
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_an_excitation_of_another_robot_is_refused_by_name():
 def test_a_curve_beyond_a_limit_is_refused_with_joint_value_and_limit(excitation, words):
     """Position, speed, acceleration, and rest at the ends."""
     with pytest.raises(MotionRefused, match=words):
-        guard.permission(SIMULATED, excitation, load_robot("ur5"))
+        guard.check_all(SIMULATED, excitation, load_robot("ur5"))
 
 
 def test_settings_that_would_weaken_the_watchdog_are_refused():
@@ -117,9 +117,9 @@ def well(**changes) -> ArmState:
     return replace(state, **changes)
 
 
-def facts(state: ArmState | None = None, **changes) -> Facts:
+def facts(state: ArmState | None = None, **changes) -> ConditionInputs:
     """What is known of that arm, upright on the ground, 1 kg in its hand."""
-    known = Facts(
+    known = ConditionInputs(
         settings=SIMULATED,
         excitation=short(),
         robot=load_robot("ur5"),
@@ -140,7 +140,7 @@ def nudged(joint, by):
 
 def test_an_arm_that_is_well_and_at_rest_may_begin():
     """Again: not everything is refused."""
-    guard.ready(facts(well()))
+    guard.check_state(facts(well()))
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_an_arm_that_is_well_and_at_rest_may_begin():
 def test_an_arm_that_is_not_ready_is_left_alone_and_the_reason_said(changes, words):
     """One doubt at a time."""
     with pytest.raises(MotionRefused, match=words):
-        guard.ready(facts(well(**changes)))
+        guard.check_state(facts(well(**changes)))
 
 
 def test_every_condition_is_named_and_holds_for_an_arm_that_is_well():
@@ -200,7 +200,7 @@ def test_each_condition_can_fail_and_is_the_one_that_is_named(changes, name):
     """One doubt at a time: its condition is the first that does not hold."""
     failed = [condition for condition in conditions(facts(**{"state": well(), **changes})) if not condition.holds]
     assert failed[0].name == name
-    assert len(failed[0].told) > 10
+    assert len(failed[0].text) > 10
 
 
 @pytest.mark.parametrize("given", [{"permit": "digital_input:3"}, {"permit": "zenoh"}])
@@ -218,7 +218,7 @@ def test_what_a_generation_does_not_report_is_said_and_does_not_crash():
     for name in ("speed_scaling", "payload", "gravity", "robot_model", "serial", "remote_control"):
         assert found[name].holds
         assert not found[name].checked
-        assert "not reported" in found[name].told
+        assert "not reported" in found[name].text
     # an input that must be on and is not reported is no permit
     assert not {c.name: c for c in conditions(facts(silent, settings=replace(SIMULATED, permit="digital_input:0")))}["permit"].holds
     # the manufacturer's own simulator reports an accelerometer of three zeros
@@ -242,7 +242,7 @@ def test_a_base_that_hangs_otherwise_than_configured_is_refused():
         measured = upright(well().q, Mounting(roll_rad=np.radians(degrees)))
         gravity = {c.name: c for c in conditions(facts(well(accelerometer_m_s2=measured)))}["gravity"]
         assert gravity.holds is holds
-        assert f"{degrees:.1f}°" in gravity.told
+        assert f"{degrees:.1f}°" in gravity.text
 
 
 def test_the_accelerometer_of_a_real_arm_reads_up_as_we_do(real_data):

@@ -25,23 +25,23 @@ CRATE = Box(name="crate", centre_m=(0.9, 0.0, 0.1), size_m=(0.2, 0.2, 0.2))
 
 def test_the_shipped_trajectory_may_be_played_in_the_plain_cell():
     """The other tests would prove nothing if everything were refused."""
-    guard.permission(SETTINGS, GROUND, UR5)
-    guard.permission(SETTINGS, replace(GROUND, time_scale=0.25, repetitions=1), UR5)
+    guard.check_all(SETTINGS, GROUND, UR5)
+    guard.check_all(SETTINGS, replace(GROUND, time_scale=0.25, repetitions=1), UR5)
 
 
 def test_a_different_cell_is_refused_with_what_differs():
     """Both digests and the table: a box that was put there after the design."""
     with pytest.raises(MotionRefused, match=rf"{PLAIN.digest}.*they differ in box; design one for this cell"):
-        guard.permission(replace(SETTINGS, cell=Cell(name="new", boxes=(CRATE,))), GROUND, UR5)
+        guard.check_all(replace(SETTINGS, cell=Cell(name="new", boxes=(CRATE,))), GROUND, UR5)
     with pytest.raises(MotionRefused, match=r"they differ in cell\.margin_m"):
-        guard.permission(replace(SETTINGS, cell=Cell(margin_m=0.05)), GROUND, UR5)
+        guard.check_all(replace(SETTINGS, cell=Cell(margin_m=0.05)), GROUND, UR5)
 
 
 def test_a_trajectory_without_a_proof_is_refused_where_a_cell_is_known():
     """An old file can be read, but not be played by accident."""
     with pytest.raises(MotionRefused, match="never proved against a cell"):
-        guard.permission(SETTINGS, short(), UR5)
-    guard.permission(replace(SETTINGS, cell=None), short(), UR5)
+        guard.check_all(SETTINGS, short(), UR5)
+    guard.check_all(replace(SETTINGS, cell=None), short(), UR5)
 
 
 def test_a_trajectory_that_was_changed_by_hand_is_found_out():
@@ -49,7 +49,7 @@ def test_a_trajectory_that_was_changed_by_hand_is_found_out():
     a, b = GROUND.a_rad_s.copy(), GROUND.b_rad_s.copy()
     offset = GROUND.offset_rad + np.array([0.0, 0.9, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(MotionRefused, match=r"does not keep clear in the cell 'plain', whatever its file says: .* short of"):
-        guard.permission(SETTINGS, replace(GROUND, a_rad_s=a, b_rad_s=b, offset_rad=offset), UR5)
+        guard.check_all(SETTINGS, replace(GROUND, a_rad_s=a, b_rad_s=b, offset_rad=offset), UR5)
 
 
 def test_an_approach_through_the_table_is_refused_and_one_from_home_is_not():

@@ -177,10 +177,10 @@ def test_a_listener_hears_the_arm_while_it_is_replayed_and_survives_the_controll
         assert listener.reachable
         simulated.close()
         until = time.monotonic() + 8.0
-        while listener.trouble is None and time.monotonic() < until:
+        while listener.problem is None and time.monotonic() < until:
             listener.poll()
             time.sleep(0.02)
-        assert listener.trouble is not None
+        assert listener.problem is not None
         assert listener.latest() is None
         simulated = Simulated(simulated.host)
         until = time.monotonic() + 10.0

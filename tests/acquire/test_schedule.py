@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from monitor.acquire.schedule.windows import (
     DAY_S,
-    Asked,
     ColdStart,
     ScheduleSettings,
-    Warmth,
-    coming,
+    Triggers,
+    WarmUp,
+    check_windows,
     evidence_window,
-    look,
     reach_back_s,
+    upcoming,
     windows,
 )
 from monitor.errors import BadInput
@@ -74,7 +74,7 @@ class Host:
         since = min(self.watched, now)
         first = since - reach_back_s(self.settings)
         entered = [key for key in self.ledger if first <= key <= now + 1]
-        said = look(self.settings, now_unix_s=now, since_unix_s=since, entered=entered, began_unix_s=self.began)
+        said = check_windows(self.settings, now_unix_s=now, since_unix_s=since, entered=entered, began_unix_s=self.began)
         for window in (*said.missed, *said.merged):
             assert window.key_unix_s not in self.ledger
             self.ledger[window.key_unix_s] = "skipped"
@@ -138,12 +138,12 @@ def test_missed_windows_are_told_once_and_overlapping_ones_share_a_replay():
     """Off for three days: three missed; four windows open at once: one replay."""
     settings = ScheduleSettings(cron="0 3 * * *", grace_s=600.0)
     now = at("2026-05-04T12:00")
-    said = look(settings, now_unix_s=now, since_unix_s=now - 3 * DAY_S, entered=(), began_unix_s=None)
+    said = check_windows(settings, now_unix_s=now, since_unix_s=now - 3 * DAY_S, entered=(), began_unix_s=None)
     assert (said.due, len(said.missed)) == (None, 3)
-    again = look(settings, now_unix_s=now, since_unix_s=now, entered=(), began_unix_s=None)
+    again = check_windows(settings, now_unix_s=now, since_unix_s=now, entered=(), began_unix_s=None)
     assert again.missed == ()
     often = ScheduleSettings(cron="*/10 * * * *", grace_s=2400.0)
-    said = look(often, now_unix_s=now, since_unix_s=now, entered=(), began_unix_s=None)
+    said = check_windows(often, now_unix_s=now, since_unix_s=now, entered=(), began_unix_s=None)
     assert said.due is not None
     assert said.due.key_unix_s == now
     assert len(said.merged) == 3
@@ -153,7 +153,7 @@ def test_a_thousand_days_away_enter_no_thousand_rows():
     """The last ones are told; nothing is made up for."""
     settings = ScheduleSettings(cron="0 * * * *", grace_s=600.0)
     now = at("2029-01-01T12:30")
-    said = look(settings, now_unix_s=now, since_unix_s=now - 1000 * DAY_S, entered=(), began_unix_s=None)
+    said = check_windows(settings, now_unix_s=now, since_unix_s=now - 1000 * DAY_S, entered=(), began_unix_s=None)
     assert said.due is None
     assert len(said.missed) == 60
 
@@ -180,9 +180,9 @@ def test_no_window_reaches_into_a_blackout():
             assert window.closes_unix_s <= eve or window.opens_unix_s >= eve + 3 * 86_400.0
             kept += window.closes_unix_s == eve
     assert 0 < kept < 20  # some lots fall before midnight, some after it
-    late = look(
+    late = check_windows(
         settings, now_unix_s=eve + 1800.0, since_unix_s=eve - 60.0, entered=(), began_unix_s=None,
-        asked=Asked(cold_start_unix_s=eve - 600.0, evidence_unix_s=eve - 900.0),
+        triggers=Triggers(cold_start_unix_s=eve - 600.0, evidence_unix_s=eve - 900.0),
     )  # fmt: skip
     assert late.due is None
 
@@ -228,20 +228,27 @@ def test_a_cold_start_opens_a_window_once_a_day_and_only_after_a_rest_that_was_s
     settings = ScheduleSettings(cron="", cold_start_after_h=4.0, grace_s=900.0)
     morning = at("2026-03-02T06:00")
     arm = ColdStart(morning - 10 * 3600.0)
-    arm.heard(True, morning - 60.0, 4.0)
+    arm.observe(True, morning - 60.0, 4.0)
     assert arm.at_unix_s is None  # we were away, not the arm
     arm = ColdStart(morning - 10 * 3600.0)
-    arm.heard(False, morning - 60.0, 4.0)
-    arm.heard(True, morning, 4.0)
+    arm.observe(False, morning - 60.0, 4.0)
+    arm.observe(True, morning, 4.0)
     assert arm.at_unix_s == morning
-    said = look(settings, now_unix_s=morning + 5, since_unix_s=morning, entered=(), began_unix_s=None, asked=Asked(arm.at_unix_s))
+    said = check_windows(
+        settings, now_unix_s=morning + 5, since_unix_s=morning, entered=(), began_unix_s=None, triggers=Triggers(arm.at_unix_s)
+    )
     assert said.due is not None
-    again = look(
-        settings, now_unix_s=morning + 9, since_unix_s=morning, entered=[said.due.key_unix_s], began_unix_s=None, asked=Asked(arm.at_unix_s)
+    again = check_windows(
+        settings,
+        now_unix_s=morning + 9,
+        since_unix_s=morning,
+        entered=[said.due.key_unix_s],
+        began_unix_s=None,
+        triggers=Triggers(arm.at_unix_s),
     )
     assert again.due is None
-    arm.heard(False, morning + 3600, 4.0)
-    arm.heard(True, morning + 7200, 4.0)
+    arm.observe(False, morning + 3600, 4.0)
+    arm.observe(True, morning + 7200, 4.0)
     assert arm.at_unix_s == morning
 
 
@@ -262,14 +269,14 @@ def test_evidence_pulls_a_replay_forward_to_where_the_site_allows_it_and_once_a_
 
 def test_steady_is_ten_minutes_without_a_hole_and_without_a_drift():
     """A joint that warms by 1 K in ten minutes is not; nine minutes are not enough; a minute unheard begins again."""
-    steady, drifting, short, holed = Warmth(), Warmth(), Warmth(), Warmth()
+    steady, drifting, short, holed = WarmUp(), WarmUp(), WarmUp(), WarmUp()
     for second in range(0, 700, 10):
-        steady.heard((30.0, 31.0), float(second))
-        drifting.heard((30.0, 31.0 + second / 600.0), float(second))
+        steady.observe((30.0, 31.0), float(second))
+        drifting.observe((30.0, 31.0 + second / 600.0), float(second))
         if second > 200:
-            short.heard((30.0, 31.0), float(second))
+            short.observe((30.0, 31.0), float(second))
         if not 300 < second < 400:
-            holed.heard((30.0, 31.0), float(second))
+            holed.observe((30.0, 31.0), float(second))
     assert steady.steady(700.0, 0.5)
     assert not drifting.steady(700.0, 0.5)
     assert not short.steady(700.0, 0.5)
@@ -280,14 +287,14 @@ def test_what_comes_next_is_what_will_be_due():
     """The list that people see and the decision that moves an arm are one calculation."""
     settings = ScheduleSettings(timezone="America/New_York", cron="0 3 * * mon", jitter_s=300.0)
     now = at("2026-03-04T00:00")
-    for window in coming(settings, now, 5, None, "cell-1"):
-        said = look(
+    for window in upcoming(settings, now, 5, None, "cell-1"):
+        said = check_windows(
             settings, now_unix_s=window.opens_unix_s, since_unix_s=window.opens_unix_s, entered=(), began_unix_s=None, salt="cell-1"
         )
         assert said.due == window
-    rare = coming(ScheduleSettings(cron="0 0 29 2 *"), at("2027-03-01T00:00"), 1, None)
+    rare = upcoming(ScheduleSettings(cron="0 0 29 2 *"), at("2027-03-01T00:00"), 1, None)
     assert [local(window.key_unix_s, "UTC") for window in rare] == ["02-29 00:00"]
-    assert coming(ScheduleSettings(cron=""), now, 3, None) == []
+    assert upcoming(ScheduleSettings(cron=""), now, 3, None) == []
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from excitations import short
 from synthetic_arm import Arm as LearntArm
 from synthetic_arm import History
 
-from monitor.acquire.rows import PLACE, WIDTH
-from monitor.acquire.safety.first_pass import band_for, circumstances, slowed
+from monitor.acquire.rows import COLUMN, WIDTH
+from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import assess
 from monitor.config.load import find_excitation
@@ -40,8 +40,8 @@ def rows(arm: Arm, q, qd, qdd):
         ("target_current", rigid / arm.gain_nm_per_a),
         ("target_moment", rigid),
     ):
-        told[:, PLACE[name]] = value
-    told[:, PLACE["joint_temperatures"]] = 25.0
+        told[:, COLUMN[name]] = value
+    told[:, COLUMN["joint_temperatures"]] = 25.0
     return told
 
 
@@ -50,7 +50,7 @@ def reported(r: Recording) -> np.ndarray:
     told = np.full((r.samples, WIDTH), np.nan)
     signals = ("actual_q", r.q), ("actual_qd", r.qd), ("target_qdd", r.target_qdd), ("actual_current", r.current)
     for name, value in (*signals, ("joint_temperatures", r.temperature_c)):
-        told[:, PLACE[name]] = value
+        told[:, COLUMN[name]] = value
     return told
 
 
@@ -97,7 +97,7 @@ def test_a_spike_is_no_collision_and_an_obstacle_is():
     _, (q, qd, qdd) = excitation.sampled(125.0)
     told = rows(Arm(UR5, q=q[0]), q, qd, qdd)[:40]
     blocked = told.copy()
-    blocked[10:, PLACE["actual_current"].start + 1] += 100.0 / 12.5  # N·m over about A: far outside joint 2's 37 N·m
+    blocked[10:, COLUMN["actual_current"].start + 1] += 100.0 / 12.5  # N·m over about A: far outside joint 2's 37 N·m
     band = band_for(UR5, excitation, SETTINGS, CONTEXT, gains=None, model=None)
     assert [bool(band.outside(row)) for row in blocked].index(True) == 14
     spiky = told.copy()
@@ -111,12 +111,12 @@ def test_a_gain_that_is_not_published_is_taken_from_the_controllers_own_model():
     excitation = slowed(short(), SETTINGS)
     _, (q, qd, qdd) = excitation.sampled(125.0)
     told = rows(Arm(UR5, q=q[0]), q, qd, qdd)[:60]
-    told[30:, PLACE["actual_current"].start + 1] += 8.0
+    told[30:, COLUMN["actual_current"].start + 1] += 8.0
     unknown = np.full(6, np.nan)
     doubt = first_doubt(band_for(UR5, excitation, SETTINGS, CONTEXT, gains=unknown, model=None), told)
     assert doubt is not None
     assert "joint 2" in doubt[1]
-    told[:, PLACE["target_current"]] = 0.0
+    told[:, COLUMN["target_current"]] = 0.0
     assert first_doubt(band_for(UR5, excitation, SETTINGS, CONTEXT, gains=unknown, model=None), told) is None
 
 
@@ -142,9 +142,9 @@ def test_a_first_pass_is_the_same_way_slower_and_once():
 def test_every_change_asks_for_a_new_first_pass(changes):
     """And repetitions or a note do not."""
     known = {"excitation": short(), "settings": SETTINGS, "context": CONTEXT}
-    assert circumstances(**known) != circumstances(**{**known, **changes})
+    assert first_pass_key(**known) != first_pass_key(**{**known, **changes})
     same = {**known, "excitation": replace(short(), repetitions=2), "context": replace(CONTEXT, note="x", firmware="5.12")}
-    assert circumstances(**known) == circumstances(**same)
+    assert first_pass_key(**known) == first_pass_key(**same)
 
 
 @pytest.fixture(scope="module")
@@ -177,14 +177,14 @@ def test_a_joint_that_stands_may_be_held_either_way_by_its_friction(learnt):
     for way in (1.0, -1.0):
         told = moving(learnt)[:40].copy()
         still, T = np.zeros(6), np.full(6, 24.0)
-        q = told[0, PLACE["actual_q"]]
+        q = told[0, COLUMN["actual_q"]]
         drags = learnt.torque(UR5, q, np.full(6, 0.02), still, T).friction[0]
         rigid = learnt.torque(UR5, q, still, still, T).rigid[0]
         for name, value in (("actual_q", q), ("actual_qd", still), ("target_qdd", still)):
-            told[:, PLACE[name]] = value
-        told[:, PLACE["actual_current"]] = (rigid + way * 1.2 * drags) / UR5.drive_gain_nm_per_a
+            told[:, COLUMN[name]] = value
+        told[:, COLUMN["actual_current"]] = (rigid + way * 1.2 * drags) / UR5.drive_gain_nm_per_a
         assert first_doubt(band_of(learnt), told) is None
-        told[:, PLACE["actual_qd"]] = -0.3 * way
+        told[:, COLUMN["actual_qd"]] = -0.3 * way
         assert first_doubt(band_of(learnt), told) is not None
 
 

@@ -337,7 +337,7 @@ class Heard:
     """What a listener hears of an arm at rest, as often as the controller was asked for."""
 
     def __init__(self, rate_hz: float, state) -> None:
-        self.reachable, self.trouble = True, None
+        self.reachable, self.problem = True, None
         self._period_s, self._state, self._next = 1.0 / rate_hz, state, time.monotonic()
 
     def poll(self):

@@ -44,26 +44,26 @@ class Permit(NamedTuple):
     """What somebody else said when asked whether the arm may move."""
 
     given: bool
-    told: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
+class ConditionResult:
     """One condition: whether it holds, and what was found. Not checked: the controller does not report what it needs."""
 
     name: str
     holds: bool
-    told: str
+    text: str
     checked: bool = True
 
     @property
-    def word(self) -> str:
+    def status(self) -> str:
         """For a table: ok, NO or not checked."""
         return ("ok" if self.checked else "not checked") if self.holds else "NO"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Facts:
+class ConditionInputs:
     """Everything that is known when somebody asks whether the arm may move."""
 
     settings: ReplaySettings
@@ -81,37 +81,37 @@ class Unreported(Exception):
     """A condition cannot be checked: what the controller does not say, and what that means."""
 
 
-def conditions(facts: Facts) -> tuple[Condition, ...]:
+def conditions(facts: ConditionInputs) -> tuple[ConditionResult, ...]:
     """All of them, in the order in which a person would look."""
     return tuple(_found(name, check, facts) for name, check in CHECKS.items())
 
 
-def refuse_unless(found: tuple[Condition, ...]) -> None:
+def refuse_unless(found: tuple[ConditionResult, ...]) -> None:
     """Raises MotionRefused with the name of the first condition that does not hold, and what was found."""
     for condition in found:
         if not condition.holds:
-            raise MotionRefused(f"{condition.name}: {condition.told}")
+            raise MotionRefused(f"{condition.name}: {condition.text}")
 
 
-def _found(name: str, check: Callable[[Facts], str], facts: Facts) -> Condition:
+def _found(name: str, check: Callable[[ConditionInputs], str], facts: ConditionInputs) -> ConditionResult:
     try:
-        return Condition(name=name, holds=True, told=check(facts))
+        return ConditionResult(name=name, holds=True, text=check(facts))
     except MotionRefused as why:
-        return Condition(name=name, holds=False, told=str(why))
+        return ConditionResult(name=name, holds=False, text=str(why))
     except Unreported as why:
-        return Condition(name=name, holds=True, told=str(why), checked=False)
+        return ConditionResult(name=name, holds=True, text=str(why), checked=False)
 
 
 # --- what the configuration says ------------------------------------------------------------------------------
 
 
-def _motion_allowed(facts: Facts) -> str:
+def _motion_allowed(facts: ConditionInputs) -> str:
     if facts.settings.allow_motion is not True:
         raise MotionRefused("motion is not allowed: allow_motion is false (set it to true to let this arm move)")
     return "allow_motion is true"
 
 
-def _address(facts: Facts) -> str:
+def _address(facts: ConditionInputs) -> str:
     return check_address(facts.settings)
 
 
@@ -133,7 +133,7 @@ def check_address(settings: ReplaySettings) -> str:
     return f"{host} is a real arm: first passes are slow, clearances are proved"
 
 
-def _time_window(facts: Facts) -> str:
+def _time_window(facts: ConditionInputs) -> str:
     left = facts.settings.minutes_left(facts.now_unix_s)
     if left is None:
         raise MotionRefused(f"now is outside every allowed window: {', '.join(facts.settings.windows_utc)} UTC")
@@ -143,7 +143,7 @@ def _time_window(facts: Facts) -> str:
     return "at any time" if math.isinf(left) else f"open for another {left:.0f} minutes"
 
 
-def _there_and_back_s(facts: Facts) -> float:
+def _there_and_back_s(facts: ConditionInputs) -> float:
     """The way to the start and back, where it is known where the arm stands."""
     if facts.state is None or not np.all(np.isfinite(facts.state.target_q)):
         return 0.0
@@ -154,7 +154,7 @@ def _there_and_back_s(facts: Facts) -> float:
     return 2.0 * way.duration_s
 
 
-def _trajectory(facts: Facts) -> str:
+def _trajectory(facts: ConditionInputs) -> str:
     excitation, robot = facts.excitation, facts.robot
     if excitation.robot != robot.name:
         raise MotionRefused(f"the excitation was designed for {excitation.robot!r}, the arm is {robot.name!r}")
@@ -166,7 +166,7 @@ def _trajectory(facts: Facts) -> str:
     return f"{excitation.digest}, {excitation.duration_s:.1f} s within every limit of the {robot.name}"
 
 
-def _trajectory_clear(facts: Facts) -> str:
+def _trajectory_clear(facts: ConditionInputs) -> str:
     cell = facts.settings.cell
     if cell is None:
         raise Unreported("the configuration says unchecked: nothing is known to be within reach, and no clearance is proved")
@@ -174,7 +174,7 @@ def _trajectory_clear(facts: Facts) -> str:
     return f"proved against the cell {cell.name!r}, and proved again now"
 
 
-def _previous_stop(facts: Facts) -> str:
+def _previous_stop(facts: ConditionInputs) -> str:
     if facts.stopped_before is not None:
         raise MotionRefused(f"{facts.stopped_before}; a person must look at the arm and say so: joint-monitor allow")
     return "no stop is waiting for a person"
@@ -183,13 +183,13 @@ def _previous_stop(facts: Facts) -> str:
 # --- what the controller says of itself -----------------------------------------------------------------------
 
 
-def _reachable(facts: Facts) -> Identity:
+def _reachable(facts: ConditionInputs) -> Identity:
     if facts.identity is None:
         raise MotionRefused("unknown: the dashboard does not answer")
     return facts.identity
 
 
-def _robot_model(facts: Facts) -> str:
+def _robot_model(facts: ConditionInputs) -> str:
     who = _reachable(facts)
     if facts.context.robot is not None and facts.context.robot != facts.robot.name:
         raise MotionRefused(f"the context is of a {facts.context.robot}, the arm is a {facts.robot.name}")
@@ -200,7 +200,7 @@ def _robot_model(facts: Facts) -> str:
     return f"{who.model}, software {who.firmware or 'not reported'}"
 
 
-def _serial(facts: Facts) -> str:
+def _serial(facts: ConditionInputs) -> str:
     who, expected = _reachable(facts), facts.context.serial
     if who.serial is None:
         raise Unreported("not reported: this arm cannot be told from another of its model")
@@ -209,7 +209,7 @@ def _serial(facts: Facts) -> str:
     return who.serial if expected is not None else f"{who.serial}; the configuration names none"
 
 
-def _remote_control(facts: Facts) -> str:
+def _remote_control(facts: ConditionInputs) -> str:
     who = _reachable(facts)
     if who.remote_control is None:
         raise Unreported("not reported: this generation has no local control; whoever holds the pendant may start a program meanwhile")
@@ -221,13 +221,13 @@ def _remote_control(facts: Facts) -> str:
 # --- what the controller says of the arm ----------------------------------------------------------------------
 
 
-def _heard(facts: Facts) -> ArmState:
+def _heard(facts: ConditionInputs) -> ArmState:
     if facts.state is None:
         raise MotionRefused("unknown: no RTDE data")
     return facts.state
 
 
-def _safety_mode(facts: Facts) -> str:
+def _safety_mode(facts: ConditionInputs) -> str:
     state = _heard(facts)
     if state.safety_mode != SAFETY_MODE_NORMAL or state.safety_bits != SAFETY_BITS_NORMAL:
         name = SAFETY_MODES.get(state.safety_mode, "unknown")
@@ -235,14 +235,14 @@ def _safety_mode(facts: Facts) -> str:
     return "normal"
 
 
-def _robot_mode(facts: Facts) -> str:
+def _robot_mode(facts: ConditionInputs) -> str:
     mode = _heard(facts).robot_mode
     if mode != ROBOT_MODE_RUNNING:
         raise MotionRefused(f"robot mode is {mode} ({ROBOT_MODES.get(mode, 'unknown')}); expected 7 (running)")
     return "running"
 
 
-def _no_program(facts: Facts) -> str:
+def _no_program(facts: ConditionInputs) -> str:
     runtime = _heard(facts).runtime_state
     if runtime != RUNTIME_STOPPED:
         name = RUNTIME_STATES.get(runtime, "unknown")
@@ -250,14 +250,14 @@ def _no_program(facts: Facts) -> str:
     return "no program runs"
 
 
-def _finite(facts: Facts) -> str:
+def _finite(facts: ConditionInputs) -> str:
     state = _heard(facts)
     if not all(np.all(np.isfinite(part)) for part in (state.q, state.qd, state.target_q, state.target_qd, state.temperature_c)):
         raise MotionRefused("the controller reports values that are not finite")
     return "positions, speeds and temperatures are finite"
 
 
-def _stationary(facts: Facts) -> str:
+def _stationary(facts: ConditionInputs) -> str:
     state = _heard(facts)
     speed = np.maximum(np.abs(state.qd), np.abs(state.target_qd))  # (J,)
     j = int(np.argmax(speed))
@@ -270,7 +270,7 @@ def _stationary(facts: Facts) -> str:
     return f"at rest, every joint within {1000.0 * hold[j]:.1f} mrad of the controller's own target"
 
 
-def _speed_scaling(facts: Facts) -> str:
+def _speed_scaling(facts: ConditionInputs) -> str:
     scaling = _heard(facts).speed
     if math.isnan(scaling):
         raise Unreported("not reported: a slider below 100 % would show as a following error")
@@ -284,7 +284,7 @@ def is_full_speed(share: float) -> bool:
     return FULL_SPEED <= share <= 2.0 - FULL_SPEED
 
 
-def _payload(facts: Facts) -> str:
+def _payload(facts: ConditionInputs) -> str:
     payload, expected = _heard(facts).payload_kg, facts.context.payload_kg
     if math.isnan(payload):
         raise Unreported("not reported: a payload that nobody told the monitor would be taken for friction")
@@ -298,7 +298,7 @@ def _payload(facts: Facts) -> str:
     return f"{payload:.3f} kg, as configured"
 
 
-def _gravity(facts: Facts) -> str:
+def _gravity(facts: ConditionInputs) -> str:
     state, expected = _heard(facts), facts.context.mounting_rad
     mounting = facts.excitation.mounting if expected is None else Mounting.of(expected)
     measured = np.array(state.accelerometer_m_s2)
@@ -326,7 +326,7 @@ def tilt_deg(robot: Robot, mounting: Mounting, q: Array, accelerometer_m_s2: Arr
     return math.degrees(math.acos(min(max(float(up[2]), -1.0), 1.0)))
 
 
-def _approach_near(facts: Facts) -> str:
+def _approach_near(facts: ConditionInputs) -> str:
     state, settings = _heard(facts), facts.settings
     far = np.abs(state.q - facts.excitation.at(np.zeros(1)).q[0])  # (J,)
     j = int(np.argmax(far))
@@ -335,7 +335,7 @@ def _approach_near(facts: Facts) -> str:
     return f"joint {j + 1} has farthest to go: {far[j]:.2f} rad"
 
 
-def _approach_clear(facts: Facts) -> str:
+def _approach_clear(facts: ConditionInputs) -> str:
     state, cell = _heard(facts), facts.settings.cell
     if cell is None:
         raise Unreported("the configuration says unchecked: the way to the start is not proved")
@@ -346,7 +346,7 @@ def _approach_clear(facts: Facts) -> str:
     return f"the straight way to the start keeps {min(gaps):.0f} mm clear"
 
 
-def _temperatures(facts: Facts) -> str:
+def _temperatures(facts: ConditionInputs) -> str:
     state = _heard(facts)
     coldest, hottest = facts.settings.joint_temperature_range_c
     outside = np.flatnonzero(~((state.temperature_c >= coldest) & (state.temperature_c <= hottest)))
@@ -356,7 +356,7 @@ def _temperatures(facts: Facts) -> str:
     return f"{np.min(state.temperature_c):.0f} to {np.max(state.temperature_c):.0f} °C"
 
 
-def _permit(facts: Facts) -> str:
+def _permit(facts: ConditionInputs) -> str:
     number = facts.settings.permit_input
     if facts.settings.permit == "none":
         return "nobody else is asked"
@@ -370,11 +370,11 @@ def _permit(facts: Facts) -> str:
     if facts.permit is None:
         raise MotionRefused("permit/replay was not asked over Zenoh")
     if not facts.permit.given:
-        raise MotionRefused(facts.permit.told)
-    return facts.permit.told
+        raise MotionRefused(facts.permit.reason)
+    return facts.permit.reason
 
 
-CHECKS: dict[str, Callable[[Facts], str]] = {
+CHECKS: dict[str, Callable[[ConditionInputs], str]] = {
     "motion_allowed": _motion_allowed,
     "address": _address,
     "time_window": _time_window,
@@ -404,6 +404,6 @@ AT_THE_LAST = tuple(name for name in CHECKS if name not in {"trajectory_clear", 
 OF_STATE = tuple(name for name in CHECKS if name not in {*OF_CONFIGURATION, *OF_CONTROLLER, "permit"})
 
 
-def some(facts: Facts, names: tuple[str, ...]) -> tuple[Condition, ...]:
+def some(facts: ConditionInputs, names: tuple[str, ...]) -> tuple[ConditionResult, ...]:
     """Those conditions alone, in the same order."""
     return tuple(_found(name, CHECKS[name], facts) for name in names)

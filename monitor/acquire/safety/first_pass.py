@@ -19,7 +19,7 @@ def slowed(excitation: Excitation, settings: ReplaySettings) -> Excitation:
     return dataclasses.replace(excitation, repetitions=1, time_scale=settings.first_pass_time_scale * excitation.time_scale)
 
 
-def circumstances(excitation: Excitation, settings: ReplaySettings, context: Context) -> str:
+def first_pass_key(excitation: Excitation, settings: ReplaySettings, context: Context) -> str:
     """Digest of everything whose change asks for a first pass: arm, trajectory and pace, cell, mounting, payload, tool."""
     told = [
         context.robot,

@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from monitor.acquire.safety.conditions import AT_THE_LAST, Condition, Facts, Permit, conditions, refuse_unless, some
+from monitor.acquire.safety.conditions import AT_THE_LAST, ConditionInputs, ConditionResult, Permit, conditions, refuse_unless, some
 from monitor.acquire.state import ArmState
 
 log = logging.getLogger(__name__)
 
 ASK_S = 0.5  # one question; then the caller is asked whether to stop
 
-Ask = Callable[[Mapping[str, Any], float], Permit | None]
+AskPermit = Callable[[Mapping[str, Any], float], Permit | None]
 """Somebody else's permit: what is going to happen, and how long to wait → what was answered; None where nobody answered."""
 Announce = Callable[[Mapping[str, Any]], None]
 """Tell whoever must know that the arm is going to move."""
@@ -25,10 +25,10 @@ Announce = Callable[[Mapping[str, Any]], None]
 class Gate:
     """One replay's way from "heard" to "go"."""
 
-    def __init__(self, facts: Facts, *, ask: Ask | None, announce: Announce | None) -> None:
+    def __init__(self, facts: ConditionInputs, *, ask: AskPermit | None, announce: Announce | None) -> None:
         self._facts, self._ask, self._announce = facts, ask, announce
         self._moves_at: float | None = None
-        self.conditions: tuple[Condition, ...] = ()
+        self.conditions: tuple[ConditionResult, ...] = ()
 
     @property
     def patience_s(self) -> float:
@@ -63,11 +63,15 @@ class Gate:
         refuse_unless(some(facts, AT_THE_LAST))  # minutes may have passed with the announcement and the permit
         return True
 
-    def _tell(self, found: tuple[Condition, ...]) -> None:
+    def _tell(self, found: tuple[ConditionResult, ...]) -> None:
         self.conditions = (*self.conditions, *found)
         for condition in found:
             log.log(
-                logging.INFO if condition.holds else logging.WARNING, "condition=%s %s: %s", condition.name, condition.word, condition.told
+                logging.INFO if condition.holds else logging.WARNING,
+                "condition=%s %s: %s",
+                condition.name,
+                condition.status,
+                condition.text,
             )
         refuse_unless(found)
 

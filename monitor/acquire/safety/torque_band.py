@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.acquire.rows import PLACE
+from monitor.acquire.rows import COLUMN
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.predictor import prepared
 from monitor.model.robot import Mounting, Robot
@@ -63,7 +63,7 @@ class TorqueBand:
         self.largest_share = 0.0  # of the allowance that was used
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """Where the band comes from."""
         if self._model is not None:
             return (
@@ -73,9 +73,9 @@ class TorqueBand:
 
     def outside(self, row: Array) -> tuple[str, str] | None:
         """Cause and text where torque has left the band for long enough; row (WIDTH,)."""
-        of = {name: row[PLACE[name]] for name in ("actual_q", "actual_qd", "target_qdd", "actual_current", "joint_temperatures")}
+        of = {name: row[COLUMN[name]] for name in ("actual_q", "actual_qd", "target_qdd", "actual_current", "joint_temperatures")}
         if self._untold.any():
-            moment, current = row[PLACE["target_moment"]], row[PLACE["target_current"]]
+            moment, current = row[COLUMN["target_moment"]], row[COLUMN["target_current"]]
             tells = self._untold & (np.abs(current) > TELLING_A)
             self._gains[tells] = np.abs(moment[tells] / current[tells])
         measured = of["actual_current"] * self._gains
@@ -89,7 +89,8 @@ class TorqueBand:
             return None
         return (
             "torque_band",
-            f"joint {j + 1} needs {measured[j]:.1f} N·m where {band.predicted[j]:.1f} ± {band.allowed[j]:.1f} were expected ({self.told})",
+            f"joint {j + 1} needs {measured[j]:.1f} N·m where {band.predicted[j]:.1f} ± {band.allowed[j]:.1f} were expected "
+            f"({self.description})",
         )
 
     def _at(self, q: Array, qd: Array, qdd: Array, temperature_c: Array) -> _Band:

@@ -79,14 +79,14 @@ class Window(NamedTuple):
     why: str  # cron, every, learning, cold start, evidence
 
 
-class Asked(NamedTuple):
+class Triggers(NamedTuple):
     """What else may open a window: the arm ran again after a long rest; something was seen in production."""
 
     cold_start_unix_s: float | None = None
     evidence_unix_s: float | None = None
 
 
-class Look(NamedTuple):
+class WindowCheck(NamedTuple):
     """What the schedule says at one moment."""
 
     due: Window | None
@@ -94,7 +94,7 @@ class Look(NamedTuple):
     missed: tuple[Window, ...]  # closed without one
 
 
-def look(
+def check_windows(
     settings: ScheduleSettings,
     *,
     now_unix_s: float,
@@ -102,8 +102,8 @@ def look(
     entered: Iterable[float],
     began_unix_s: float | None,
     salt: str = "",
-    asked: Asked | None = None,
-) -> Look:
+    triggers: Triggers | None = None,
+) -> WindowCheck:
     """What is due now, and what was missed.
 
     since_unix_s : until when the schedule was watched; windows that closed later and are not `entered` (keys in the ledger) were missed.
@@ -114,12 +114,15 @@ def look(
     longest = settings.grace_s
     known = [
         window
-        for window in (*windows(settings, since - longest, now_unix_s, began_unix_s, salt), *_asked_windows(settings, asked or Asked()))
+        for window in (
+            *windows(settings, since - longest, now_unix_s, began_unix_s, salt),
+            *_triggered_windows(settings, triggers or Triggers()),
+        )
         if window.key_unix_s not in have
     ]
     open_now = sorted((each for each in known if each.opens_unix_s <= now_unix_s < each.closes_unix_s), key=lambda each: each.key_unix_s)
     missed = sorted(each for each in known if since < each.closes_unix_s <= now_unix_s)
-    return Look(open_now[-1] if open_now else None, tuple(open_now[:-1]), tuple(missed[-MOST_MISSED:]))
+    return WindowCheck(open_now[-1] if open_now else None, tuple(open_now[:-1]), tuple(missed[-MOST_MISSED:]))
 
 
 def reach_back_s(settings: ScheduleSettings) -> float:
@@ -143,7 +146,7 @@ def windows(settings: ScheduleSettings, from_unix_s: float, to_unix_s: float, be
     return [lit for window in every if not _within(dark, window.key_unix_s) and (lit := _lit(dark, window)) is not None]
 
 
-def coming(settings: ScheduleSettings, now_unix_s: float, count: int, began_unix_s: float | None, salt: str = "") -> list[Window]:
+def upcoming(settings: ScheduleSettings, now_unix_s: float, count: int, began_unix_s: float | None, salt: str = "") -> list[Window]:
     """The next windows that open, at most `count`, within the next 400 days."""
     for days in (2, 40, 400):
         found = [
@@ -169,16 +172,16 @@ class Ledger(Protocol):
 def expected(settings: ScheduleSettings, now_unix_s: float, count: int, ledger: Ledger | None, salt: str = "") -> list[Window]:
     """The next windows that the ledger does not have yet; None is a history that has not begun."""
     taken = set() if ledger is None else ledger.windows(now_unix_s - DAY_S, now_unix_s + 400 * DAY_S)
-    found = coming(settings, now_unix_s, count + len(taken), None if ledger is None else ledger.began_unix_s(), salt)
+    found = upcoming(settings, now_unix_s, count + len(taken), None if ledger is None else ledger.began_unix_s(), salt)
     return [window for window in found if window.key_unix_s not in taken][:count]
 
 
 # --- what opens a window beside the clock ----------------------------------------------------------------------------
 
 
-def _asked_windows(settings: ScheduleSettings, asked: Asked) -> Iterator[Window]:
+def _triggered_windows(settings: ScheduleSettings, triggers: Triggers) -> Iterator[Window]:
     dark = _dark(settings)
-    for made in (cold_start_window(settings, asked.cold_start_unix_s), evidence_window(settings, asked.evidence_unix_s)):
+    for made in (cold_start_window(settings, triggers.cold_start_unix_s), evidence_window(settings, triggers.evidence_unix_s)):
         if made is not None and (lit := _lit(dark, made)) is not None:
             yield lit
 
@@ -243,7 +246,7 @@ class ColdStart:
         self.at_unix_s: float | None = None
         self._rested = False  # seen at rest by this process: a gap in our own listening is no rest of the arm's
 
-    def heard(self, running: bool, now_unix_s: float, after_h: float) -> None:
+    def observe(self, running: bool, now_unix_s: float, after_h: float) -> None:
         """What is heard now; also that nothing is."""
         if not running:
             self._rested = True
@@ -254,7 +257,7 @@ class ColdStart:
         self._rested, self.last_running_unix_s = False, now_unix_s
 
 
-class Warmth:
+class WarmUp:
     """Whether the joints' temperatures are steady: warm from work, or as cold as the room."""
 
     SPAN_S, STEP_S = 600.0, 10.0
@@ -262,7 +265,7 @@ class Warmth:
     def __init__(self) -> None:
         self._seen: list[tuple[float, tuple[float, ...]]] = []
 
-    def heard(self, temperature_c: Iterable[float], now_unix_s: float) -> None:
+    def observe(self, temperature_c: Iterable[float], now_unix_s: float) -> None:
         """Temperatures [°C] now."""
         if self._seen and now_unix_s - self._seen[-1][0] < self.STEP_S:
             if now_unix_s < self._seen[-1][0]:

@@ -1,7 +1,7 @@
 """The arm as the child process holds it: both ur-rtde connections, and the discipline of one cycle.
 
 One row a tick, complete and fresh; a look at everything that may be wrong; one target. What is wrong is raised as a
-`Failure` with its cause; whoever catches it must not call ur-rtde again.
+`StreamFailure` with its cause; whoever catches it must not call ur-rtde again.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 from rtde_control import RTDEControlInterface
 
 from monitor.acquire import state as names
-from monitor.acquire.rows import PLACE, Torn, heard, snapshot
+from monitor.acquire.rows import COLUMN, Torn, connect_receiver, snapshot
 from monitor.acquire.safety.conditions import is_full_speed
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
@@ -28,7 +28,7 @@ ODD_TICKS = 2.5  # between two rows: one tick left out is made good, more is a g
 WATCHDOG_SHARE = 0.5  # of the watchdog's patience: after a gap of more, it may be our lateness that it stopped
 
 
-class Failure(Exception):
+class StreamFailure(Exception):
     """The stream must end now."""
 
     def __init__(self, cause: str, text: str) -> None:
@@ -36,7 +36,7 @@ class Failure(Exception):
         self.cause = cause
 
 
-def unwell(state: ArmState, settings: ReplaySettings, payload_kg: float | None = None) -> Failure | None:
+def state_failure(state: ArmState, settings: ReplaySettings, payload_kg: float | None = None) -> StreamFailure | None:
     """Why the stream may not go on, from the controller's own words; None if all is well. `payload_kg`: as configured."""
     if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
         bits = state.safety_bits
@@ -49,25 +49,29 @@ def unwell(state: ArmState, settings: ReplaySettings, payload_kg: float | None =
         else:
             cause = "safety"
         name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
-        return Failure(cause, f"safety mode {state.safety_mode} ({name}), bits {bits:#x}")
+        return StreamFailure(cause, f"safety mode {state.safety_mode} ({name}), bits {bits:#x}")
     if state.robot_mode != names.ROBOT_MODE_RUNNING:
-        return Failure("robot_mode", f"robot mode {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})")
+        return StreamFailure("robot_mode", f"robot mode {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})")
     if state.runtime_state != names.RUNTIME_PLAYING:
         name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
-        return Failure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
+        return StreamFailure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
     if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
-        return Failure("bad_data", "the controller reports positions that are not finite")
+        return StreamFailure("bad_data", "the controller reports positions that are not finite")
     if not (math.isnan(state.speed) or is_full_speed(state.speed)):
-        return Failure("speed_scaling", f"the speed slider went to {100.0 * state.speed:.0f} %: the arm plays another trajectory")
+        return StreamFailure("speed_scaling", f"the speed slider went to {100.0 * state.speed:.0f} %: the arm plays another trajectory")
     if payload_kg is not None and abs(state.payload_kg - payload_kg) > settings.max_payload_error_kg:  # NaN: not reported
-        return Failure("payload", f"the controller reckons with {state.payload_kg:.3f} kg now, the configuration says {payload_kg:.3f} kg")
+        return StreamFailure(
+            "payload", f"the controller reckons with {state.payload_kg:.3f} kg now, the configuration says {payload_kg:.3f} kg"
+        )
     coldest, hottest = settings.joint_temperature_range_c
     if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
-        return Failure("joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}")
+        return StreamFailure(
+            "joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}"
+        )
     return None
 
 
-def strayed(q: Array, targets: Array, limit_rad: float) -> Failure | None:
+def following_failure(q: Array, targets: Array, limit_rad: float) -> StreamFailure | None:
     """Is any joint of q (J,) outside the band of the last targets (n, J) by more than the limit?
 
     A servo's lag stays inside the band; an arm that stands while its targets go on does not.
@@ -76,7 +80,7 @@ def strayed(q: Array, targets: Array, limit_rad: float) -> Failure | None:
     j = int(np.argmax(outside))
     if outside[j] <= limit_rad:
         return None
-    return Failure("following_error", f"joint {j + 1} is {outside[j]:.3f} rad from where it was sent")
+    return StreamFailure("following_error", f"joint {j + 1} is {outside[j]:.3f} rad from where it was sent")
 
 
 class Arm:
@@ -90,7 +94,7 @@ class Arm:
         self.proved_q: Array | None = None  # (J,) [rad] where the way to the start was proved from
         self.tick_s = 1.0 / self.settings.rate_hz
         self.outbox, self.lifeline = outbox, lifeline
-        self.receive, self.signals = heard(self.settings.host, self.settings.rate_hz)
+        self.receive, self.signals = connect_receiver(self.settings.host, self.settings.rate_hz)
         self.control: RTDEControlInterface | None = None
         self.seen_at = self.looked_at = time.monotonic()
         self.gap_at, self.gap_s, self.longest_gap_s = -1e9, 0.0, 0.0  # the worst of late: between two looks at the controller, or two rows
@@ -106,7 +110,7 @@ class Arm:
     def next_row(self) -> Array:
         """(WIDTH,) the next tick's row, waiting for it.
 
-        Raises Failure where none comes, or where a connection or the parent is gone.
+        Raises StreamFailure where none comes, or where a connection or the parent is gone.
         """
         age_limit_s = self.settings.max_timestamp_age_s
         suspected_at = None
@@ -115,54 +119,56 @@ class Arm:
             self._gap(now, now - self.looked_at)
             self.looked_at = now
             if not self.receive.isConnected() or (self.control is not None and not self.control.isConnected()):
-                raise Failure("connection_lost", "the controller closed the RTDE connection")
+                raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
             if self.receive.getTimestamp() != self.timestamp_s:
                 break
             if now - self.seen_at > 0.8 * age_limit_s:
                 # perhaps it was this process that slept: give ur-rtde's own thread a moment to decode what has come
                 suspected_at = suspected_at or now
                 if now - self.seen_at > age_limit_s and now - suspected_at > 0.2 * age_limit_s:
-                    raise Failure("stalled", f"no new data from the controller for {1000 * (now - self.seen_at):.0f} ms")
+                    raise StreamFailure("stalled", f"no new data from the controller for {1000 * (now - self.seen_at):.0f} ms")
             self._listen_to_parent()
             time.sleep(POLL_S)
         try:
             row, again = snapshot(self.receive, self.signals)
         except (Torn, RuntimeError) as error:
-            raise Failure("connection_lost", f"the RTDE data broke off: {error}") from None
+            raise StreamFailure("connection_lost", f"the RTDE data broke off: {error}") from None
         self.torn += again
-        row[PLACE["host_monotonic_s"]] = self.seen_at = time.monotonic()
+        row[COLUMN["host_monotonic_s"]] = self.seen_at = time.monotonic()
         timestamp_s = float(row[0])
         self.step_s = timestamp_s - self.timestamp_s
         self.timestamp_s = timestamp_s
         self._gap(self.seen_at, self.step_s)
         if not 0.0 < self.step_s < 10.0:
-            raise Failure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
+            raise StreamFailure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
         return row
 
     def cycle(self, target: Array, row: Array) -> None:
         """Check the row, and send the target (J,) for it."""
         self._listen_to_parent()
         settings = self.settings
-        failure = unwell(arm_state(row), settings, self.payload_kg)
-        failure = failure or strayed(row[PLACE["actual_q"]], np.array(self.recent), settings.max_following_error_rad)
+        failure = state_failure(arm_state(row), settings, self.payload_kg)
+        failure = failure or following_failure(row[COLUMN["actual_q"]], np.array(self.recent), settings.max_following_error_rad)
         if failure:
             raise failure
         wanted = settings.permit_input
         if (
             wanted is not None
             and self.asked_to_stop is None
-            and not int(np.nan_to_num(row[PLACE["actual_digital_input_bits"]][0])) >> wanted & 1
+            and not int(np.nan_to_num(row[COLUMN["actual_digital_input_bits"]][0])) >> wanted & 1
         ):
             self.asked_to_stop = "permit_withdrawn"
         last = self.recent[-1]
         allowed = self.max_speed * 2.2 * self.tick_s + 1e-6  # a target moves on by at most two ticks a cycle
         if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.max_position)):
-            raise Failure("bad_target", f"target {np.round(target, 4)} after {np.round(last, 4)}: not finite, too far, or out of range")
+            raise StreamFailure(
+                "bad_target", f"target {np.round(target, 4)} after {np.round(last, 4)}: not finite, too far, or out of range"
+            )
         assert self.control is not None
         if not self.control.servoJ(target, 0.0, 0.0, self.tick_s, settings.lookahead_s, settings.gain):
             raise self.why_refused()
         self.recent.append(target)
-        row[PLACE["commanded_q"]] = target
+        row[COLUMN["commanded_q"]] = target
 
     def tell(self) -> None:
         """A sign of life, now and then."""
@@ -176,7 +182,7 @@ class Arm:
             self.gap_at, self.gap_s = now, gap_s
         self.longest_gap_s = max(self.longest_gap_s, gap_s)
 
-    def named(self, failure: Failure) -> Failure:
+    def named(self, failure: StreamFailure) -> StreamFailure:
         """The failure by its cause: where targets came late just before, because of this process or the network, that is it."""
         enough_s = {
             "following_error": ODD_TICKS * self.tick_s,
@@ -186,9 +192,9 @@ class Arm:
         }.get(failure.cause)
         if enough_s is None or self.gap_s < enough_s or time.monotonic() - self.gap_at > REMEMBERED_S:
             return failure
-        return Failure("late", f"targets came late, {1000 * self.gap_s:.0f} ms between two cycles; then {failure.cause}: {failure}")
+        return StreamFailure("late", f"targets came late, {1000 * self.gap_s:.0f} ms between two cycles; then {failure.cause}: {failure}")
 
-    def why_refused(self) -> Failure:
+    def why_refused(self) -> StreamFailure:
         """ServoJ said no. The next rows say why; reading what has been received is no call to the controller."""
         for _ in range(4):
             time.sleep(0.005)
@@ -196,9 +202,9 @@ class Arm:
                 row, _ = snapshot(self.receive, self.signals)
             except (Torn, RuntimeError):
                 break
-            if failure := unwell(arm_state(row), self.settings, self.payload_kg):
+            if failure := state_failure(arm_state(row), self.settings, self.payload_kg):
                 return failure
-        return Failure("servo_refused", "the control program did not take the target")
+        return StreamFailure("servo_refused", "the control program did not take the target")
 
     def _listen_to_parent(self) -> None:
         word = self.lifeline.word()

@@ -61,7 +61,7 @@ def real_time() -> bool:
     return True
 
 
-def drowsy(slack_s: float) -> None:
+def set_timer_slack(slack_s: float) -> None:
     """Let every sleep of this thread, and of those that it starts, last up to `slack_s` longer (0: as at the process's start).
 
     Without effect on real-time threads. ur-rtde's receiving thread looks for data every 0.1 ms while it waits: a tenth of a core, which

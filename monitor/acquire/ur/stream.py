@@ -16,12 +16,12 @@ import numpy as np
 from rtde_control import RTDEControlInterface
 
 from monitor.acquire.path import joint_path
-from monitor.acquire.rows import PLACE
+from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety import guard
-from monitor.acquire.safety.conditions import Facts
+from monitor.acquire.safety.conditions import ConditionInputs
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
-from monitor.acquire.ur.arm import Arm, Failure
+from monitor.acquire.ur.arm import Arm, StreamFailure
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, real_time
 from monitor.design.cell import cell_from_document
 from monitor.errors import MonitorError, MotionRefused, RobotUnreachable
@@ -42,7 +42,7 @@ class Stopped(Exception):
     """Somebody asked, and the arm stands."""
 
 
-def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, known: Facts) -> Arm:
+def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, known: ConditionInputs) -> Arm:
     """The arm, heard, and found well and at rest for 0.1 s; then held ready until the parent says go. Nothing is sent yet.
 
     Raises RobotUnreachable or MotionRefused, Stopped where the parent does not want it any more.
@@ -58,24 +58,24 @@ def connect(job: dict[str, Any], outbox: Outbox, lifeline: Lifeline, known: Fact
     try:
         seen = [arm.next_row() for _ in range(LOOKS)]
         for row in seen:
-            guard.ready(replace(known, state=arm_state(row)), but=("approach_clear",))
+            guard.check_state(replace(known, state=arm_state(row)), but=("approach_clear",))
         outbox.message("phase", phase="ready", duration_s=0.0)
         told_at = 0.0
         while not arm.may_go:
             if arm.seen_at - told_at > STATE_EVERY_S:  # the mean of what an accelerometer says; the latest of everything else
                 row = seen[-1].copy()
-                place = PLACE["actual_tool_accelerometer"]
+                place = COLUMN["actual_tool_accelerometer"]
                 row[place] = np.mean([each[place] for each in seen], axis=0)
                 outbox.message("state", row=row.tolist())
                 told_at = arm.seen_at
             if arm.asked_to_stop:
                 raise Stopped
             seen = [*seen[1:], arm.next_row()]
-        guard.ready(replace(known, state=arm_state(seen[-1])))
-        arm.proved_q = seen[-1][PLACE["target_q"]].copy()
+        guard.check_state(replace(known, state=arm_state(seen[-1])))
+        arm.proved_q = seen[-1][COLUMN["target_q"]].copy()
         arm.seen_at = time.monotonic()  # the proof of the way to the start held up this process, not the controller
-        guard.ready(replace(known, state=arm_state(arm.next_row())), but=("approach_clear",))
-    except Failure as failure:
+        guard.check_state(replace(known, state=arm_state(arm.next_row())), but=("approach_clear",))
+    except StreamFailure as failure:
         raise RobotUnreachable(f"{host}: {failure}") from None
     return arm
 
@@ -84,7 +84,7 @@ def take_control(arm: Arm) -> Array:
     """Upload the control program and set its watchdog; (J,) the pose in which the arm stands, as the controller's target.
 
     The constructor would stop any program that runs; `connect` saw none one tick ago.
-    Raises MotionRefused where another client has the arm, Failure where the program does not come up.
+    Raises MotionRefused where another client has the arm, StreamFailure where the program does not come up.
     """
     arm.outbox.message("phase", phase="control", duration_s=0.0)
     try:
@@ -92,18 +92,18 @@ def take_control(arm: Arm) -> Array:
     except RuntimeError as error:
         if "already in use" in str(error):  # said before anything was uploaded
             raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
-        raise Failure("no_control", f"the control program did not start: {error}") from None
+        raise StreamFailure("no_control", f"the control program did not start: {error}") from None
     arm.seen_at = time.monotonic()  # the constructor held up this process, not the controller
     arm.looked_at = arm.seen_at
-    begin_q: Array = arm.next_row()[PLACE["target_q"]].copy()
+    begin_q: Array = arm.next_row()[COLUMN["target_q"]].copy()
     assert arm.proved_q is not None
     moved = np.abs(begin_q - arm.proved_q)  # (J,)
     if not np.all(moved <= MOVED_RAD):
         j = int(np.argmax(moved))
-        raise Failure("no_control", f"joint {j + 1} was moved by {moved[j]:.3f} rad since the way to the start was proved")
+        raise StreamFailure("no_control", f"joint {j + 1} was moved by {moved[j]:.3f} rad since the way to the start was proved")
     arm.recent.append(begin_q)
     if not arm.control.setWatchdog(arm.settings.watchdog_hz):
-        raise Failure("no_watchdog", "the controller did not accept the watchdog")
+        raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
     return begin_q
 
 
@@ -148,7 +148,7 @@ def stream(arm: Arm, phase: str, duration_s: float, position: Callable[[float], 
 def settle(arm: Arm) -> None:
     """Hold the last target until the arm is at rest.
 
-    Raises Failure if that takes longer than SETTLE_S.
+    Raises StreamFailure if that takes longer than SETTLE_S.
     """
     arm.outbox.message("phase", phase="settle", duration_s=STILL_S)
     target = arm.recent[-1]
@@ -158,10 +158,10 @@ def settle(arm: Arm) -> None:
         arm.cycle(target, row)
         arm.tell()
         waited_s += arm.step_s
-        slow = np.max(np.abs(row[PLACE["actual_qd"]])) < STANDSTILL_RAD_S and np.max(np.abs(row[PLACE["target_qd"]])) < 1e-3
+        slow = np.max(np.abs(row[COLUMN["actual_qd"]])) < STANDSTILL_RAD_S and np.max(np.abs(row[COLUMN["target_qd"]])) < 1e-3
         still_s = still_s + arm.step_s if slow else 0.0
         if waited_s > SETTLE_S:
-            raise Failure("restless", f"the arm did not come to rest within {SETTLE_S:g} s")
+            raise StreamFailure("restless", f"the arm did not come to rest within {SETTLE_S:g} s")
 
 
 def finish(arm: Arm) -> None:
@@ -175,10 +175,10 @@ def finish(arm: Arm) -> None:
         if arm.receive.getRuntimeState() != RUNTIME_PLAYING:
             return
         time.sleep(0.01)
-    raise Failure("program_stopped", "the control program still runs although it was asked to end")
+    raise StreamFailure("program_stopped", "the control program still runs although it was asked to end")
 
 
-def play(arm: Arm, known: Facts, begin_q: Array) -> None:
+def play(arm: Arm, known: ConditionInputs, begin_q: Array) -> None:
     """The whole motion: approach, excitation, return, each followed by rest."""
     settings, excitation = arm.settings, known.excitation
     arm.gap_s = arm.longest_gap_s = 0.0  # proofs and uploads took their time, before anything moved
@@ -198,11 +198,11 @@ def play(arm: Arm, known: Facts, begin_q: Array) -> None:
     finish(arm)
 
 
-def facts(job: dict[str, Any]) -> Facts:
+def facts(job: dict[str, Any]) -> ConditionInputs:
     """What the parent knows of this replay."""
     cell = None if job["cell"] is None else cell_from_document(job["cell"])
     excitation = excitation_from_document(job["excitation"])
-    return guard.about(
+    return guard.inputs(
         ReplaySettings(**{**job["settings"], "cell": cell}), excitation, load_robot(excitation.robot), Context(**job["context"])
     )
 
@@ -216,7 +216,7 @@ def main() -> None:
     arm: Arm | None = None
     try:
         known = facts(job)
-        guard.permitted(known.settings, known.excitation, known.robot)
+        guard.check_quick(known.settings, known.excitation, known.robot)
         arm = connect(job, outbox, lifeline, known)
         play(arm, known, take_control(arm))
         outbox.message(
@@ -228,7 +228,7 @@ def main() -> None:
             real_time=scheduled,
         )
         leave(0)
-    except Failure as failure:
+    except StreamFailure as failure:
         named = failure if arm is None else arm.named(failure)
         outbox.message("failed", cause=named.cause, text=str(named))
     except Stopped:
