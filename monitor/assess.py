@@ -21,8 +21,10 @@ from monitor.judge.drift.single_replay import single_torque_nm
 from monitor.judge.drift.step import begin, learn
 from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line, TemperatureSettings
-from monitor.judge.torque.compensated_model import CompensatedModel, compensated
-from monitor.judge.torque.prediction_error import missed, pooled
+from monitor.judge.torque import prediction_error
+from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.compensation import build_model
+from monitor.judge.torque.evaluation import measure_prediction_error
 from monitor.judge.torque.production_residual import ResidualSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Context, Recording
@@ -164,8 +166,9 @@ def assess(
     except Unidentifiable as why:
         return Rejected(str(why))
     if belief is not None and model is not None and not differences(belief.context, as_last_said(belief.context, recording.context)):
-        told = missed(recording, model, robot, gains)
-        belief = belief if told is None else replace(belief, doubt=pooled(belief.doubt, told, model.residual_rms_nm))
+        error = measure_prediction_error(recording, model, robot, gains)
+        if error is not None:
+            belief = replace(belief, doubt=prediction_error.update(belief.doubt, error, model.residual_rms_nm))
     return judge_identification(identification, recording.context, belief=belief, health=health, settings=settings, source=recording.source)
 
 
@@ -202,7 +205,7 @@ def judge_identification(
         belief=belief,
         health=judged.health,
         transitions=judged.transitions,
-        model=compensated(identification, belief, coulomb=coulomb, viscous=viscous),
+        model=build_model(identification, belief, coulomb=coulomb, viscous=viscous),
         warnings=(*identification.warnings, *told),
     )
 
@@ -216,7 +219,7 @@ def model_after(
     """
     identification = _identified(recording, robot, mounting, gains, settings)
     coulomb, viscous = belief.lines(settings.temperature)
-    return compensated(identification, belief, coulomb=coulomb, viscous=viscous)
+    return build_model(identification, belief, coulomb=coulomb, viscous=viscous)
 
 
 def _identified(recording: Recording, robot: Robot, mounting: Mounting, gains: Array | None, settings: AssessSettings) -> Identification:

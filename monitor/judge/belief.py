@@ -17,7 +17,7 @@ from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fitted, law_from_document
 from monitor.judge.temperature.stuck import Sensors, sensors_from_document
-from monitor.judge.torque.prediction_error import Doubt, doubt_from_document
+from monitor.judge.torque.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.recording import Array, Context
 
 SCHEMA_VERSION = 4
@@ -58,7 +58,7 @@ class Belief:
     viscous: Law
     coulomb: Law
     sensors: Sensors | None = None  # of temperature: which of them stand still; None in beliefs before it
-    doubt: Doubt | None = None  # of predicted torque; None until a replay was foreseen, as in beliefs before it
+    doubt: PredictionErrorStatistics | None = None  # of predicted torque; None before the first prediction and in older beliefs
     schema_version: int = SCHEMA_VERSION
 
     @property
@@ -222,7 +222,7 @@ def belief_from_document(document: Any) -> Belief:
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
             sensors=sensors_from_document(document.get("sensors"), J),
-            doubt=doubt_from_document(document.get("doubt"), J),
+            doubt=statistics_from_document(document.get("doubt"), J),
             **arrays,
         )
     except (TypeError, ValueError, KeyError) as wrong:

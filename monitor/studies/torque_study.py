@@ -16,6 +16,7 @@ from monitor.assess import Assessment, AssessSettings, assess
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
 from monitor.judge.drift.observation import observe
+from monitor.judge.torque.predictor import predict_torque
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array, Recording
@@ -107,7 +108,7 @@ def foresee(
         temperatures[test] = np.where(inside, T, np.nan)
         moving = (np.abs(qd) > MOVING_RAD_S) & inside
         n = np.where(inside, moving.sum(axis=0), np.nan)
-        with_T, without = (model.torque(arm, q, qd, qdd, t) for t in (T, None))
+        with_T, without = (predict_torque(model, arm, q, qd, qdd, t) for t in (T, None))
         truth = recording.current * gain
         errors = np.stack([np.where(moving, foreseen.torque - truth, 0.0) for foreseen in (with_T, without)])  # (2, N, J)
         squares += np.sum(errors**2, axis=1)

@@ -15,6 +15,7 @@ from monitor.acquire.settings import ReplaySettings
 from monitor.assess import assess
 from monitor.config.load import find_excitation
 from monitor.design.cell import plain_cell
+from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
 from monitor.simulate.arm.physics import Arm
@@ -164,7 +165,7 @@ def moving(model, *, seed: int = 0, push_nm=0.0) -> np.ndarray:
     q, qdd = np.array([0.1, -1.5, 0.5, 0.2, 0.1, 0.0]) + 0.1 * np.sin(np.pi * t)[:, None], -0.3 * np.pi * np.sin(np.pi * t)[:, None]
     qdd, T = np.broadcast_to(qdd, q.shape), np.full_like(q, 24.0)
     noise = np.sqrt(model.measured_rms_nm**2 - model.error_rms_nm**2) * np.random.default_rng(seed).normal(size=q.shape)
-    torque = model.torque(UR5, q, qd, qdd, T).torque + noise + push_nm
+    torque = predict_torque(model, UR5, q, qd, qdd, T).torque + noise + push_nm
     return reported(Recording(t_s=t, q=q, qd=qd, target_qdd=qdd, current=torque / UR5.drive_gain_nm_per_a, temperature_c=T))
 
 
@@ -178,8 +179,8 @@ def test_a_joint_that_stands_may_be_held_either_way_by_its_friction(learnt):
         told = moving(learnt)[:40].copy()
         still, T = np.zeros(6), np.full(6, 24.0)
         q = told[0, COLUMN["actual_q"]]
-        drags = learnt.torque(UR5, q, np.full(6, 0.02), still, T).friction[0]
-        rigid = learnt.torque(UR5, q, still, still, T).rigid[0]
+        drags = predict_torque(learnt, UR5, q, np.full(6, 0.02), still, T).friction[0]
+        rigid = predict_torque(learnt, UR5, q, still, still, T).rigid[0]
         for name, value in (("actual_q", q), ("actual_qd", still), ("target_qdd", still)):
             told[:, COLUMN[name]] = value
         told[:, COLUMN["actual_current"]] = (rigid + way * 1.2 * drags) / UR5.drive_gain_nm_per_a

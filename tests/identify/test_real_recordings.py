@@ -12,7 +12,9 @@ from monitor.identify.payload import identify_payload
 from monitor.identify.signals.motion import motion
 from monitor.identify.signals.torque import joint_torque
 from monitor.identify.validate import validate
-from monitor.judge.torque import prediction_error as doubt
+from monitor.judge.torque import prediction_error
+from monitor.judge.torque.evaluation import measure_prediction_error
+from monitor.judge.torque.predictor import predict_torque
 from monitor.model.regressor import regressor
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
@@ -212,7 +214,9 @@ def test_the_finer_terms_foresee_a_real_arm_better(ur10e, compensated, name):
     robot, _, read = ur10e
     moved = motion(read(name))
     torque = joint_torque(moved, robot, GAINS)
-    left = [np.where(moved.moving(), torque - model.torque(robot, moved.q, moved.qd, moved.qdd).torque, 0.0) for model in compensated]
+    left = [
+        np.where(moved.moving(), torque - predict_torque(model, robot, moved.q, moved.qd, moved.qdd).torque, 0.0) for model in compensated
+    ]
     rms = [np.sqrt(np.mean(e**2, axis=0)) for e in left]
     print(name, "with over without", np.round(rms[1] / rms[0], 2), "all", np.linalg.norm(rms[1]) / np.linalg.norm(rms[0]))
     assert np.all(rms[1] <= 1.02 * rms[0])
@@ -231,10 +235,10 @@ def test_a_real_arms_samples_stay_in_the_interval_that_another_replay_has_shown(
         return Recording(t_s=moved.t_s, q=moved.q, qd=moved.qd, target_qdd=moved.qdd, current=current, temperature_c=T)
 
     model = compensated[1]
-    shown = doubt.pooled(None, doubt.missed(raw(told), model, robot, GAINS), model.residual_rms_nm)
-    error_nm, measured_nm = doubt.believed(shown, model.residual_rms_nm)
+    shown = prediction_error.update(None, measure_prediction_error(raw(told), model, robot, GAINS), model.residual_rms_nm)
+    error_nm, measured_nm = prediction_error.rms(shown, model.residual_rms_nm)
     sure, seen = replace(model, error_rms_nm=error_nm, measured_rms_nm=measured_nm), raw(asked)
-    foreseen = sure.torque(robot, seen.q, seen.qd, seen.target_qdd, seen.temperature_c)
+    foreseen = predict_torque(sure, robot, seen.q, seen.qd, seen.target_qdd, seen.temperature_c)
     moving = np.abs(seen.qd) > 0.02
     held = (np.abs(seen.current * GAINS - foreseen.torque) < 1.645 * foreseen.measured_std)[moving].mean()
     print(asked, "held %", round(100 * held, 1), "error", np.round(error_nm, 2), "measured", np.round(measured_nm, 2))

@@ -12,7 +12,7 @@ from synthetic_arm import COULOMB_NM, Arm, History
 from monitor.errors import BadInput
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.torque.compensated_model import CompensatedModel, ResidualFriction, model_from_document
-from monitor.judge.torque.predictor import prepared
+from monitor.judge.torque.predictor import predict_torque, prepared
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")
@@ -44,7 +44,7 @@ def test_the_rigid_part_is_newton_euler(model):
         inertia.inertia = np.zeros((3, 3))
     data = robot.createData()
     still = np.zeros((20, 6))
-    predicted = model.torque(UR5, Q, still, still)
+    predicted = predict_torque(model, UR5, Q, still, still)
     expected = np.array([pin.computeGeneralizedGravity(robot, data, q) for q in Q])
     assert np.allclose(predicted.rigid, expected, atol=1e-9)  # rounding
     assert np.allclose(predicted.friction, 0.0)
@@ -54,7 +54,7 @@ def test_the_rigid_part_is_newton_euler(model):
 @pytest.mark.parametrize("temperature_c", [20.0, 30.0, 40.0])
 def test_friction_follows_temperature_within_what_was_learnt(model, temperature_c):
     """Within 4 % of the true friction: a straight line through an exponential over 20 K misses 1 %, the noise leaves the rest."""
-    predicted = model.torque(UR5, Q, QD, QDD, np.full(6, temperature_c))
+    predicted = predict_torque(model, UR5, Q, QD, QDD, np.full(6, temperature_c))
     truth = true_friction(QD, temperature_c)
     assert np.all(np.abs(predicted.friction - truth) < 0.04 * np.abs(truth))
     assert not predicted.extrapolated.any()
@@ -64,7 +64,7 @@ def test_torque_is_foreseen_by_the_law_that_was_chosen(model):
     """Where fv(T) is a curve the torque is the curve's, as is its doubt, and not the straight line's beside it."""
     assert set(model.viscous.law) != {"linear"}
     for T in (np.full(6, 20.0), np.full(6, 30.0), np.linspace(38, 43, 6)):
-        predicted = model.torque(UR5, Q, QD, QDD, T)
+        predicted = predict_torque(model, UR5, Q, QD, QDD, T)
         fc, fv = model.coulomb_at(T), model.viscous_at(T)
         assert np.allclose(predicted.friction, fc.value * np.sign(QD) + fv.value * QD)  # |q̇| > 0.1: the sign is ± 1
         between = 2.0 * model.friction_correlation * fc.std * fv.std * np.abs(QD)
@@ -77,7 +77,7 @@ def test_temperature_correction_is_worth_its_name(model):
     errors = {True: [], False: []}
     for T in (20.0, 24.0, 36.0, 40.0):
         for corrected, found in errors.items():
-            predicted = model.torque(UR5, Q, QD, QDD, np.full(6, T) if corrected else None)
+            predicted = predict_torque(model, UR5, Q, QD, QDD, np.full(6, T) if corrected else None)
             found.append(predicted.friction - true_friction(QD, T))
     rms = {corrected: np.sqrt(np.mean(np.square(found), axis=(0, 1))) for corrected, found in errors.items()}
     assert np.all(rms[True] < rms[False] / 3)
@@ -85,7 +85,7 @@ def test_temperature_correction_is_worth_its_name(model):
 
 def test_beyond_what_was_learnt_it_says_so_and_doubts(model):
     """At 60 °C: flagged, and the law less sure than at 30 °C; each joint by its own temperature."""
-    outside = model.torque(UR5, Q, QD, QDD, np.array([60.0, 30, 30, 30, 30, 30]))
+    outside = predict_torque(model, UR5, Q, QD, QDD, np.array([60.0, 30, 30, 30, 30, 30]))
     assert outside.extrapolated[:, 0].all()
     assert not outside.extrapolated[:, 1:].any()
     warm, hot = model.viscous_at(np.full(6, 30.0)), model.viscous_at(np.full(6, 60.0))
@@ -97,7 +97,7 @@ def test_beyond_what_was_learnt_it_says_so_and_doubts(model):
 def test_present_wear_is_in_the_prediction(model):
     """10 % of wear is 10 % more friction, and its doubt widens the prediction."""
     worn = replace(model, wear=model.wear + np.log(1.1), wear_std=np.full(6, 0.05))
-    before, after = (m.torque(UR5, Q, QD, QDD) for m in (model, worn))
+    before, after = (predict_torque(m, UR5, Q, QD, QDD) for m in (model, worn))
     assert np.allclose(after.friction, 1.1 * before.friction)
     assert np.allclose(after.rigid, before.rigid)
     assert np.all(after.std > before.std)
@@ -106,8 +106,8 @@ def test_present_wear_is_in_the_prediction(model):
 def test_one_sample_and_temperatures_a_sample_are_welcome(model):
     """(6,) for one state; (N, 6) temperatures give row by row what one row gives."""
     T = np.linspace(20, 40, 20)[:, None] * np.ones(6)
-    every = model.torque(UR5, Q, QD, QDD, T)
-    one = model.torque(UR5, Q[7], QD[7], QDD[7], T[7])
+    every = predict_torque(model, UR5, Q, QD, QDD, T)
+    one = predict_torque(model, UR5, Q[7], QD[7], QDD[7], T[7])
     assert one.torque.shape == (1, 6)
     assert np.allclose(one.torque[0], every.torque[7])
 
@@ -117,7 +117,7 @@ def test_a_joint_never_identified_has_no_doubt_stated():
     seen = Arm().replay(30.0)
     fc = np.where(np.arange(6) == 5, np.nan, seen.coulomb_nm)
     last = History().add(0, replace(seen, coulomb_nm=fc, viscous_nm_s_per_rad=np.where(np.isnan(fc), np.nan, seen.viscous_nm_s_per_rad)))
-    predicted = last.model.torque(UR5, Q, QD, QDD)
+    predicted = predict_torque(last.model, UR5, Q, QD, QDD)
     assert np.all(predicted.friction[:, 5] == 0)
     assert np.all(np.isnan(predicted.std[:, 5]))
     assert predicted.extrapolated[:, 5].all()
@@ -129,7 +129,7 @@ def test_a_joint_never_identified_has_no_doubt_stated():
 def test_the_model_survives_as_json(model):
     """What the bus carries predicts bit for bit the same."""
     back = model_from_document(json.loads(json.dumps(model.as_document(), allow_nan=False)))
-    here, there = (m.torque(UR5, Q, QD, QDD, np.full(6, 33.0)) for m in (model, back))
+    here, there = (predict_torque(m, UR5, Q, QD, QDD, np.full(6, 33.0)) for m in (model, back))
     assert all(np.array_equal(a, b) for a, b in zip(here, there, strict=True))
     with pytest.raises(BadInput, match="'values' is missing"):
         model_from_document({key: value for key, value in model.as_document().items() if key != "values"})
@@ -161,7 +161,7 @@ def test_what_does_not_fit_is_named(model, change, says):
     """Shape, robot or value: the message says which."""
     asked = {"robot": UR5, "q": Q, "qd": QD, "qdd": QDD, "temperature_c": None, **change}
     with pytest.raises(BadInput, match=says):
-        model.torque(**asked)
+        predict_torque(model, **asked)
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +199,7 @@ def test_friction_never_drives_and_one_sample_says_what_many_say(with_residual_f
     """Power of friction ≥ 0 at any speed, load and temperature; both ways of asking agree to rounding, in every figure."""
     v, a, T = np.array(qd), np.array(qdd), np.full(6, temperature_c)
     for model in (with_residual_friction, curved):
-        many = model.torque(UR5, Q[0], v, a, T)
+        many = predict_torque(model, UR5, Q[0], v, a, T)
         one = prepared(model, UR5).sample(Q[0].tolist(), qd, qdd, T.tolist())
         assert np.all(many.friction * v >= 0.0)
         for name in one._fields:
@@ -219,7 +219,7 @@ def test_a_reader_of_the_document_alone_finds_the_same_friction(curved):
         x = t if curve["kind"][j] == 1 else 1.0 / (T - pole) - 1.0 / (reference - pole)
         return np.exp(curve["a"][j] + curve["b"][j] * x)
 
-    predicted = model.torque(UR5, Q, QD, QDD, np.full(6, T)).friction
+    predicted = predict_torque(model, UR5, Q, QD, QDD, np.full(6, T)).friction
     for j in range(6):
         fresh = value(told["coulomb"], j) * np.sign(QD[:, j]) + value(told["viscous"], j) * QD[:, j]
         assert np.allclose(predicted[:, j], fresh * np.exp(told["wear"][j]))
@@ -229,7 +229,7 @@ def test_what_is_beyond_fc_and_fv_stays_as_it_was_at_the_fastest_learnt(model, w
     """Beyond 1 rad/s the difference to the model without it no longer changes, nor beyond 40 N·m; and it survives as JSON."""
     still, T = np.zeros(6), np.full(6, 25.0)
     at = [
-        m.torque(UR5, Q[0], np.full(6, v), still, T).friction - model.torque(UR5, Q[0], np.full(6, v), still, T).friction
+        predict_torque(m, UR5, Q[0], np.full(6, v), still, T).friction - predict_torque(model, UR5, Q[0], np.full(6, v), still, T).friction
         for m in (
             with_residual_friction,
             model_from_document(json.loads(json.dumps(with_residual_friction.as_document(), allow_nan=False))),
@@ -241,7 +241,7 @@ def test_what_is_beyond_fc_and_fv_stays_as_it_was_at_the_fastest_learnt(model, w
     assert np.array_equal(at[1], at[3])
     assert np.all(np.abs(at[0][0, kept]) > 0.0)
     flat = [
-        m.torque(UR5, np.tile(Q[0], (2, 1)), np.array([[1.0] * 6, [2.5] * 6]), np.zeros((2, 6)), T).rigid
+        predict_torque(m, UR5, np.tile(Q[0], (2, 1)), np.array([[1.0] * 6, [2.5] * 6]), np.zeros((2, 6)), T).rigid
         for m in (with_residual_friction, model)
     ]
     assert np.array_equal(*flat)

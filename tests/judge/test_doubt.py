@@ -13,7 +13,9 @@ from monitor.assess import Assessment, assess
 from monitor.config.load import find_excitation
 from monitor.judge.belief import belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
-from monitor.judge.torque.prediction_error import OWN_REPLAYS, WILDEST, Doubt, Missed, believed, missed, pooled
+from monitor.judge.torque.evaluation import measure_prediction_error
+from monitor.judge.torque.prediction_error import FIT_REPLAYS, MAX_RATIO, PredictionError, PredictionErrorStatistics, rms, update
+from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
 from monitor.service.assess_and_store import load_state
@@ -45,7 +47,7 @@ def recording(model: CompensatedModel, *, error_nm: float, noise_nm: float, seed
     T = np.full_like(q, temperature_c)
     wave = error_nm * np.sqrt(2.0) * np.sin(2 * np.pi * t_s[:, None] / 0.7 + dice.uniform(0, 6, 6))
     noise = noise_nm * np.sqrt(1.0 - 0.3**2) * lfilter([1.0], [1.0, -0.3], dice.normal(size=q.shape), axis=0)
-    torque = model.torque(UR5, q, qd, qdd, T).torque + wave + noise
+    torque = predict_torque(model, UR5, q, qd, qdd, T).torque + wave + noise
     context = Context(robot="ur5", recorded_at_unix_s=1.75e9 + seed * DAY_S)
     return Recording(t_s=t_s, q=q, qd=qd, target_qdd=qdd, current=torque / GAIN, temperature_c=T, context=context, source=f"day {seed}")
 
@@ -56,10 +58,10 @@ def test_the_models_error_is_told_apart_from_the_noise_of_its_measurement(model)
     """
     doubt, own = None, np.full(6, 0.7)
     for k in range(15):
-        told = missed(recording(model, error_nm=0.4, noise_nm=1.2, seed=k), model, UR5, None)
+        told = measure_prediction_error(recording(model, error_nm=0.4, noise_nm=1.2, seed=k), model, UR5, None)
         assert told is not None
-        doubt = pooled(doubt, told, own)
-    error, sample = believed(doubt, own)
+        doubt = update(doubt, told, own)
+    error, sample = rms(doubt, own)
     assert error == pytest.approx(np.full(6, 0.43), rel=0.15)
     assert sample == pytest.approx(np.full(6, np.hypot(0.4, 1.2)), rel=0.03)
 
@@ -75,8 +77,8 @@ def test_what_the_servo_does_after_a_reversal_is_no_error_of_the_model(model):
             part = catching_up_nm[: len(late) - n - 1]
             late[n + 1 : n + 1 + len(part), joint] += part
         for which, one in enumerate((seen, replace(seen, current=seen.current + late / GAIN))):
-            doubts[which] = pooled(doubts[which], missed(one, model, UR5, None), own)
-    (alone, _), (beside, sample) = (believed(doubt, own) for doubt in doubts)
+            doubts[which] = update(doubts[which], measure_prediction_error(one, model, UR5, None), own)
+    (alone, _), (beside, sample) = (rms(doubt, own) for doubt in doubts)
     assert beside == pytest.approx(alone, rel=0.05)
     assert np.all(sample > 0.65)  # √(0.4² + 0.5²) = 0.64 without: of a measurement it is a part
 
@@ -84,23 +86,23 @@ def test_what_the_servo_does_after_a_reversal_is_no_error_of_the_model(model):
 def test_where_torque_cannot_be_compared_nothing_is_told(model):
     """Without accelerations, too few samples, or at a temperature that the model does not know."""
     sound = recording(model, error_nm=0.1, noise_nm=0.1, seed=1)
-    assert missed(replace(sound, target_qdd=None), model, UR5, None) is None
-    told = missed(recording(model, error_nm=0.1, noise_nm=0.1, seed=1, temperature_c=80.0), model, UR5, None)
+    assert measure_prediction_error(replace(sound, target_qdd=None), model, UR5, None) is None
+    told = measure_prediction_error(recording(model, error_nm=0.1, noise_nm=0.1, seed=1, temperature_c=80.0), model, UR5, None)
     assert told is not None
     assert np.all(np.isnan(told.error_nm2))
-    before = Doubt(*(np.full(6, x) for x in (5.0, 0.2, 1.0)))
-    assert all(np.array_equal(a, b) for a, b in zip(pooled(before, told, np.ones(6)), before, strict=True))
+    before = PredictionErrorStatistics(*(np.full(6, x) for x in (5.0, 0.2, 1.0)))
+    assert all(np.array_equal(a, b) for a, b in zip(update(before, told, np.ones(6)), before, strict=True))
 
 
-def test_a_wild_replay_says_no_more_than_four_times_what_is_believed():
+def test_an_outlier_replay_counts_for_four_times_the_present_mean_square_at_most():
     """Somebody leant on the arm: neither figure runs away, nor does the error vanish after a replay whose estimate is negative."""
-    own, before = np.full(6, 0.5), Doubt(*(np.full(6, x) for x in (9.0, 0.09, 1.0)))
-    error, sample = believed(pooled(before, Missed(np.full(6, 1e6), np.full(6, 1e6)), own), own)
-    was, was_sample = believed(before, own)
-    limit = np.sqrt(was**2 * (1.0 + WILDEST / (OWN_REPLAYS + 10.0)))
+    own, before = np.full(6, 0.5), PredictionErrorStatistics(*(np.full(6, x) for x in (9.0, 0.09, 1.0)))
+    error, sample = rms(update(before, PredictionError(np.full(6, 1e6), np.full(6, 1e6)), own), own)
+    was, was_sample = rms(before, own)
+    limit = np.sqrt(was**2 * (1.0 + MAX_RATIO / (FIT_REPLAYS + 10.0)))
     assert np.all(error <= limit + 1e-12)
-    assert np.all(sample <= was_sample * np.sqrt(1.0 + WILDEST / 10.0))
-    gone, _ = believed(pooled(None, Missed(np.full(6, -1e6), np.full(6, 1.0)), own), own)
+    assert np.all(sample <= was_sample * np.sqrt(1.0 + MAX_RATIO / 10.0))
+    gone, _ = rms(update(None, PredictionError(np.full(6, -1e6), np.full(6, 1.0)), own), own)
     assert np.all(gone >= 0.1)
 
 
@@ -119,7 +121,7 @@ def lived(model) -> Assessment:
 
 def asked(model: CompensatedModel) -> list[np.ndarray]:
     _, q, qd, qdd = _motion()
-    return list(model.torque(UR5, q[::50], qd[::50], qdd[::50], np.full(6, 29.0)))
+    return list(predict_torque(model, UR5, q[::50], qd[::50], qdd[::50], np.full(6, 29.0)))
 
 
 def stored(folder: Path, belief: dict, health: dict, model: dict) -> None:

@@ -18,6 +18,7 @@ from monitor.assess import alert_document, judge_identification
 from monitor.config.load import find_excitation, from_document
 from monitor.identify.identify import identify
 from monitor.judge.document import plain
+from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot
 from monitor.service.daemon import Daemon
 from monitor.simulate.controller.controller import Controller
@@ -149,7 +150,7 @@ def _move(daemon, clock, done):
         temperature = np.array([28.0, 28.5, 29.0, 30.0, 29.5, 30.5])
         if daemon.torque_model is None:
             continue
-        torque = daemon.torque_model.torque(load_robot("ur5"), q[None], qd[None], qdd[None], temperature[None]).torque[0]
+        torque = predict_torque(daemon.torque_model, load_robot("ur5"), q[None], qd[None], qdd[None], temperature[None]).torque[0]
         daemon.live(q, qd, qdd, (torque + rng.normal(0.0, 0.3, 6)) / gains, temperature)
 
 

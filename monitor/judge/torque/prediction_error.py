@@ -1,111 +1,110 @@
-"""How far predicted torque is off, told apart from the noise of its measurement: replays foreseen by the model that was held before them.
+"""How far predicted torque is from measured torque, with the model's own error told apart from the noise of the measurement.
 
-Measured minus foreseen torque is the model's error and the measurement's noise. The error lasts, the noise is over within a few
-samples: so the residual's covariance with itself `NOISE_S` later is the error's alone. (An estimate of noise from differences, Rice (1984),
-taken off the whole.) After a reversal the servo catches up: it overshoots and takes that back, which `NOISE_S` later is large and of
-either sign, so these moments count for the measurement only. One replay tells the error badly, so replays are pooled; until some
-have, the fit's own residual stands for both.
+Measured minus predicted torque is the sum of the model's error and the measurement's noise. The error changes slowly and the noise is
+uncorrelated after a few samples, so the covariance of the residual with itself `NOISE_S` later belongs to the error alone (compare the
+difference-based noise estimate of Rice, 1984). After a reversal of a joint its servo overshoots and swings back: the residual is then
+large and of either sign, so samples within `SETTLED_S` of a reversal count for the measurement only. The estimate from one replay is
+uncertain, so replays are averaged. Until several replays are in the mean, the residual of the model's own fit stands for both figures.
 """
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from monitor.judge.document import arrays
-from monitor.judge.torque.predictor import prepared
-from monitor.model.robot import Robot
-from monitor.recording import Array, Recording
+from monitor.recording import Array
 
-if TYPE_CHECKING:
-    from monitor.judge.torque.compensated_model import CompensatedModel
-
-MOVING_RAD_S = 0.02  # below it friction holds rather than rubs, and no model of it says how much
-NOISE_S = 0.08  # drives' noise of successive samples of 8 ms is correlated by 0.3, of every tenth by less than 0.01
-SETTLED_S = 0.1  # since the joint turned round: a simulated servo has caught up after 70 ms
-LEAST_PAIRS = 100  # of samples that far apart, in motion: fewer say nothing
-POOLED_REPLAYS = 40.0  # what is older fades
-OWN_REPLAYS = 3.0  # the fit's own residual, noise and all, weighs as many
-LEAST_SHARE = 0.04  # of the square of that residual: nothing is known better than to a fifth of it
-WILDEST = 4.0  # times what is believed: one replay says no more than that
+MOVING_RAD_S = 0.02  # below this speed a joint may be in static friction, whose value no model predicts
+NOISE_S = 0.08  # the drives' noise has a correlation of 0.3 over one sample of 8 ms and of less than 0.01 over ten samples
+SETTLED_S = 0.1  # time since the last reversal; a simulated servo has settled after 70 ms
+MIN_PAIRS = 100  # pairs of moving samples `NOISE_S` apart; a joint with fewer has no estimate
+MAX_REPLAYS = 40.0  # replays that the running mean holds; older replays lose weight beyond that
+FIT_REPLAYS = 3.0  # the residual of the fit, noise included, has the weight of so many replays
+MIN_SHARE = 0.04  # of the squared residual of the fit: the error's RMS is never estimated below a fifth of that residual
+MAX_RATIO = 4.0  # to the present mean square: one replay with a larger value is limited to it
 
 
-class Doubt(NamedTuple):
-    """Pooled over replays, (J,) each."""
+class PredictionError(NamedTuple):
+    """Prediction error in one replay, (J,) each; NaN where too few samples of a joint were usable."""
 
-    replays: Array  # how many told, POOLED_REPLAYS at most
-    error_nm2: Array  # mean square of the model's error; of few replays it may come out negative
-    measured_nm2: Array  # mean square of a raw sample's residual
-
-
-class Missed(NamedTuple):
-    """The same of one replay; NaN where a joint says nothing."""
-
-    error_nm2: Array
-    measured_nm2: Array
+    error_nm2: Array  # mean square of the model's error [N²·m²]; the estimate may be negative
+    measured_nm2: Array  # mean square of the residual of single measured samples [N²·m²]
 
 
-def missed(recording: Recording, model: "CompensatedModel", robot: Robot, gains: Array | None) -> Missed | None:
-    """How far the model was off in a replay that it has not learnt from; None where the recording lacks a signal for that."""
-    qd, qdd, current, temperature_c = recording.qd, recording.target_qdd, recording.current, recording.temperature_c
-    if qd is None or qdd is None or current is None or temperature_c is None or recording.samples < LEAST_PAIRS:
-        return None
-    foreseen = prepared(model, robot).torque(recording.q, qd, qdd, temperature_c)
-    gain = robot.drive_gain_nm_per_a if gains is None else gains
-    residual = np.where((np.abs(qd) > MOVING_RAD_S) & ~foreseen.extrapolated, current * gain - foreseen.torque, np.nan)  # (N, J)
-    settled = np.where(_since_reversal_s(recording.t_s, qd) > SETTLED_S, residual, np.nan)
-    later = max(1, round(NOISE_S / float(np.median(np.diff(recording.t_s)))))
-    products = settled[later:] * settled[:-later]
-    enough = np.isfinite(products).sum(axis=0) >= LEAST_PAIRS
-    return Missed(*(_mean(np.where(enough, part, np.nan)) for part in (products, residual**2)))
+class PredictionErrorStatistics(NamedTuple):
+    """Running mean of the prediction error over replays, (J,) each."""
+
+    replays: Array  # number of replays in the mean, `MAX_REPLAYS` at most
+    error_nm2: Array  # mean square of the model's error [N²·m²]; after few replays it may be negative
+    measured_nm2: Array  # mean square of the residual of single measured samples [N²·m²]
 
 
-def pooled(doubt: Doubt | None, told: Missed, residual_rms_nm: Array) -> Doubt:
-    """After one more replay. residual_rms_nm : (J,) of the model's fit, which nothing but several replays may be far from."""
+def measure(t_s: Array, qd: Array, residual_nm: Array) -> PredictionError:
+    """Prediction error of one replay.
+
+    t_s : (N,) [s]; qd : (N, J) [rad/s]; residual_nm : (N, J) measured minus predicted torque [N·m], NaN where a sample is not to be used.
+    """
+    settled = np.where(_since_reversal_s(t_s, qd) > SETTLED_S, residual_nm, np.nan)
+    lag = max(1, round(NOISE_S / float(np.median(np.diff(t_s)))))
+    products = settled[lag:] * settled[:-lag]
+    enough = np.isfinite(products).sum(axis=0) >= MIN_PAIRS
+    return PredictionError(*(_mean(np.where(enough, part, np.nan)) for part in (products, residual_nm**2)))
+
+
+def update(before: PredictionErrorStatistics | None, error: PredictionError, residual_rms_nm: Array) -> PredictionErrorStatistics:
+    """The statistics with one more replay.
+
+    before : None before the first replay; residual_rms_nm : (J,) RMS residual of the model's fit [N·m], which limits how far one replay
+    can move the mean. A joint with a NaN keeps its statistics.
+    """
     J = len(residual_rms_nm)
-    before = doubt or Doubt(np.zeros(J), np.zeros(J), np.zeros(J))
-    tells = np.isfinite(told.error_nm2) & np.isfinite(told.measured_nm2) & np.isfinite(residual_rms_nm)
-    n = np.minimum(before.replays + tells, POOLED_REPLAYS)
-    of_error, of_measured = believed(before, residual_rms_nm)
-    error = np.clip(np.where(tells, told.error_nm2, 0.0), -WILDEST * of_error**2, WILDEST * of_error**2)
-    square = np.where(tells, told.measured_nm2, 0.0)
-    square = np.where(before.replays > 0, np.minimum(square, WILDEST * of_measured**2), square)
-    share = np.where(tells, 1.0 / np.maximum(n, 1.0), 0.0)
-    return Doubt(
+    before = before or PredictionErrorStatistics(np.zeros(J), np.zeros(J), np.zeros(J))
+    usable = np.isfinite(error.error_nm2) & np.isfinite(error.measured_nm2) & np.isfinite(residual_rms_nm)
+    n = np.minimum(before.replays + usable, MAX_REPLAYS)
+    error_rms, measured_rms = rms(before, residual_rms_nm)
+    error_nm2 = np.clip(np.where(usable, error.error_nm2, 0.0), -MAX_RATIO * error_rms**2, MAX_RATIO * error_rms**2)
+    measured_nm2 = np.where(usable, error.measured_nm2, 0.0)
+    measured_nm2 = np.where(before.replays > 0, np.minimum(measured_nm2, MAX_RATIO * measured_rms**2), measured_nm2)
+    weight = np.where(usable, 1.0 / np.maximum(n, 1.0), 0.0)
+    return PredictionErrorStatistics(
         replays=n,
-        error_nm2=before.error_nm2 + share * (error - before.error_nm2),
-        measured_nm2=before.measured_nm2 + share * (square - before.measured_nm2),
+        error_nm2=before.error_nm2 + weight * (error_nm2 - before.error_nm2),
+        measured_nm2=before.measured_nm2 + weight * (measured_nm2 - before.measured_nm2),
     )
 
 
-def believed(doubt: Doubt | None, residual_rms_nm: Array) -> tuple[Array, Array]:
-    """(J,) each [N·m]: root mean square of the model's error, and of a measured sample's residual.
+def rms(statistics: PredictionErrorStatistics | None, residual_rms_nm: Array) -> tuple[Array, Array]:
+    """Root mean square of the model's error and of the residual of single measured samples, (J,) each [N·m].
 
-    Until replays were foreseen both are the fit's own residual, and for the error that counts as `OWN_REPLAYS` of them later on.
+    residual_rms_nm : (J,) RMS residual of the model's fit [N·m]. It stands for both figures before the first replay. Afterwards it
+    counts for the model's error as `FIT_REPLAYS` replays.
     """
-    if doubt is None:
+    if statistics is None:
         return residual_rms_nm, residual_rms_nm
-    own = residual_rms_nm**2
-    error = (OWN_REPLAYS * own + doubt.replays * doubt.error_nm2) / (OWN_REPLAYS + doubt.replays)
-    error = np.sqrt(np.maximum(error, LEAST_SHARE * own))
-    measured = np.where(doubt.replays > 0, np.sqrt(doubt.measured_nm2), residual_rms_nm)
+    fit_nm2 = residual_rms_nm**2
+    error = (FIT_REPLAYS * fit_nm2 + statistics.replays * statistics.error_nm2) / (FIT_REPLAYS + statistics.replays)
+    error = np.sqrt(np.maximum(error, MIN_SHARE * fit_nm2))
+    measured = np.where(statistics.replays > 0, np.sqrt(statistics.measured_nm2), residual_rms_nm)
     return error, np.maximum(measured, error)
 
 
-def doubt_from_document(document: Any, J: int) -> Doubt | None:
-    """Raises BadInput naming what is missing or wrong; None of null."""
-    return None if document is None else Doubt(**arrays(document, Doubt._fields, (J,), where="belief: doubt"))
+def statistics_from_document(document: Any, J: int) -> PredictionErrorStatistics | None:
+    """The statistics from their JSON object; None where it is null. Raises BadInput naming what is missing or wrong."""
+    if document is None:
+        return None
+    return PredictionErrorStatistics(**arrays(document, PredictionErrorStatistics._fields, (J,), where="belief: doubt"))
 
 
 def _since_reversal_s(t_s: Array, qd: Array) -> Array:
-    """(N, J) time since each joint last stood or turned round; long before it was first seen to."""
-    turned = np.abs(qd) <= MOVING_RAD_S
-    turned[1:] |= np.sign(qd[1:]) != np.sign(qd[:-1])
-    when: Array = np.maximum.accumulate(np.where(turned, t_s[:, None], -np.inf), axis=0)
-    return t_s[:, None] - when
+    """(N, J) time since each joint last stood still or changed direction [s]; infinite before the first such sample."""
+    reversed_ = np.abs(qd) <= MOVING_RAD_S
+    reversed_[1:] |= np.sign(qd[1:]) != np.sign(qd[:-1])
+    last: Array = np.maximum.accumulate(np.where(reversed_, t_s[:, None], -np.inf), axis=0)
+    return t_s[:, None] - last
 
 
 def _mean(values: Array) -> Array:
-    """(J,) of what is finite; NaN where nothing is."""
+    """(J,) mean of the finite values of each column; NaN where there is none."""
     known = np.isfinite(values)
     count = known.sum(axis=0)
     mean: Array = np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)

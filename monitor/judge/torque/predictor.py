@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.pointwise import UNKNOWN, point_law
 from monitor.model.friction import SIGN_SPEED_RAD_S, smooth_sign
 from monitor.model.regressor import ROTOR
@@ -21,8 +22,6 @@ from monitor.recording import Array
 
 if TYPE_CHECKING:
     import pinocchio
-
-    from monitor.judge.torque.compensated_model import CompensatedModel
 
 LEAST_OFF = 0.95  # of fc and fv that what is beyond them may take off: friction never drives
 LEAST_MASS_KG = 0.1  # of a link with its point mass: a centre of mass at mx/m keeps its digits
@@ -54,7 +53,7 @@ class Sample(NamedTuple):
 class Predictor:
     """Torque of one arm at any state and joint temperature; immutable, shared by threads."""
 
-    def __init__(self, model: "CompensatedModel", robot: Robot) -> None:
+    def __init__(self, model: CompensatedModel, robot: Robot) -> None:
         """Raises BadInput where the model is another robot's."""
         if robot.name != model.robot:
             raise BadInput(f"the model is of {model.robot}, the robot is {robot.name}")
@@ -206,6 +205,25 @@ def _arm(robot: Robot, mounting: Mounting, blocks: Array) -> "pinocchio.Model":
 
 
 @lru_cache(maxsize=8)
-def prepared(model: "CompensatedModel", robot: Robot) -> Predictor:
+def prepared(model: CompensatedModel, robot: Robot) -> Predictor:
     """The predictor of a model; models and robots are immutable, and known by identity. Raises BadInput as `Predictor`."""
     return Predictor(model, robot)
+
+
+def predict_torque(
+    model: CompensatedModel, robot: Robot, q: Array, qd: Array, qdd: Array, temperature_c: Array | None = None
+) -> TorquePrediction:
+    """Predicted joint torque at given states and joint temperatures.
+
+    q, qd, qdd : (N, J) or (J,) [rad, rad/s, rad/s²]; temperature_c : (N, J) or (J,) [°C], None for the reference temperature.
+    Raises BadInput for another robot, shapes that do not fit, or values that are not finite.
+    """
+    predictor = prepared(model, robot)
+    T = model.viscous.reference_c if temperature_c is None else np.asarray(temperature_c, dtype=float)
+    q, qd, qdd = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, qd, qdd))
+    for name, x in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", np.atleast_2d(T))):
+        if x.ndim != 2 or x.shape[1] != model.joints or len(x) not in (len(q), 1 if name == "temperature_c" else len(q)):
+            raise BadInput(f"{name} has shape {x.shape}; expected ({len(q)}, {model.joints}) like q, or ({model.joints},)")
+        if not np.all(np.isfinite(x)):
+            raise BadInput(f"{name} holds values that are not finite")
+    return predictor.torque(q, qd, qdd, T)
