@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import remaining_life
-from monitor.judge.alerts.tiers import Counts, Grounds, grounds, nothing_counted
+from monitor.judge.alerts.evidence import Counts, Grounds, grounds, nothing_counted
 from monitor.judge.drift.change_detection import followed
 from monitor.judge.drift.filter_state import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot, repaced
 from monitor.judge.drift.undetected_change import unseen

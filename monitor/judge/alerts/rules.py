@@ -35,7 +35,7 @@ from monitor.judge.alerts.health import (
     Transition,
 )
 from monitor.judge.alerts.life_cycle import Finding, next_step
-from monitor.judge.alerts.tiers import FALLING, Counts, Grounds, grounds
+from monitor.judge.alerts.evidence import FALLING, Counts, Grounds, grounds
 from monitor.judge.alerts.why_not import counts_of
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNSEEN

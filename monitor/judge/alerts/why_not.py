@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from monitor.judge.alerts.health import RISES, TIERS, Health, HealthSettings
-from monitor.judge.alerts.tiers import Counts, advisory_sigmas, grounds
+from monitor.judge.alerts.evidence import Counts, advisory_sigmas, grounds
 from monitor.judge.belief import Belief
 
 
