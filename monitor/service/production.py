@@ -11,7 +11,14 @@ import numpy as np
 from monitor.judge.drift.usage import Usage
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.predictor import TorquePrediction
-from monitor.judge.torque.production_residual import Evidence, Residuals, ResidualSettings, evidence, heard, pull_forward
+from monitor.judge.torque.production_residual import (
+    ProductionEvidence,
+    ProductionResiduals,
+    ResidualSettings,
+    production_evidence,
+    pull_forward,
+    update,
+)
 from monitor.recording import Array
 
 LONGEST_STEP_S = 2.0  # between two samples that belong together; a longer pause was not heard
@@ -37,7 +44,7 @@ class Production:
     def __init__(self, settings: ResidualSettings) -> None:
         self._settings = settings
         self._lock = threading.Lock()
-        self._residuals: Residuals | None = None
+        self._residuals: ProductionResiduals | None = None
         self._total: Array | None = None  # revolutions until the last replay
         self._since: Array | None = None
         self._heard_s = 0.0
@@ -72,7 +79,7 @@ class Production:
     def worked(self, model: CompensatedModel, predicted: TorquePrediction, sample: Sample, dt_s: float) -> None:
         """Compare one sample of work with what the model foresees."""
         with self._lock:
-            self._residuals = heard(
+            self._residuals = update(
                 self._residuals, model.revision, predicted, sample.measured_nm, sample.qd, sample.qdd, dt_s, self._settings
             )  # fmt: skip
 
@@ -90,10 +97,10 @@ class Production:
             self._total = total + since / min(share, 1.0)
             return tuple(float(count) for count in self._total)
 
-    def evidence(self) -> tuple[Evidence, ...]:
+    def evidence(self) -> tuple[ProductionEvidence, ...]:
         """What work says of every joint."""
         with self._lock:
-            return evidence(self._residuals, self._settings)
+            return production_evidence(self._residuals, self._settings)
 
     def pull_forward(self) -> str | None:
         """Why the next replay should not wait: said once for each model."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.assess import Assessment, AssessSettings, Rejected, assess, model_after
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import Alert, Split, health_from_document
+from monitor.judge.alerts.health import Alert, Attribution, health_from_document
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.robot import Mounting, Robot, load_robot
@@ -187,7 +187,7 @@ def alert_from_document(document: dict[str, Any]) -> Alert:
     """An Alert from an event's document."""
     names = {f.name for f in fields(Alert)}
     values = {key: value for key, value in document.items() if key in names}
-    return Alert(**values | {"split": Split(**values["split"]) if values.get("split") else None})
+    return Alert(**values | {"split": Attribution(**values["split"]) if values.get("split") else None})
 
 
 def settings_from_document(cls: Any, document: dict[str, Any]) -> Any:

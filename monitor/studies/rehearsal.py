@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.assess import AssessSettings
+from monitor.judge.alerts.evidence import Counts, Evidence, nothing_counted, weigh_evidence
 from monitor.judge.alerts.remaining_life import remaining_life
-from monitor.judge.alerts.evidence import Counts, Grounds, grounds, nothing_counted
 from monitor.judge.drift.change_detection import followed
 from monitor.judge.drift.filter_state import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot, repaced
 from monitor.judge.drift.undetected_change import unseen
@@ -109,7 +109,7 @@ def play(
         settling = known & (settled < drift.settle_replays)
         T0 = np.where(settling, T0 + (np.where(known, T, T0) - T0) / (settled + 1.0), T0)
         settled = settled + settling
-        found: Grounds = grounds(
+        found: Evidence = weigh_evidence(
             track.wear,
             track.wear_std,
             track.replays > 0,

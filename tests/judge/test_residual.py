@@ -9,7 +9,7 @@ import pytest
 
 from monitor.judge.drift.usage import uncounted
 from monitor.judge.torque.compensated_model import TorquePrediction
-from monitor.judge.torque.production_residual import ResidualSettings, evidence, heard, pull_forward
+from monitor.judge.torque.production_residual import ResidualSettings, production_evidence, pull_forward, update
 from monitor.service.production import Production, Sample
 
 SETTINGS = ResidualSettings(span_s=60.0, min_samples=50)
@@ -27,7 +27,7 @@ def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0
             (rigid + friction)[None], rigid[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
         )
         measured = rigid + friction * (1.0 + rise + bias) + 10.0 * dice.normal(size=J)
-        so_far = heard(so_far, revision, predicted, measured, qd, np.zeros(J), 0.2, settings)
+        so_far = update(so_far, revision, predicted, measured, qd, np.zeros(J), 0.2, settings)
     return so_far
 
 
@@ -39,7 +39,7 @@ def test_a_joint_that_rose_pulls_the_next_replay_forward():
     why = pull_forward(after, SETTINGS)
     assert why is not None
     assert why.startswith("joint 3: at work, friction is +4")
-    told = {each.joint: each for each in evidence(after, SETTINGS)}
+    told = {each.joint: each for each in production_evidence(after, SETTINGS)}
     assert told[3].change == pytest.approx(0.5, abs=0.1)
     assert all(abs(told[j].change) < 2 * told[j].std for j in (1, 2, 4, 5, 6))
 
@@ -47,7 +47,7 @@ def test_a_joint_that_rose_pulls_the_next_replay_forward():
 def test_its_doubt_never_falls_below_what_other_work_would_say():
     """However many looks: never surer than 5 % of friction where one look is worth 8 %."""
     long = at_work(0.0, spans=40, settings=ResidualSettings(span_s=20.0, min_samples=50))
-    assert min(each.std for each in evidence(long, SETTINGS)) > 0.05
+    assert min(each.std for each in production_evidence(long, SETTINGS)) > 0.05
 
 
 def test_a_new_model_begins_anew_and_unfit_samples_say_nothing():
@@ -65,8 +65,8 @@ def test_a_new_model_begins_anew_and_unfit_samples_say_nothing():
         (*fit, True),
     ):
         odd = predicted._replace(extrapolated=np.full((1, J), extrapolated))
-        assert heard(None, 1, odd, measured, qd, qdd, 0.2, SETTINGS).samples.max() == 0
-    assert heard(None, 1, predicted, *fit, 0.2, SETTINGS).samples.min() == 1
+        assert update(None, 1, odd, measured, qd, qdd, 0.2, SETTINGS).samples.max() == 0
+    assert update(None, 1, predicted, *fit, 0.2, SETTINGS).samples.min() == 1
 
 
 def test_revolutions_are_counted_while_somebody_listens():

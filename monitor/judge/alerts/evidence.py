@@ -31,7 +31,7 @@ class Counts:
     arm_last_day: Array
 
 
-class Grounds(NamedTuple):
+class Evidence(NamedTuple):
     """What the evidence amounts to after a replay."""
 
     counts: Counts
@@ -67,7 +67,7 @@ def advisory_sigmas(joints: int, settings: HealthSettings) -> float:
     return math.sqrt(2.0 * math.log(max(joints * CROSSINGS_PER_YEAR / settings.false_alarms_per_year, 2.0)))
 
 
-def grounds(
+def weigh_evidence(
     wear: Array,
     wear_std: Array,
     seen: np.ndarray,
@@ -78,7 +78,7 @@ def grounds(
     before: Counts,
     arm: int,
     settings: HealthSettings,
-) -> Grounds:
+) -> Evidence:
     """What is to be said after a replay on `day` (N,), by wear and its std (N,), `arm` joints an arm.
 
     agreeing : (N,) replays, this one included, that are known to agree with it, `cadence_days` apart.
@@ -113,13 +113,13 @@ def grounds(
     )
     raises = np.max(np.where(enough[:, :FALLING], np.arange(FALLING), -1), axis=1)
     together = (arm_counts[0] >= settings.min_replays) & (arm_counts[1] >= settings.min_days)
-    return Grounds(counts, excess, common, fallen, above, below, sigmas, raises, enough[:, FALLING], together)
+    return Evidence(counts, excess, common, fallen, above, below, sigmas, raises, enough[:, FALLING], together)
 
 
 def _counted(
     replays: Array, days: Array, last: Array, agree: np.ndarray, usable: np.ndarray, day: Array, weight: Array, on_days: Array
 ) -> tuple[Array, Array, Array]:
-    """Evidence with one more replay: it grows where the replay agrees, and begins again where it does not."""
+    """Confirmations with one more replay: it grows where the replay agrees, and begins again where it does not."""
     more, gone = agree & usable, ~agree & usable
     new_days = np.where(gone, 0.0, days + (more & (last != day)) * on_days)
     return np.where(gone, 0.0, replays + more * weight), new_days, np.where(gone, -1.0, np.where(more, day, last))

@@ -100,7 +100,7 @@ class HealthSettings:
         return np.array([self.advisory_rise, self.wear_rise, self.limit_rise])
 
 
-class Evidence(NamedTuple):
+class Confirmations(NamedTuple):
     """Replays in a row that agree, and on how many UTC days."""
 
     replays: int = 0
@@ -108,10 +108,10 @@ class Evidence(NamedTuple):
     last_day: int = -1
 
 
-NO_EVIDENCE = (Evidence(),) * len(TIERS)
+NO_CONFIRMATIONS = (Confirmations(),) * len(TIERS)
 
 
-class Split(NamedTuple):
+class Attribution(NamedTuple):
     """What a change of friction torque is made of, each as a logarithm: they add up to the whole."""
 
     whole: float  # from the mean of the first replays to the last one, nothing taken out
@@ -129,9 +129,9 @@ class JointHealth:
     state: str = NORMAL
     why: str = "nothing is known yet"
     since_unix_s: float = 0.0
-    rising: tuple[Evidence, ...] = NO_EVIDENCE  # one a tier
-    falling: Evidence = NO_EVIDENCE[0]
-    troubled: tuple[tuple[str, Evidence], ...] = ()  # what else was seen, by condition
+    rising: tuple[Confirmations, ...] = NO_CONFIRMATIONS  # one a tier
+    falling: Confirmations = NO_CONFIRMATIONS[0]
+    troubled: tuple[tuple[str, Confirmations], ...] = ()  # what else was seen, by condition
     told_unix_s: float | None = None  # of the last replay that taught something of it
 
 
@@ -150,7 +150,7 @@ class Alert:
     text: str
     action: str
     severity: str = "low"
-    split: Split | None = None
+    split: Attribution | None = None
     acknowledged_at_unix_s: float | None = None
     acknowledged_by: str | None = None
     acknowledged_why: str | None = None
@@ -178,8 +178,8 @@ class Health:
     since_unix_s: float = 0.0
     joints: tuple[JointHealth, ...]
     alerts: tuple[Alert, ...] = ()
-    common: Evidence = field(default_factory=Evidence)
-    troubled: tuple[tuple[str, Evidence], ...] = ()  # of the arm
+    common: Confirmations = field(default_factory=Confirmations)
+    troubled: tuple[tuple[str, Confirmations], ...] = ()  # of the arm
 
     @property
     def active_alerts(self) -> tuple[Alert, ...]:
@@ -231,16 +231,22 @@ def health_from_document(document: Any) -> Health:
     try:
         joints = tuple(
             JointHealth(
-                **{**o, "rising": tuple(Evidence(**e) for e in o["rising"]), "falling": Evidence(**o["falling"]), "troubled": _troubled(o)}
+                **{
+                    **o,
+                    "rising": tuple(Confirmations(**e) for e in o["rising"]),
+                    "falling": Confirmations(**o["falling"]),
+                    "troubled": _troubled(o),
+                }
             )
             for o in entry(document, "joints", where="health")
         )
         alerts = tuple(
-            Alert(**{**o, "split": Split(**o["split"]) if o.get("split") else None}) for o in entry(document, "alerts", where="health")
+            Alert(**{**o, "split": Attribution(**o["split"]) if o.get("split") else None})
+            for o in entry(document, "alerts", where="health")
         )
         plainly = {f.name for f in fields(Health)} - {"joints", "alerts", "common", "troubled"}
         rest = {name: entry(document, name, where="health") for name in plainly}
-        common = Evidence(**entry(document, "common", where="health"))
+        common = Confirmations(**entry(document, "common", where="health"))
         return Health(joints=joints, alerts=alerts, common=common, troubled=_troubled(document), **rest)
     except (TypeError, KeyError, ValueError) as wrong:
         raise BadInput(f"health: {wrong}") from None
@@ -257,5 +263,5 @@ def _active(health: Health, joint: int | None, condition: str, by: str) -> Alert
     raise BadInput(f"no active alert {joint or 'arm'}/{condition}; active: {active}")
 
 
-def _troubled(document: dict[str, Any]) -> tuple[tuple[str, Evidence], ...]:
-    return tuple((str(condition), Evidence(**evidence)) for condition, evidence in document.get("troubled", ()))
+def _troubled(document: dict[str, Any]) -> tuple[tuple[str, Confirmations], ...]:
+    return tuple((str(condition), Confirmations(**evidence)) for condition, evidence in document.get("troubled", ()))

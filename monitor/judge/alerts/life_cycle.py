@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from monitor.judge.alerts.health import ACTIONS, SEVERITY, TIERS, Alert, HealthSettings, Split, Transition
+from monitor.judge.alerts.health import ACTIONS, SEVERITY, TIERS, Alert, Attribution, HealthSettings, Transition
 from monitor.recording import Array
 
 
-class Finding(NamedTuple):
+class ConditionStatus(NamedTuple):
     """What one condition looks like now: `raise_tier` if it may be raised, `hold_tier` if it may be kept; None if not."""
 
     raise_tier: int | None
@@ -16,48 +16,50 @@ class Finding(NamedTuple):
     change: float
     probabilities: Array  # (3,) of the tiers
     text: Callable[[], str]  # told only when something is to be told
-    split: Split | None = None
+    split: Attribution | None = None
 
 
-def next_step(alert: Alert | None, key: tuple[int | None, str], finding: Finding, at: float, settings: HealthSettings) -> Transition | None:
+def next_step(
+    alert: Alert | None, key: tuple[int | None, str], status: ConditionStatus, at: float, settings: HealthSettings
+) -> Transition | None:
     """One alert's next step in life, or None where it stays as it is."""
     joint, condition = key
-    tier = finding.raise_tier
+    tier = status.raise_tier
     if alert is None or not alert.active:
         if tier is None:
             return None
-        raised = Alert(joint=joint, condition=condition, raised_at_unix_s=at, **_told(condition, tier, finding, at))
+        raised = Alert(joint=joint, condition=condition, raised_at_unix_s=at, **_told(condition, tier, status, at))
         return Transition("raised", raised)
 
     now = TIERS.index(alert.tier)
     acknowledged = alert.acknowledged_at_unix_s is not None
-    if acknowledged and tier is None and finding.hold_tier is None:
+    if acknowledged and tier is None and status.hold_tier is None:
         cleared = replace(
-            alert, cleared_at_unix_s=at, updated_at_unix_s=at, change=finding.change, text=finding.text(), split=finding.split
+            alert, cleared_at_unix_s=at, updated_at_unix_s=at, change=status.change, text=status.text(), split=status.split
         )  # fmt: skip
         return Transition("cleared", cleared)
-    highest = max((k for k in (tier, finding.hold_tier) if k is not None), default=now)
+    highest = max((k for k in (tier, status.hold_tier) if k is not None), default=now)
     if tier is not None and tier > now:
         highest = tier
     else:
         highest = min(highest, now) if acknowledged else now  # latched: it steps down only once somebody has seen it
-    if highest == now and abs(finding.change - alert.change) < settings.update_step:
+    if highest == now and abs(status.change - alert.change) < settings.update_step:
         return None
-    told = replace(alert, **_told(condition, highest, finding, at))
+    told = replace(alert, **_told(condition, highest, status, at))
     if highest > now:  # a graver alert is to be seen again
         told = replace(told, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
     return Transition("updated", told)
 
 
-def _told(condition: str, tier: int, finding: Finding, at: float) -> dict[str, Any]:
+def _told(condition: str, tier: int, status: ConditionStatus, at: float) -> dict[str, Any]:
     """What an alert says at a tier, raised or told again."""
     return {
         "tier": TIERS[tier],
         "updated_at_unix_s": at,
-        "change": finding.change,
-        "probability": float(finding.probabilities[tier]),
-        "text": finding.text(),
+        "change": status.change,
+        "probability": float(status.probabilities[tier]),
+        "text": status.text(),
         "action": ACTIONS[condition, TIERS[tier]],
         "severity": SEVERITY[TIERS[tier]],
-        "split": finding.split,
+        "split": status.split,
     }

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
+from monitor.judge.alerts.evidence import FALLING, Counts, Evidence, weigh_evidence
 from monitor.judge.alerts.health import (
     CHECK_FUNCTION,
     COMMON_MODE,
@@ -27,15 +28,14 @@ from monitor.judge.alerts.health import (
     TEMPERATURE_SENSOR,
     WEAR_RISING,
     Alert,
-    Evidence,
+    Attribution,
+    Confirmations,
     Health,
     HealthSettings,
     JointHealth,
-    Split,
     Transition,
 )
-from monitor.judge.alerts.life_cycle import Finding, next_step
-from monitor.judge.alerts.evidence import FALLING, Counts, Grounds, grounds
+from monitor.judge.alerts.life_cycle import ConditionStatus, next_step
 from monitor.judge.alerts.why_not import counts_of
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNSEEN
@@ -65,35 +65,35 @@ def judge(
     before = health or Health(joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
     usable = belief.learnt_from & (belief.inside_range > 0) & (contradiction.condition is None)
     seen, days = belief.track.replays > 0, np.full(J, float(day))
-    found = grounds(
+    found = weigh_evidence(
         belief.wear, belief.wear_std, seen, usable, days, belief.track.agreeing, belief.track.cadence_days, counts_of(before), J, settings
     )
     known = {alert.key: alert for alert in before.alerts}
 
-    findings: dict[tuple[int | None, str], Finding] = {}
+    statuses: dict[tuple[int | None, str], ConditionStatus] = {}
     counted = []
     for j, joint in enumerate(before.joints):
         troubled = _troubles(joint, belief, j, day, settings, contradicted=contradiction.condition is not None)
         told = at if belief.learnt_from[j] else joint.told_unix_s
         counted.append(replace(_with_counts(joint, found.counts, j), troubled=tuple(troubled.items()), told_unix_s=told))
-        findings |= _of_joint(belief, j, found, counted[j], known, settings)
+        statuses |= _of_joint(belief, j, found, counted[j], known, settings)
         for condition, evidence in troubled.items():
-            findings[j + 1, condition] = _trouble(evidence, partial(_trouble_text, condition, belief, j, evidence), settings)
+            statuses[j + 1, condition] = _trouble(evidence, partial(_trouble_text, condition, belief, j, evidence), settings)
     counts = found.counts
-    common = Evidence(int(counts.arm_replays[0]), int(counts.arm_days[0]), int(counts.arm_last_day[0]))
-    findings[None, COMMON_MODE] = _common_finding(belief, found, common, settings)
+    common = Confirmations(int(counts.arm_replays[0]), int(counts.arm_days[0]), int(counts.arm_last_day[0]))
+    statuses[None, COMMON_MODE] = _common_finding(belief, found, common, settings)
     arm_troubled = _arm_troubles(before, belief, contradiction, day)
     for condition, evidence in arm_troubled.items():
         if condition == TEMPERATURE_SENSOR:
-            findings[None, condition] = _trouble(evidence, partial(_BLIND.format, evidence.replays), settings)
+            statuses[None, condition] = _trouble(evidence, partial(_BLIND.format, evidence.replays), settings)
             continue
         raises = _trouble(evidence, lambda: contradiction.text, settings)
         # what is declared and what is measured contradict each other in one replay already; two leave no doubt of the replay
-        findings[None, condition] = raises._replace(raise_tier=0 if evidence.replays >= 2 else None)
+        statuses[None, condition] = raises._replace(raise_tier=0 if evidence.replays >= 2 else None)
 
     transitions = []
-    for key, finding in findings.items():
-        step = next_step(known.get(key), key, finding, at, settings)
+    for key, status in statuses.items():
+        step = next_step(known.get(key), key, status, at, settings)
         if step:
             known[key] = step.alert
             transitions.append(step)
@@ -108,7 +108,7 @@ def judge(
     return Judged(after, tuple(transitions))
 
 
-def split(belief: Belief, j: int) -> Split | None:
+def split(belief: Belief, j: int) -> Attribution | None:
     """What a joint's change since its first replays is made of; None before there is one."""
     y0, y = belief.first_log_torque[j], belief.last_log_torque[j]
     if not (math.isfinite(y0) and math.isfinite(y)):
@@ -120,7 +120,7 @@ def split(belief: Belief, j: int) -> Split | None:
     at = [track.reference(np.full(track.joints, t), slot)[0][j] for t, slot in ((T0, there), (T0, here), (T, here))]
     temperature, payload, wear = float(at[2] - at[1]), float(at[1] - at[0]), float(belief.wear[j])
     whole = float(y - y0)
-    return Split(whole=whole, temperature=temperature, payload=payload, wear=wear, rest=whole - temperature - payload - wear)
+    return Attribution(whole=whole, temperature=temperature, payload=payload, wear=wear, rest=whole - temperature - payload - wear)
 
 
 def stale(health: Health, now_unix_s: float, settings: HealthSettings) -> tuple[bool, ...]:
@@ -139,19 +139,19 @@ def stale_words(old: Sequence[int], joints: int, since: str, then: str) -> str:
 
 
 def _of_joint(
-    belief: Belief, j: int, found: Grounds, joint: JointHealth, known: Mapping[tuple[int | None, str], Alert], settings: HealthSettings
-) -> dict[tuple[int | None, str], Finding]:
+    belief: Belief, j: int, found: Evidence, joint: JointHealth, known: Mapping[tuple[int | None, str], Alert], settings: HealthSettings
+) -> dict[tuple[int | None, str], ConditionStatus]:
     """Rising and falling friction of one joint."""
     change = math.expm1(found.excess[j])
     raise_tier = int(found.raises[j]) if found.raises[j] >= 0 else None
     hold_tier = max((k for k in range(3) if change >= settings.clear_fraction * settings.rises[k]), default=None)
     evidence = max((e for e in joint.rising), key=lambda e: e.replays)
     parts = split(belief, j)
-    rising = Finding(raise_tier, hold_tier, change, found.above[j], partial(_joint_text, belief, j, evidence, parts), parts)
+    rising = ConditionStatus(raise_tier, hold_tier, change, found.above[j], partial(_joint_text, belief, j, evidence, parts), parts)
     fallen = math.expm1(belief.wear[j])
     holds = 0 if fallen <= -settings.clear_fraction * settings.wear_rise else None
     text = partial(_joint_text, belief, j, joint.falling, parts)
-    falling = Finding(0 if found.falls[j] else None, holds, fallen, found.below[[j, j, j]], text, parts)
+    falling = ConditionStatus(0 if found.falls[j] else None, holds, fallen, found.below[[j, j, j]], text, parts)
     return {(j + 1, _kind_of_rise(belief, j, known)): rising, (j + 1, FRICTION_FALLING): falling}
 
 
@@ -164,7 +164,7 @@ def _kind_of_rise(belief: Belief, j: int, known: Mapping[tuple[int | None, str],
     return SUDDEN_STEP if belief.track.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
 
 
-def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: HealthSettings) -> Finding:
+def _common_finding(belief: Belief, found: Evidence, common: Confirmations, settings: HealthSettings) -> ConditionStatus:
     together = found.common[0] + found.fallen[0]  # one of them is 0
     shift = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
     rose = shift >= settings.clear_fraction * settings.advisory_rise
@@ -179,10 +179,12 @@ def _common_finding(belief: Belief, found: Grounds, common: Evidence, settings: 
     # of the change itself: what `found` says of each joint is beyond what all share
     beyond = belief.wear - math.log1p(settings.advisory_rise) if shift >= 0 else math.log1p(-settings.wear_rise) - belief.wear
     certainty = np.full(3, float(np.median(ndtr(beyond / np.maximum(belief.wear_std, 1e-9)))))
-    return Finding(0 if found.together[0] else None, holds, shift, certainty, text)
+    return ConditionStatus(0 if found.together[0] else None, holds, shift, certainty, text)
 
 
-def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: HealthSettings, *, contradicted: bool) -> dict[str, Evidence]:
+def _troubles(
+    joint: JointHealth, belief: Belief, j: int, day: int, settings: HealthSettings, *, contradicted: bool
+) -> dict[str, Confirmations]:
     """Conditions of the data of one joint, each with the replays in a row that showed it."""
     track, T = belief.track, belief.temperature_c
     now = {
@@ -191,31 +193,33 @@ def _troubles(joint: JointHealth, belief: Belief, j: int, day: int, settings: He
         OUTSIDE_RANGE: bool(math.isfinite(T[j]) and not belief.inside_range[j] and belief.replays > settings.learning_replays),
     }
     before = dict(joint.troubled)
-    return {condition: _one_more(before.get(condition, Evidence()), day) if shows else Evidence() for condition, shows in now.items()}
+    return {
+        condition: _one_more(before.get(condition, Confirmations()), day) if shows else Confirmations() for condition, shows in now.items()
+    }
 
 
 _BLIND = "No joint's temperature is known in {} replays in a row: of wear nothing is told until one is."
 
 
-def _arm_troubles(before: Health, belief: Belief, contradiction: Contradiction, day: int) -> dict[str, Evidence]:
+def _arm_troubles(before: Health, belief: Belief, contradiction: Contradiction, day: int) -> dict[str, Confirmations]:
     known = dict(before.troubled)
     now = {contradiction.condition} if contradiction.condition else set()
     if not np.isfinite(belief.temperature_c).any():
         now.add(TEMPERATURE_SENSOR)
-    return {c: _one_more(known.get(c, Evidence()), day) if c in now else Evidence() for c in sorted({*known, *now})}
+    return {c: _one_more(known.get(c, Confirmations()), day) if c in now else Confirmations() for c in sorted({*known, *now})}
 
 
-def _one_more(evidence: Evidence, day: int) -> Evidence:
-    return Evidence(evidence.replays + 1, evidence.days + (day != evidence.last_day), day)
+def _one_more(evidence: Confirmations, day: int) -> Confirmations:
+    return Confirmations(evidence.replays + 1, evidence.days + (day != evidence.last_day), day)
 
 
-def _trouble(evidence: Evidence, text: Callable[[], str], settings: HealthSettings) -> Finding:
+def _trouble(evidence: Confirmations, text: Callable[[], str], settings: HealthSettings) -> ConditionStatus:
     enough = evidence.replays >= settings.min_replays and evidence.days >= settings.min_days
-    return Finding(0 if enough else None, 0 if evidence.replays else None, 0.0, np.ones(3), text)
+    return ConditionStatus(0 if enough else None, 0 if evidence.replays else None, 0.0, np.ones(3), text)
 
 
 def _with_counts(joint: JointHealth, counts: Counts, j: int) -> JointHealth:
-    evidence = [Evidence(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
+    evidence = [Confirmations(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
     return replace(joint, rising=tuple(evidence[:FALLING]), falling=evidence[FALLING])
 
 
@@ -271,7 +275,7 @@ def _arm_state(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], contr
     return (state, why) if state != NORMAL else (NORMAL, "all joints are as they were at the beginning")
 
 
-def _joint_text(belief: Belief, j: int, evidence: Evidence, parts: Split | None) -> str:
+def _joint_text(belief: Belief, j: int, evidence: Confirmations, parts: Attribution | None) -> str:
     """Before, after, where and how often: what an engineer asks first."""
     level, wear = float(belief.level()[j]), belief.wear[j]
     std = math.exp(wear) * belief.wear_std[j]
@@ -288,7 +292,7 @@ def _joint_text(belief: Belief, j: int, evidence: Evidence, parts: Split | None)
     )
 
 
-def _trouble_text(condition: str, belief: Belief, j: int, evidence: Evidence) -> str:
+def _trouble_text(condition: str, belief: Belief, j: int, evidence: Confirmations) -> str:
     T = belief.temperature_c[j]
     said = {
         TEMPERATURE_SENSOR: "tells no temperature, or none that can be believed",

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from monitor.judge.alerts.evidence import Counts, advisory_sigmas, weigh_evidence
 from monitor.judge.alerts.health import RISES, TIERS, Health, HealthSettings
-from monitor.judge.alerts.evidence import Counts, advisory_sigmas, grounds
 from monitor.judge.belief import Belief
 
 
@@ -17,7 +17,7 @@ def why_not_alerting(health: Health, belief: Belief, joint: int, settings: Healt
     tier = TIERS.index(active[0].tier) + 1 if active else 0
     if tier >= len(TIERS):
         return ()
-    found = grounds(
+    found = weigh_evidence(
         belief.wear,
         belief.wear_std,
         belief.track.replays > 0,

@@ -34,7 +34,7 @@ class ResidualSettings:
     min_looks: Annotated[int, Interval(ge=1, le=100)] = 3  # … in so many looks in a row
 
 
-class Residuals(NamedTuple):
+class ProductionResiduals(NamedTuple):
     """What was heard since the last replay, (J,) arrays; a value to be handed on from sample to sample."""
 
     revision: int  # of the model that it is measured against
@@ -49,7 +49,7 @@ class Residuals(NamedTuple):
     agreeing: Array  # looks in a row beyond the rise
 
 
-class Evidence(NamedTuple):
+class ProductionEvidence(NamedTuple):
     """Of one joint: friction in production against what the model foresees, fraction, beyond what is usual; with its wide doubt."""
 
     joint: int  # from 1
@@ -59,14 +59,14 @@ class Evidence(NamedTuple):
     probability: float  # that friction has risen at all
 
 
-def unheard(joints: int, revision: int) -> Residuals:
+def initial(joints: int, revision: int) -> ProductionResiduals:
     """Nothing was heard since the model of that revision."""
     zero = np.zeros(joints)
-    return Residuals(revision, zero, zero, zero, zero, zero, zero, np.full(joints, np.nan), zero, zero)
+    return ProductionResiduals(revision, zero, zero, zero, zero, zero, zero, np.full(joints, np.nan), zero, zero)
 
 
-def heard(
-    so_far: Residuals | None,
+def update(
+    so_far: ProductionResiduals | None,
     revision: int,
     predicted: TorquePrediction,
     measured_nm: Array,
@@ -74,7 +74,7 @@ def heard(
     qdd: Array,
     dt_s: float,
     settings: ResidualSettings,
-) -> Residuals:
+) -> ProductionResiduals:
     """After one more sample of the arm at work, (J,) each; a new model begins anew.
 
     dt_s : since the last sample; a pause longer than a second counts as one second. Samples outside the learnt temperatures, too slow or
@@ -82,7 +82,7 @@ def heard(
     """
     J = len(qd)
     if so_far is None or so_far.revision != revision or len(so_far.samples) != J:
-        so_far = unheard(J, revision)
+        so_far = initial(J, revision)
     friction = predicted.friction[0]
     use = (np.abs(qd) >= settings.min_speed_rad_s) & (np.abs(qdd) <= settings.max_acceleration_rad_s2) & ~predicted.extrapolated[0]
     use &= np.isfinite(measured_nm) & np.isfinite(friction) & (friction * qd > 0)
@@ -99,7 +99,7 @@ def heard(
     return _looked(now, done, settings) if done.any() else now
 
 
-def evidence(residuals: Residuals | None, settings: ResidualSettings) -> tuple[Evidence, ...]:
+def production_evidence(residuals: ProductionResiduals | None, settings: ResidualSettings) -> tuple[ProductionEvidence, ...]:
     """Of every joint that was looked at often enough."""
     if residuals is None:
         return ()
@@ -108,18 +108,18 @@ def evidence(residuals: Residuals | None, settings: ResidualSettings) -> tuple[E
         # what is usual is known no better than its looks tell, and work of another kind is alike from look to look: half of it stays
         std = settings.doubt * math.sqrt(0.5 + 0.5 / residuals.later[j] + 1.0 / settings.baseline_looks)
         change = float(residuals.change[j])
-        told.append(Evidence(int(j) + 1, change, std, int(residuals.later[j]), 0.5 * math.erfc(-change / std / math.sqrt(2.0))))
+        told.append(ProductionEvidence(int(j) + 1, change, std, int(residuals.later[j]), 0.5 * math.erfc(-change / std / math.sqrt(2.0))))
     return tuple(told)
 
 
-def pull_forward(residuals: Residuals | None, settings: ResidualSettings) -> str | None:
+def pull_forward(residuals: ProductionResiduals | None, settings: ResidualSettings) -> str | None:
     """Why the next replay should not wait, in words; None where production says nothing of the kind.
 
     It asks for a replay and for nothing else: whether a joint has worn is for the replay to say.
     """
     if residuals is None:
         return None
-    for each in evidence(residuals, settings):
+    for each in production_evidence(residuals, settings):
         j = each.joint - 1
         if each.change >= settings.rise and each.probability >= settings.sure and residuals.agreeing[j] >= settings.min_looks:
             return (
@@ -129,7 +129,7 @@ def pull_forward(residuals: Residuals | None, settings: ResidualSettings) -> str
     return None
 
 
-def _looked(now: Residuals, done: np.ndarray, settings: ResidualSettings) -> Residuals:
+def _looked(now: ProductionResiduals, done: np.ndarray, settings: ResidualSettings) -> ProductionResiduals:
     """One look a joint in `done`, and its next span."""
     tells = done & (now.samples >= settings.min_samples) & (now.work > 0)
     look = np.divide(now.excess, now.work, out=np.zeros_like(now.work), where=tells)
