@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from monitor.judge.drift.usage import uncounted
-from monitor.judge.torque.compensated_model import TorquePrediction
+from monitor.judge.torque.predictor import TorquePrediction
 from monitor.judge.torque.production_residual import ResidualSettings, production_evidence, pull_forward, update
 from monitor.service.production import Production, Sample
 
