@@ -1,36 +1,46 @@
 """The commands that judge series of recordings and thresholds: `assess` and `rehearse`."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from monitor.cli.options import (
+    ColumnsOption,
+    Commands,
+    FilesArgument,
+    GainsOption,
+    IntervalOption,
+    JsonOption,
+    ManifestOption,
+    MountingOrNoneOption,
+    load_configuration,
+    optional_figures,
+    print_json,
+)
 from monitor.errors import BadInput
 
 EXIT_DIFFERENT = 3  # assess --from-store: a verdict came out otherwise
 
 
 def assess(
-    files: Annotated[list[Path] | None, typer.Argument(metavar="[FILE…]", help="Recordings of one arm.", show_default=False)] = None,
+    files: FilesArgument = None,
     config: Annotated[Path | None, typer.Option("--config", "-c", help="The robot's TOML file: arm, gains, thresholds.")] = None,
     robot: Annotated[str | None, typer.Option(help="Instead of --config: the model, e.g. ur5.", show_default=False)] = None,
-    mounting: Annotated[str | None, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = None,
-    columns: Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)] = None,
-    gains: Annotated[str | None, typer.Option(help="Joint torque per ampere [N·m/A], comma-separated.", show_default=False)] = None,
-    manifest: Annotated[Path | None, typer.Option(help="CSV: file, recorded_at[, payload_kg, mounting, note].", show_default=False)] = None,
-    interval: Annotated[str | None, typer.Option(help="Files say no time: they are so far apart, e.g. 1d.", show_default=False)] = None,
+    mounting: MountingOrNoneOption = None,
+    columns: ColumnsOption = None,
+    gains: GainsOption = None,
+    manifest: ManifestOption = None,
+    interval: IntervalOption = None,
     from_store: Annotated[bool, typer.Option("--from-store", help="Every past verdict of --config's history once more.")] = False,
     why: Annotated[int | None, typer.Option(min=1, max=6, help="Of this joint: why does it not alert?", show_default=False)] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Judge a series of recordings in the order of their times, as the daemon would. Exit 3: --from-store found a verdict that differs."""
     if from_store:
         given = (files, robot, mounting, columns, gains, manifest, interval)
         _from_store(config, others=any(value is not None for value in given), as_json=as_json)
         return
-    import numpy as np
-
     from monitor.assess import AssessSettings
     from monitor.model.robot import Mounting
     from monitor.publish.timestamps import outside
@@ -40,29 +50,26 @@ def assess(
     from monitor.views.terminal.tables import status as status_line
 
     entries = given_entries(files or [], manifest, interval)
-    joint_gains = None if gains is None else np.array(_figures(gains, "--gains"))
+    configuration = None
     if config is not None:
         if robot is not None:
             raise BadInput("--config and --robot are both given; expected one of them")
-        from monitor.config.load import load
-
-        configuration = load(config)
+        configuration = load_configuration(config)
         arm, settings, standing = configuration.robot_description, configuration.assess, configuration.mounting
-        if joint_gains is None:
-            joint_gains = configuration.gains_nm_per_a
     else:
         arm, settings, standing = offline.arm(robot, None), AssessSettings(), Mounting()
+    joint_gains = optional_figures(gains, "--gains", arm.joints)
+    if joint_gains is None and configuration is not None:
+        joint_gains = configuration.gains_nm_per_a
     if mounting is not None:
         standing = Mounting.parse(mounting)
         entries = [entry._replace(mounting=entry.mounting or standing) for entry in entries]  # said by the user, it holds for every file
-    if joint_gains is not None and len(joint_gains) != arm.joints:
-        raise BadInput(f"--gains: {len(joint_gains)} figures; expected {arm.joints}, one a joint")
     series = Series(entries=entries, robot=arm, mounting=standing, columns=columns, gains=joint_gains, settings=settings)
     with status_line(f"judging {len(entries)} recordings of a {arm.name}"):
         document = assess_series(series)
     told: Any = outside(document)
     if as_json:
-        typer.echo(json.dumps(told, ensure_ascii=False, allow_nan=False))
+        print_json(told, indent=None)
     else:
         print_assessment(told, why=why)
 
@@ -73,15 +80,14 @@ def rehearse(
     noise: Annotated[float, typer.Option(min=0.001, max=0.2, help="Friction from replay to replay, one σ, fraction.")] = 0.02,
     seed: Annotated[int, typer.Option(help="The same seed, the same fleet.")] = 0,
     plot: Annotated[Path | None, typer.Option(help="Days to detect against pace of wear: a .png or .html.", show_default=False)] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Would these thresholds catch wear? A simulated fleet: false alarms a year, days to detect, coverage, remaining life."""
-    from monitor.config.load import load
     from monitor.studies.rehearsal import rehearse as play
     from monitor.views.terminal.tables import print_rehearsal
     from monitor.views.terminal.tables import status as status_line
 
-    configuration = load(config)
+    configuration = load_configuration(config)
     if configuration.robot_description.joints != 6:
         raise BadInput(
             f"rehearse: the fleet has six joints an arm; {configuration.robot.model} has {configuration.robot_description.joints}"
@@ -97,37 +103,22 @@ def rehearse(
 
         rehearsal_plot(plot, document)
     if as_json:
-        typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
+        print_json(document, indent=None)
     else:
         print_rehearsal(document)
 
 
-def not_alerting(state: Any, joint: int, configuration: Any) -> list[str]:
-    """Of a joint (from 1), from the stored state of the arm: what stands between it and the next tier, in words. Raises BadInput."""
-    from monitor.judge.alerts.health import health_from_document
-    from monitor.judge.alerts.why_not import why_not_alerting
-    from monitor.judge.belief import belief_from_document
-
-    if state is None:
-        return ["no replay has been assessed yet"]
-    health = health_from_document(state.health)
-    if joint > len(health.joints):
-        raise BadInput(f"--why {joint}: the arm has {len(health.joints)} joints")
-    return list(why_not_alerting(health, belief_from_document(state.belief), joint, configuration.assess.health))
-
-
 def _from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
-    from monitor.config.load import load
     from monitor.service.recompute import recompute
     from monitor.store.database import Store
     from monitor.views.terminal.tables import status as status_line
 
     if config is None or others:
         raise BadInput("--from-store takes recordings and settings from a history: expected --config, and nothing else beside it")
-    with Store.reader(load(config).state_directory) as store, status_line("every past verdict once more"):
+    with Store.reader(load_configuration(config).state_directory) as store, status_line("every past verdict once more"):
         document = recompute(store)
     if as_json:
-        typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
+        print_json(document, indent=None)
     else:
         typer.echo(
             f"{document['assessments']} verdicts: {document['identical']} come out the same to the last bit, "
@@ -141,8 +132,4 @@ def _from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
         raise typer.Exit(EXIT_DIFFERENT)
 
 
-def _figures(text: str, option: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise BadInput(f"{option} {text!r}: expected figures, one a joint, comma-separated") from None
+COMMANDS: Commands = {"assess": assess, "rehearse": rehearse}

@@ -1,18 +1,12 @@
 """The commands that speak with a running daemon: alerts, ack, shelve; and what its documents look like: schema."""
 
-import json
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
+from monitor.cli.options import Commands, ConfigOption, JsonOption, client_of, load_configuration, print_json
 from monitor.errors import BadInput
 
-if TYPE_CHECKING:
-    from monitor.publish.client import Client
-
-ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 AlertArgument = Annotated[str, typer.Argument(metavar="ALERT", help="As `alerts` names it, e.g. j3/wear_rising or arm/common_mode.")]
 ByOption = Annotated[str, typer.Option("--by", help="Who acts: it is kept with the alert.", show_default=False)]
 WhyOption = Annotated[str, typer.Option("--why", help="Why: for whoever reads it later.")]
@@ -26,10 +20,10 @@ def alerts(
     """List the alerts of a running daemon. Exit 0 whether there are any or not."""
     from monitor.views.terminal.tables import print_alerts
 
-    with _client(config) as client:
+    with client_of(load_configuration(config)) as client:
         told = [alert.model_dump(mode="json") for alert in client.alerts(cleared=cleared)]
     if as_json:
-        _print_json({"alerts": told})
+        print_json({"alerts": told})
     else:
         print_alerts(told)
 
@@ -37,10 +31,10 @@ def alerts(
 def ack(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
     """Acknowledge an alert: somebody has seen it. It clears by itself once its condition is gone."""
     joint, condition = _named(alert)
-    with _client(config) as client:
+    with client_of(load_configuration(config)) as client:
         done = client.acknowledge(joint, condition, by=by, why=why).model_dump(mode="json")
     if as_json:
-        _print_json(done)
+        print_json(done)
     else:
         typer.echo(f"{alert}: acknowledged by {done['acknowledged_by']} at {done['acknowledged_at']}")
 
@@ -57,10 +51,10 @@ def shelve(
     joint, condition = _named(alert)
     if not 0.0 < hours <= 24.0 * 90:
         raise BadInput(f"--hours {hours:g}: expected more than 0, at most {24 * 90} (90 days)")
-    with _client(config) as client:
+    with client_of(load_configuration(config)) as client:
         done = client.shelve(joint, condition, hours=hours, by=by, why=why).model_dump(mode="json")
     if as_json:
-        _print_json(done)
+        print_json(done)
     else:
         typer.echo(f"{alert}: shelved by {done['shelved_by']} until {done['shelved_until']}")
 
@@ -80,16 +74,7 @@ def schema(
         return
     if kind not in KINDS:
         raise BadInput(f"kind {kind!r} is not known; known are {', '.join(KINDS)}")
-    _print_json(schema_of(kind))
-
-
-def _client(config: Path) -> "Client":
-    from monitor.config.load import load
-    from monitor.publish.client import Client
-
-    configuration = load(config)
-    endpoint = (configuration.bus.connect or configuration.bus.listen)[0]
-    return Client(endpoint, configuration.robot.site, configuration.robot.id, zenoh_file=configuration.bus.client_zenoh)
+    print_json(schema_of(kind))
 
 
 def _named(alert: str) -> tuple[int | None, str]:
@@ -100,5 +85,4 @@ def _named(alert: str) -> tuple[int | None, str]:
     return (None if place == "arm" else int(place[1:])), condition
 
 
-def _print_json(document: Any) -> None:
-    typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1))
+COMMANDS: Commands = {"alerts": alerts, "ack": ack, "shelve": shelve, "schema": schema}

@@ -3,19 +3,14 @@
 import json
 import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from monitor import __version__
+from monitor.cli.options import Commands, JsonOption, figures, optional_figures, print_json, stop_on
 from monitor.errors import BadInput
-
-if TYPE_CHECKING:
-    from monitor.recording import Array
 
 POSE_HELP = "one angle a joint [rad], comma-separated"
 
@@ -46,7 +41,7 @@ def design(
     seed: Annotated[int, typer.Option(help="Of the search.")] = 0,
     random: Annotated[int | None, typer.Option(metavar="SEED", help="A pseudo-random trajectory for validation instead.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw it (.png or .html).", show_default=False)] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Find a trajectory that makes friction visible and hits nothing; write it with its proof. Ctrl-C keeps the best so far."""
     from monitor.config.load import load_cell
@@ -71,17 +66,17 @@ def design(
         harmonics=harmonics,
         period_s=period,
         repetitions=repetitions,
-        offset_rad=_pose(offset, "--offset", arm.joints),
-        start_rad=_pose(start, "--start", arm.joints),
-        approaches_rad=tuple(pose for text in approach_from or [] if (pose := _pose(text, "--from", arm.joints)) is not None),
+        offset_rad=optional_figures(offset, "--offset", arm.joints),
+        start_rad=optional_figures(start, "--start", arm.joints),
+        approaches_rad=tuple(figures(text, "--from", arm.joints) for text in approach_from or []),
         speed_limit_rad_s=speed_limit,
         acceleration_limit_rad_s2=acceleration_limit,
         flange_speed_limit_m_s=flange_speed_limit,
         torque_share=torque_share,
-        noise_nm=_pose(noise, "--noise", arm.joints),
+        noise_nm=optional_figures(noise, "--noise", arm.joints),
     )
     began = time.monotonic()
-    with _interrupts() as asked, search_progress(objective, evaluations) as show:
+    with stop_on(signal.SIGINT) as interrupts, search_progress(objective, evaluations) as show:
 
         def go_on(at: Any) -> bool:
             if at.evaluations == 1:
@@ -89,7 +84,7 @@ def design(
             show(at.evaluations, at.best)
             late = time_limit is not None and time.monotonic() - began > time_limit
             # a search that is stopped before it found anything allowed goes on: there would be nothing to keep
-            return not ((asked() or late) and at.best < float("inf")) and asked() < 2
+            return not ((interrupts.count or late) and at.best < float("inf")) and interrupts.count < 2
 
         excitation, found = design_trajectory(
             task,
@@ -108,7 +103,7 @@ def design(
         design_plot(plot, arm, excitation)
     if as_json:
         told = {"file": str(output), "digest": excitation.digest, "stopped": found.stopped, "evaluations": found.evaluations, **document}
-        typer.echo(json.dumps(told, ensure_ascii=False, allow_nan=False))
+        print_json(told, indent=None)
         return
     from monitor.views.terminal.tables import print_design
 
@@ -117,32 +112,4 @@ def design(
     print_design(str(output), document)
 
 
-def _pose(text: str | None, option: str, joints: int) -> "Array | None":
-    """(J,) of comma-separated figures; None where none were given."""
-    if text is None:
-        return None
-    import numpy as np
-
-    try:
-        figures = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        figures = np.zeros(0)
-    if figures.shape != (joints,) or not np.all(np.isfinite(figures)):
-        raise BadInput(f"{option} {text!r}: expected {joints} finite numbers, comma-separated")
-    return figures
-
-
-@contextmanager
-def _interrupts() -> Iterator[Any]:
-    """How often Ctrl-C was pressed, instead of an exception in the middle of a search."""
-    count = 0
-
-    def pressed(_: int, __: FrameType | None) -> None:
-        nonlocal count
-        count += 1
-
-    before = signal.signal(signal.SIGINT, pressed)
-    try:
-        yield lambda: count
-    finally:
-        signal.signal(signal.SIGINT, before)
+COMMANDS: Commands = {"design": design}

@@ -1,6 +1,5 @@
 """The commands around a motion: `check` looks, `replay` moves, `record` listens, `allow` lets a person have the last word."""
 
-import json
 import signal
 import time
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from monitor.cli.options import Commands, ConfigOption, JsonOption, RecordingOutputOption, load_configuration, print_json, stop_on
 from monitor.errors import BadInput, ReplayAborted, StoreError
 
 if TYPE_CHECKING:
@@ -20,36 +20,18 @@ if TYPE_CHECKING:
     from monitor.recording import Recording
 
 
-class Stopping:
-    """A request to stop. No event of threading: a second signal during the first one's handler would wait for its lock for ever."""
-
-    def __init__(self) -> None:
-        self._asked = False
-
-    def ask(self, *_: object) -> None:
-        """The handler."""
-        self._asked = True
-
-    def is_set(self) -> bool:
-        """Has somebody asked?"""
-        return self._asked
-
-
 EXIT_NOT_NOW = 3  # check: the arm may not move now
-
-ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
-OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Where the recording goes (Parquet).", show_default=False)]
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+# a moving arm is stopped first, also where its terminal is closed
+STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
 def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     """May the service run, and the arm move, now? Every condition by name; nothing is moved. Exit 3: something speaks against it."""
     from monitor.acquire.safety.conditions import ConditionResult
-    from monitor.config.load import load
     from monitor.service.motion import look
     from monitor.service.preflight import service_conditions
 
-    configuration = load(config)
+    configuration = load_configuration(config)
     service = service_conditions(configuration)
     with _asking(configuration) as ask:
         try:
@@ -65,7 +47,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
         )
         may_run = all(condition.holds for condition in service)
         about = {"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "may_run": may_run}
-        _print_json(about | {"service": ours, "conditions": told, "bus": bus})
+        print_json(about | {"service": ours, "conditions": told, "bus": bus})
     else:
         from monitor.views.terminal.tables import print_bus, print_conditions
 
@@ -76,19 +58,18 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
         raise typer.Exit(EXIT_NOT_NOW)
 
 
-def replay(config: ConfigOption, output: OutputOption, as_json: JsonOption = False) -> None:
+def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOption = False) -> None:
     """Move the arm once along the configured excitation, guarded, slowly first after a change, and save the recording."""
-    from monitor.config.load import load
     from monitor.service.motion import move
     from monitor.store.database import Store
     from monitor.store.recordings import write_recording
     from monitor.views.terminal.tables import progress
 
-    configuration = load(config)
+    configuration = load_configuration(config)
     _check_output(output)
     first = output.with_name(f"{output.stem}-first-pass.parquet")
     with (
-        _stopping() as stopping,
+        stop_on(*STOP_SIGNALS) as stopping,
         Store.beside(configuration.state_directory) as store,
         _asking(configuration) as ask,
         progress("replay") as show,
@@ -123,7 +104,7 @@ def replay(config: ConfigOption, output: OutputOption, as_json: JsonOption = Fal
     write_recording(output, recording)
     facts = _facts(output, recording)
     if as_json:
-        _print_json(facts | {"first_pass": str(first) if slowly else None})
+        print_json(facts | {"first_pass": str(first) if slowly else None})
         return
     if slowly:
         typer.echo(f"{first}: slow first pass, because arm, trajectory, cell, tool or payload are new")
@@ -132,21 +113,20 @@ def replay(config: ConfigOption, output: OutputOption, as_json: JsonOption = Fal
 
 def record(
     config: ConfigOption,
-    output: OutputOption,
+    output: RecordingOutputOption,
     seconds: Annotated[float | None, typer.Option(help="For so long; else until Ctrl-C.", show_default=False)] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Only listen, while a program of yours moves the arm, and save the recording."""
     from monitor.acquire.record import record as listen
-    from monitor.config.load import load
     from monitor.store.recordings import write_recording
     from monitor.views.terminal.tables import progress
 
-    configuration = load(config)
+    configuration = load_configuration(config)
     _check_output(output)
     if seconds is not None and not 0.1 <= seconds <= 86_400.0:
         raise BadInput(f"--seconds {seconds:g}; expected 0.1 to 86400")
-    with _stopping() as stopping, progress("record") as show:
+    with stop_on(*STOP_SIGNALS) as stopping, progress("record") as show:
         recording = listen(
             configuration.robot.host,
             rate_hz=configuration.replay.rate_hz,
@@ -159,7 +139,7 @@ def record(
     write_recording(output, recording)
     facts = _facts(output, recording)
     if as_json:
-        _print_json(facts)
+        print_json(facts)
     else:
         _say(facts)
 
@@ -171,11 +151,10 @@ def allow(
     as_json: JsonOption = False,
 ) -> None:
     """Let the arm move again after a stop that a person had to look at; who and why are kept with it."""
-    from monitor.config.load import load
     from monitor.publish.timestamps import rfc3339
     from monitor.store.database import Store
 
-    configuration = load(config)
+    configuration = load_configuration(config)
     for option, text in (("--by", by), ("--why", why)):
         if not text.strip():
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
@@ -183,7 +162,7 @@ def allow(
         waiting = store.allow(by.strip(), why.strip(), time.time())
     told = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.told} for stop in waiting]
     if as_json:
-        _print_json({"robot": configuration.robot.id, "allowed": told, "by": by.strip(), "why": why.strip()})
+        print_json({"robot": configuration.robot.id, "allowed": told, "by": by.strip(), "why": why.strip()})
         return
     if not waiting:
         typer.echo(f"{configuration.robot.id}: no stop is waiting for a person")
@@ -215,18 +194,6 @@ def _asking(configuration: "Configuration") -> Iterator[Any]:
         yield asker.ask
 
 
-@contextmanager
-def _stopping() -> Iterator[Stopping]:
-    """Set by SIGTERM, Ctrl-C or a terminal that is closed: a moving arm is stopped first."""
-    stopping = Stopping()
-    before = {number: signal.signal(number, stopping.ask) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
-    try:
-        yield stopping
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def _check_output(output: Path) -> None:
     if output.suffix != ".parquet":
         raise BadInput(f"{output}: a recording is written as Parquet; give a name that ends in .parquet")
@@ -244,5 +211,4 @@ def _say(facts: dict[str, Any]) -> None:
         typer.echo(f"  {name}: {value:.4g}" if isinstance(value, float) and abs(value) < 1e6 else f"  {name}: {value}")
 
 
-def _print_json(document: Any) -> None:
-    typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1))
+COMMANDS: Commands = {"check": check, "replay": replay, "record": record, "allow": allow}

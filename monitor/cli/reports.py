@@ -1,21 +1,19 @@
 """The commands that end in a page to print: `reproduce` and `report`."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from monitor.cli.options import Commands, JsonOption, ReportOutputOption, load_configuration, print_json
 from monitor.errors import BadInput
 from monitor.publish.timestamps import unix_s
 from monitor.views.report.html import check_page
 
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
-
 
 def reproduce(
     robot: Annotated[list[str] | None, typer.Option(help="ur3 or ur5; may be given again. Both where none is.", show_default=False)] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="The report (.html), one file.", show_default=False)] = None,
+    output: ReportOutputOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of searches and noise: the same seed, the same figures.")] = 0,
     replays: Annotated[int, typer.Option(min=2, max=61, help="Of the half hour's warm-up, identified.")] = 13,
     evaluations: Annotated[int, typer.Option(min=100, max=100_000, help="Of each search for a trajectory.")] = 1600,
@@ -31,7 +29,7 @@ def reproduce(
     with campaign_progress(robots) as show:
         document = play(robots, settings, show, output)
     if as_json:
-        typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
+        print_json(document, indent=None)
     else:
         print_reproduction(document, None if output is None else str(output))
     raise typer.Exit(0 if document["passed"] else 1)
@@ -43,13 +41,12 @@ def report(
         str | None, typer.Option("--from", help="Begin, e.g. 2026-06-01 (UTC); else the first replay.", show_default=False)
     ] = None,
     until: Annotated[str | None, typer.Option("--to", help="End, not included; else now.", show_default=False)] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="The report (.html), one file.", show_default=False)] = None,
+    output: ReportOutputOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """One page to print for the maintenance file: verdicts, evidence, context changes, what was not monitored and why."""
     import time
 
-    from monitor.config.load import load
     from monitor.service.report import report as collect
     from monitor.store.database import Store
     from monitor.views.report.page import report_page
@@ -61,7 +58,7 @@ def report(
     begin, end = (None if text is None else _moment(text, option) for text, option in ((since, "--from"), (until, "--to")))
     now, reports = time.time(), []
     for path in config:
-        configuration = load(path)
+        configuration = load_configuration(path)
         with Store.reader(configuration.state_directory) as store:
             reports.append(collect(configuration, store, begin, end, now))
     if output is not None:
@@ -70,7 +67,7 @@ def report(
         except OSError as wrong:
             raise BadInput(f"-o {output}: cannot be written: {wrong.strerror}") from None
     if as_json:
-        typer.echo(json.dumps({"reports": reports}, ensure_ascii=False, allow_nan=False))
+        print_json({"reports": reports}, indent=None)
     else:
         typer.echo(f"written: {output}")
 
@@ -80,3 +77,6 @@ def _moment(text: str, option: str) -> float:
         return unix_s(text)
     except ValueError:
         raise BadInput(f"{option} {text!r}: expected a day or a time, e.g. 2026-06-01 or 2026-06-01T03:00:00Z") from None
+
+
+COMMANDS: Commands = {"report": report, "reproduce": reproduce}

@@ -372,8 +372,8 @@ def test_a_signal_in_the_middle_of_a_replay_stops_the_arm_along_its_way(remote, 
 def test_a_signal_during_the_handler_of_another_is_no_deadlock():
     """The handler of Python interrupts itself; an event of threading holds a lock for a moment, and would wait for itself."""
     code = (
-        "import signal, sys\nfrom monitor.cli.motion import _stopping\n"
-        "with _stopping() as stopping:\n"
+        "import signal, sys\nfrom monitor.cli.options import stop_on\n"
+        "with stop_on(signal.SIGTERM, signal.SIGINT) as stopping:\n"
         "    def trace(frame, event, _):\n"
         "        if frame.f_code.co_name in ('set', 'ask') and event == 'line': signal.raise_signal(signal.SIGINT)\n"
         "        return trace\n"

@@ -1,0 +1,22 @@
+"""The command `demo`: the main job on one machine without hardware."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from monitor.cli.options import Commands, JsonOption
+
+
+def demo(
+    seed: Annotated[int, typer.Option(help="Of the simulated arm.")] = 0,
+    keep: Annotated[Path | None, typer.Option(help="Keep the history in this folder.", show_default=False)] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The main job with nothing installed around it: a simulated UR5, weeks of replays, a joint that wears."""
+    from monitor.studies.demo import play
+
+    raise typer.Exit(play(seed=seed, keep=keep, as_json=as_json))
+
+
+COMMANDS: Commands = {"demo": demo}

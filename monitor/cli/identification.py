@@ -1,0 +1,193 @@
+"""The commands that identify an arm from recordings: `identify`, `base` and `energy`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from monitor.cli.options import (
+    ColumnsOption,
+    Commands,
+    GainsOption,
+    JsonOption,
+    MountingOption,
+    RobotOption,
+    UrdfOption,
+    figures,
+    optional_figures,
+    print_json,
+)
+from monitor.errors import BadInput
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from monitor.identify.identification import Identification
+    from monitor.model.robot import Robot
+    from monitor.recording import Array, Recording
+
+
+def identify(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings, fitted together.", show_default=False)],
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    mounting: MountingOption = "ground",
+    columns: ColumnsOption = None,
+    gains: GainsOption = None,
+    method: Annotated[
+        str, typer.Option(help="ls (as the paper), wls (standstill masked, rows weighted), robust, consistent (an arm that can exist).")
+    ] = "wls",
+    friction: Annotated[
+        str, typer.Option(help="paper (fc, fv), load, concave, stribeck, or auto: the simplest that predicts data left out as well.")
+    ] = "paper",
+    rigid_from: Annotated[
+        Path | None, typer.Option(help="An earlier identify --json: its rigid parameters are taken as known.", show_default=False)
+    ] = None,
+    payload_pair: Annotated[
+        Path | None, typer.Option(help="The same run with a known mass: joint gains are estimated from both.", show_default=False)
+    ] = None,
+    payload: Annotated[float | None, typer.Option(help="That mass [kg].", show_default=False)] = None,
+    payload_com: Annotated[
+        str | None, typer.Option(help="Its centre in the flange's frame [m]: X,Y,Z; else on the flange.", show_default=False)
+    ] = None,
+    payload_std: Annotated[float, typer.Option(help="Standard deviation of that mass [kg].")] = 0.0,
+    loaded: Annotated[
+        list[Path] | None, typer.Option(help="Run with a payload nobody has weighed: its ten parameters are estimated.", show_default=False)
+    ] = None,
+    validate: Annotated[list[Path] | None, typer.Option(help="Held-out recording; may be given again.", show_default=False)] = None,
+    export: Annotated[
+        Path | None, typer.Option(help="Write the arm of --method consistent, as .urdf or .toml.", show_default=False)
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Residual against speed, load, position: a .png or .html of the held-out, else the fitted.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Recordings → base parameters, friction, fit; each with its uncertainty."""
+    from monitor.model.robot import Mounting
+    from monitor.store import identify_files as offline
+    from monitor.views.terminal.tables import print_identification
+    from monitor.views.terminal.tables import status as status_line
+
+    arm = offline.arm(robot, urdf)
+    if plot is not None:
+        from monitor.views.plots.identification import check_target
+
+        check_target(plot)
+    if export is not None:
+        offline.check_export(export, method)
+    if (payload_pair is None) != (payload is None):
+        raise BadInput("--payload-pair FILE and --payload KILOGRAMS belong together; one of them is missing")
+    if payload_com is not None and payload_pair is None:
+        raise BadInput("--payload-com: says where the mass of --payload-pair is; without the pair it means nothing")
+    pair = None
+    if payload_pair is not None and payload is not None:
+        com = (0.0, 0.0, 0.0) if payload_com is None else tuple(figures(payload_com, "--payload-com", 3, "coordinates").tolist())
+        pair = offline.PayloadPair(file=payload_pair, payload_kg=payload, com_m=com, std_kg=payload_std)
+    request = offline.Request(
+        files=files,
+        robot=arm,
+        mounting=Mounting.parse(mounting),
+        columns=columns,
+        gains=optional_figures(gains, "--gains", arm.joints),
+        pair=pair,
+        method=method,
+        friction=friction,
+        rigid_from=rigid_from,
+        held_out=validate or [],
+        loaded=loaded or [],
+    )
+    with status_line(f"identifying {arm.name} from {', '.join(path.name for path in files)}"):
+        outcome = offline.identify_files(request)
+    if plot is not None:
+        _plot_residuals(plot, outcome.identification, arm, outcome.held_out or outcome.recordings, outcome.gains)
+    if export is not None:
+        offline.export(export, outcome.identification)
+    if as_json:
+        print_json(outcome.document)
+    else:
+        print_identification(outcome.document)
+
+
+def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: "Array | None") -> None:
+    from monitor.identify.signals.motion import motion
+    from monitor.identify.signals.torque import joint_torque
+    from monitor.identify.validate import predict_torque
+    from monitor.views.plots.identification import Residuals, residual_plot
+
+    shown = []
+    for recording in recordings:
+        moved = motion(recording)
+        parts = predict_torque(found, arm, moved.q, moved.qd, moved.qdd)
+        residual = joint_torque(moved, arm, gains) - parts.torque
+        shown.append(Residuals(Path(moved.source).name, moved.qd, parts.rigid, moved.q, residual, moved.moving()))
+    residual_plot(path, f"{arm.name}: measured − modelled torque ({found.method})", shown)
+
+
+def base(
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    mounting: MountingOption = "ground",
+    frames: Annotated[str, typer.Option(help="For what may be quoted: standard-dh (the paper's), modified-dh or joint.")] = "standard-dh",
+    as_json: JsonOption = False,
+) -> None:
+    """What is identifiable: rank, base parameters, their symbolic combinations, and which parameters one may quote."""
+    from monitor.model.identifiable import base_document
+    from monitor.model.robot import Mounting
+    from monitor.store import identify_files as offline
+    from monitor.views.terminal.tables import print_base
+
+    document = base_document(offline.arm(robot, urdf), Mounting.parse(mounting), frames)
+    if as_json:
+        print_json(document)
+    else:
+        print_base(document)
+
+
+def energy(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings to identify the arm from.", show_default=False)],
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    along: Annotated[
+        str | None, typer.Option(help="Trajectory: an excitation (shipped name or .json) or a recording; else the first FILE.")
+    ] = None,
+    mounting: MountingOption = "ground",
+    columns: ColumnsOption = None,
+    gains: GainsOption = None,
+    limit: Annotated[
+        list[str] | None, typer.Option(help="REGION=JOULES[@KILOGRAMS of the region]; may be given again.", show_default=False)
+    ] = None,
+    payload: Annotated[float | None, typer.Option(help="Payload in the hand [kg]; else the trajectory's recording says.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Kinetic energy along a trajectory, with its uncertainty, beside limits. For a risk assessment: not a safety function."""
+    from monitor.identify.energy import Path as EnergyPath
+    from monitor.identify.energy import energy_along, path_of_excitation, path_of_recording
+    from monitor.model.energy import BodyRegion
+    from monitor.model.robot import Mounting
+    from monitor.store import identify_files as offline
+    from monitor.views.terminal.tables import print_energy
+    from monitor.views.terminal.tables import status as status_line
+
+    arm = offline.arm(robot, urdf)
+    regions = [BodyRegion.parse(text) for text in limit or []]
+    joint_gains = optional_figures(gains, "--gains", arm.joints)
+    recordings = offline.named_recordings(files, columns)
+    path: EnergyPath
+    if along is None or Path(along).suffix in {".csv", ".parquet"}:
+        path = path_of_recording(recordings[0] if along is None else offline.named_recordings([Path(along)], columns)[0], arm)
+    else:
+        from monitor.config.load import find_excitation
+
+        path = path_of_excitation(along, find_excitation(along, Path()), arm)
+    with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):
+        document = energy_along(
+            path, recordings, robot=arm, mounting=Mounting.parse(mounting), gains=joint_gains, regions=regions, payload_kg=payload
+        )
+    if as_json:
+        print_json(document)
+    else:
+        print_energy(document)
+
+
+COMMANDS: Commands = {"identify": identify, "base": base, "energy": energy}

@@ -1,0 +1,94 @@
+"""The commands that show the arm as it is now: `predict`, `watch` and `status`."""
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from monitor.cli.options import FIGURES_HELP, Commands, ConfigOption, JsonOption, client_of, figures, load_configuration, print_json
+
+if TYPE_CHECKING:
+    from monitor.config.load import Configuration
+
+
+def predict(
+    q: Annotated[str, typer.Option(help=f"Positions [rad]: {FIGURES_HELP}.", show_default=False)],
+    qd: Annotated[str, typer.Option(help=f"Speeds [rad/s]: {FIGURES_HELP}.", show_default=False)],
+    config: ConfigOption,
+    qdd: Annotated[str | None, typer.Option(help=f"Accelerations [rad/s²]: {FIGURES_HELP}; 0 where not given.", show_default=False)] = None,
+    temperature: Annotated[
+        str | None, typer.Option(help=f"Joint temperatures [°C]: {FIGURES_HELP}; else the latest.", show_default=False)
+    ] = None,
+    local: Annotated[bool, typer.Option("--local", help="Read the history instead of asking the daemon.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Torque from the temperature-compensated model of a running daemon, or of its history."""
+    from monitor.service.status import torque_from_history
+
+    configuration = load_configuration(config)
+    joints = configuration.robot_description.joints
+    request = {
+        name: figures(text, f"--{name}", joints).tolist()
+        for name, text in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", temperature))
+        if text is not None
+    }
+    answer = torque_from_history(configuration, request) if local else _asked_torque(configuration, request)
+    if as_json:
+        print_json(answer)
+        return
+    typer.echo("joint  temperature     torque       rigid    friction    std")
+    for j in range(joints):
+        flag = "  extrapolated: outside the temperatures seen so far" if answer["extrapolated"][j] else ""
+        typer.echo(
+            f"{j + 1:>5}  {answer['temperature_c'][j]:8.1f} °C  {answer['torque_nm'][j]:8.2f} Nm {answer['rigid_nm'][j]:8.2f} Nm "
+            f"{answer['friction_nm'][j]:8.2f} Nm {answer['std_nm'][j]:6.2f}{flag}"
+        )
+
+
+def _asked_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
+    with client_of(configuration) as client:
+        answer: dict[str, Any] = client.torque(**request).model_dump(mode="json")
+        return answer
+
+
+def watch(
+    config: ConfigOption,
+    keys: Annotated[str, typer.Option(help="Key expression below the robot's prefix.")] = "**",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line on standard output.")] = False,
+) -> None:
+    """Follow what the daemon says: last values first, then live, until Ctrl-C."""
+    from monitor.views.terminal.watch import Teller
+
+    configuration, teller = load_configuration(config), Teller()
+    with client_of(configuration) as client:
+        try:
+            for message in client.watch(keys):
+                if as_json:
+                    typer.echo(json.dumps({"key": message.key, "document": message.document}, ensure_ascii=False))
+                else:
+                    teller.tell(message.key, message.document)
+        except KeyboardInterrupt:
+            return
+
+
+def status(
+    config: ConfigOption,
+    as_json: JsonOption = False,
+    why: Annotated[int | None, typer.Option(min=1, help="Of this joint: why does it not alert?", show_default=False)] = None,
+) -> None:
+    """What is known of the arm now, from its history; works without the daemon."""
+    import time
+
+    from monitor.service.status import status_document
+    from monitor.views.terminal.tables import print_not_alerting, print_status
+
+    document = status_document(load_configuration(config), time.time(), why)
+    if as_json:
+        print_json(document)
+        return
+    print_status(document)
+    if why is not None:
+        print_not_alerting(why, document["not_alerting"]["reasons"])
+
+
+COMMANDS: Commands = {"predict": predict, "watch": watch, "status": status}

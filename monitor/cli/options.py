@@ -1,0 +1,106 @@
+"""What the commands share: options, reading of figures and files, JSON on standard output, signals."""
+
+import json
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from monitor.errors import BadInput
+
+if TYPE_CHECKING:
+    from monitor.config.load import Configuration
+    from monitor.publish.client import Client
+    from monitor.recording import Array
+
+Commands = Mapping[str, Callable[..., None]]  # what a topic's module offers: name on the command line → function
+
+FIGURES_HELP = "one figure a joint, comma-separated"
+ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+RobotOption = Annotated[str | None, typer.Option(help="Model, e.g. ur5, or a .toml of an arm of yours.", show_default=False)]
+UrdfOption = Annotated[Path | None, typer.Option(help="Instead of a model: any serial arm of 1 to 8 turning joints.", show_default=False)]
+MountingOption = Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")]
+MountingOrNoneOption = Annotated[str | None, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.", show_default=False)]
+ColumnsOption = Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)]
+GainsOption = Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {FIGURES_HELP}.", show_default=False)]
+FilesArgument = Annotated[list[Path] | None, typer.Argument(metavar="[FILE…]", help="Recordings of one arm.", show_default=False)]
+ManifestOption = Annotated[Path | None, typer.Option(help="CSV: file, recorded_at[, payload_kg, mounting, note].", show_default=False)]
+IntervalOption = Annotated[str | None, typer.Option(help="Files say no time: they are so far apart, e.g. 1d.", show_default=False)]
+RecordingOutputOption = Annotated[Path, typer.Option("--output", "-o", help="Where the recording goes (Parquet).", show_default=False)]
+ReportOutputOption = Annotated[Path | None, typer.Option("--output", "-o", help="The report (.html), one file.", show_default=False)]
+FromOption = Annotated[str | None, typer.Option("--from", help="Time, e.g. 2026-01-31 or 2026-01-31T03:00:00Z.", show_default=False)]
+ToOption = Annotated[str | None, typer.Option("--to", help="Time, not included.", show_default=False)]
+
+
+def load_configuration(path: Path) -> "Configuration":
+    """The configuration of one robot from its TOML file. Raises BadConfiguration naming every mistake."""
+    from monitor.config.load import load
+
+    return load(path)
+
+
+def client_of(configuration: "Configuration") -> "Client":
+    """A bus client for the daemon of this configuration."""
+    from monitor.publish.client import Client
+
+    endpoint = (configuration.bus.connect or configuration.bus.listen)[0]
+    return Client(endpoint, configuration.robot.site, configuration.robot.id, zenoh_file=configuration.bus.client_zenoh)
+
+
+def print_json(document: Any, *, indent: int | None = 1) -> None:
+    """One JSON document on standard output. Raises ValueError for NaN, which JSON does not know."""
+    typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False, indent=indent))
+
+
+def figures(text: str, option: str, count: int, what: str = "figures, one a joint") -> "Array":
+    """(count,) comma-separated figures of an option.
+
+    Raises BadInput where they are not `count` finite numbers.
+    """
+    import numpy as np
+
+    try:
+        numbers = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        raise BadInput(f"{option} {text!r}: not numbers; expected {count} {what}, comma-separated") from None
+    if len(numbers) != count:
+        raise BadInput(f"{option}: {len(numbers)} given; expected {count} {what}, comma-separated")
+    if not np.all(np.isfinite(numbers)):
+        raise BadInput(f"{option} {text!r}: expected finite numbers")
+    return numbers
+
+
+def optional_figures(text: str | None, option: str, count: int) -> "Array | None":
+    """(count,) comma-separated figures of an option; None where the option is absent. Raises BadInput like `figures`."""
+    return None if text is None else figures(text, option, count)
+
+
+class StopRequest:
+    """A request to stop. threading.Event does not serve: a second signal inside the first handler would wait for its lock for ever."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def ask(self, *_: object) -> None:
+        """Count one more request; this is the signal handler."""
+        self.count += 1
+
+    def is_set(self) -> bool:
+        """Whether anybody asked."""
+        return self.count > 0
+
+
+@contextmanager
+def stop_on(*signals: signal.Signals) -> Iterator[StopRequest]:
+    """Within this context these signals ask to stop instead of ending the process; the earlier handlers return afterwards."""
+    request = StopRequest()
+    before = {number: signal.signal(number, request.ask) for number in signals}
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

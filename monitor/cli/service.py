@@ -1,0 +1,33 @@
+"""The command `run`: the monitor of one robot as a service."""
+
+import logging
+from typing import Annotated
+
+import typer
+
+from monitor.cli.options import Commands, ConfigOption, load_configuration
+from monitor.errors import BadConfiguration
+
+EXIT_CONFIG = 78  # sysexits.h EX_CONFIG: the service manager must not restart into the same mistake
+
+
+def run(
+    config: ConfigOption,
+    now: Annotated[bool, typer.Option("--now", help="Replay once at the start, then as scheduled.")] = False,
+) -> None:
+    """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong."""
+    from monitor.service.daemon import serve
+    from monitor.service.systemd import log_as_a_service
+
+    try:
+        configuration = load_configuration(config)
+    except BadConfiguration as error:
+        typer.echo(f"joint-monitor: {error}", err=True)
+        raise typer.Exit(EXIT_CONFIG) from None
+    log_as_a_service(configuration.robot.site, configuration.robot.id)
+    for name in configuration.overrides:
+        logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
+    serve(configuration, replay_now=now)
+
+
+COMMANDS: Commands = {"run": run}

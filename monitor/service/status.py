@@ -1,0 +1,109 @@
+"""What is known of an arm now, and when it will be replayed next, as plain JSON from its history alone: no daemon is asked."""
+
+from contextlib import ExitStack
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from monitor.acquire.schedule.windows import DAY_S, expected
+from monitor.config.load import Configuration
+from monitor.errors import BadInput
+from monitor.judge.alerts.health import health_from_document
+from monitor.judge.alerts.why_not import why_not_alerting
+from monitor.judge.belief import belief_from_document
+from monitor.judge.document import plain
+from monitor.judge.torque.compensated_model import model_from_document
+from monitor.publish.health_document import with_stale
+from monitor.publish.timestamps import outside, rfc3339
+from monitor.publish.torque_query import torque_answer
+from monitor.service.maintenance import said, silent_s
+from monitor.store.backup import present
+from monitor.store.database import LedgerRow, Store, StoredState
+
+LEDGER_ROWS = 10  # windows that `status` shows, the newest ones
+WINDOWS_SHOWN = 5  # past windows that `schedule` shows
+
+
+def status_document(configuration: Configuration, now_unix_s: float, why_joint: int | None = None) -> dict[str, Any]:
+    """The arm's state, friction and last windows, and how the monitor itself is.
+
+    why_joint : 1…J adds the reasons why that joint does not alert. Raises StoreError without a history, BadInput for a joint the arm lacks.
+    """
+    with Store.reader(configuration.state_directory) as store:
+        state = store.state()
+        newest = store.friction(limit=configuration.robot_description.joints)
+        ledger = store.ledger(limit=LEDGER_ROWS)
+    monitor = said(configuration.state_directory)
+    document = {
+        "robot": configuration.robot.id,
+        "model_revision": state.revision if state else 0,
+        "health": outside(with_stale(state.health, now_unix_s, configuration.assess.health)) if state else None,
+        "friction": outside(newest),
+        "monitor": monitor,
+        "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
+        "ledger": [_window(row) for row in ledger],
+    }
+    if why_joint is not None:
+        document["not_alerting"] = {"joint": why_joint, "reasons": _reasons(state, why_joint, configuration)}
+    return document
+
+
+def schedule_document(configuration: Configuration, now_unix_s: float, count: int) -> dict[str, Any]:
+    """The next `count` windows and what became of the last ones. Raises StoreError where a history cannot be read."""
+    settings = configuration.schedule
+    with ExitStack() as stack:
+        directory = configuration.state_directory
+        store = stack.enter_context(Store.reader(directory)) if present(directory) else None
+        began, last = (None, []) if store is None else (store.began_unix_s(), store.ledger(limit=WINDOWS_SHOWN))
+        windows = expected(settings, now_unix_s, count, store, configuration.key_prefix)
+    zone = settings.zone()
+    learning = settings.learning_every_h > 0 and settings.learning_days > 0
+    return {
+        "robot": configuration.robot.id,
+        "timezone": settings.timezone,
+        "motion_allowed": configuration.replay.allow_motion is True,
+        "learning_until": rfc3339(began + settings.learning_days * DAY_S) if learning and began is not None else None,
+        "windows": [
+            {
+                "window": rfc3339(window.key_unix_s),
+                "opens": rfc3339(window.opens_unix_s),
+                "closes": rfc3339(window.closes_unix_s),
+                "local": datetime.fromtimestamp(window.opens_unix_s, tz=zone).strftime("%a %Y-%m-%d %H:%M"),
+                "why": window.why,
+            }
+            for window in windows
+        ],
+        "blackout": list(settings.blackout),
+        "last": [_window(row) for row in last],
+    }
+
+
+def torque_from_history(configuration: Configuration, request: dict[str, Any]) -> dict[str, Any]:
+    """The answer to a torque query by the stored model, at the newest known temperatures where the query gives none.
+
+    Raises BadInput where no replay was assessed yet or the query is wrong, StoreError without a history.
+    """
+    with Store.reader(configuration.state_directory) as store:
+        state = store.state()
+        newest = store.friction(limit=configuration.robot_description.joints)
+    if state is None:
+        raise BadInput(f"{configuration.state_directory}: no replay has been assessed yet, so there is no model")
+    temperatures = [row.get("temperature_c") for row in newest]
+    present_c = None if None in temperatures or not newest else np.array(temperatures)
+    answer: dict[str, Any] = plain(torque_answer(model_from_document(state.model), configuration.robot_description, present_c, request))
+    return answer
+
+
+def _window(row: LedgerRow) -> dict[str, Any]:
+    return {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
+
+
+def _reasons(state: StoredState | None, joint: int, configuration: Configuration) -> list[str]:
+    """Why a joint (1…J) does not alert: what stands between it and the next tier."""
+    if state is None:
+        return ["no replay has been assessed yet"]
+    health = health_from_document(state.health)
+    if joint > len(health.joints):
+        raise BadInput(f"--why {joint}: the arm has {len(health.joints)} joints")
+    return list(why_not_alerting(health, belief_from_document(state.belief), joint, configuration.assess.health))
