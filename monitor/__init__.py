@@ -1,21 +1,32 @@
-"""joint-monitor: friction health of a robot arm, told over Zenoh.
+"""joint-monitor: friction health of a robot arm, published over Zenoh.
 
-The flow, each arrow a frozen value:
+One replay goes through the rooms in this order. Each arrow carries a frozen value:
 
-    acquire → Recording → identify → Identification → judge → Belief, Health → assess: Assessment → publish, store
+    acquire → Recording → identify → Identification → judge → Assessment → store, publish → views
 
-Shapes: N samples, J joints (counted from 1 where people read them), P = 13·J standard parameters, B base parameters.
-Units are in the names: `_nm`, `_rad_s`, `_c`, `_unix_s`. Frames are standard Denavit–Hartenberg.
+This is the map of the house, and its only copy. A room imports only from rooms below it. Rooms marked ∘ are pure: they do no I/O,
+read no clock and start no thread. `make lint` checks both, and a test holds this map against the linter's contracts.
 
-Who imports whom, top down, checked by `make lint`:
+    __main__        python -m monitor
+    cli             the commands: a module a topic, one module of shared options
+    studies         the whole on simulated arms: demo, rehearsal, performance card, the paper's campaign
+    service         the daemon: replay cycle, bus handlers, scheduler, maintenance, systemd
+    config          one TOML file → the settings of every room; reload
+    views           what a person looks at: web page, printed report, plots, terminal
+    acquire         robot → Recording, in child processes that may die; conditions, guard and gate before any motion
+    simulate        a UR controller made of software, on the real wire; it does not know the monitor's model
+    store           one robot's history on disk: SQLite, recordings, backups, provenance
+    publish         Assessment → Zenoh and metrics; the documents and the typed client
+    assess        ∘ the whole flow from Recording to Assessment, as one function
+    judge         ∘ Identification → Assessment: temperature, drift, torque, alerts
+    design        ∘ robot, mounting and cell → a trajectory with its proof
+    identify      ∘ Recording → Identification: parameters, friction, uncertainty, warnings
+    model         ∘ the arm as mathematics: robot, trajectory, regressor, base parameters, friction laws, energy
+    recording     ∘ the value that acquire makes and identify reads
+    errors        ∘ every error of this package, with its exit code
 
-    cli → studies → daemon → motion → config → acquire, client, simulate, store → offline, series
-        → files, publish, terminal, timestamps → assess → judge → design, identify → model → recording → errors
-
-`design` makes the trajectory that is replayed: Robot, mounting, cell → Excitation with its proof.
-
-`assess`, `design`, `judge`, `identify`, `model`, `recording` are pure: no I/O, no clock, no unseeded number. `simulate` knows nothing of
-what the monitor estimates with: it has its own friction law.
+One alphabet of shapes holds everywhere: N samples, J joints (numbered from 1 where people read them), P = 13·J standard parameters,
+B base parameters. Units are part of the names: `_nm`, `_rad_s`, `_c`, `_unix_s`. Frames follow the standard Denavit–Hartenberg convention.
 """
 
 __version__ = "0.1.0"
