@@ -14,7 +14,7 @@ from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.health import Health, HealthSettings, Transition, alert_document
 from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life
 from monitor.judge.alerts.rules import judge
-from monitor.judge.belief import Belief, as_last_said, differences
+from monitor.judge.belief import Belief, differences, with_lasting_declarations
 from monitor.judge.document import plain
 from monitor.judge.drift.observation import DriftSettings, observe
 from monitor.judge.drift.single_replay import single_torque_nm
@@ -165,10 +165,14 @@ def assess(
         identification = _identified(recording, robot, mounting, gains, settings)
     except Unidentifiable as why:
         return Rejected(str(why))
-    if belief is not None and model is not None and not differences(belief.context, as_last_said(belief.context, recording.context)):
+    if (
+        belief is not None
+        and model is not None
+        and not differences(belief.context, with_lasting_declarations(belief.context, recording.context))
+    ):
         error = measure_prediction_error(recording, model, robot, gains)
         if error is not None:
-            belief = replace(belief, doubt=prediction_error.update(belief.doubt, error, model.residual_rms_nm))
+            belief = replace(belief, prediction_error=prediction_error.update(belief.prediction_error, error, model.residual_rms_nm))
     return judge_identification(identification, recording.context, belief=belief, health=health, settings=settings, source=recording.source)
 
 
@@ -261,7 +265,7 @@ def _friction(
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
     means, covs = belief.rate()
-    wear, wear_std = belief.wear_told(settings.drift)
+    wear, wear_std = belief.wear_with_undetected(settings.drift)
     joints = []
     for j in range(belief.joints):
         mean, cov = means[j], covs[j]

@@ -2,20 +2,20 @@
 
 import math
 import re
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.judge.document import array, entry, plain
-from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, Track
+from monitor.judge.document import array, entry, key_of, plain
+from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState
 from monitor.judge.drift.observation import DriftSettings
-from monitor.judge.drift.undeclared_change import Weights, weights_from_document
-from monitor.judge.drift.undetected_change import unseen
+from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_from_document
+from monitor.judge.drift.undetected_change import undetected_change
 from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.migrate import from_version_2, from_version_3
-from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fitted, law_from_document
+from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
 from monitor.judge.temperature.stuck import Sensors, sensors_from_document
 from monitor.judge.torque.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.recording import Array, Context
@@ -47,24 +47,26 @@ class Belief:
     days: int  # UTC days with a replay
     contexts: tuple[OpenedContext, ...]  # the last one is in force, the one before it was before
     reference_temperature_c: Array  # (J,) T0
-    track: Track  # of the filter
+    filter_state: FilterState = field(metadata={"key": "track"})
     temperature_c: Array  # (J,) of the last replay
     inside_range: Array  # (J,) 1 where that lay in the range learnt before it
     first_log_torque: Array  # (J,) mean of y over the first replays, nothing taken out: what a change is split against
     last_log_torque: Array  # (J,) of the last replay
     first_temperature_c: Array  # (J,) mean over the same first replays
     usage: Usage  # revolutions counted
-    weights: Weights | None  # the arm's, in the context in force
+    mass_estimate: MassEstimate | None = field(metadata={"key": "weights"})  # the arm's, in the context in force
     viscous: Law
     coulomb: Law
     sensors: Sensors | None = None  # of temperature: which of them stand still; None in beliefs before it
-    doubt: PredictionErrorStatistics | None = None  # of predicted torque; None before the first prediction and in older beliefs
+    prediction_error: PredictionErrorStatistics | None = field(
+        default=None, metadata={"key": "doubt"}
+    )  # of predicted torque; None before the first prediction and in older beliefs
     schema_version: int = SCHEMA_VERSION
 
     @property
     def joints(self) -> int:
         """J."""
-        return self.track.joints
+        return self.filter_state.joints
 
     @property
     def context(self) -> Context:
@@ -79,61 +81,61 @@ class Belief:
     @property
     def wear(self) -> Array:
         """(J,) mean of w, in the logarithm of friction torque."""
-        return self.track.wear
+        return self.filter_state.wear
 
     @property
     def wear_std(self) -> Array:
         """(J,)."""
-        return self.track.wear_std
+        return self.filter_state.wear_std
 
     @property
     def event(self) -> Array:
         """(J,) ORDINARY, SETTLING, STEP, OUTLIER or UNSEEN: the last replay."""
-        return self.track.event
+        return self.filter_state.event
 
     @property
     def learnt_from(self) -> np.ndarray:
         """(J,) whether the last replay taught something of a joint."""
-        return self.track.learnt_from
+        return self.filter_state.learnt_from
 
     @property
     def slope(self) -> Array:
         """(J,) how log friction torque falls with temperature at T0 [1/K]."""
-        return self.track.slope_at(self.reference_temperature_c)
+        return self.filter_state.slope_at(self.reference_temperature_c)
 
     def level(self) -> Array:
         """(J,) log of friction torque at T0 in the context in force, unworn."""
-        return self.track.reference(self.reference_temperature_c, self.slot)[0] - self.wear
+        return self.filter_state.reference(self.reference_temperature_c, self.slot)[0] - self.wear
 
     def rate(self) -> tuple[Array, Array]:
         """(J, 2) mean and (J, 2, 2) covariance of wear, log, and of its rate, a fraction a usual day of work."""
         pair = [WEAR, RATE]
-        return self.track.mean[:, pair], self.track.cov[:, pair][:, :, pair]
+        return self.filter_state.mean[:, pair], self.filter_state.cov[:, pair][:, :, pair]
 
-    def wear_told(self, settings: DriftSettings) -> tuple[Array, Array]:
+    def wear_with_undetected(self, settings: DriftSettings) -> tuple[Array, Array]:
         """Wear, log, and its standard deviation, (J,) each, with what may have begun unseen: what a person reads, no alert's ground."""
         H = np.zeros((self.joints, STATES))
         H[:, WEAR] = 1.0
-        more, more_var = unseen(self.track, H, settings)
+        more, more_var = undetected_change(self.filter_state, H, settings)
         return self.wear + more, np.sqrt(self.wear_std**2 + more_var)
 
     def noise_std(self, settings: DriftSettings) -> Array:
         """(J,) of y between replays."""
-        return np.sqrt(self.track.noise_var(self.joints, settings))
+        return np.sqrt(self.filter_state.noise_var(self.joints, settings))
 
     def reference_torque_nm(self, settings: DriftSettings) -> tuple[Array, Array]:
         """F(v*, T0), wear included, and its standard deviation, (J,) each [N·m]; NaN where a joint was never seen."""
-        track = self.track
-        mean, std = track.reference(self.reference_temperature_c, self.slot)
-        more, more_var = unseen(track, track.reference_row(self.reference_temperature_c, self.slot), settings)
+        filter_state = self.filter_state
+        mean, std = filter_state.reference(self.reference_temperature_c, self.slot)
+        more, more_var = undetected_change(filter_state, filter_state.reference_row(self.reference_temperature_c, self.slot), settings)
         mean, std = mean + more, np.sqrt(std**2 + more_var)
-        torque = np.where(self.track.replays > 0, np.exp(mean), np.nan)
+        torque = np.where(self.filter_state.replays > 0, np.exp(mean), np.nan)
         return torque, torque * np.hypot(std, settings.between_floor)
 
     def lines(self, settings: TemperatureSettings) -> tuple[Line, Line]:
         """fc(T) and fv(T) without wear, referred to T0."""
         T0 = self.reference_temperature_c
-        return fitted(self.coulomb, T0, settings), fitted(self.viscous, T0, settings)
+        return fit_law(self.coulomb, T0, settings), fit_law(self.viscous, T0, settings)
 
     def as_document(self) -> dict[str, Any]:
         """Plain JSON; `belief_from_document` is its exact inverse."""
@@ -146,7 +148,7 @@ def comparable(context: Context) -> Context:
     return Context(robot=context.robot, **{key: getattr(context, key) for key in COMPARABLE})
 
 
-def as_last_said(before: Context | None, after: Context) -> Context:
+def with_lasting_declarations(before: Context | None, after: Context) -> Context:
     """The context after, where it is silent of past work and of the joints' serials: a joint once greased stays greased.
 
     Said once, both hold until something else is said: silence would take up the baseline from before the work.
@@ -216,30 +218,30 @@ def belief_from_document(document: Any) -> Belief:
                 )
                 for o in ledger
             ),
-            track=_track(entry(document, "track", where=where), J),
+            filter_state=_filter_state(entry(document, "track", where=where), J),
             usage=usage_from_document(entry(document, "usage", where=where), J),
-            weights=weights_from_document(entry(document, "weights", where=where)),
+            mass_estimate=mass_estimate_from_document(entry(document, "weights", where=where)),
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
             sensors=sensors_from_document(document.get("sensors"), J),
-            doubt=statistics_from_document(document.get("doubt"), J),
+            prediction_error=statistics_from_document(document.get("doubt"), J),
             **arrays,
         )
     except (TypeError, ValueError, KeyError) as wrong:
         raise BadInput(f"belief: {wrong!r}") from None
 
 
-def _track(document: Any, J: int) -> Track:
+def _filter_state(document: Any, J: int) -> FilterState:
     shapes: dict[str, tuple[int, ...]] = {
         "mean": (J, STATES),
         "cov": (J, STATES, STATES),
         "responses": (J, KINDS, WINDOW, STATES),
-        "scores": (J, KINDS, WINDOW),
-        "raw_scores": (J, KINDS, WINDOW),
-        "informations": (J, KINDS, WINDOW),
+        "glr_scores": (J, KINDS, WINDOW),
+        "raw_glr_scores": (J, KINDS, WINDOW),
+        "glr_informations": (J, KINDS, WINDOW),
         "ages": (J, WINDOW),
     }
-    return Track(**{f.name: array(document, f.name, shapes.get(f.name, (J,)), where="belief: track") for f in fields(Track)})
+    return FilterState(**{f.name: array(document, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in fields(FilterState)})
 
 
 def _context(document: dict[str, Any]) -> Context:

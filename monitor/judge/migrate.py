@@ -7,7 +7,7 @@ from typing import Any
 from monitor.errors import BadInput
 from monitor.judge.document import plain
 from monitor.judge.drift.filter_state import RATE, WEAR, WINDOW
-from monitor.judge.drift.usage import uncounted
+from monitor.judge.drift.usage import no_usage
 from monitor.judge.temperature.curves import no_bins
 
 
@@ -25,7 +25,7 @@ def from_version_2(document: dict[str, Any]) -> dict[str, Any]:
             cov[RATE] = [value * grown for value in cov[RATE]]
             for row in cov:
                 row[RATE] *= grown
-        told["usage"] = plain(uncounted(J))
+        told["usage"] = plain(no_usage(J))
         for law in ("viscous", "coulomb"):
             told[law]["bins"] = plain(no_bins(J))
     except (KeyError, TypeError, IndexError, ValueError) as wrong:

@@ -14,10 +14,20 @@ import numpy as np
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Counts, Evidence, nothing_counted, weigh_evidence
 from monitor.judge.alerts.remaining_life import remaining_life
-from monitor.judge.drift.change_detection import followed
-from monitor.judge.drift.filter_state import RATE, WEAR, Track, aged, at_pace, begun, elsewhere, in_new_slot, repaced
-from monitor.judge.drift.undetected_change import unseen
-from monitor.judge.drift.usage import Usage, uncounted, worked
+from monitor.judge.drift.change_detection import update_filter
+from monitor.judge.drift.filter_state import (
+    RATE,
+    WEAR,
+    FilterState,
+    initial_filter,
+    leave_context,
+    open_slot,
+    predict_filter,
+    rescale_rate,
+    update_interval,
+)
+from monitor.judge.drift.undetected_change import undetected_change
+from monitor.judge.drift.usage import Usage, no_usage, update_usage
 from monitor.recording import Array
 from monitor.studies.figures import NINETY, Figure, Rate, Share, over_arms
 from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
@@ -46,13 +56,13 @@ class Played:
     covered: Array  # (A,) share of days and joints whose 90 % interval of friction at T0 held the truth
     covered_worn: float  # the same of joints that wear, after the onset; NaN where none does
     slope_error_per_k: Array  # (A, J) what temperature still does to friction after it was taken out
-    track: Track
+    filter_state: FilterState
 
 
 Each = Callable[[Callable[[Any], Any], list[Any]], Iterable[Any]]
 """`map`, or that of a pool of processes."""
 
-Watcher = Callable[[int, Day, Track, Usage], None]
+Watcher = Callable[[int, Day, FilterState, Usage], None]
 """Called after each day's replays: day, what happened, what is believed, how much was worked."""
 
 
@@ -70,53 +80,53 @@ def play(
     A, J = fleet.arms, fleet.joints
     N = A * J
     drift, laws = assess.drift, assess.temperature
-    track: Track | None = None
+    filter_state: FilterState | None = None
     counts: Counts = nothing_counted(N, A)
     last, slots = np.zeros(A), np.zeros(N, dtype=int)
     tier_day, falling_day, common_day = np.full((N, 3), np.nan), np.full(N, np.nan), np.full(A, np.nan)
     low, high, T0, settled = np.full(N, np.nan), np.full(N, np.nan), np.zeros(N), np.zeros(N)
     covered, asked, worn_covered, worn_asked = np.zeros(N), np.zeros(N), 0.0, 0.0
     sums = np.zeros((N, 5))
-    usage = uncounted(N)
+    usage = no_usage(N)
     early = np.zeros(N + A, dtype=bool)
     for day in range(settings.days):
         now = fleet.morning(day)
         seen, slot = now.seen, np.repeat(now.slot, J)
         here = np.repeat(now.replayed, J)
-        if track is None:
+        if filter_state is None:
             fall, std = laws.viscous_fall_per_k, laws.viscous_fall_std_per_k
-            track = begun(seen, drift, fall_per_k=fall, fall_std_per_k=std, coulomb_std_per_k=laws.coulomb_fall_std_per_k)
-            T0 = track.origin_c.copy()
+            filter_state = initial_filter(seen, drift, fall_per_k=fall, fall_std_per_k=std, coulomb_std_per_k=laws.coulomb_fall_std_per_k)
+            T0 = filter_state.origin_c.copy()
         slot = np.where(here, slot, slots)
         opened = np.repeat(now.opened, J)
         if day and opened.any():
-            track = in_new_slot(track, slot, opened)
+            filter_state = open_slot(filter_state, slot, opened)
         if np.any(slot != slots):
-            track = elsewhere(track, slot != slots)
+            filter_state = leave_context(filter_state, slot != slots)
         slots = slot
         days = np.repeat(np.where(now.replayed, day - last, 0.0), J)
         last = np.where(now.replayed, day, last)
         counted = np.where(here, now.revolutions.ravel(), np.nan) if count_use else np.full(N, np.nan)
-        done = worked(usage, counted, days)
+        done = update_usage(usage, counted, days)
         usage = done.usage
-        track = aged(repaced(track, done.factor), days, J, drift, done.usual_days)
-        track = followed(at_pace(track, days), seen, slot, J, drift)
+        filter_state = predict_filter(rescale_rate(filter_state, done.factor), days, J, drift, done.usual_days)
+        filter_state = update_filter(update_interval(filter_state, days), seen, slot, J, drift)
 
         T = seen.temperature_c
         inside = (low - laws.margin_k <= T) & (high + laws.margin_k >= T)
-        known = track.learnt_from & np.isfinite(T)
+        known = filter_state.learnt_from & np.isfinite(T)
         low, high = np.where(known, np.fmin(low, T), low), np.where(known, np.fmax(high, T), high)
         settling = known & (settled < drift.settle_replays)
         T0 = np.where(settling, T0 + (np.where(known, T, T0) - T0) / (settled + 1.0), T0)
         settled = settled + settling
         found: Evidence = weigh_evidence(
-            track.wear,
-            track.wear_std,
-            track.replays > 0,
-            track.learnt_from & inside,
+            filter_state.wear,
+            filter_state.wear_std,
+            filter_state.replays > 0,
+            filter_state.learnt_from & inside,
             np.full(N, float(day)),
-            track.agreeing,
-            track.cadence_days,
+            filter_state.agreeing,
+            filter_state.interval_days,
             counts,
             J,
             assess.health,
@@ -130,21 +140,21 @@ def play(
             falling_day[found.falls & np.isnan(falling_day)] = day
             common_day[found.together & np.isnan(common_day)] = day
             truth = np.log(fleet.torque(T0.reshape(A, J), np.exp(now.worn))).ravel()
-            mean, std_log = track.reference(T0, slot)
-            more, more_var = unseen(track, track.reference_row(T0, slot), drift)
+            mean, std_log = filter_state.reference(T0, slot)
+            more, more_var = undetected_change(filter_state, filter_state.reference_row(T0, slot), drift)
             held = np.abs(truth - mean - more) < NINETY * np.sqrt(std_log**2 + more_var + drift.between_floor**2)
             covered, asked = covered + (held & here), asked + here
             worn = (now.worn.ravel() > 0) & here
             worn_covered, worn_asked = worn_covered + float((held & worn).sum()), worn_asked + float(worn.sum())
             # what the temperature law leaves: truth at the true temperature against what the filter expects there, without its noise
-            expected = mean + _at(track, T, slot) - _at(track, T0, slot)
+            expected = mean + _at(filter_state, T, slot) - _at(filter_state, T0, slot)
             left = now.truth.ravel() - expected
             use = known & inside & here
             x, y = np.where(use, T - T0, 0.0), np.where(use, left, 0.0)
             sums += np.stack([use, x, y, x * x, x * y], axis=1)
         if watch:
-            watch(day, now, track, usage)
-    assert track is not None
+            watch(day, now, filter_state, usage)
+    assert filter_state is not None
     n, sx, sy, sxx, sxy = sums.T
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = (n * sxy - sx * sy) / (n * sxx - sx * sx)
@@ -158,13 +168,13 @@ def play(
         covered=covered.reshape(A, J).sum(axis=1) / np.maximum(asked.reshape(A, J).sum(axis=1), 1.0),
         covered_worn=worn_covered / worn_asked if worn_asked else float("nan"),
         slope_error_per_k=slope.reshape(A, J),
-        track=track,
+        filter_state=filter_state,
     )
 
 
-def _at(track: Track, T: Array, slot: Array) -> Array:
-    t = np.where(np.isfinite(T), T, track.origin_c)
-    return track.reference(t, slot)[0]
+def _at(filter_state: FilterState, T: Array, slot: Array) -> Array:
+    t = np.where(np.isfinite(T), T, filter_state.origin_c)
+    return filter_state.reference(t, slot)[0]
 
 
 # --- figures ------------------------------------------------------------------------------------------------
@@ -299,14 +309,14 @@ def _lives(pace: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSe
     answers: list[tuple[bool, bool | None]] = []
     asked = np.zeros(arms, dtype=bool)
 
-    def watch(_: int, now: Day, track: Track, usage: Usage) -> None:
+    def watch(_: int, now: Day, filter_state: FilterState, usage: Usage) -> None:
         worn = now.used_days * pace
         for arm in np.flatnonzero(now.replayed & ~asked & (worn >= 0.5 * rise)):
             asked[arm] = True
             n = arm * 6 + int(wear.joint[arm])
             told = remaining_life(
-                track.mean[n, [WEAR, RATE]],
-                track.cov[n][np.ix_([WEAR, RATE], [WEAR, RATE])],
+                filter_state.mean[n, [WEAR, RATE]],
+                filter_state.cov[n][np.ix_([WEAR, RATE], [WEAR, RATE])],
                 wear_walk_per_sqrt_day=assess.drift.wear_walk_per_sqrt_day,
                 settings=assess.prognosis,
             )

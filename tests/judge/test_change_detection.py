@@ -11,7 +11,7 @@ from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.change_detection import DENSE
-from monitor.judge.drift.filter_state import OUTLIER, WINDOW, renewed
+from monitor.judge.drift.filter_state import OUTLIER, WINDOW, replace_joints
 from monitor.judge.drift.observation import DriftSettings
 from monitor.judge.drift.step import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
@@ -77,7 +77,7 @@ def test_a_jump_right_after_the_first_replays_is_wear_though_it_is_gated(first, 
 
 def test_a_change_is_looked_for_at_every_one_of_the_last_replays():
     """A step's first replay says most of it: of the youngest starts none is left out, of the older ones ever more."""
-    ages = lived(a_year(5))[-1].track.ages[0]
+    ages = lived(a_year(5))[-1].filter_state.ages[0]
     assert np.array_equal(ages[: DENSE + 1], np.arange(DENSE + 1))
     assert np.all(np.diff(ages) > 0)
     assert len(ages) == WINDOW
@@ -95,11 +95,11 @@ def test_noise_far_larger_than_supposed_is_learnt_though_much_of_it_looks_wild(t
 def test_a_joint_that_was_replaced_has_no_wild_replays_behind_it():
     """Counted on, those of the old joint would make every wild replay of the new one its noise."""
     wild = {day: np.array([0, 0, 0.4, 0, 0, 0]) for day in range(20, 60, 5)}
-    track = lived(a_year(9, days=60, wear=wild))[-1].track
+    filter_state = lived(a_year(9, days=60, wear=wild))[-1].filter_state
     new = np.arange(6) == 2
-    assert track.outliers[2] >= len(wild) - 1
-    assert renewed(track, new, DRIFT).outliers[2] == 0
-    assert np.array_equal(renewed(track, new, DRIFT).outliers[~new], track.outliers[~new])
+    assert filter_state.outliers[2] >= len(wild) - 1
+    assert replace_joints(filter_state, new, DRIFT).outliers[2] == 0
+    assert np.array_equal(replace_joints(filter_state, new, DRIFT).outliers[~new], filter_state.outliers[~new])
 
 
 def test_every_second_replay_without_a_temperature_leaves_noise_to_be_learnt():
@@ -121,10 +121,10 @@ def test_a_belief_that_looked_for_fewer_changes_is_carried_over():
         old["track"][name] = [[kind[:kept] for kind in joint] for joint in old["track"][name]]
     carried = belief_from_document(old)
     assert np.array_equal(carried.wear, belief.wear)
-    assert np.array_equal(carried.track.scores[:, :, :kept], belief.track.scores[:, :, :kept])
-    assert not carried.track.responses[:, :, kept:].any()
+    assert np.array_equal(carried.filter_state.glr_scores[:, :, :kept], belief.filter_state.glr_scores[:, :, :kept])
+    assert not carried.filter_state.responses[:, :, kept:].any()
     arm, at = Arm(seed=70), START_S + 60 * DAY_S
     onwards = learn(carried, arm.replay(31.0), CONTEXT, at, settings=DRIFT, laws=LAWS).belief
-    assert np.all(np.diff(onwards.track.ages, axis=1) > 0)
+    assert np.all(np.diff(onwards.filter_state.ages, axis=1) > 0)
     with pytest.raises(BadInput, match="not what schema_version 3 wrote"):
         belief_from_document({**old, "track": {}})

@@ -7,7 +7,15 @@ import pytest
 
 from monitor.errors import BadInput
 from monitor.judge.document import plain
-from monitor.judge.temperature.laws import Line, TemperatureSettings, begun, fitted, law_from_document, learnt, line_from_document
+from monitor.judge.temperature.laws import (
+    Line,
+    TemperatureSettings,
+    fit_law,
+    initial_law,
+    law_from_document,
+    line_from_document,
+    update_law,
+)
 
 REFERENCE_C = np.full(6, 25.0)
 SETTINGS = TemperatureSettings()
@@ -15,12 +23,12 @@ SETTINGS = TemperatureSettings()
 
 def learnt_of(friction, *, replays: int = 200, noise: float = 0.02, coldest: float = 5.0, warmest: float = 45.0, seed: int = 0) -> Line:
     dice = np.random.default_rng(seed)
-    law = begun(REFERENCE_C, friction(REFERENCE_C), fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
+    law = initial_law(REFERENCE_C, friction(REFERENCE_C), fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
     for _ in range(replays):
         T = dice.uniform(coldest, warmest, 6)
-        law = learnt(law, T, friction(T) * np.exp(noise * dice.normal(size=6)))
+        law = update_law(law, T, friction(T) * np.exp(noise * dice.normal(size=6)))
     assert plain(law_from_document(plain(law), 6, where="law")) == plain(law)
-    return fitted(law, REFERENCE_C, SETTINGS)
+    return fit_law(law, REFERENCE_C, SETTINGS)
 
 
 LAWS = {

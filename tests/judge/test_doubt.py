@@ -160,7 +160,7 @@ def test_a_history_from_before_is_read_and_goes_on(lived, model, tmp_path):
     after = assess(seen, robot=UR5, mounting=Mounting(), **state)
     assert isinstance(after, Assessment)
     assert after.model.residual_friction is not None
-    assert np.all(after.belief.doubt.replays == 1)
+    assert np.all(after.belief.prediction_error.replays == 1)
 
 
 def test_verdicts_do_not_depend_on_the_model_before(lived, model):
@@ -177,12 +177,12 @@ def test_another_payload_is_no_error_of_the_model(lived, model):
     heavier = replace(seen, context=replace(seen.context, payload_kg=2.0))
     after = assess(heavier, robot=UR5, mounting=Mounting(), belief=lived.belief, health=lived.health, model=lived.model)
     assert isinstance(after, Assessment)
-    assert np.array_equal(after.belief.doubt.replays, lived.belief.doubt.replays)
+    assert np.array_equal(after.belief.prediction_error.replays, lived.belief.prediction_error.replays)
 
 
 def test_a_document_survives_with_joints_that_nothing_is_known_of(lived):
     """NaN travels as null."""
-    odd = replace(lived.belief, doubt=lived.belief.doubt._replace(error_nm2=np.array([np.nan, 1, 2, 3, 4, 5])))
+    odd = replace(lived.belief, prediction_error=lived.belief.prediction_error._replace(error_nm2=np.array([np.nan, 1, 2, 3, 4, 5])))
     back = belief_from_document(json.loads(json.dumps(odd.as_document(), allow_nan=False)))
-    assert np.array_equal(back.doubt.error_nm2, odd.doubt.error_nm2, equal_nan=True)
+    assert np.array_equal(back.prediction_error.error_nm2, odd.prediction_error.error_nm2, equal_nan=True)
     assert np.array_equal(model_from_document(lived.model.as_document()).error_rms_nm, lived.model.error_rms_nm)

@@ -13,9 +13,9 @@ from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief, belief_from_document
-from monitor.judge.drift.filter_state import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNSEEN, WEAR
+from monitor.judge.drift.filter_state import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNRESOLVED, WEAR
 from monitor.judge.drift.observation import DriftSettings, observe
-from monitor.judge.drift.step import aged, begin, learn
+from monitor.judge.drift.step import begin, learn, predict_belief
 from monitor.judge.temperature.laws import TemperatureSettings
 
 LAWS = TemperatureSettings()
@@ -32,8 +32,8 @@ def beliefs(draw: st.DrawFn) -> Belief:
     scale = np.array([0.1, 1e-3, 0.02, 0.01, 1e-4, 0.01, 1.0, 1.0, 1.0, 1.0]) * 10.0 ** dice.uniform(-2, 1, size=STATES)
     root = dice.normal(size=(6, STATES, draw(st.integers(1, STATES)))) * scale[:, None]  # rank 1…S
     before = fresh()
-    track = replace(before.track, mean=dice.normal(size=(6, STATES)) * scale, cov=root @ np.swapaxes(root, 1, 2))
-    return replace(before, track=track)
+    filter_state = replace(before.filter_state, mean=dice.normal(size=(6, STATES)) * scale, cov=root @ np.swapaxes(root, 1, 2))
+    return replace(before, filter_state=filter_state)
 
 
 def least_eigenvalue(cov: np.ndarray) -> np.ndarray:
@@ -51,28 +51,28 @@ def moved(days: float, rho_held: float) -> np.ndarray:
 @given(belief=beliefs(), days=st.floats(0.0, 1000.0))
 def test_silence_never_makes_us_surer(belief, days):
     """Ageing adds to the variance of every combination of states; level, slopes and rate stay, wear goes on, noise fades."""
-    after = aged(belief, belief.at_unix_s + days * DAY_S, DriftSettings())
+    after = predict_belief(belief, belief.at_unix_s + days * DAY_S, DriftSettings())
     # the autocorrelation before it is learnt; the same rise every day is less and less of its logarithm
     F = np.array([moved(days, 0.5**days)] * belief.joints)  # (J, S, S)
     grown = np.exp(np.clip(belief.wear, *LOG_RISE))
-    later = np.clip(grown + days * belief.track.mean[:, RATE], *np.exp(LOG_RISE))
+    later = np.clip(grown + days * belief.filter_state.mean[:, RATE], *np.exp(LOG_RISE))
     F[:, WEAR, RATE], F[:, WEAR, WEAR] = days / later, grown / later
-    before = F @ belief.track.cov @ np.swapaxes(F, 1, 2)  # what certain motion alone would do
+    before = F @ belief.filter_state.cov @ np.swapaxes(F, 1, 2)  # what certain motion alone would do
     rounding = 1e-9 * np.max(np.abs(before), initial=1e-12)
-    assert np.all(np.linalg.eigvalsh(after.track.cov - before) >= -rounding)
-    expected = np.einsum("jab,jb->ja", F, belief.track.mean)
+    assert np.all(np.linalg.eigvalsh(after.filter_state.cov - before) >= -rounding)
+    expected = np.einsum("jab,jb->ja", F, belief.filter_state.mean)
     expected[:, WEAR] = np.log(later)
-    assert np.allclose(after.track.mean, expected, rtol=1e-9, atol=1e-12)
+    assert np.allclose(after.filter_state.mean, expected, rtol=1e-9, atol=1e-12)
 
 
 @given(belief=beliefs(), seed=st.integers(0, 1000), days=st.floats(0.01, 30.0))
 def test_looking_never_makes_us_less_sure_unless_something_jumped(belief, seed, days):
     """An ordinary update shrinks every variance; the covariance stays symmetric and positive semi-definite whatever comes."""
     at = belief.at_unix_s + days * DAY_S
-    before = aged(belief, at, DriftSettings()).track
+    before = predict_belief(belief, at, DriftSettings()).filter_state
     after = learn(
         belief, Arm(seed=seed).replay(31.0, 0.1 * (seed % 7)), CONTEXT, at, settings=DriftSettings(settle_replays=0), laws=LAWS
-    ).belief.track
+    ).belief.filter_state
     assert np.array_equal(after.cov, np.swapaxes(after.cov, 1, 2))
     assert np.all(least_eigenvalue(after.cov) >= -1e-6)  # singular priors and 10 orders of magnitude leave that much rounding
     calm = after.event != STEP
@@ -84,8 +84,10 @@ def test_looking_never_makes_us_less_sure_unless_something_jumped(belief, seed, 
 def test_a_month_is_its_two_halves(belief, split):
     """Ageing composes: the noise of a wandering rate is integrated, not added a step."""
     end = belief.at_unix_s + 30 * DAY_S
-    once = aged(belief, end, DriftSettings()).track
-    twice = aged(aged(belief, belief.at_unix_s + split * 30 * DAY_S, DriftSettings()), end, DriftSettings()).track
+    once = predict_belief(belief, end, DriftSettings()).filter_state
+    twice = predict_belief(
+        predict_belief(belief, belief.at_unix_s + split * 30 * DAY_S, DriftSettings()), end, DriftSettings()
+    ).filter_state
     scale = np.sqrt(np.einsum("jaa,jbb->jab", once.cov, once.cov)) + 1e-30
     assert np.allclose(once.cov / scale, twice.cov / scale, atol=1e-9)  # rounding
     assert np.allclose(once.mean, twice.mean, rtol=1e-9, atol=1e-12)
@@ -104,8 +106,8 @@ def test_a_fleets_filter_is_filterpys(seed, days):
     y, R, H = dice.normal(size=N), 10.0 ** dice.uniform(-6, 0, size=N), dice.normal(size=(N, STATES))
     one = slice(0, kalman.ONE_ARM)
     for many, few in (
-        (kalman.predicted(mean, cov, F, Q), kalman.predicted(mean[one], cov[one], F[one], Q[one])),
-        (kalman.updated(mean, cov, y, R, H), kalman.updated(mean[one], cov[one], y[one], R[one], H[one])),
+        (kalman.predict(mean, cov, F, Q), kalman.predict(mean[one], cov[one], F[one], Q[one])),
+        (kalman.update(mean, cov, y, R, H), kalman.update(mean[one], cov[one], y[one], R[one], H[one])),
     ):
         largest = np.max(np.abs(cov)) + np.max(np.abs(few[1]))
         assert np.allclose(many[0][one], few[0], rtol=1e-7, atol=1e-7)  # gains of up to 10⁶ lose as many digits
@@ -118,16 +120,16 @@ def test_the_filter_is_the_joint_gaussian_of_all_replays():
     dice, arm = np.random.default_rng(5), Arm(seed=5)
     days = np.cumsum(dice.uniform(0.8, 1.2, size=15))
     belief = fresh(settings)
-    x, P = belief.track.mean[0].copy(), belief.track.cov[0].copy()
+    x, P = belief.filter_state.mean[0].copy(), belief.filter_state.cov[0].copy()
     rows, ys, Rs, means, blocks = [], [], [], [], {}
     previous = 0.0
     for k, day in enumerate(days):
         seen = arm.replay(weather(day, dice) * np.ones(6), 0.001 * day)
-        before = belief.track
+        before = belief.filter_state
         rho, var, dt = before.autocorrelation(6, settings)[0], before.noise_var(6, settings)[0], day - previous
         previous = day
         # the state at k in terms of that at k−1, and what is added
-        F = moved(dt, rho ** (dt / before.cadence_days[0]))
+        F = moved(dt, rho ** (dt / before.interval_days[0]))
         Q = np.zeros((STATES, STATES))
         q, walk = settings.rate_walk_per_sqrt_day**2, settings.wear_walk_per_sqrt_day**2
         Q[:2, :2] = q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]) + np.diag([walk * dt, 0.0])
@@ -156,8 +158,8 @@ def test_the_filter_is_the_joint_gaussian_of_all_replays():
     K = np.linalg.solve(S, H @ cov).T
     mean, cov = mean + K @ (np.array(ys) - H @ mean), cov - K @ H @ cov
     std = np.sqrt(np.diag(cov)[-STATES:])
-    assert np.allclose(belief.track.mean[0], mean[-STATES:], atol=1e-4 * std)  # the diffuse level costs the batch solution five digits
-    assert np.allclose(belief.track.cov[0], cov[-STATES:, -STATES:], atol=1e-4 * np.outer(std, std))
+    assert np.allclose(belief.filter_state.mean[0], mean[-STATES:], atol=1e-4 * std)  # a diffuse level costs the batch five digits
+    assert np.allclose(belief.filter_state.cov[0], cov[-STATES:, -STATES:], atol=1e-4 * np.outer(std, std))
 
 
 def test_a_month_of_silence_moves_only_the_doubt():
@@ -166,16 +168,16 @@ def test_a_month_of_silence_moves_only_the_doubt():
     for day in range(40):
         history.add(day, Arm(seed=day).replay(30.0))
     before = history.last.belief
-    after = aged(before, before.at_unix_s + 30 * DAY_S, DriftSettings())
-    assert np.array_equal(after.track.mean[:, LEVELS], before.track.mean[:, LEVELS])
-    assert np.allclose(after.wear, before.wear + 30 * before.track.mean[:, RATE], atol=1e-15)  # goes on at its rate
+    after = predict_belief(before, before.at_unix_s + 30 * DAY_S, DriftSettings())
+    assert np.array_equal(after.filter_state.mean[:, LEVELS], before.filter_state.mean[:, LEVELS])
+    assert np.allclose(after.wear, before.wear + 30 * before.filter_state.mean[:, RATE], atol=1e-15)  # goes on at its rate
     assert np.all(after.wear_std**2 > 1.3 * before.wear_std**2)
 
 
 def test_a_belief_cannot_be_aged_backwards():
     """Time before the belief's is a broken promise, and said so."""
     with pytest.raises(BadInput, match="before it"):
-        aged(fresh(), START_S - 1.0, DriftSettings())
+        predict_belief(fresh(), START_S - 1.0, DriftSettings())
 
 
 def test_one_wild_replay_teaches_nothing_and_is_told():
@@ -186,7 +188,9 @@ def test_one_wild_replay_teaches_nothing_and_is_told():
     before = history.last.belief
     wild = history.add(20, Arm(seed=99).replay(30.0, np.array([0, 0.4, 0, 0, 0, 0])))
     assert wild.belief.event[1] == OUTLIER
-    assert np.allclose(wild.belief.track.mean[1], aged(before, wild.belief.at_unix_s, DriftSettings()).track.mean[1])
+    assert np.allclose(
+        wild.belief.filter_state.mean[1], predict_belief(before, wild.belief.at_unix_s, DriftSettings()).filter_state.mean[1]
+    )
     assert any(warning.code == "outlier" and "joint 2" in warning.text for warning in wild.warnings)
     assert wild.health.joints[1].state == "CHECK_FUNCTION"
     calm = history.add(21, Arm(seed=21).replay(30.0))
@@ -233,7 +237,7 @@ def test_noise_that_lasts_is_learnt_as_such():
         history, arm = History(), Arm(seed=4, autocorrelation=rho)
         for day in range(150):
             history.add(day, arm.replay(30.0))
-        learnt[rho] = float(np.mean(history.last.belief.track.autocorrelation(6, DriftSettings())))
+        learnt[rho] = float(np.mean(history.last.belief.filter_state.autocorrelation(6, DriftSettings())))
     assert learnt[0.0] < 0.2
     assert learnt[0.5] > 0.3
 
@@ -247,7 +251,7 @@ def test_the_temperature_slope_is_learnt():
     fv = arm.viscous * np.exp(-0.015 * (belief.reference_temperature_c - 25.0)) * 0.4
     truth = 0.015 * fv / (COULOMB_NM + fv)
     error = np.abs(belief.slope - truth)
-    assert np.all(error < 3 * np.sqrt(belief.track.cov[:, SLOPE, SLOPE]))
+    assert np.all(error < 3 * np.sqrt(belief.filter_state.cov[:, SLOPE, SLOPE]))
     assert np.all(error < 0.0015)
 
 
@@ -288,8 +292,10 @@ def test_a_joint_that_says_nothing_is_left_as_it_was():
     before = history.last.belief
     slow = replace(Arm(seed=5).replay(30.0), max_speed_rad_s=np.array([2.0, 2.0, 2.0, 0.1, 2.0, 2.0]))
     after = history.add(5, slow)
-    assert after.belief.event[3] == UNSEEN
-    assert np.array_equal(after.belief.track.mean[3], aged(before, after.belief.at_unix_s, DriftSettings()).track.mean[3])
+    assert after.belief.event[3] == UNRESOLVED
+    assert np.array_equal(
+        after.belief.filter_state.mean[3], predict_belief(before, after.belief.at_unix_s, DriftSettings()).filter_state.mean[3]
+    )
     assert after.health.joints[3].state == "CHECK_FUNCTION"
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from monitor.judge.drift.usage import uncounted
+from monitor.judge.drift.usage import no_usage
 from monitor.judge.torque.predictor import TorquePrediction
 from monitor.judge.torque.production_residual import ResidualSettings, production_evidence, pull_forward, update
 from monitor.service.production import Production, Sample
@@ -81,7 +81,7 @@ def test_revolutions_are_counted_while_somebody_listens():
     assert production.revolutions(1200.0) == pytest.approx([300.0] * J)  # half was heard: twice as much was done
     production.moved(5000.0, np.zeros(J))
     assert production.revolutions(9000.0) is None
-    production.continue_from(uncounted(J)._replace(revolutions=np.full(J, 7.0)))
+    production.continue_from(no_usage(J)._replace(revolutions=np.full(J, 7.0)))
 
 
 def test_a_replay_is_asked_for_once_a_model():

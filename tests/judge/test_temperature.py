@@ -14,29 +14,29 @@ from monitor.judge.document import plain
 from monitor.judge.temperature.laws import (
     Law,
     TemperatureSettings,
-    begun,
-    fitted,
+    fit_law,
+    initial_law,
     law_from_document,
-    learnt,
     line_from_document,
-    reopened,
+    reopen_law,
+    update_law,
 )
-from monitor.judge.temperature.stuck import stuck, watched
+from monitor.judge.temperature.stuck import stuck_sensors, update_sensors
 
 SETTINGS = TemperatureSettings()
 ONE = np.ones(1)
 
 
 def law_of(temperatures: np.ndarray, values: np.ndarray) -> Law:
-    law = begun(temperatures[:1], values[:1], fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
+    law = initial_law(temperatures[:1], values[:1], fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
     for T, value in zip(temperatures, values, strict=True):
-        law = learnt(law, np.array([T]), np.array([value]))
+        law = update_law(law, np.array([T]), np.array([value]))
     return law
 
 
 def test_one_replay_gives_a_usable_law_with_an_honest_doubt():
     """Level as measured, slope of the robot family ± its published spread; ten kelvin away the doubt is larger."""
-    line = fitted(law_of(np.array([25.0]), np.array([10.0])), 25.0 * ONE, SETTINGS)
+    line = fit_law(law_of(np.array([25.0]), np.array([10.0])), 25.0 * ONE, SETTINGS)
     assert line.intercept[0] == pytest.approx(10.0)
     assert line.slope[0] == pytest.approx(-0.15)  # 1.5 %/K of 10
     assert np.sqrt(line.cov[0, 1, 1]) == pytest.approx(0.07)
@@ -52,7 +52,7 @@ def test_many_replays_give_the_line_that_is_there():
     dice = np.random.default_rng(0)
     T = dice.uniform(20, 40, 60)
     fv = 10.0 - 0.12 * (T - 30.0) + dice.normal(size=60) * 0.3
-    line = fitted(law_of(T, fv), 30.0 * ONE, SETTINGS)
+    line = fit_law(law_of(T, fv), 30.0 * ONE, SETTINGS)
     std = np.sqrt(np.diagonal(line.cov[0]))
     assert abs(line.intercept[0] - 10.0) < 3 * std[0]
     assert abs(line.slope[0] + 0.12) < 3 * std[1]
@@ -66,7 +66,7 @@ def test_the_running_sums_are_the_whole_regression(replays):
     """The line equals a batch Bayesian regression with the same scatter, whatever the replays."""
     T, value = np.array(replays).T
     law = law_of(T, value)
-    line = fitted(law, T[:1], SETTINGS)
+    line = fit_law(law, T[:1], SETTINGS)
     X = np.stack([np.ones_like(T), T - T[0]], axis=1)
     precision = X.T @ X / line.scatter[0] ** 2 + np.diag([0.0, 1.0 / law.slope_prior_std[0] ** 2])
     right = X.T @ value / line.scatter[0] ** 2 + [0.0, law.slope_prior[0] / law.slope_prior_std[0] ** 2]
@@ -78,14 +78,14 @@ def test_the_running_sums_are_the_whole_regression(replays):
 def test_the_reference_temperature_is_a_way_of_speaking():
     """Value and doubt at 33 °C are the same from a line referred to 20 and to 40 °C."""
     law = law_of(np.array([22.0, 28.0, 36.0]), np.array([11.0, 10.1, 9.2]))
-    a, b = (fitted(law, T0 * ONE, SETTINGS).at(33.0 * ONE) for T0 in (20.0, 40.0))
+    a, b = (fit_law(law, T0 * ONE, SETTINGS).at(33.0 * ONE) for T0 in (20.0, 40.0))
     assert a.value[0] == pytest.approx(b.value[0], rel=1e-12)
     assert a.std[0] == pytest.approx(b.std[0], rel=1e-9)
 
 
 def test_friction_never_drives_however_far_a_line_is_stretched():
     """At 200 °C the line of −0.15/K from 10 would be negative: it is held at 5 % and flagged."""
-    hot = fitted(law_of(np.array([25.0]), np.array([10.0])), 25.0 * ONE, SETTINGS).at(200.0 * ONE)
+    hot = fit_law(law_of(np.array([25.0]), np.array([10.0])), 25.0 * ONE, SETTINGS).at(200.0 * ONE)
     assert hot.value[0] == pytest.approx(0.5)
     assert hot.extrapolated[0]
 
@@ -94,17 +94,17 @@ def test_a_new_context_keeps_the_slope_and_learns_the_level_anew():
     """A payload that adds 30 % moves the level at once; the slope learnt before stands as the prior."""
     T = np.linspace(20, 40, 30)
     law = law_of(T, 10.0 - 0.10 * (T - 30.0))
-    slope = fitted(law, 30.0 * ONE, SETTINGS).slope[0]
-    anew = learnt(reopened(law, SETTINGS), 30.0 * ONE, 13.0 * ONE)
-    line = fitted(anew, 30.0 * ONE, SETTINGS)
+    slope = fit_law(law, 30.0 * ONE, SETTINGS).slope[0]
+    anew = update_law(reopen_law(law, SETTINGS), 30.0 * ONE, 13.0 * ONE)
+    line = fit_law(anew, 30.0 * ONE, SETTINGS)
     assert line.intercept[0] == pytest.approx(13.0)
     assert line.slope[0] == pytest.approx(slope)
 
 
 def test_a_joint_never_seen_has_no_law():
     """NaN values teach nothing: the line says NaN instead of a guess, and does not spoil the others."""
-    law = begun(np.full(2, 25.0), np.array([10.0, np.nan]), fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
-    line = fitted(learnt(law, np.full(2, 25.0), np.array([10.0, np.nan])), np.full(2, 25.0), SETTINGS)
+    law = initial_law(np.full(2, 25.0), np.array([10.0, np.nan]), fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
+    line = fit_law(update_law(law, np.full(2, 25.0), np.array([10.0, np.nan])), np.full(2, 25.0), SETTINGS)
     assert line.intercept[0] == pytest.approx(10.0)
     assert np.isnan(line.intercept[1])
     assert not line.inside(np.full(2, 25.0))[1]
@@ -112,8 +112,8 @@ def test_a_joint_never_seen_has_no_law():
 
 def test_documents_carry_law_and_line_exactly():
     """NaN travels as null; every float comes back as it was."""
-    law = learnt(law_of(np.array([21.3, 30.7]), np.array([10.1, 9.3])), np.array([np.nan]), np.array([9.9]))
-    line = fitted(law, 27.1 * ONE, SETTINGS)
+    law = update_law(law_of(np.array([21.3, 30.7]), np.array([10.1, 9.3])), np.array([np.nan]), np.array([9.9]))
+    line = fit_law(law, 27.1 * ONE, SETTINGS)
     assert plain(law_from_document(plain(law), 1, where="law")) == plain(law)
     assert plain(line_from_document(line.as_document(), 1, where="line")) == line.as_document()
     with pytest.raises(BadInput, match="sums has shape"):
@@ -146,12 +146,12 @@ def test_a_sensor_that_moves_again_is_believed_again():
     others = [25.0, 26.0, 28.0, 27.0, 25.5]
     sensors = None
     for median in others:
-        sensors = watched(sensors, np.array([median, median, 31.0, median, median, np.nan]))
-    assert stuck(sensors).tolist() == [False, False, True, False, False, False]
-    assert not stuck(watched(sensors, np.array([25.0, 25.0, 31.1, 25.0, 25.0, np.nan]))).any()
+        sensors = update_sensors(sensors, np.array([median, median, 31.0, median, median, np.nan]))
+    assert stuck_sensors(sensors).tolist() == [False, False, True, False, False, False]
+    assert not stuck_sensors(update_sensors(sensors, np.array([25.0, 25.0, 31.1, 25.0, 25.0, np.nan]))).any()
     for _ in range(20):
-        sensors = watched(sensors, np.full(6, 30.0))
-    assert not stuck(sensors).any()
+        sensors = update_sensors(sensors, np.full(6, 30.0))
+    assert not stuck_sensors(sensors).any()
 
 
 def test_a_temperature_that_no_joint_has_teaches_nothing_and_is_told():

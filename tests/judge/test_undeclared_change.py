@@ -42,7 +42,7 @@ def test_an_undeclared_payload_is_named_and_is_no_wear():
     [alert] = history.health.active_alerts
     assert "about 2.5 kg more" in alert.text
     assert np.all(np.abs(history.last.belief.wear) < 0.01)
-    assert history.last.belief.track.replays[1] == 20  # nothing learnt of the three
+    assert history.last.belief.filter_state.replays[1] == 20  # nothing learnt of the three
 
 
 def test_a_gain_that_changed_is_named_and_is_no_wear():

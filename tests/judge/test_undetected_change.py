@@ -32,21 +32,21 @@ def test_the_plus_minus_of_wear_grows_before_a_change_is_found_and_is_the_filter
     beliefs = lived(0.001, 130)
     found = next(day for day, belief in enumerate(beliefs) if day > 60 and belief.event[2] == STEP)
     before, after = beliefs[found - 1], beliefs[found]
-    mean, std = before.wear_told(DRIFT)
+    mean, std = before.wear_with_undetected(DRIFT)
     truth = np.log1p(0.001 * (found - 1 - 60))
     assert std[2] > 1.5 * before.wear_std[2]
     assert abs(mean[2] - truth) < abs(before.wear[2] - truth)
     assert abs(mean[2] - truth) < 1.645 * std[2]
-    mean, std = after.wear_told(DRIFT)
+    mean, std = after.wear_with_undetected(DRIFT)
     assert np.allclose([mean[2], std[2]], [after.wear[2], after.wear_std[2]], rtol=1e-9)
 
 
 def test_a_joint_that_is_well_is_doubted_a_little():
     """By 0.2–0.4 %, where the filter alone says 0.14; with nobody supposing that wear begins, exactly what the filter says."""
     belief = lived(0.0, 90)[-1]
-    _, std = belief.wear_told(DRIFT)
+    _, std = belief.wear_with_undetected(DRIFT)
     assert np.all(std >= belief.wear_std)
     assert np.all(std < 0.006)
-    mean, std = belief.wear_told(replace(DRIFT, onsets_per_year=0.0))
+    mean, std = belief.wear_with_undetected(replace(DRIFT, onsets_per_year=0.0))
     assert np.allclose(mean, belief.wear, rtol=0, atol=1e-15)  # rounding
     assert np.allclose(std, belief.wear_std, rtol=1e-12)

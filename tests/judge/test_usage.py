@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from synthetic_arm import CONTEXT, Arm, History
 
 from monitor.errors import BadInput
-from monitor.judge.drift.usage import uncounted, worked
+from monitor.judge.drift.usage import no_usage, update_usage
 
 J = 6
 
@@ -18,10 +18,10 @@ J = 6
 @given(daily=st.floats(10.0, 1e5), days=st.lists(st.floats(0.1, 10.0), min_size=1, max_size=20))
 def test_the_same_work_every_day_is_one_usual_day_a_day(daily, days):
     """Whatever the spacing of the replays."""
-    usage, count = worked(uncounted(1), np.array([0.0]), np.array([0.0])).usage, 0.0
+    usage, count = update_usage(no_usage(1), np.array([0.0]), np.array([0.0])).usage, 0.0
     for span in days:
         count += daily * span
-        done = worked(usage, np.array([count]), np.array([span]))
+        done = update_usage(usage, np.array([count]), np.array([span]))
         usage = done.usage
         assert done.usual_days[0] == pytest.approx(span)
         assert usage.per_day[0] == pytest.approx(daily)
@@ -29,10 +29,10 @@ def test_the_same_work_every_day_is_one_usual_day_a_day(daily, days):
 
 def test_a_counter_that_is_missing_or_ran_backwards_counts_as_usual():
     """And is taken up again from where it is."""
-    usage = worked(uncounted(1), np.array([1000.0]), np.array([0.0])).usage
-    usage = worked(usage, np.array([2000.0]), np.array([1.0])).usage
+    usage = update_usage(no_usage(1), np.array([1000.0]), np.array([0.0])).usage
+    usage = update_usage(usage, np.array([2000.0]), np.array([1.0])).usage
     for odd in (np.nan, 5.0):
-        done = worked(usage, np.array([odd]), np.array([3.0]))
+        done = update_usage(usage, np.array([odd]), np.array([3.0]))
         assert done.usual_days[0] == 3.0
         assert done.factor[0] == 1.0
         assert done.usage.per_day[0] == usage.per_day[0]
@@ -56,8 +56,8 @@ def test_a_holiday_wears_nothing_where_somebody_counts():
     """Six weeks off after 40 days of work: counted, nothing is foreseen for them; uncounted, days are taken for work."""
     counted, not_counted = wearing(count=True).last.friction[1], wearing(count=False).last
     assert counted.wear == pytest.approx(0.003 * 42, abs=0.02)
-    assert not_counted.belief.track.innovation[1] < -0.03  # days alone foresaw more
-    assert abs(wearing(count=True).last.belief.track.innovation[1]) < 0.03
+    assert not_counted.belief.filter_state.innovation[1] < -0.03  # days alone foresaw more
+    assert abs(wearing(count=True).last.belief.filter_state.innovation[1]) < 0.03
 
 
 def test_remaining_life_is_told_in_revolutions():

@@ -23,12 +23,12 @@ SETTINGS = HealthSettings()
 def believed(day: float, wear: dict[int, float] | None = None, std: float = 0.005, **changes: object) -> Belief:
     """A belief of that day: joint → fraction of wear, the others none; `std` of all."""
     fresh = begin("ur5", CONTEXT, Arm().replay(30.0), START_S, settings=DriftSettings(), laws=TemperatureSettings())
-    mean, cov = fresh.track.mean.copy(), np.zeros_like(fresh.track.cov)
+    mean, cov = fresh.filter_state.mean.copy(), np.zeros_like(fresh.filter_state.cov)
     for joint, fraction in (wear or {}).items():
         mean[joint - 1, WEAR] = np.log1p(fraction)
     cov[:, WEAR, WEAR], cov[:, RATE, RATE] = std**2, 1e-8
-    track = replace(fresh.track, mean=mean, cov=cov, event=np.full(6, float(ORDINARY)), replays=np.full(6, 50.0))
-    standing = {"track": track, "inside_range": np.ones(6), "temperature_c": np.full(6, 30.0), "replays": 50}
+    filter_state = replace(fresh.filter_state, mean=mean, cov=cov, event=np.full(6, float(ORDINARY)), replays=np.full(6, 50.0))
+    standing = {"filter_state": filter_state, "inside_range": np.ones(6), "temperature_c": np.full(6, 30.0), "replays": 50}
     return replace(fresh, at_unix_s=START_S + day * DAY_S, **{**standing, **changes})
 
 

@@ -46,7 +46,7 @@ def test_wear_is_not_taken_for_noise():
     """
     wear = Wear(joint=np.arange(24) % 6.0, onset_day=np.full(24, 40.0), step=np.zeros(24), per_day=np.full(24, 0.6 / 365.0))
     played = play(FleetSettings(arms=24, days=160, seed=4, scenarios=("steady", "seasons", "warm_ups")), FREE, wear)
-    std = np.sqrt(played.track.noise_var(6, FREE.drift).reshape(24, 6))
+    std = np.sqrt(played.filter_state.noise_var(6, FREE.drift).reshape(24, 6))
     worn = np.zeros((24, 6), dtype=bool)
     worn[np.arange(24), wear.joint.astype(int)] = True
     assert np.mean(std[worn]) == pytest.approx(0.02, rel=0.035)
@@ -67,14 +67,14 @@ def test_the_fleets_filter_is_the_daemons():
     """The same observations one by one through the belief and all at once through the fleet's track: the same wear to rounding."""
     from synthetic_arm import CONTEXT, START_S, Arm
 
-    from monitor.judge.drift.change_detection import followed
-    from monitor.judge.drift.filter_state import aged, at_pace, begun
+    from monitor.judge.drift.change_detection import update_filter
+    from monitor.judge.drift.filter_state import initial_filter, predict_filter, update_interval
     from monitor.judge.drift.step import begin, learn
 
     drift, laws = ASSESS.drift, ASSESS.temperature
     arms = [Arm(seed=seed) for seed in range(4)]
     beliefs: list = [None] * 4
-    track = None
+    filter_state = None
     slot = np.zeros(24, dtype=int)
     for day in range(40):
         replays = [arm.replay(28.0 + (day % 7), np.array([0, 0, 0.1 * (day >= 25), 0, 0, 0])) for arm in arms]
@@ -84,13 +84,13 @@ def test_the_fleets_filter_is_the_daemons():
             beliefs[k] = learn(beliefs[k], seen, CONTEXT, at, settings=drift, laws=laws).belief
         rows = [observe(seen, drift) for seen in replays]
         together = type(rows[0])(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
-        if track is None:
+        if filter_state is None:
             fall, std, dry = laws.viscous_fall_per_k, laws.viscous_fall_std_per_k, laws.coulomb_fall_std_per_k
-            track = begun(together, drift, fall_per_k=fall, fall_std_per_k=std, coulomb_std_per_k=dry)
+            filter_state = initial_filter(together, drift, fall_per_k=fall, fall_std_per_k=std, coulomb_std_per_k=dry)
         days = np.full(24, float(day > 0))
-        track = followed(at_pace(aged(track, days, 6, drift), days), together, slot, 6, drift)
+        filter_state = update_filter(update_interval(predict_filter(filter_state, days, 6, drift), days), together, slot, 6, drift)
     one_by_one = np.concatenate([belief.wear for belief in beliefs])
-    assert np.allclose(track.wear, one_by_one, atol=1e-9)
+    assert np.allclose(filter_state.wear, one_by_one, atol=1e-9)
     assert np.max(one_by_one) > 0.05
 
 

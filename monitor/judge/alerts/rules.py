@@ -38,9 +38,9 @@ from monitor.judge.alerts.health import (
 from monitor.judge.alerts.life_cycle import ConditionStatus, next_step
 from monitor.judge.alerts.why_not import counts_of
 from monitor.judge.belief import Belief
-from monitor.judge.drift.filter_state import OUTLIER, UNSEEN
+from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.observation import DriftSettings
-from monitor.judge.drift.undeclared_change import NOTHING_SAID, Contradiction
+from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange
 from monitor.recording import Array
 
 
@@ -55,7 +55,7 @@ def judge(
     health: Health | None,
     belief: Belief,
     settings: HealthSettings,
-    contradiction: Contradiction = NOTHING_SAID,
+    undeclared: UndeclaredChange = NO_UNDECLARED_CHANGE,
     *,
     drift: DriftSettings | None = None,
 ) -> Judged:
@@ -63,17 +63,26 @@ def judge(
     at, J = belief.at_unix_s, belief.joints
     day = math.floor(at / 86_400.0)
     before = health or Health(joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
-    usable = belief.learnt_from & (belief.inside_range > 0) & (contradiction.condition is None)
-    seen, days = belief.track.replays > 0, np.full(J, float(day))
+    usable = belief.learnt_from & (belief.inside_range > 0) & (undeclared.condition is None)
+    seen, days = belief.filter_state.replays > 0, np.full(J, float(day))
     found = weigh_evidence(
-        belief.wear, belief.wear_std, seen, usable, days, belief.track.agreeing, belief.track.cadence_days, counts_of(before), J, settings
+        belief.wear,
+        belief.wear_std,
+        seen,
+        usable,
+        days,
+        belief.filter_state.agreeing,
+        belief.filter_state.interval_days,
+        counts_of(before),
+        J,
+        settings,
     )
     known = {alert.key: alert for alert in before.alerts}
 
     statuses: dict[tuple[int | None, str], ConditionStatus] = {}
     counted = []
     for j, joint in enumerate(before.joints):
-        troubled = _troubles(joint, belief, j, day, settings, contradicted=contradiction.condition is not None)
+        troubled = _troubles(joint, belief, j, day, settings, contradicted=undeclared.condition is not None)
         told = at if belief.learnt_from[j] else joint.told_unix_s
         counted.append(replace(_with_counts(joint, found.counts, j), troubled=tuple(troubled.items()), told_unix_s=told))
         statuses |= _of_joint(belief, j, found, counted[j], known, settings)
@@ -82,12 +91,12 @@ def judge(
     counts = found.counts
     common = Confirmations(int(counts.arm_replays[0]), int(counts.arm_days[0]), int(counts.arm_last_day[0]))
     statuses[None, COMMON_MODE] = _common_finding(belief, found, common, settings)
-    arm_troubled = _arm_troubles(before, belief, contradiction, day)
+    arm_troubled = _arm_troubles(before, belief, undeclared, day)
     for condition, evidence in arm_troubled.items():
         if condition == TEMPERATURE_SENSOR:
             statuses[None, condition] = _trouble(evidence, partial(_BLIND.format, evidence.replays), settings)
             continue
-        raises = _trouble(evidence, lambda: contradiction.text, settings)
+        raises = _trouble(evidence, lambda: undeclared.text, settings)
         # what is declared and what is measured contradict each other in one replay already; two leave no doubt of the replay
         statuses[None, condition] = raises._replace(raise_tier=0 if evidence.replays >= 2 else None)
 
@@ -98,9 +107,9 @@ def judge(
             known[key] = step.alert
             transitions.append(step)
     alerts = tuple(known.values())
-    wear = belief.wear_told(drift or DriftSettings())
-    joints = tuple(_joint_state(joint, belief, wear, alerts, settings, contradiction) for joint in counted)
-    state, why = _arm_state(joints, alerts, contradiction)
+    wear = belief.wear_with_undetected(drift or DriftSettings())
+    joints = tuple(_joint_state(joint, belief, wear, alerts, settings, undeclared) for joint in counted)
+    state, why = _arm_state(joints, alerts, undeclared)
     since = before.since_unix_s if state == before.state else at
     after = Health(
         state=state, why=why, since_unix_s=since, joints=joints, alerts=alerts, common=common, troubled=tuple(arm_troubled.items())
@@ -113,11 +122,11 @@ def split(belief: Belief, j: int) -> Attribution | None:
     y0, y = belief.first_log_torque[j], belief.last_log_torque[j]
     if not (math.isfinite(y0) and math.isfinite(y)):
         return None
-    track, slots = belief.track, belief.contexts
+    filter_state, slots = belief.filter_state, belief.contexts
     T0 = belief.reference_temperature_c[j] if not math.isfinite(belief.first_temperature_c[j]) else belief.first_temperature_c[j]
     T = belief.temperature_c[j] if math.isfinite(belief.temperature_c[j]) else T0
-    here, there = np.full(track.joints, slots[-1].slot or 0), np.full(track.joints, _first_slot(belief))
-    at = [track.reference(np.full(track.joints, t), slot)[0][j] for t, slot in ((T0, there), (T0, here), (T, here))]
+    here, there = np.full(filter_state.joints, slots[-1].slot or 0), np.full(filter_state.joints, _first_slot(belief))
+    at = [filter_state.reference(np.full(filter_state.joints, t), slot)[0][j] for t, slot in ((T0, there), (T0, here), (T, here))]
     temperature, payload, wear = float(at[2] - at[1]), float(at[1] - at[0]), float(belief.wear[j])
     whole = float(y - y0)
     return Attribution(whole=whole, temperature=temperature, payload=payload, wear=wear, rest=whole - temperature - payload - wear)
@@ -161,7 +170,7 @@ def _kind_of_rise(belief: Belief, j: int, known: Mapping[tuple[int | None, str],
         alert = known.get((j + 1, condition))
         if alert is not None and alert.active:
             return condition
-    return SUDDEN_STEP if belief.track.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
+    return SUDDEN_STEP if belief.filter_state.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
 
 
 def _common_finding(belief: Belief, found: Evidence, common: Confirmations, settings: HealthSettings) -> ConditionStatus:
@@ -186,10 +195,10 @@ def _troubles(
     joint: JointHealth, belief: Belief, j: int, day: int, settings: HealthSettings, *, contradicted: bool
 ) -> dict[str, Confirmations]:
     """Conditions of the data of one joint, each with the replays in a row that showed it."""
-    track, T = belief.track, belief.temperature_c
+    filter_state, T = belief.filter_state, belief.temperature_c
     now = {
         TEMPERATURE_SENSOR: not math.isfinite(T[j]) and bool(np.isfinite(T).any()),
-        DATA_QUALITY: not contradicted and (belief.event[j] in {UNSEEN, OUTLIER} or bool(track.consistency[j] > 2.5)),
+        DATA_QUALITY: not contradicted and (belief.event[j] in {UNRESOLVED, OUTLIER} or bool(filter_state.consistency[j] > 2.5)),
         OUTSIDE_RANGE: bool(math.isfinite(T[j]) and not belief.inside_range[j] and belief.replays > settings.learning_replays),
     }
     before = dict(joint.troubled)
@@ -201,9 +210,9 @@ def _troubles(
 _BLIND = "No joint's temperature is known in {} replays in a row: of wear nothing is told until one is."
 
 
-def _arm_troubles(before: Health, belief: Belief, contradiction: Contradiction, day: int) -> dict[str, Confirmations]:
+def _arm_troubles(before: Health, belief: Belief, undeclared: UndeclaredChange, day: int) -> dict[str, Confirmations]:
     known = dict(before.troubled)
-    now = {contradiction.condition} if contradiction.condition else set()
+    now = {undeclared.condition} if undeclared.condition else set()
     if not np.isfinite(belief.temperature_c).any():
         now.add(TEMPERATURE_SENSOR)
     return {c: _one_more(known.get(c, Confirmations()), day) if c in now else Confirmations() for c in sorted({*known, *now})}
@@ -238,17 +247,17 @@ def _joint_state(
     wear: tuple[Array, Array],
     alerts: tuple[Alert, ...],
     settings: HealthSettings,
-    contradiction: Contradiction,
+    undeclared: UndeclaredChange,
 ) -> JointHealth:
     """The gravest of what holds for a joint, and why."""
     j = joint.joint - 1
     reasons = [(NORMAL, f"friction {math.expm1(wear[0][j]):+z.1%} ± {wear[1][j]:.1%} since the beginning")]
-    if contradiction.condition is not None:
-        reasons.append((CHECK_FUNCTION, f"nothing is learnt of wear: {contradiction.text}"))
-    elif belief.event[j] == UNSEEN:
+    if undeclared.condition is not None:
+        reasons.append((CHECK_FUNCTION, f"nothing is learnt of wear: {undeclared.text}"))
+    elif belief.event[j] == UNRESOLVED:
         reasons.append((CHECK_FUNCTION, "the last replay does not resolve this joint's friction"))
     if belief.event[j] == OUTLIER:
-        reasons.append((CHECK_FUNCTION, f"the last replay is {belief.track.innovation[j]:+z.1%} off: waiting for the next"))
+        reasons.append((CHECK_FUNCTION, f"the last replay is {belief.filter_state.innovation[j]:+z.1%} off: waiting for the next"))
     outside = math.isfinite(belief.temperature_c[j]) and not belief.inside_range[j]
     if outside and belief.replays > settings.learning_replays:
         reasons.append((OFF_SPEC, f"{belief.temperature_c[j]:.1f} °C is outside the temperatures learnt so far"))
@@ -265,12 +274,12 @@ def _joint_state(
     return replace(joint, state=state, why=why, since_unix_s=since)
 
 
-def _arm_state(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], contradiction: Contradiction) -> tuple[str, str]:
+def _arm_state(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], undeclared: UndeclaredChange) -> tuple[str, str]:
     """The gravest of the joints' and of the arm's own alerts, and why."""
     reasons = [(joint.state, f"joint {joint.joint}: {joint.why}") for joint in joints]
     reasons += [(CHECK_FUNCTION, f"{alert.condition}: {alert.text}") for alert in alerts if alert.active and alert.joint is None]
-    if contradiction.condition is not None:
-        reasons.insert(0, (CHECK_FUNCTION, contradiction.text))
+    if undeclared.condition is not None:
+        reasons.insert(0, (CHECK_FUNCTION, undeclared.text))
     state, why = max(reasons, key=lambda reason: STATES.index(reason[0]))
     return (state, why) if state != NORMAL else (NORMAL, "all joints are as they were at the beginning")
 

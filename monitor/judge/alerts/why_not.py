@@ -20,7 +20,7 @@ def why_not_alerting(health: Health, belief: Belief, joint: int, settings: Healt
     found = weigh_evidence(
         belief.wear,
         belief.wear_std,
-        belief.track.replays > 0,
+        belief.filter_state.replays > 0,
         np.zeros(belief.joints, dtype=bool),
         np.zeros(belief.joints),
         np.ones(belief.joints),

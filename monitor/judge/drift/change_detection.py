@@ -23,13 +23,13 @@ from monitor.judge.drift.filter_state import (
     SETTLING,
     SLOPE,
     STEP,
-    UNSEEN,
+    UNRESOLVED,
     WEAR,
     WINDOW,
-    Track,
-    in_new_slot,
+    FilterState,
+    open_slot,
 )
-from monitor.judge.drift.kalman import symmetric, updated
+from monitor.judge.drift.kalman import symmetric, update
 from monitor.judge.drift.observation import DriftSettings, Observation
 from monitor.recording import Array
 
@@ -44,24 +44,24 @@ STEP_STD = 0.2  # of a step, likewise
 PACES_A_STEP = 3.0  # joints wear more often than they jump
 
 
-def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: DriftSettings) -> Track:
+def update_filter(state: FilterState, seen: Observation, slot: Array, arm: int, settings: DriftSettings) -> FilterState:
     """The track, aged to the replay, after it. `slot` (N,) is the context's, `arm` the joints of one arm."""
     shown = np.isfinite(seen.log_torque)
     sensed = np.isfinite(seen.temperature_c)
-    t = np.where(sensed, seen.temperature_c - track.origin_c, 0.0)
+    t = np.where(sensed, seen.temperature_c - state.origin_c, 0.0)
     warming = np.where(np.isfinite(seen.warming_k_per_min), seen.warming_k_per_min, 0.0)
-    blind = (track.mean[:, SLOPE] ** 2 + track.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
+    blind = (state.mean[:, SLOPE] ** 2 + state.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
     # a joint that warms fast is not of one temperature: what the filter takes for its lag is a third wrong at best
-    uneven = (settings.uneven_share * track.mean[:, LAG] * warming) ** 2
+    uneven = (settings.uneven_share * state.mean[:, LAG] * warming) ** 2
     within = np.where(shown, seen.variance + settings.between_floor**2 + uneven + np.where(sensed, 0.0, blind), 1.0)
     y = np.where(shown, seen.log_torque, 0.0)
 
-    H = track.row(t, warming, slot)
-    mean, cov = track.mean, track.cov
+    H = state.row(t, warming, slot)
+    mean, cov = state.mean, state.cov
     nu = y - np.einsum("na,na->n", H, mean)
     PH = np.einsum("nab,nb->na", cov, H)
     S = np.einsum("na,na->n", H, PH) + within
-    quiet = track.noise_var(arm, settings) + within
+    quiet = state.noise_var(arm, settings) + within
     z = nu / np.sqrt(S)
     shared = PH[:, NOISE] - cov[:, NOISE, NOISE]
     level_var = S - within - 2.0 * shared - cov[:, NOISE, NOISE]
@@ -69,9 +69,9 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     settling = level_var > 2.0 * quiet
     gated = np.abs(z) > settings.gate_sigma
     side = np.where(z >= 0, 1.0, -1.0)
-    run = np.where(gated & shown, np.where(track.gate_run * side > 0, track.gate_run + side, side), np.where(shown, 0.0, track.gate_run))
+    run = np.where(gated & shown, np.where(state.gate_run * side > 0, state.gate_run + side, side), np.where(shown, 0.0, state.gate_run))
 
-    ages, responses, scores, raw_scores, informations = _candidates(track, shown)
+    ages, responses, scores, raw_scores, informations = _candidates(state, shown)
     G = np.einsum("na,nkwa->nkw", H, responses)
     limit = np.where(gated, GATED, CLIPPED) * np.sqrt(S)
     nu_held = np.clip(nu, -limit, limit)
@@ -82,61 +82,61 @@ def followed(track: Track, seen: Observation, slot: Array, arm: int, settings: D
     # a wild replay alone never proves a change; several in a row on one side do, from the first of them on
     in_a_row = gated & (np.abs(run) >= settings.gate_run)
     # what began when hardly anything was known is of the baseline; and a change is no single replay
-    since = track.replays + np.where(in_a_row, np.abs(run) - 1.0, 0.0)  # those wild ones before this were not learnt from
+    since = state.replays + np.where(in_a_row, np.abs(run) - 1.0, 0.0)  # those wild ones before this were not learnt from
     enough = (ages >= settings.gate_run - 1) & (ages <= (since - settings.baseline_replays)[:, None])
     said = np.where(in_a_row[:, None, None], raw_scores_now, scores_now)
     ratios, over = _ratios(said, informations_now, ages, enough, settings)
     found = ((np.max(over, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gated)
     young = found & ~np.any(ratios > 0, axis=(1, 2))
     if young.any():  # nothing is known that could have worn: the level begins again
-        fresh = in_new_slot(replace(track, mean=mean, cov=cov), slot, young)
+        fresh = open_slot(replace(state, mean=mean, cov=cov), slot, young)
         mean, cov = fresh.mean, fresh.cov
     grown = found & ~young
     jumped, agreeing = np.zeros(len(y)), np.ones(len(y))
     if grown.any():
         bank = _Bank(responses, ages, scores, raw_scores, informations)
-        mean, cov, jumped, age = _believed(mean, cov, bank, ratios, G, nu, S, grown, in_a_row)
+        mean, cov, jumped, age = _change_posterior(mean, cov, bank, ratios, G, nu, S, grown, in_a_row)
         agreeing += age
 
     event = np.where(grown, STEP, np.where(gated, OUTLIER, np.where(settling, SETTLING, ORDINARY))).astype(float)
     event[(gated & settling & ~found) | young] = SETTLING
-    event[~shown] = UNSEEN
+    event[~shown] = UNRESOLVED
     learnt = event <= STEP
 
-    new_mean, new_cov = updated(mean, cov, y, within, H)
+    new_mean, new_cov = update(mean, cov, y, within, H)
     mean, cov = np.where(learnt[:, None], new_mean, mean), np.where(learnt[:, None, None], new_cov, cov)
     K = np.where(learnt[:, None], PH / S[:, None], 0.0)  # of the filter that knew of no change
     responses -= G[..., None] * K[:, None, None, :]
     for told in (responses, scores_now, raw_scores_now, informations_now):
         told[found] = 0.0
     return replace(
-        _with_noise(track, nu, level_var, shared, within, event, sensed, arm, settings),
+        _update_noise(state, nu, level_var, shared, within, event, sensed, arm, settings),
         mean=mean,
         cov=cov,
-        replays=track.replays + learnt,
-        consistency=np.where(event == ORDINARY, track.consistency + (z**2 - track.consistency) / 20.0, track.consistency),
+        replays=state.replays + learnt,
+        consistency=np.where(event == ORDINARY, state.consistency + (z**2 - state.consistency) / 20.0, state.consistency),
         innovation=np.where(shown, nu, np.nan),
         normalised=np.where(shown, z, np.nan),
         event=event,
         gate_run=np.where(found, 0.0, run),
-        outliers=track.outliers + (event == OUTLIER),
+        outliers=state.outliers + (event == OUTLIER),
         ages=ages,
         responses=responses,
-        scores=scores_now,
-        raw_scores=raw_scores_now,
-        informations=informations_now,
+        glr_scores=scores_now,
+        raw_glr_scores=raw_scores_now,
+        glr_informations=informations_now,
         agreeing=agreeing,
-        stepped=track.stepped + jumped,
+        stepped=state.stepped + jumped,
     )
 
 
-def _candidates(track: Track, shown: np.ndarray) -> tuple[Array, Array, Array, Array, Array]:
+def _candidates(state: FilterState, shown: np.ndarray) -> tuple[Array, Array, Array, Array, Array]:
     """One more replay at which a change may have begun, one of the others forgotten; only for joints that are shown.
 
     The ages stay about geometric: the one goes that leaves the smallest gap for its age. A change found among them is late by little.
     """
     n = np.flatnonzero(shown)
-    ages = track.ages + shown[:, None]
+    ages = state.ages + shown[:, None]
     gaps = (ages[:, 2:] - ages[:, :-2]) / ages[:, 1:-1]  # of those between the first and the last
     gaps[:, :DENSE] = np.inf
     last = np.where(ages[:, -1:] > OLDEST, 0.0, np.inf)
@@ -153,11 +153,11 @@ def _candidates(track: Track, shown: np.ndarray) -> tuple[Array, Array, Array, A
         new[n, :, 0] = 0.0
         return new
 
-    responses = moved(track.responses)
+    responses = moved(state.responses)
     responses[n, 0, 0, WEAR] = 1.0
     responses[n, 1, 0, RATE] = 1.0
-    responses[n, 1, 0, WEAR] = track.cadence_days[n]  # a pace that began after the last replay has done a replay's work
-    return ages, responses, moved(track.scores), moved(track.raw_scores), moved(track.informations)
+    responses[n, 1, 0, WEAR] = state.interval_days[n]  # a pace that began after the last replay has done a replay's work
+    return ages, responses, moved(state.glr_scores), moved(state.raw_glr_scores), moved(state.glr_informations)
 
 
 def _ratios(scores: Array, informations: Array, ages: Array, enough: np.ndarray, settings: DriftSettings) -> tuple[Array, Array]:
@@ -184,12 +184,12 @@ class _Bank(NamedTuple):
 
     responses: Array  # (N, 2, W, S)
     ages: Array  # (N, W)
-    scores: Array  # (N, 2, W)
-    raw_scores: Array
-    informations: Array
+    glr_scores: Array  # (N, 2, W)
+    raw_glr_scores: Array
+    glr_informations: Array
 
 
-def _believed(
+def _change_posterior(
     mean: Array, cov: Array, bank: _Bank, ratios: Array, G: Array, nu: Array, S: Array, found: np.ndarray, in_a_row: np.ndarray
 ) -> tuple[Array, Array, Array, Array]:
     """Mean and covariance as if the change had been foreseen; how much of it is a step (N,), and how old the likeliest is (N,).
@@ -201,7 +201,7 @@ def _believed(
     n = np.flatnonzero(found)
     M = KINDS * WINDOW
     ratio = ratios[n].reshape(-1, M)  # (n, M)
-    information = bank.informations[n].reshape(-1, M)
+    information = bank.glr_informations[n].reshape(-1, M)
     precision = information + np.repeat(np.array([STEP_STD, PACE_STD_PER_DAY]) ** -2, WINDOW)
     # one candidate stands for all starts up to the next older one
     span = np.tile(np.diff(bank.ages[n], axis=1, append=bank.ages[n][:, -1:] + 1.0), KINDS)
@@ -211,7 +211,7 @@ def _believed(
     weight = np.exp(evidence - evidence.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
     # where replays were held down the size lies between what they say in full and what they say held down
-    held, full = bank.scores[n].reshape(-1, M) / precision, bank.raw_scores[n].reshape(-1, M) / precision
+    held, full = bank.glr_scores[n].reshape(-1, M) / precision, bank.raw_glr_scores[n].reshape(-1, M) / precision
     held = np.where(in_a_row[n, None], full, held)  # but wild replays in a row mean what they say
     size = 0.5 * (held + full)
     g = bank.responses[n].reshape(len(n), M, -1)  # (n, M, S)
@@ -235,8 +235,8 @@ def _believed(
     return mean, cov, jumped, age
 
 
-def _with_noise(
-    track: Track,
+def _update_noise(
+    state: FilterState,
     nu: Array,
     level_var: Array,
     shared: Array,
@@ -245,7 +245,7 @@ def _with_noise(
     sensed: np.ndarray,
     arm: int,
     settings: DriftSettings,
-) -> Track:
+) -> FilterState:
     """The noise between replays, learnt from two successive ones.
 
     Residuals are taken against a level L (wear and temperature in it) that was fitted to their like, and is in doubt itself. With its
@@ -257,21 +257,21 @@ def _with_noise(
     Wild replays and those without a temperature are no part of it: one of them tells as much as a hundred others, and nothing of noise;
     unless they are many: then noise is larger than was supposed.
     """
-    rho = track.autocorrelation(arm, settings)
-    now = nu + track.mean[:, NOISE]  # what was foreseen without noise is what is compared
-    often = track.outliers >= np.maximum(OFTEN * (track.replays + track.outliers), FEWEST)
+    rho = state.autocorrelation(arm, settings)
+    now = nu + state.mean[:, NOISE]  # what was foreseen without noise is what is compared
+    often = state.outliers >= np.maximum(OFTEN * (state.replays + state.outliers), FEWEST)
     telling = ((event == ORDINARY) | ((event == OUTLIER) & often)) & sensed
-    usable = telling & np.isfinite(track.residual)
-    before = np.where(usable, track.residual, 0.0)
-    n = np.where(usable, np.minimum(track.noise_weight + 1.0, settings.memory_replays), track.noise_weight)
-    limit = 3.0 * np.sqrt(np.maximum(track.step_var + track.product, 0.0) + within)  # one replay says no more than this
+    usable = telling & np.isfinite(state.residual)
+    before = np.where(usable, state.residual, 0.0)
+    n = np.where(usable, np.minimum(state.noise_weight + 1.0, settings.memory_replays), state.noise_weight)
+    limit = 3.0 * np.sqrt(np.maximum(state.step_var + state.product, 0.0) + within)  # one replay says no more than this
     clipped, clipped_before = np.clip(now, -limit, limit), np.clip(before, -limit, limit)
     half = 0.5 * (clipped - clipped_before) ** 2 - within - np.maximum(level_var + (2.0 - rho) * shared, 0.0)
-    step_var = np.where(usable, track.step_var + (half - track.step_var) / n, track.step_var)
+    step_var = np.where(usable, state.step_var + (half - state.step_var) / n, state.step_var)
     alike = clipped * clipped_before - rho * np.minimum(shared, 0.0)
-    product = np.where(usable, track.product + (alike - track.product) / n, track.product)
-    silent = (event == UNSEEN) | ((event == ORDINARY) & ~sensed)  # the one before it and the one after it still compare
-    residual = np.where(silent, track.residual, np.where(telling, now, np.nan))
+    product = np.where(usable, state.product + (alike - state.product) / n, state.product)
+    silent = (event == UNRESOLVED) | ((event == ORDINARY) & ~sensed)  # the one before it and the one after it still compare
+    residual = np.where(silent, state.residual, np.where(telling, now, np.nan))
     return replace(
-        track, step_var=np.maximum(step_var, settings.between_floor**2), product=product, noise_weight=n, residual=residual
+        state, step_var=np.maximum(step_var, settings.between_floor**2), product=product, noise_weight=n, residual=residual
     )  # fmt: skip

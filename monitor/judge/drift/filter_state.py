@@ -10,11 +10,11 @@ u is use, counted in usual days of work; ẇ is the rise of friction itself, as 
 wears off the same, so friction rises along a straight line and its logarithm does not.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from monitor.judge.drift.kalman import predicted
+from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.observation import DriftSettings, Observation
 from monitor.recording import Array
 
@@ -27,18 +27,18 @@ OLDEST = 200  # … so many replays back
 KINDS = 2  # of sudden changes: a step of wear, a new pace of it
 DIFFUSE_VAR = 100.0  # log² of an unknown level: e^±10 holds every torque, and leaves 10 digits of float64 to the rest
 LOG_RISE = np.array([-3.0, 3.0])  # no joint's friction is 20 times what it was, nor a twentieth
-ORDINARY, SETTLING, STEP, OUTLIER, UNSEEN = range(5)  # what the last replay was to a joint; the last two are not learnt from
+ORDINARY, SETTLING, STEP, OUTLIER, UNRESOLVED = range(5)  # what the last replay was to a joint; the last two are not learnt from
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Track:
+class FilterState:
     """The filter's state of N joints."""
 
     origin_c: Array  # (N,) from which temperatures are counted
     mean: Array  # (N, S)
     cov: Array  # (N, S, S)
     replays: Array  # (N,) learnt from
-    cadence_days: Array  # (N,) usual time between replays: ρ belongs to it
+    interval_days: Array = field(metadata={"key": "cadence_days"})  # (N,) usual time between replays: ρ belongs to it
     step_var: Array  # (N,) half the mean square of what differs from one replay to the next, within-replay noise taken off
     product: Array  # (N,) mean product of what is noise in two successive replays
     noise_weight: Array  # (N,) replays behind both
@@ -51,9 +51,9 @@ class Track:
     outliers: Array  # (N,) gated so far
     responses: Array  # (N, 2, W, S) what a unit change, W replays ago or fewer, has left of error in the filter
     ages: Array  # (N, W) replays ago, ascending
-    scores: Array  # (N, 2, W) of each such change: Σ G·ν/S, ν held down: to 3 σ, of a wild replay to 1
-    raw_scores: Array  # (N, 2, W) the same with ν in full
-    informations: Array  # (N, 2, W) Σ G²/S
+    glr_scores: Array = field(metadata={"key": "scores"})  # (N, 2, W) of each such change: Σ G·ν/S with ν clipped
+    raw_glr_scores: Array = field(metadata={"key": "raw_scores"})  # (N, 2, W) the same with ν in full
+    glr_informations: Array = field(metadata={"key": "informations"})  # (N, 2, W) Σ G²/S
     agreeing: Array  # (N,) replays that the last one says agree with it: 1, or all since a change that was found
     stepped: Array  # (N,) wear that came in steps, log
 
@@ -126,7 +126,9 @@ class Track:
         return mean, np.sqrt(np.maximum(np.einsum("na,nab,nb->n", H, self.cov, H), 0.0))
 
 
-def begun(seen: Observation, settings: DriftSettings, *, fall_per_k: float, fall_std_per_k: float, coulomb_std_per_k: float) -> Track:
+def initial_filter(
+    seen: Observation, settings: DriftSettings, *, fall_per_k: float, fall_std_per_k: float, coulomb_std_per_k: float
+) -> FilterState:
     """Before the first replay: no wear, unknown levels, what the robot family's friction does with temperature.
 
     Only the origin and the size of the slopes are taken from the observation; `follow` then learns from it as from any other.
@@ -150,12 +152,12 @@ def begun(seen: Observation, settings: DriftSettings, *, fall_per_k: float, fall
     std[:, NOISE] = settings.between_std
     cov = std[:, :, None] * np.eye(STATES) * std[:, None, :]
     unknown = np.full(N, np.nan)
-    return Track(
+    return FilterState(
         origin_c=np.where(np.isfinite(seen.temperature_c), seen.temperature_c, settings.unknown_temperature_c),
         mean=mean,
         cov=cov,
         replays=np.zeros(N),
-        cadence_days=np.ones(N),
+        interval_days=np.ones(N),
         step_var=var * (1.0 - rho),
         product=var * rho,
         noise_weight=np.full(N, settings.between_replays),
@@ -163,70 +165,70 @@ def begun(seen: Observation, settings: DriftSettings, *, fall_per_k: float, fall
         consistency=np.ones(N),
         innovation=unknown,
         normalised=unknown,
-        event=np.full(N, float(UNSEEN)),
+        event=np.full(N, float(UNRESOLVED)),
         gate_run=np.zeros(N),
         outliers=np.zeros(N),
         responses=np.zeros((N, KINDS, WINDOW, STATES)),
         ages=np.tile(np.arange(WINDOW, dtype=float), (N, 1)),
-        scores=np.zeros((N, KINDS, WINDOW)),
-        raw_scores=np.zeros((N, KINDS, WINDOW)),
-        informations=np.zeros((N, KINDS, WINDOW)),
+        glr_scores=np.zeros((N, KINDS, WINDOW)),
+        raw_glr_scores=np.zeros((N, KINDS, WINDOW)),
+        glr_informations=np.zeros((N, KINDS, WINDOW)),
         agreeing=np.ones(N),
         stepped=np.zeros(N),
     )
 
 
-def aged(track: Track, days: Array, arm: int, settings: DriftSettings, use: Array | None = None) -> Track:
+def predict_filter(state: FilterState, days: Array, arm: int, settings: DriftSettings, use: Array | None = None) -> FilterState:
     """The same track `days` (N,) later, less sure: wear goes on at its rate, and the rate wanders. Silence never shrinks it.
 
     use : (N,) usual days of work done meanwhile; None where nobody counts: every day is one.
     """
-    N = track.joints
+    N = state.joints
     use = days if use is None else use
-    rho = track.autocorrelation(arm, settings)
-    held = rho ** np.minimum(days / track.cadence_days, 1e3)  # of the noise; an Ornstein–Uhlenbeck process looked at now and then
+    rho = state.autocorrelation(arm, settings)
+    held = rho ** np.minimum(days / state.interval_days, 1e3)  # of the noise; an Ornstein–Uhlenbeck process looked at now and then
     F = np.tile(np.eye(STATES), (N, 1, 1))
     F[:, WEAR, RATE] = use
     F[:, NOISE, NOISE] = held
-    q = settings.rate_walk_per_sqrt_day**2 + (settings.pace_walk_per_sqrt_day * track.mean[:, RATE]) ** 2  # (N,)
+    q = settings.rate_walk_per_sqrt_day**2 + (settings.pace_walk_per_sqrt_day * state.mean[:, RATE]) ** 2  # (N,)
     Q = np.zeros((N, STATES, STATES))  # exact integral of a wandering rate, so that 30 days are 30 times one day
     Q[:, WEAR, WEAR] = settings.wear_walk_per_sqrt_day**2 * days + q * use**3 / 3.0
     Q[:, WEAR, RATE] = Q[:, RATE, WEAR] = q * use**2 / 2.0
     Q[:, RATE, RATE] = q * use
-    Q[:, NOISE, NOISE] = track.noise_var(arm, settings) * (1.0 - held**2)
+    Q[:, NOISE, NOISE] = state.noise_var(arm, settings) * (1.0 - held**2)
     # friction rises along a straight line, not its logarithm: there and back again, with the slope of each
-    grown = np.exp(np.clip(track.mean[:, WEAR], *LOG_RISE))
-    mean, cov = track.mean.copy(), track.cov.copy()
+    grown = np.exp(np.clip(state.mean[:, WEAR], *LOG_RISE))
+    mean, cov = state.mean.copy(), state.cov.copy()
     mean[:, WEAR] = grown - 1.0
     cov[:, WEAR, :] *= grown[:, None]
     cov[:, :, WEAR] *= grown[:, None]
-    mean, cov = predicted(mean, cov, F, Q)
+    mean, cov = predict(mean, cov, F, Q)
     then = np.clip(1.0 + mean[:, WEAR], *np.exp(LOG_RISE))
     mean[:, WEAR] = np.log(then)
     cov[:, WEAR, :] /= then[:, None]
     cov[:, :, WEAR] /= then[:, None]
-    responses = track.responses.copy()
+    responses = state.responses.copy()
     responses[..., WEAR] = (grown[:, None, None] * responses[..., WEAR] + use[:, None, None] * responses[..., RATE]) / then[:, None, None]
     responses[..., NOISE] *= held[:, None, None]
-    return replace(track, mean=mean, cov=cov, responses=responses)
+    return replace(state, mean=mean, cov=cov, responses=responses)
 
 
-def repaced(track: Track, factor: Array) -> Track:
+def rescale_rate(state: FilterState, factor: Array) -> FilterState:
     """The same track where a usual day has become `factor` (N,) as much work: a day's rate is as many times what it was."""
-    mean, cov, responses = track.mean.copy(), track.cov.copy(), track.responses.copy()
+    mean, cov, responses = state.mean.copy(), state.cov.copy(), state.responses.copy()
     mean[:, RATE] *= factor
     cov[:, RATE, :] *= factor[:, None]
     cov[:, :, RATE] *= factor[:, None]
     responses[..., RATE] *= factor[:, None, None]
-    return replace(track, mean=mean, cov=cov, responses=responses)
+    return replace(state, mean=mean, cov=cov, responses=responses)
 
 
-def in_new_slot(track: Track, slot: Array, opened: np.ndarray) -> Track:
+def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterState:
     """For joints in `opened` (N,), the level of their slot (N,) unknown; wear and its rate stay with their doubt.
 
     Wear that coincides with the change cannot be seen. Another load shifts the viscous share, and with it the slope.
     """
-    cov, mean, responses = track.cov.copy(), track.mean.copy(), track.responses.copy()
+    cov, mean, responses = state.cov.copy(), state.mean.copy(), state.responses.copy()
     n = np.flatnonzero(opened)
     at = LEVELS + slot[n]
     cov[n, at, :] = 0.0
@@ -235,24 +237,24 @@ def in_new_slot(track: Track, slot: Array, opened: np.ndarray) -> Track:
     mean[n, at] = 0.0
     responses[n, :, :, at] = 0.0
     cov[n, SLOPE, SLOPE] += (0.15 * mean[n, SLOPE]) ** 2
-    return replace(track, mean=mean, cov=cov, responses=responses)
+    return replace(state, mean=mean, cov=cov, responses=responses)
 
 
-def renewed(track: Track, new: np.ndarray, settings: DriftSettings) -> Track:
+def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings) -> FilterState:
     """For joints in `new` (N,), which were replaced: no wear, and levels unknown in every slot; temperature and noise stay the family's."""
     for slot in range(SLOTS):
-        track = in_new_slot(track, np.full(track.joints, slot), new)
-    mean, cov = track.mean.copy(), track.cov.copy()
+        state = open_slot(state, np.full(state.joints, slot), new)
+    mean, cov = state.mean.copy(), state.cov.copy()
     pair = np.array([WEAR, RATE])
     mean[np.ix_(new, pair)] = 0.0
     cov[np.ix_(new, pair)] = 0.0
     cov[np.ix_(new, np.arange(STATES), pair)] = 0.0
     cov[new, RATE, RATE] = settings.rate_std_per_day**2
-    gone = {name: np.where(_of(new, getattr(track, name)), 0.0, getattr(track, name)) for name in _OF_THE_PAST}
-    return replace(track, mean=mean, cov=cov, residual=np.where(new, np.nan, track.residual), **gone)
+    gone = {name: np.where(_of(new, getattr(state, name)), 0.0, getattr(state, name)) for name in _OF_THE_PAST}
+    return replace(state, mean=mean, cov=cov, residual=np.where(new, np.nan, state.residual), **gone)
 
 
-_OF_THE_PAST = ("replays", "outliers", "gate_run", "stepped", "responses", "scores", "raw_scores", "informations")
+_OF_THE_PAST = ("replays", "outliers", "gate_run", "stepped", "responses", "glr_scores", "raw_glr_scores", "glr_informations")
 
 
 def _of(mask: np.ndarray, like: Array) -> np.ndarray:
@@ -260,17 +262,17 @@ def _of(mask: np.ndarray, like: Array) -> np.ndarray:
     return mask.reshape(-1, *(1,) * (like.ndim - 1))
 
 
-def elsewhere(track: Track, moved: np.ndarray) -> Track:
+def leave_context(state: FilterState, moved: np.ndarray) -> FilterState:
     """For joints in `moved` (N,), which are in another context now: what came just before does not compare."""
     return replace(
-        track,
-        residual=np.where(moved, np.nan, track.residual),
-        gate_run=np.where(moved, 0.0, track.gate_run),
+        state,
+        residual=np.where(moved, np.nan, state.residual),
+        gate_run=np.where(moved, 0.0, state.gate_run),
     )
 
 
-def at_pace(track: Track, days: Array) -> Track:
+def update_interval(state: FilterState, days: Array) -> FilterState:
     """The usual time between replays, after one that came `days` (N,) after the last; a holiday is no new habit."""
-    usual = (days > 0) & (days < 10.0 * track.cadence_days)
-    step = np.log(np.where(usual, days, track.cadence_days) / track.cadence_days) / (np.minimum(track.replays, 10.0) + 1.0)
-    return replace(track, cadence_days=track.cadence_days * np.exp(step))
+    usual = (days > 0) & (days < 10.0 * state.interval_days)
+    step = np.log(np.where(usual, days, state.interval_days) / state.interval_days) / (np.minimum(state.replays, 10.0) + 1.0)
+    return replace(state, interval_days=state.interval_days * np.exp(step))

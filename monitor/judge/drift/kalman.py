@@ -11,7 +11,7 @@ from monitor.recording import Array
 ONE_ARM = 16  # as many filters are still an arm's, and go through filterpy
 
 
-def predicted(mean: Array, cov: Array, F: Array, Q: Array) -> tuple[Array, Array]:
+def predict(mean: Array, cov: Array, F: Array, Q: Array) -> tuple[Array, Array]:
     """Means (N, S) and covariances (N, S, S) after x⁺ = F·x + noise of covariance Q; F, Q are (N, S, S)."""
     if len(mean) <= ONE_ARM:
         from filterpy.kalman import predict as filterpy_predict  # 0.7 s: only where replays are judged
@@ -22,7 +22,7 @@ def predicted(mean: Array, cov: Array, F: Array, Q: Array) -> tuple[Array, Array
     return x, symmetric(F @ cov @ np.swapaxes(F, 1, 2)) + Q
 
 
-def updated(mean: Array, cov: Array, y: Array, R: Array, H: Array) -> tuple[Array, Array]:
+def update(mean: Array, cov: Array, y: Array, R: Array, H: Array) -> tuple[Array, Array]:
     """Means and covariances after y = H·x + noise of variance R; y, R are (N,), H is (N, S)."""
     if len(mean) <= ONE_ARM:
         from filterpy.kalman import update as filterpy_update

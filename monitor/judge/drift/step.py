@@ -13,16 +13,26 @@ from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.health import HealthSettings
-from monitor.judge.belief import Belief, OpenedContext, as_last_said, comparable, differences
-from monitor.judge.drift.change_detection import followed
-from monitor.judge.drift.filter_state import OUTLIER, SLOTS, STEP, UNSEEN, at_pace, elsewhere, in_new_slot, renewed, repaced
-from monitor.judge.drift.filter_state import aged as track_aged
-from monitor.judge.drift.filter_state import begun as track_begun
+from monitor.judge.belief import Belief, OpenedContext, comparable, differences, with_lasting_declarations
+from monitor.judge.drift.change_detection import update_filter
+from monitor.judge.drift.filter_state import (
+    OUTLIER,
+    SLOTS,
+    STEP,
+    UNRESOLVED,
+    initial_filter,
+    leave_context,
+    open_slot,
+    predict_filter,
+    replace_joints,
+    rescale_rate,
+    update_interval,
+)
 from monitor.judge.drift.observation import DriftSettings, Observation, observe
-from monitor.judge.drift.undeclared_change import NOTHING_SAID, Contradiction, contradiction, weighed
-from monitor.judge.drift.usage import uncounted, worked
-from monitor.judge.temperature.laws import TemperatureSettings, begun, inside_range, learnt, reopened
-from monitor.judge.temperature.stuck import stuck, watched
+from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange, find_undeclared_change, update_mass_estimate
+from monitor.judge.drift.usage import no_usage, update_usage
+from monitor.judge.temperature.laws import TemperatureSettings, initial_law, inside_range, reopen_law, update_law
+from monitor.judge.temperature.stuck import stuck_sensors, update_sensors
 from monitor.recording import Array, Context
 
 SECONDS_PER_DAY = 86_400.0
@@ -30,12 +40,12 @@ CONTEXTS_KEPT = 16
 WARMING_FAST_K_PER_MIN = 0.5  # as a cold UR5 does in the first quarter of an hour of work
 
 
-class Learnt(NamedTuple):
+class LearnResult(NamedTuple):
     """The belief after a replay, and what the reader must know of how it came about."""
 
     belief: Belief
     warnings: tuple[DataWarning, ...]
-    contradiction: Contradiction = NOTHING_SAID
+    undeclared: UndeclaredChange = NO_UNDECLARED_CHANGE
 
 
 def begin(
@@ -46,14 +56,14 @@ def begin(
     Only T0 and the size of the slopes are taken from the identification; `learn` then learns from it as from any other.
     """
     seen = observe(identification, settings)
-    track = track_begun(
+    state = initial_filter(
         seen,
         settings,
         fall_per_k=laws.viscous_fall_per_k,
         fall_std_per_k=laws.viscous_fall_std_per_k,
         coulomb_std_per_k=laws.coulomb_fall_std_per_k,
     )
-    T0, J = track.origin_c, track.joints
+    T0, J = state.origin_c, state.joints
     fc, fv = identification.coulomb_nm, identification.viscous_nm_s_per_rad
     unknown = np.full(J, np.nan)
     return Belief(
@@ -65,20 +75,20 @@ def begin(
         days=0,
         contexts=(OpenedContext(comparable(context), at_unix_s, 0, 0),),
         reference_temperature_c=T0,
-        track=track,
+        filter_state=state,
         temperature_c=unknown,
         inside_range=np.zeros(J),
         first_log_torque=unknown,
         last_log_torque=unknown,
         first_temperature_c=unknown,
-        usage=uncounted(J),
-        weights=None,
-        viscous=begun(T0, fv, fall_per_k=laws.viscous_fall_per_k, fall_std_per_k=laws.viscous_fall_std_per_k, scatter=laws.scatter),
-        coulomb=begun(T0, fc, fall_per_k=0.0, fall_std_per_k=laws.coulomb_fall_std_per_k, scatter=laws.scatter),
+        usage=no_usage(J),
+        mass_estimate=None,
+        viscous=initial_law(T0, fv, fall_per_k=laws.viscous_fall_per_k, fall_std_per_k=laws.viscous_fall_std_per_k, scatter=laws.scatter),
+        coulomb=initial_law(T0, fc, fall_per_k=0.0, fall_std_per_k=laws.coulomb_fall_std_per_k, scatter=laws.scatter),
     )
 
 
-def aged(belief: Belief, at_unix_s: float, settings: DriftSettings, revolutions: tuple[float, ...] | None = None) -> Belief:
+def predict_belief(belief: Belief, at_unix_s: float, settings: DriftSettings, revolutions: tuple[float, ...] | None = None) -> Belief:
     """The same belief at a later time, less sure: wear goes on at its rate, and the rate wanders. Silence never shrinks it.
 
     revolutions : of every joint until then, as `Context.revolutions`; None where nobody counts: every day is as usual.
@@ -91,9 +101,9 @@ def aged(belief: Belief, at_unix_s: float, settings: DriftSettings, revolutions:
     if revolutions is not None and len(revolutions) != J:
         raise BadInput(f"context: revolutions has {len(revolutions)} figures; expected {J}, one a joint")
     each = np.full(J, days)
-    done = worked(belief.usage, np.full(J, np.nan) if revolutions is None else np.array(revolutions, dtype=float), each)
-    track = track_aged(repaced(belief.track, done.factor), each, J, settings, done.usual_days)
-    return replace(belief, track=track, at_unix_s=at_unix_s, usage=done.usage)
+    done = update_usage(belief.usage, np.full(J, np.nan) if revolutions is None else np.array(revolutions, dtype=float), each)
+    state = predict_filter(rescale_rate(belief.filter_state, done.factor), each, J, settings, done.usual_days)
+    return replace(belief, filter_state=state, at_unix_s=at_unix_s, usage=done.usage)
 
 
 def in_context(belief: Belief, context: Context, at_unix_s: float, laws: TemperatureSettings) -> tuple[Belief, bool]:
@@ -106,21 +116,21 @@ def in_context(belief: Belief, context: Context, at_unix_s: float, laws: Tempera
     if known is not None:
         ledger.remove(known)
         ledger.append(known)
-        track = belief.track
+        state = belief.filter_state
     else:
         taken = [o.slot for o in ledger if o.slot is not None]  # the one that is away the longest comes first
         slot = next((free for free in range(SLOTS) if free not in taken), taken[0])
         ledger = [o._replace(slot=None) if o.slot == slot else o for o in ledger]
         ledger.append(OpenedContext(comparable(context), at_unix_s, 0, slot))
         J = belief.joints
-        track = in_new_slot(belief.track, np.full(J, slot), np.ones(J, dtype=bool))
+        state = open_slot(belief.filter_state, np.full(J, slot), np.ones(J, dtype=bool))
     moved = replace(
         belief,
         contexts=tuple(ledger[-CONTEXTS_KEPT:]),
-        track=elsewhere(track, np.ones(belief.joints, dtype=bool)),
-        weights=None,
-        viscous=reopened(belief.viscous, laws),
-        coulomb=reopened(belief.coulomb, laws),
+        filter_state=leave_context(state, np.ones(belief.joints, dtype=bool)),
+        mass_estimate=None,
+        viscous=reopen_law(belief.viscous, laws),
+        coulomb=reopen_law(belief.coulomb, laws),
     )
     return moved, known is not None
 
@@ -134,15 +144,15 @@ def learn(
     settings: DriftSettings,
     laws: TemperatureSettings,
     health: HealthSettings | None = None,
-) -> Learnt:
+) -> LearnResult:
     """Evidence, belief → belief. The context is compared, the belief aged, T0 settled, the filter and the laws updated.
 
     Where the recording contradicts what was declared of it, nothing is learnt of wear.
     """
-    context = as_last_said(belief.context, context)
+    context = with_lasting_declarations(belief.context, context)
     seen = observe(identification, settings)
-    sensors = watched(belief.sensors, seen.temperature_c)
-    frozen = stuck(sensors)
+    sensors = update_sensors(belief.sensors, seen.temperature_c)
+    frozen = stuck_sensors(sensors)
     seen = seen._replace(temperature_c=np.where(frozen, np.nan, seen.temperature_c))
     warnings: list[DataWarning] = []
     if frozen.any():
@@ -159,15 +169,15 @@ def learn(
             belief = _with_new_joints(belief, exchanged, settings)
             then += f"; joints {numbers(exchanged)} were replaced: they begin without wear"
         warnings.append(DataWarning("context_changed", f"{'; '.join(changed)}: {then}"))
-    said = contradiction(identification, belief.weights, health or HealthSettings())
+    said = find_undeclared_change(identification, belief.mass_estimate, health or HealthSettings())
     contradicted = said.condition is not None
     if contradicted:
         seen = seen._replace(log_torque=np.full(belief.joints, np.nan))
         warnings.append(DataWarning(str(said.condition), said.text))
     days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
     new_day = belief.replays == 0 or math.floor(at_unix_s / SECONDS_PER_DAY) > math.floor(belief.at_unix_s / SECONDS_PER_DAY)
-    belief = aged(belief, at_unix_s, settings, context.revolutions)
-    belief = replace(belief, track=at_pace(belief.track, np.full(belief.joints, days)))
+    belief = predict_belief(belief, at_unix_s, settings, context.revolutions)
+    belief = replace(belief, filter_state=update_interval(belief.filter_state, np.full(belief.joints, days)))
 
     T = seen.temperature_c
     known_c = np.isfinite(T)
@@ -184,13 +194,13 @@ def learn(
         belief = replace(belief, reference_temperature_c=T0)
     inside = inside_range(belief.viscous.range_c, T, laws.margin_k)  # as learnt before this replay
 
-    track = followed(belief.track, seen, belief.slot, belief.joints, settings)
-    belief = replace(_remembering_the_first(belief, seen, settings), track=track)
+    state = update_filter(belief.filter_state, seen, belief.slot, belief.joints, settings)
+    belief = replace(_remembering_the_first(belief, seen, settings), filter_state=state)
     if not contradicted:
         warnings += _told(belief)
     unworn = np.where(belief.learnt_from & (not contradicted), np.exp(-belief.wear), np.nan)  # wear divided out, outliers left out
     now = belief.contexts[-1]
-    return Learnt(
+    return LearnResult(
         replace(
             belief,
             replays=belief.replays + 1,
@@ -200,9 +210,9 @@ def learn(
             sensors=sensors,
             inside_range=inside.astype(float),
             last_log_torque=seen.log_torque,
-            weights=belief.weights if contradicted else weighed(belief.weights, identification),
-            viscous=learnt(belief.viscous, T, identification.viscous_nm_s_per_rad * unworn),
-            coulomb=learnt(belief.coulomb, T, identification.coulomb_nm * unworn),
+            mass_estimate=belief.mass_estimate if contradicted else update_mass_estimate(belief.mass_estimate, identification),
+            viscous=update_law(belief.viscous, T, identification.viscous_nm_s_per_rad * unworn),
+            coulomb=update_law(belief.coulomb, T, identification.coulomb_nm * unworn),
         ),
         tuple(warnings),
         said,
@@ -221,7 +231,7 @@ def _with_new_joints(belief: Belief, exchanged: np.ndarray, settings: DriftSetti
     """Joints that were replaced have no wear, and nothing is known of their levels in any context."""
     return replace(
         belief,
-        track=renewed(belief.track, exchanged, settings),
+        filter_state=replace_joints(belief.filter_state, exchanged, settings),
         first_log_torque=np.where(exchanged, np.nan, belief.first_log_torque),
         first_temperature_c=np.where(exchanged, np.nan, belief.first_temperature_c),
     )
@@ -229,7 +239,7 @@ def _with_new_joints(belief: Belief, exchanged: np.ndarray, settings: DriftSetti
 
 def _remembering_the_first(belief: Belief, seen: Observation, settings: DriftSettings) -> Belief:
     """Means of the first replays as they were, nothing taken out."""
-    n = belief.track.replays  # (J,) before this one
+    n = belief.filter_state.replays  # (J,) before this one
     more = (n < settings.baseline_replays) & np.isfinite(seen.log_torque)
 
     def mean(old: Array, new: Array) -> Array:
@@ -246,21 +256,20 @@ def _remembering_the_first(belief: Belief, seen: Observation, settings: DriftSet
 def _told(belief: Belief) -> list[DataWarning]:
     """What of the last update a reader must know."""
     warnings = []
-    track = belief.track
+    state = belief.filter_state
     for j in np.flatnonzero(belief.event == OUTLIER):
-        text = f"joint {j + 1}: {track.innovation[j]:+z.1%} from the expected friction, {abs(track.normalised[j]):.1f} σ: not learnt from"
+        text = f"joint {j + 1}: {state.innovation[j]:+z.1%} from the expected friction, {abs(state.normalised[j]):.1f} σ: not learnt from"
         warnings.append(DataWarning("outlier", text))
     for j in np.flatnonzero(belief.event == STEP):
-        text = f"joint {j + 1}: {track.agreeing[j]:.0f} replays are best explained by a change of the joint: "
+        text = f"joint {j + 1}: {state.agreeing[j]:.0f} replays are best explained by a change of the joint: "
         text += f"wear is now {belief.wear[j]:+z.1%}"
         warnings.append(DataWarning("step", text))
-    if (belief.event == UNSEEN).any():
-        text = (
-            f"joints {numbers(belief.event == UNSEEN)}: friction at {belief.reference_speed_rad_s:g} rad/s is not resolved in this replay"
-        )
+    if (belief.event == UNRESOLVED).any():
+        who, speed = numbers(belief.event == UNRESOLVED), belief.reference_speed_rad_s
+        text = f"joints {who}: friction at {speed:g} rad/s is not resolved in this replay"
         warnings.append(DataWarning("joint_unseen", text))
-    if (track.consistency > 2.5).any():  # 20 replays' mean of χ²(1): 2.5 is about 5 σ
-        text = f"joints {numbers(track.consistency > 2.5)}: replays scatter more than the filter believes"
+    if (state.consistency > 2.5).any():  # 20 replays' mean of χ²(1): 2.5 is about 5 σ
+        text = f"joints {numbers(state.consistency > 2.5)}: replays scatter more than the filter believes"
         warnings.append(DataWarning("filter_inconsistent", text))
     return warnings
 

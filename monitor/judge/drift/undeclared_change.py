@@ -24,18 +24,18 @@ MEMORY = 50.0  # replays
 EXPLAINED = 0.6  # of the surprise, by a mass at the flange: then it is called a payload
 
 
-class Contradiction(NamedTuple):
+class UndeclaredChange(NamedTuple):
     """Which condition, if any, and in words."""
 
     condition: str | None
     text: str
 
 
-NOTHING_SAID = Contradiction(None, "")
+NO_UNDECLARED_CHANGE = UndeclaredChange(None, "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Weights:
+class MassEstimate:
     """The rigid base parameters in one context, (R,) each."""
 
     columns: Array  # of the regressor
@@ -52,14 +52,14 @@ def rigid_of(identification: Identification) -> np.ndarray:
     return rigid
 
 
-def contradiction(identification: Identification, weights: Weights | None, settings: HealthSettings) -> Contradiction:
+def find_undeclared_change(identification: Identification, weights: MassEstimate | None, settings: HealthSettings) -> UndeclaredChange:
     """What of the recording contradicts its context. `weights` are those of the replays before in the same context."""
     for warning in identification.warnings:
         if warning.code == "mounting_contradiction":
-            return Contradiction(MOUNTING, warning.text)
+            return UndeclaredChange(MOUNTING, warning.text)
     rigid = rigid_of(identification)
     if weights is None or weights.replays < FEWEST or not np.array_equal(weights.columns, np.array(identification.columns)[rigid]):
-        return NOTHING_SAID
+        return NO_UNDECLARED_CHANGE
     var = np.diag(identification.covariance)[rigid] + weights.var * (1.0 + 1.0 / weights.replays)
     known = np.isfinite(var) & (var > 0)
     moved, std = (identification.values[rigid] - weights.mean)[known], np.sqrt(var[known])
@@ -74,7 +74,7 @@ def contradiction(identification: Identification, weights: Weights | None, setti
     explained = 1.0 - float(left @ left) / max(whole, 1e-300)
     found = whole - float(left @ left) > settings.contradiction_sigma**2
     if found and explained >= EXPLAINED and abs(load[0]) >= settings.contradiction_kg:
-        return Contradiction(
+        return UndeclaredChange(
             PAYLOAD,
             f"the arm carries about {abs(load[0]):.1f} kg {'more' if load[0] > 0 else 'less'} than in the replays before, "
             "and nobody declared it",
@@ -82,33 +82,33 @@ def contradiction(identification: Identification, weights: Weights | None, setti
     if explained < EXPLAINED and whole > degrees * settings.contradiction_sigma**2:
         worst = int(np.argmax(np.abs(surprise)))
         name = np.array(identification.names)[rigid][known][worst]
-        return Contradiction(
+        return UndeclaredChange(
             GAINS,
             f"weights differ from those of the replays before by {np.sqrt(whole / degrees):.0f} standard deviations ({name} most), "
             "and no mass at the flange explains it: drive gains or the arm itself were changed",
         )
-    return NOTHING_SAID
+    return NO_UNDECLARED_CHANGE
 
 
-def weighed(weights: Weights | None, identification: Identification) -> Weights:
+def update_mass_estimate(weights: MassEstimate | None, identification: Identification) -> MassEstimate:
     """The weights after one more replay of the same context."""
     rigid = rigid_of(identification)
     columns, values = np.array(identification.columns, dtype=float)[rigid], identification.values[rigid]
     if weights is None or not np.array_equal(weights.columns, columns):
         var = np.nan_to_num(np.diag(identification.covariance)[rigid]) * PRIOR_STD**2
-        return Weights(columns=columns, mean=values, var=var, replays=1)
+        return MassEstimate(columns=columns, mean=values, var=var, replays=1)
     n = min(weights.replays + 1.0, MEMORY)
     moved = values - weights.mean
     noise = np.nan_to_num(np.diag(identification.covariance)[rigid])
     var = weights.var + (np.maximum(moved**2 * (n - 1.0) / n - noise, 0.0) - weights.var) / (n + PRIOR_REPLAYS)
-    return Weights(columns=columns, mean=weights.mean + moved / n, var=var, replays=weights.replays + 1)
+    return MassEstimate(columns=columns, mean=weights.mean + moved / n, var=var, replays=weights.replays + 1)
 
 
-def weights_from_document(document: Any) -> Weights | None:
+def mass_estimate_from_document(document: Any) -> MassEstimate | None:
     """Weights from their document, or None. Raises BadInput naming the key."""
     if document is None:
         return None
     parts = arrays(document, ("columns", "mean", "var"), (-1,), where="belief: weights")
     if len({len(part) for part in parts.values()}) > 1:
         raise BadInput("belief: weights: columns, mean and var differ in length; expected as many of each")
-    return Weights(**parts, replays=int(entry(document, "replays", where="belief: weights")))
+    return MassEstimate(**parts, replays=int(entry(document, "replays", where="belief: weights")))

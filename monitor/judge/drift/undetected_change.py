@@ -8,27 +8,27 @@ joints begin to wear: mostly nothing; now and then, before an alert, half a susp
 import numpy as np
 
 from monitor.judge.drift.change_detection import PACES_A_STEP
-from monitor.judge.drift.filter_state import KINDS, WINDOW, Track
+from monitor.judge.drift.filter_state import KINDS, WINDOW, FilterState
 from monitor.judge.drift.observation import DriftSettings
 from monitor.recording import Array
 
 SCALES = ((0.9, 1.0), (0.1, 4.0))  # of how large a change is: mostly as set, one in ten from a prior four times as wide
 
 
-def unseen(track: Track, H: Array, settings: DriftSettings) -> tuple[Array, Array]:
+def undetected_change(state: FilterState, H: Array, settings: DriftSettings) -> tuple[Array, Array]:
     """What a change not yet believed adds to H·x: its mean and its variance, (N,) each; H is (N, S).
 
     A mixture over "nothing" and every change of the bank, with its likelihood ratio integrated over its size, a priori normal about 0 with
     τ, or now and then a wider one: exp(½·score²/precision)/(τ·√precision). To be asked after a replay; 0 right after a change was found.
     """
-    N = track.joints
+    N = state.joints
     usual = np.repeat([settings.unseen_step_std, settings.unseen_pace_std_per_day], WINDOW)  # (M,)
     kind = np.repeat([1.0, PACES_A_STEP], WINDOW) / (1.0 + PACES_A_STEP)
     # one candidate stands for all starts up to the next older one
-    span = np.tile(np.diff(track.ages, axis=1, append=track.ages[:, -1:] + 1.0), KINDS) * track.cadence_days[:, None]  # (N, M) [d]
+    span = np.tile(np.diff(state.ages, axis=1, append=state.ages[:, -1:] + 1.0), KINDS) * state.interval_days[:, None]  # (N, M) [d]
     begins = settings.onsets_per_year / 365.0 * kind * span
-    scores, informations = track.scores.reshape(N, -1), track.informations.reshape(N, -1)
-    effect = np.einsum("na,nkwa->nkw", H, track.responses).reshape(N, -1)  # (N, M) of a unit change
+    scores, informations = state.glr_scores.reshape(N, -1), state.glr_informations.reshape(N, -1)
+    effect = np.einsum("na,nkwa->nkw", H, state.responses).reshape(N, -1)  # (N, M) of a unit change
     odds, first, second = np.zeros(N), np.zeros(N), np.zeros(N)
     for share, times in SCALES:
         precision = informations + (times * usual) ** -2.0

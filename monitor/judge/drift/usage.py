@@ -23,7 +23,7 @@ class Usage(NamedTuple):
     days: Array  # (N,) over which that was learnt
 
 
-class Worked(NamedTuple):
+class UsageUpdate(NamedTuple):
     """What a joint has done since the last replay."""
 
     usage: Usage
@@ -31,12 +31,12 @@ class Worked(NamedTuple):
     factor: Array  # (N,) by which what is usual has changed
 
 
-def uncounted(joints: int) -> Usage:
+def no_usage(joints: int) -> Usage:
     """Before anything was counted."""
     return Usage(np.full(joints, np.nan), np.full(joints, np.nan), np.zeros(joints))
 
 
-def worked(usage: Usage, revolutions: Array, days: Array) -> Worked:
+def update_usage(usage: Usage, revolutions: Array, days: Array) -> UsageUpdate:
     """After `days` (N,), at a count of `revolutions` (N,). A counter that is missing or ran backwards counts as usual work."""
     done = revolutions - usage.revolutions
     known = np.isfinite(done) & (done >= 0) & (days > 0)
@@ -49,7 +49,7 @@ def worked(usage: Usage, revolutions: Array, days: Array) -> Worked:
     factor = np.where(measured, per_day / np.maximum(before, STILL_REV_PER_DAY), 1.0)
     usual = np.where(measured, np.minimum(done / np.maximum(per_day, STILL_REV_PER_DAY), MOST_DAYS * span), days)
     counted = np.where(np.isfinite(revolutions), revolutions, usage.revolutions)
-    return Worked(Usage(counted, per_day, n), usual, factor)
+    return UsageUpdate(Usage(counted, per_day, n), usual, factor)
 
 
 def usage_from_document(document: Any, joints: int) -> Usage:

@@ -53,7 +53,7 @@ def no_bins(joints: int) -> Array:
     return np.zeros((joints, BINS, PER_BIN))
 
 
-def binned(bins: Array, temperature_c: Array, value: Array) -> Array:
+def update_bins(bins: Array, temperature_c: Array, value: Array) -> Array:
     """The bins after one more value a joint, (J,) each; NaN in either leaves a joint as it was."""
     seen = np.isfinite(temperature_c) & np.isfinite(value)
     n = np.flatnonzero(seen)
@@ -63,7 +63,7 @@ def binned(bins: Array, temperature_c: Array, value: Array) -> Array:
     return more
 
 
-def chosen(bins: Array, reference_c: Array, scatter: Array) -> Curve:
+def choose_curve(bins: Array, reference_c: Array, scatter: Array) -> Curve:
     """The law of each joint that errs least where it was not fitted.
 
     scatter : (J,) of one value between replays, in its unit.

@@ -13,7 +13,7 @@ from annotated_types import Interval
 
 from monitor.errors import BadConfiguration
 from monitor.judge.document import array, plain
-from monitor.judge.temperature.curves import BINS, LAWS, PER_BIN, Curve, binned, chosen, curve_from_document, no_bins
+from monitor.judge.temperature.curves import BINS, LAWS, PER_BIN, Curve, choose_curve, curve_from_document, no_bins, update_bins
 from monitor.recording import Array
 
 SUMS = 6  # n, Σt, Σt², Σy, Σty, Σy²
@@ -44,7 +44,7 @@ class TemperatureSettings:
                 raise BadConfiguration(f"temperature.{name} = {getattr(self, name)!r}; expected a positive number")
 
 
-class Valued(NamedTuple):
+class LawValue(NamedTuple):
     """A law's value at a temperature, its standard deviation, and whether the line was stretched beyond what it has seen."""
 
     value: Array
@@ -85,7 +85,7 @@ class Line:
         kinds = np.zeros(len(self.intercept)) if self.curve is None else self.curve.kind
         return tuple(LAWS[int(kind)] for kind in kinds)
 
-    def at(self, temperature_c: Array) -> Valued:
+    def at(self, temperature_c: Array) -> LawValue:
         """Value, standard deviation of the law and `extrapolated`, each (…, J), at temperatures (…, J).
 
         A line stretched so far that friction would vanish is held at 5 % of its intercept: friction never drives.
@@ -98,7 +98,7 @@ class Line:
         if self.curve is not None and np.any(self.curve.kind > 0):
             by_curve, curve_std = self.curve.at(temperature_c)
             value, std = np.where(self.curve.kind > 0, by_curve, value), np.where(self.curve.kind > 0, curve_std, std)
-        return Valued(value, std, ~self.inside(temperature_c))
+        return LawValue(value, std, ~self.inside(temperature_c))
 
     def inside(self, temperature_c: Array) -> np.ndarray:
         """(…, J) whether a temperature lies in the learnt range, widened by the margin; False where unknown."""
@@ -156,7 +156,7 @@ def law_from_document(document: Any, joints: int, *, where: str) -> Law:
     return Law(**{key: array(document, key, shape, where=where) for key, shape in shapes.items()})
 
 
-def begun(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_per_k: float, scatter: float) -> Law:
+def initial_law(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_per_k: float, scatter: float) -> Law:
     """A law before its first replay: slope and scatter as fractions of a first value (J,); NaN where it is unknown."""
     size = np.where(np.isfinite(value), np.maximum(np.abs(value), 1e-3), 1.0)  # a friction of nothing would make the prior certain
     J = len(origin_c)
@@ -172,7 +172,7 @@ def begun(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_per_k: f
     )
 
 
-def learnt(law: Law, temperature_c: Array, value: Array) -> Law:
+def update_law(law: Law, temperature_c: Array, value: Array) -> Law:
     """The law after one more replay, (J,) each. NaN in `value` leaves a joint as it was.
 
     An unknown temperature counts as the origin: it teaches the level, and does not widen the range.
@@ -182,13 +182,13 @@ def learnt(law: Law, temperature_c: Array, value: Array) -> Law:
     t = np.where(np.isfinite(temperature_c), temperature_c - law.origin_c, 0.0)
     y = np.where(seen, value - origin_value, 0.0)
     more = np.stack([np.ones_like(t), t, t * t, y, t * y, y * y], axis=1)  # (J, 6)
-    bins = binned(law.bins, temperature_c, value)
+    bins = update_bins(law.bins, temperature_c, value)
     shown = np.where(seen, temperature_c, np.nan)
     range_c = np.stack([np.fmin(law.range_c[:, 0], shown), np.fmax(law.range_c[:, 1], shown)], axis=1)
     return replace(law, origin_value=origin_value, sums=law.sums + np.where(seen[:, None], more, 0.0), range_c=range_c, bins=bins)
 
 
-def fitted(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
+def fit_law(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
     """The line that the replays so far and the prior support, referred to a temperature (J,)."""
     n, St, Stt, Sy, Sty, Syy = law.sums.T  # (J,) each
     scatter = law.scatter_prior
@@ -210,13 +210,13 @@ def fitted(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
         scatter=scatter,
         range_c=law.range_c,
         margin_k=settings.margin_k,
-        curve=chosen(law.bins, reference_c, scatter),
+        curve=choose_curve(law.bins, reference_c, scatter),
     )
 
 
-def reopened(law: Law, settings: TemperatureSettings) -> Law:
+def reopen_law(law: Law, settings: TemperatureSettings) -> Law:
     """The law in a new context: the level is to be learnt again, the slope stays as the prior, less sure."""
-    line = fitted(law, law.origin_c, settings)
+    line = fit_law(law, law.origin_c, settings)
     return replace(
         law,
         origin_value=np.full_like(law.origin_value, np.nan),

@@ -24,7 +24,7 @@ class Sensors(NamedTuple):
     others_high_c: Array
 
 
-def watched(before: Sensors | None, temperature_c: Array) -> Sensors:
+def update_sensors(before: Sensors | None, temperature_c: Array) -> Sensors:
     """After one more replay. A sensor that tells nothing is left as it was."""
     T = temperature_c
     J = len(T)
@@ -41,7 +41,7 @@ def watched(before: Sensors | None, temperature_c: Array) -> Sensors:
     )
 
 
-def stuck(sensors: Sensors) -> np.ndarray:
+def stuck_sensors(sensors: Sensors) -> np.ndarray:
     """(J,) which sensors stand still though they should not."""
     moved = sensors.others_high_c - sensors.others_low_c
     still: np.ndarray = (sensors.replays >= REPLAYS) & (np.nan_to_num(moved) >= MOVED_K)

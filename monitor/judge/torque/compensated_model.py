@@ -16,7 +16,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.document import array, entry, plain
-from monitor.judge.temperature.laws import Line, Valued, line_from_document
+from monitor.judge.temperature.laws import LawValue, Line, line_from_document
 from monitor.model.robot import Mounting
 from monitor.recording import Array
 
@@ -55,14 +55,14 @@ class CompensatedModel:
         """J, the number of joints."""
         return len(self.wear)
 
-    def coulomb_at(self, temperature_c: Array) -> Valued:
+    def coulomb_at(self, temperature_c: Array) -> LawValue:
         """Coulomb friction fc with present wear, its standard deviation, and whether it is extrapolated.
 
         temperature_c : (…, J) joint temperatures [°C]; the result has the same shape [N·m].
         """
         return self._worn(self.coulomb.at(temperature_c))
 
-    def viscous_at(self, temperature_c: Array) -> Valued:
+    def viscous_at(self, temperature_c: Array) -> LawValue:
         """Viscous friction fv with present wear, its standard deviation, and whether it is extrapolated.
 
         temperature_c : (…, J) joint temperatures [°C]; the result has the same shape [N·m·s/rad].
@@ -75,9 +75,9 @@ class CompensatedModel:
         # the stored and published key is the older name
         return {("finer" if key == "residual_friction" else key): value for key, value in document.items()}
 
-    def _worn(self, fresh: Valued) -> Valued:
+    def _worn(self, fresh: LawValue) -> LawValue:
         factor = np.exp(self.wear)
-        return Valued(fresh.value * factor, fresh.std * factor, fresh.extrapolated)
+        return LawValue(fresh.value * factor, fresh.std * factor, fresh.extrapolated)
 
 
 def model_from_document(document: Any) -> CompensatedModel:

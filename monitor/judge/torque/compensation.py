@@ -19,7 +19,7 @@ def build_model(identification: Identification, belief: Belief, *, coulomb: Line
     rigid = ~np.isin(identification.columns, np.concatenate(friction_columns(belief.joints)))  # (B,)
     residual = identification.residual_friction
     residual_rms_nm = identification.rms_nm if residual is None else residual.rms_nm
-    error_nm, measured_nm = (None, None) if belief.doubt is None else rms(belief.doubt, residual_rms_nm)
+    error_nm, measured_nm = (None, None) if belief.prediction_error is None else rms(belief.prediction_error, residual_rms_nm)
     return CompensatedModel(
         robot=identification.robot,
         mounting=identification.mounting,
