@@ -11,9 +11,11 @@ from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.identify import identify
 from monitor.identify.signals.quality import QualitySettings, quality_problem
 from monitor.identify.warnings import DataWarning
-from monitor.judge.alerts.health import Health, HealthSettings, Transition, alert_document
+from monitor.judge.alerts.documents import alert_document
+from monitor.judge.alerts.health import Health, Transition
 from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life
 from monitor.judge.alerts.rules import judge
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief, differences, with_lasting_declarations
 from monitor.judge.document import plain
 from monitor.judge.drift.observation import DriftSettings, observe

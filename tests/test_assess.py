@@ -118,7 +118,7 @@ def test_a_gap_of_a_month_is_taken_up_again():
 
 def test_assessment_is_markov():
     """Belief and health through JSON after every replay: the same verdicts as without."""
-    from monitor.judge.alerts.health import health_from_document
+    from monitor.judge.alerts.documents import health_from_document
     from monitor.judge.belief import belief_from_document
 
     straight = lived(60, seed=5, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 40)))

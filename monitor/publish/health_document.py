@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from monitor.judge.alerts.health import Health, HealthSettings, alert_document, health_from_document
+from monitor.judge.alerts.documents import alert_document, health_from_document
+from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.rules import stale, stale_words
+from monitor.judge.alerts.settings import HealthSettings
 
 
 def health_told(health: Health | None, now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:

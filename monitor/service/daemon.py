@@ -16,7 +16,9 @@ from monitor.assess import Rejected
 from monitor.config.load import Configuration, load
 from monitor.config.reload import reloaded
 from monitor.errors import BadConfiguration, BadInput, MotionRefused, ReplayAborted, RobotUnreachable, StoreError, StoreUnavailable
-from monitor.judge.alerts.health import Alert, Health, acknowledge, alert_document, shelve
+from monitor.judge.alerts.documents import alert_document
+from monitor.judge.alerts.health import Alert, Health
+from monitor.judge.alerts.life_cycle import acknowledge, shelve
 from monitor.judge.alerts.rules import stale
 from monitor.judge.document import plain
 from monitor.judge.torque.compensated_model import CompensatedModel

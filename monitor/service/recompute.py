@@ -9,7 +9,8 @@ import numpy as np
 
 from monitor.assess import Assessment, AssessSettings, Rejected, assess, model_after
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import Alert, Attribution, health_from_document
+from monitor.judge.alerts.documents import health_from_document
+from monitor.judge.alerts.health import Alert, Attribution
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.robot import Mounting, Robot, load_robot

@@ -9,7 +9,7 @@ import numpy as np
 from monitor.acquire.schedule.windows import DAY_S, expected
 from monitor.config.load import Configuration
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import health_from_document
+from monitor.judge.alerts.documents import health_from_document
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from monitor.assess import Assessment, AssessSettings, Rejected, assess
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import alert_document
+from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.document import plain
 from monitor.model.robot import Mounting, Robot

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from synthetic_arm import CONTEXT, COULOMB_NM, DAY_S, START_S, Arm, History, identification, weather
 
 from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.alerts.health import HealthSettings
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.filter_state import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNRESOLVED, WEAR

@@ -8,8 +8,11 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
 from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.alerts.health import Health, HealthSettings, acknowledge, health_from_document, shelve
+from monitor.judge.alerts.documents import health_from_document
+from monitor.judge.alerts.health import Health
+from monitor.judge.alerts.life_cycle import acknowledge, shelve
 from monitor.judge.alerts.rules import judge, stale
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR

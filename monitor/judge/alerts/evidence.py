@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from monitor.judge.alerts.health import HealthSettings
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.recording import Array
 
 CONDITIONS = 4  # rising to each of the three tiers, and falling

@@ -4,15 +4,10 @@ States are those of NAMUR NE 107 as OPC UA spells them. An alert stays until som
 gone; acknowledged and shelved are orthogonal to active (ISA-18.2). `verdict.py` decides, these are the values it decides on.
 """
 
-from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
-import numpy as np
-from annotated_types import Interval
-
-from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.document import entry, plain
-from monitor.recording import Array
+from monitor.judge.document import plain
 
 NORMAL, CHECK_FUNCTION, OFF_SPEC, MAINTENANCE_REQUIRED, FAILURE = STATES = (
     "NORMAL",
@@ -53,51 +48,6 @@ ACTIONS = {
     ): "Was a drive replaced or recalibrated? Then declare it (another tool, serial or gains); nothing is learnt of wear until then.",
 }
 SEVERITY = {"advisory": "low", "wear": "medium", "limit": "high"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HealthSettings:
-    """When to speak. Rises are fractions of the friction torque at the beginning."""
-
-    advisory_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.01
-    wear_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.05
-    limit_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.30
-    false_alarms_per_year: Annotated[float, Interval(ge=1e-4, le=10.0)] = (
-        0.05  # advisories of a healthy arm: how much evidence they ask for
-    )
-    wear_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95
-    limit_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95
-    min_replays: Annotated[int, Interval(ge=1, le=100)] = 3
-    min_days: Annotated[int, Interval(ge=1, le=100)] = 2
-    clear_fraction: Annotated[float, Interval(gt=0.0, lt=1.0)] = (
-        0.6  # of a tier's rise: lower than the raising level, so that an alert does not flap
-    )
-    update_step: Annotated[float, Interval(ge=1e-6, le=1.0)] = 0.02  # an active alert is told again when its change has moved by so much
-    common_share: Annotated[float, Interval(ge=1e-6, le=1.0)] = 2.0 / 3.0  # of the joints rising together …
-    common_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.9  # … each with this probability, are no wear
-    stale_days: Annotated[float, Interval(ge=0.01, le=3650.0)] = 7.0  # without a replay that taught something for so long, a joint is STALE
-    contradiction_sigma: Annotated[float, Interval(ge=2.0, le=100.0)] = (
-        8.0  # masses that differ by so much from those before contradict them …
-    )
-    contradiction_kg: Annotated[float, Interval(ge=0.01, le=100.0)] = 0.5  # … a payload by at least so much
-    learning_replays: Annotated[int, Interval(ge=0, le=1000)] = 10  # until then a new temperature is learning, not OFF_SPEC
-
-    def __post_init__(self) -> None:
-        """Raises BadConfiguration naming the figure that is out of order."""
-        if not 0 < self.advisory_rise < self.wear_rise < self.limit_rise:
-            raise BadConfiguration("health: expected 0 < advisory_rise < wear_rise < limit_rise")
-        for name in ("wear_sure", "limit_sure", "common_sure"):
-            if not 0.5 <= getattr(self, name) < 1:
-                raise BadConfiguration(f"health.{name} = {getattr(self, name)!r}; expected a probability from 0.5 to below 1")
-        if not 0 < self.clear_fraction < 1:
-            raise BadConfiguration(f"health.clear_fraction = {self.clear_fraction!r}; expected a fraction between 0 and 1")
-        if self.min_replays < 1 or self.min_days < 1:
-            raise BadConfiguration("health.min_replays and min_days: expected 1 or more")
-
-    @property
-    def rises(self) -> Array:
-        """(3,) of the tiers."""
-        return np.array([self.advisory_rise, self.wear_rise, self.limit_rise])
 
 
 class Confirmations(NamedTuple):
@@ -197,71 +147,3 @@ class Transition(NamedTuple):
 
     kind: str
     alert: Alert
-
-
-def acknowledge(health: Health, joint: int | None, condition: str, *, by: str, why: str, at_unix_s: float) -> Health:
-    """The same health with one active alert acknowledged; it clears by itself once its condition is gone.
-
-    Raises BadInput where there is no such active alert, or nobody says who acknowledges.
-    """
-    alert = _active(health, joint, condition, by)
-    done = replace(alert, acknowledged_at_unix_s=at_unix_s, acknowledged_by=by, acknowledged_why=why)
-    return replace(health, alerts=tuple(done if other is alert else other for other in health.alerts))
-
-
-def shelve(health: Health, joint: int | None, condition: str, *, by: str, why: str, until_unix_s: float, at_unix_s: float) -> Health:
-    """The same health with one active alert shelved: it stays active, and need not be shown until then.
-
-    Raises BadInput where there is no such active alert, nobody says who shelves, or the end lies in the past.
-    """
-    alert = _active(health, joint, condition, by)
-    if not until_unix_s > at_unix_s:
-        raise BadInput("shelve: the end lies in the past; expected a time to come")
-    done = replace(alert, shelved_until_unix_s=until_unix_s, shelved_by=by, shelved_why=why)
-    return replace(health, alerts=tuple(done if other is alert else other for other in health.alerts))
-
-
-def alert_document(alert: Alert) -> dict[str, Any]:
-    """One alert, with `active` said outright."""
-    return {**plain(alert), "active": alert.active}
-
-
-def health_from_document(document: Any) -> Health:
-    """A Health from `Health.as_document()`. Raises BadInput naming what is missing or wrong."""
-    try:
-        joints = tuple(
-            JointHealth(
-                **{
-                    **o,
-                    "rising": tuple(Confirmations(**e) for e in o["rising"]),
-                    "falling": Confirmations(**o["falling"]),
-                    "troubled": _troubled(o),
-                }
-            )
-            for o in entry(document, "joints", where="health")
-        )
-        alerts = tuple(
-            Alert(**{**o, "split": Attribution(**o["split"]) if o.get("split") else None})
-            for o in entry(document, "alerts", where="health")
-        )
-        plainly = {f.name for f in fields(Health)} - {"joints", "alerts", "common", "troubled"}
-        rest = {name: entry(document, name, where="health") for name in plainly}
-        common = Confirmations(**entry(document, "common", where="health"))
-        return Health(joints=joints, alerts=alerts, common=common, troubled=_troubled(document), **rest)
-    except (TypeError, KeyError, ValueError) as wrong:
-        raise BadInput(f"health: {wrong}") from None
-
-
-def _active(health: Health, joint: int | None, condition: str, by: str) -> Alert:
-    """The one active alert of that name. Raises BadInput."""
-    if not by.strip():
-        raise BadInput("by: expected the name of the person who acts")
-    for alert in health.alerts:
-        if alert.active and alert.key == (joint, condition):
-            return alert
-    active = ", ".join(f"{alert.joint or 'arm'}/{alert.condition}" for alert in health.alerts if alert.active) or "none"
-    raise BadInput(f"no active alert {joint or 'arm'}/{condition}; active: {active}")
-
-
-def _troubled(document: dict[str, Any]) -> tuple[tuple[str, Confirmations], ...]:
-    return tuple((str(condition), Confirmations(**evidence)) for condition, evidence in document.get("troubled", ()))

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from monitor.judge.alerts.health import ACTIONS, SEVERITY, TIERS, Alert, Attribution, HealthSettings, Transition
+from monitor.errors import BadInput
+from monitor.judge.alerts.health import ACTIONS, SEVERITY, TIERS, Alert, Attribution, Health, Transition
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.recording import Array
 
 
@@ -51,6 +53,28 @@ def next_step(
     return Transition("updated", told)
 
 
+def acknowledge(health: Health, joint: int | None, condition: str, *, by: str, why: str, at_unix_s: float) -> Health:
+    """The same health with one active alert acknowledged; it clears by itself once its condition is gone.
+
+    Raises BadInput where there is no such active alert, or nobody says who acknowledges.
+    """
+    alert = _active(health, joint, condition, by)
+    done = replace(alert, acknowledged_at_unix_s=at_unix_s, acknowledged_by=by, acknowledged_why=why)
+    return replace(health, alerts=tuple(done if other is alert else other for other in health.alerts))
+
+
+def shelve(health: Health, joint: int | None, condition: str, *, by: str, why: str, until_unix_s: float, at_unix_s: float) -> Health:
+    """The same health with one active alert shelved: it stays active, and need not be shown until then.
+
+    Raises BadInput where there is no such active alert, nobody says who shelves, or the end lies in the past.
+    """
+    alert = _active(health, joint, condition, by)
+    if not until_unix_s > at_unix_s:
+        raise BadInput("shelve: the end lies in the past; expected a time to come")
+    done = replace(alert, shelved_until_unix_s=until_unix_s, shelved_by=by, shelved_why=why)
+    return replace(health, alerts=tuple(done if other is alert else other for other in health.alerts))
+
+
 def _told(condition: str, tier: int, status: ConditionStatus, at: float) -> dict[str, Any]:
     """What an alert says at a tier, raised or told again."""
     return {
@@ -63,3 +87,14 @@ def _told(condition: str, tier: int, status: ConditionStatus, at: float) -> dict
         "severity": SEVERITY[TIERS[tier]],
         "split": status.split,
     }
+
+
+def _active(health: Health, joint: int | None, condition: str, by: str) -> Alert:
+    """The one active alert of that name. Raises BadInput."""
+    if not by.strip():
+        raise BadInput("by: expected the name of the person who acts")
+    for alert in health.alerts:
+        if alert.active and alert.key == (joint, condition):
+            return alert
+    active = ", ".join(f"{alert.joint or 'arm'}/{alert.condition}" for alert in health.alerts if alert.active) or "none"
+    raise BadInput(f"no active alert {joint or 'arm'}/{condition}; active: {active}")

@@ -31,11 +31,11 @@ from monitor.judge.alerts.health import (
     Attribution,
     Confirmations,
     Health,
-    HealthSettings,
     JointHealth,
     Transition,
 )
 from monitor.judge.alerts.life_cycle import ConditionStatus, next_step
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.why_not import counts_of
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED

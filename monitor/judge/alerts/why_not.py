@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from monitor.judge.alerts.evidence import Counts, advisory_sigmas, weigh_evidence
-from monitor.judge.alerts.health import RISES, TIERS, Health, HealthSettings
+from monitor.judge.alerts.health import RISES, TIERS, Health
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 
 

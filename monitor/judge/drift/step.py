@@ -12,7 +12,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.identify.warnings import DataWarning
-from monitor.judge.alerts.health import HealthSettings
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief, OpenedContext, comparable, differences, with_lasting_declarations
 from monitor.judge.drift.change_detection import update_filter
 from monitor.judge.drift.filter_state import (

@@ -11,7 +11,8 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.judge.alerts.health import GAINS, MOUNTING, PAYLOAD, HealthSettings
+from monitor.judge.alerts.health import GAINS, MOUNTING, PAYLOAD
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.document import arrays, entry
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import PER_JOINT
