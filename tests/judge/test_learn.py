@@ -14,8 +14,8 @@ from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.filter_state import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNRESOLVED, WEAR
+from monitor.judge.drift.learn import begin, learn, predict_belief
 from monitor.judge.drift.observation import DriftSettings, observe
-from monitor.judge.drift.step import begin, learn, predict_belief
 from monitor.judge.temperature.laws import TemperatureSettings
 
 LAWS = TemperatureSettings()

@@ -16,8 +16,8 @@ from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
+from monitor.judge.drift.learn import begin
 from monitor.judge.drift.observation import DriftSettings
-from monitor.judge.drift.step import begin
 from monitor.judge.temperature.laws import TemperatureSettings
 
 SETTINGS = HealthSettings()

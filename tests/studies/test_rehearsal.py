@@ -69,7 +69,7 @@ def test_the_fleets_filter_is_the_daemons():
 
     from monitor.judge.drift.change_detection import update_filter
     from monitor.judge.drift.filter_state import initial_filter, predict_filter, update_interval
-    from monitor.judge.drift.step import begin, learn
+    from monitor.judge.drift.learn import begin, learn
 
     drift, laws = ASSESS.drift, ASSESS.temperature
     arms = [Arm(seed=seed) for seed in range(4)]
