@@ -43,13 +43,6 @@ def test_every_command_explains_itself(command: str):
     assert len(ended.stdout.splitlines()) > 5
 
 
-def test_the_readme_names_every_command():
-    """A command that README does not show does not exist for a reader."""
-    readme = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
-    for command in COMMANDS:
-        assert f"joint-monitor {command}" in readme or f"make {command}" in readme, command
-
-
 def test_a_real_recording_is_identified_as_json(real_data: Path):
     """UR10e, trained on 50 s, held out 30 s: no worse than 9 5 6 8 8 7 %, and 85 % below the manufacturer's parameters."""
     trained, held_out = (str(real_data / "ur10e" / f"ur-20_02_{name}.csv") for name in ("12-50sec_12harm", "10-30sec_12harm"))

@@ -48,5 +48,7 @@ def shown() -> list[Shown]:
 
 def typed() -> list[tuple[str, str]]:
     """Page and arguments of every `joint-monitor …`, in blocks and between words."""
-    pattern = re.compile(r"(?:\$ |# |`|^)joint-monitor ((?:[a-z]+)(?: [^\n`]*?(?:\\\n[^\n`]*)*)?)(?=[\n`])", re.MULTILINE)
-    return [(page, match[1].replace("\\\n", " ")) for page, text in PAGES.items() if page not in GENERATED for match in pattern.finditer(text)]
+    pattern = re.compile(r"(?:\$ |# |`|^(?=\S+ \S+ -))joint-monitor ((?:[a-z]+)(?: [^\n`]*?(?:\\\n[^\n`]*)*)?)(?=[\n`])", re.MULTILINE)
+    return [
+        (page, match[1].replace("\\\n", " ")) for page, text in PAGES.items() if page not in GENERATED for match in pattern.finditer(text)
+    ]

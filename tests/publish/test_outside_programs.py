@@ -1,4 +1,4 @@
-"""Programs of other people: the README's examples as they stand, and what `watch` says to a terminal, to a pipe and as JSON."""
+"""Programs of other people: the examples of the page of the bus as they stand, and what `watch` says to terminal, pipe and program."""
 
 import json
 import os
@@ -19,8 +19,7 @@ from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix
 from monitor.views.terminal.watch import line
 
 ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text("utf-8")
-SECTION = README[README.index("## Ask and listen") :]
+PAGE = (ROOT / "docs" / "bus.md").read_text("utf-8")
 RECORDED = Path(__file__).parent / "recorded_v1" / "2026-11-21"
 
 
@@ -79,7 +78,7 @@ def first_lines(command: list[str], count: int, folder: Path, **more: object) ->
 
 
 def block(language: str, holds: str) -> str:
-    (found,) = [text for text in re.findall(rf"```{language}\n(.*?)```", SECTION, re.DOTALL) if holds in text]
+    (found,) = [text for text in re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL) if holds in text]
     return found
 
 

@@ -12,7 +12,6 @@ from test_sim_controller import Pendant
 from test_sim_wire import DASHBOARD, result_of
 
 from monitor.errors import BadInput
-from monitor.simulate import faults
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.faults import FAULTS, Place, inject, parse
@@ -367,13 +366,3 @@ def test_an_emergency_stop_through_the_command_line(ur5, capsys):
         with pytest.raises(BadInput, match="known are"):
             app(["simulate", "--bind", ur5.address, "--fault", "earthquake"], standalone_mode=False)
         remote.fault("emergency_release")
-
-
-def test_the_table_in_the_readme_names_every_fault():
-    """And no other."""
-    from pathlib import Path
-
-    readme = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
-    section = readme.partition("### Faults")[2].partition("\n## ")[0]
-    named = {line.split("`")[1].split()[0] for line in section.splitlines() if line.startswith("| `")}
-    assert named == set(faults.FAULTS)

@@ -1,0 +1,250 @@
+"""README and docs/ against the code: what they tell people to type exists, and what exists is told."""
+
+import ast
+import importlib
+import re
+import shutil
+import tomllib
+
+import pytest
+import typer.main
+from doc_pages import GENERATED, PAGES, ROOT, first_cells, section, shown, typed
+
+from monitor.cli.main import app
+from monitor.config.load import load
+from monitor.judge.alerts.health import ACTIONS
+from monitor.publish.documents import KINDS
+from monitor.publish.permit import KEY as PERMIT
+from monitor.simulate.faults import FAULTS
+
+COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+TYPED = typed()
+MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
+PACKAGE = ROOT / "monitor"
+
+
+def options(command):
+    return {name for parameter in COMMANDS[command].params for name in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}
+
+
+@pytest.mark.parametrize(("page", "line"), sorted(set(TYPED)))
+def test_every_command_line_of_a_page_exists(page, line):
+    """The command, and each of its options."""
+    command = line.split()[0]
+    assert command in COMMANDS
+    asked = set(re.findall(r"(?<!\S)\[?(--?[a-z][a-z-]*)", line))
+    assert asked <= options(command), f"unknown: {asked - options(command)}"
+
+
+def test_every_command_is_shown_on_a_page():
+    """Nothing that exists is left untold; the generated page alone is no explanation."""
+    assert set(COMMANDS) - {line.split()[0] for _, line in TYPED} <= {"demo"}  # `make demo` tells it
+
+
+def test_every_make_target_of_a_page_exists():
+    """And every target that people call is on the page for contributors, or for operators."""
+    targets = set(re.findall(r"^([a-z]+):.*##", MAKEFILE, re.MULTILINE))
+    told = {name for text in PAGES.values() for name in re.findall(r"(?:`|\$ |# )make ([a-z]+)", text)}
+    assert told <= targets
+    assert targets - told <= {"clean", "help"}
+
+
+def test_every_option_named_in_the_table_of_identify_exists():
+    """The first cell of each row that begins with an option."""
+    named = set(re.findall(r"--[a-z][a-z-]+", " ".join(first_cells(section("docs/identification.md", "Options")))))
+    assert len(named) > 8
+    assert named <= options("identify")
+
+
+def test_every_choice_in_the_table_of_objectives_is_one():
+    """And every one is in the table."""
+    from monitor.design.objective import OBJECTIVES
+
+    assert {cell for cell in first_cells(section("docs/trajectories.md", "Objective")) if cell[0] != "-"} == set(OBJECTIVES)
+
+
+def spoken_keys():
+    """From the source, wherever it lies: strings that stand before a kind of document in a call, or name an answer of a kind."""
+    keys = {PERMIT, "event"}
+    for path in PACKAGE.rglob("*.py"):
+        text = path.read_text("utf-8")
+        keys |= set(re.findall(r"alive/[a-z]+", text))
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Call) and len(node.args) > 1 and _constant(node.args[1]) in KINDS:
+                keys.add(_pattern(node.args[0]))
+            if isinstance(node, ast.Dict):
+                for key, value in zip(node.keys, node.values, strict=True):
+                    if isinstance(value, ast.Call) and value.args and _constant(value.args[0]) in KINDS and key is not None:
+                        keys.add(_pattern(key))
+    return keys - {None}
+
+
+def _constant(node):
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
+
+
+def _pattern(node):
+    """A key with `*` where its text is filled in; None where it is no text."""
+    if isinstance(node, ast.JoinedStr):
+        return "".join("*" if isinstance(part, ast.FormattedValue) else part.value for part in node.values)
+    return _constant(node)
+
+
+def test_every_key_that_the_daemon_speaks_or_answers_is_in_the_table():
+    """What is said, what is answered, what is asked, liveliness."""
+    keys = spoken_keys()
+    assert len(keys) >= 14
+    assert {"health", "monitor", "torque/live", "torque", "cmd/ack", "joint/*/friction", "alive/robot"} <= keys
+    told = {re.sub(r"<[^>]+>", "*", cell) for cell in first_cells(section("docs/bus.md", "Keys"))}
+    told |= {key.replace("/j*/", "/*/").replace("/arm/", "/*/") for key in told}
+    assert keys <= told
+
+
+def test_every_kind_of_document_has_a_schema_that_can_be_printed():
+    """What the page of the bus promises of `joint-monitor schema`."""
+    assert "$ joint-monitor schema\n" in PAGES["docs/bus.md"]
+    assert {"health", "friction", "alert", "torque", "history"} <= set(KINDS)
+
+
+def test_every_alert_condition_and_tier_is_in_the_table_with_what_it_asks():
+    """Each condition that may be raised, with each of its tiers, and no other."""
+    rows = re.findall(r"^\| `(\w+)` \| (\w+) \|", section("docs/alerts.md", "Conditions"), re.MULTILINE)
+    assert set(rows) - set(ACTIONS) <= {("store_restored", "advisory")}  # of the history, not of a joint
+    assert set(ACTIONS) <= set(rows)
+
+
+def test_every_cause_that_ends_a_replay_and_every_problem_is_in_its_table():
+    """By the words that the program says: each stands in the source, and those that need nobody are the harmless ones."""
+    from monitor.errors import ReplayAborted
+
+    source = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
+    rows = re.findall(r"^\| (`.*?) \| (.*?) \|$", section("docs/real-robot-safety.md", "What is supervised during a motion"), re.MULTILINE)
+    told = {name: "next window" in then for cells, then in rows for name in re.findall(r"`(\w+)`", cells)}
+    assert len(told) > 20
+    assert {name for name, harmless in told.items() if harmless} >= ReplayAborted.HARMLESS & set(told)
+    assert not {name for name, harmless in told.items() if not harmless} & set(ReplayAborted.HARMLESS)
+    assert set(ReplayAborted.HARMLESS) <= set(told)
+    problems = set(first_cells(section("docs/operations.md", "When something is wrong"))) - {"least_free_mb", "[bus] connect"}
+    for name in (*told, *(name for name in problems if re.fullmatch(r"\w+", name))):
+        assert re.search(rf"""["']{name}["']""", source), name
+
+
+def test_every_condition_of_a_motion_is_one_that_check_prints():
+    """The shown output names conditions that exist."""
+    source = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
+    (check,) = [each for each in shown() if each.line.startswith("joint-monitor check")]
+    named = [row.split()[0] for row in check.output if re.match(r"\w+ +(ok|NO|not checked) ", row)]
+    assert len(named) > 20
+    for name in named:
+        assert f'"{name}"' in source, name
+
+
+def test_the_table_of_faults_names_every_fault():
+    """And no other."""
+    named = {cell.split()[0] for cell in first_cells(section("docs/simulator.md", "Faults"))}
+    assert named == set(FAULTS)
+
+
+def test_the_table_of_scenarios_names_every_scenario():
+    """And no other."""
+    named = set(first_cells(section("docs/simulator.md", "Scenarios")))
+    assert named == {path.stem for path in (ROOT / "config" / "scenarios").glob("*.toml")}
+
+
+def test_the_configuration_of_the_first_steps_is_one(tmp_path):
+    """As it stands, with the shipped example of a cell and a shipped trajectory beside it: nothing is refused, and nothing may move."""
+    (text,) = re.findall(r"```toml\n(.*?)```", PAGES["docs/real-robot-safety.md"], re.DOTALL)
+    (tmp_path / "cell-1.toml").write_text(text)
+    shutil.copy(ROOT / "config" / "cell" / "example.toml", tmp_path / "cell.toml")
+    shutil.copy(ROOT / "config" / "excitation" / "ur5e-ground.json", tmp_path / "motion.json")
+    configuration = load(tmp_path / "cell-1.toml")
+    assert configuration.replay.allow_motion is False
+    assert configuration.replay.cell.name == "press 3"
+
+
+def test_every_section_and_key_of_the_configuration_is_on_its_page():
+    """By name, with a word of what it is for; what a page calls `section.key` exists."""
+    reference = (ROOT / "config" / "monitor.toml").read_text("utf-8")
+    document = tomllib.loads(reference)
+    for name in document:
+        assert re.search(rf"^\[{name}\]  # \S.{{10,}}", reference, re.MULTILINE), name
+    page, keys = PAGES["docs/configuration.md"], set()
+    for name in re.findall(r"^\[([\w.]+)\]", reference, re.MULTILINE):
+        assert set(re.findall(r"^(?:# )?(\w+) = ", reference.partition(f"\n[{name}]")[2].partition("\n[")[0], re.MULTILINE)) == {
+            cell for cell in first_cells(section("docs/configuration.md", name)) if re.fullmatch(r"\w+", cell)
+        } & set(re.findall(r"^\| `(\w+)`", page, re.MULTILINE)), name
+        keys |= {f"{name}.{key}" for key in re.findall(r"^\| `(\w+)`", section("docs/configuration.md", name), re.MULTILINE)}
+    for where, text in PAGES.items():
+        for name, key in re.findall(r"`(\w+)\.(\w+)(?: = [^`]*)?`", text):
+            assert name not in document or f"{name}.{key}" in keys, f"{where}: {name}.{key}"
+
+
+def slug(title):
+    """The anchor of a heading, as GitHub and MkDocs both make it; a title of which they make two is refused."""
+    words = re.sub(r"[^\w\- ]", "", title.lower().replace("`", ""))
+    assert "  " not in words, f"{title!r}: GitHub and MkDocs make different anchors of it"
+    return words.replace(" ", "-")
+
+
+def test_every_link_between_pages_leads_somewhere():
+    """To a page, to a heading of it, to a file of the repository."""
+    bare = {page: re.sub(r"```.*?```", "", text, flags=re.DOTALL) for page, text in PAGES.items()}
+    for page, text in bare.items():
+        for link in re.findall(r"\]\(([^)\s]+)\)", text):
+            if link.startswith("https://"):
+                continue
+            name, _, anchor = link.partition("#")
+            path = ((ROOT / page).parent / name).resolve() if name else ROOT / page
+            assert path.is_file(), f"{page}: {link}"
+            if anchor:
+                titles = re.findall(r"^#+ (.+)$", bare[path.relative_to(ROOT).as_posix()], re.MULTILINE)
+                assert anchor in {slug(title) for title in titles if "—" not in title}, f"{page}: {link}"
+
+
+@pytest.mark.parametrize("name", sorted({name for text in PAGES.values() for name in re.findall(r"`(monitor(?:\.\w+)+)`", text)}))
+def test_every_python_name_of_a_page_can_be_imported(name):
+    """A module, or something in one."""
+    module, _, attribute = name.rpartition(".")
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError:
+        assert hasattr(importlib.import_module(module), attribute)
+
+
+def test_every_python_example_compiles_and_its_imports_of_ours_exist():
+    """What is not run elsewhere is at least Python, of today's names."""
+    examples = [code for text in PAGES.values() for code in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)]
+    assert len(examples) >= 4
+    for code in examples:
+        for node in ast.walk(ast.parse(code)):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("monitor"):
+                assert all(hasattr(importlib.import_module(node.module), each.name) for each in node.names)
+
+
+def test_every_logger_and_folder_of_a_page_exists():
+    """Lines of the log name modules of today; so does whatever is called `folder/name`."""
+    for page, text in PAGES.items():
+        for name in re.findall(r"^(?:INFO|WARNING) (monitor[\w.]+)", text, re.MULTILINE):
+            importlib.import_module(name)
+        if page in GENERATED or page == "docs/CHANGELOG.md":
+            continue
+        for name in re.findall(r"`((?:monitor|config|deploy|tests|docs)/[\w./@-]*)`", text):
+            assert (ROOT / name).exists(), f"{page}: {name}"
+
+
+def test_the_readme_is_short_and_leads_on():
+    """At most 250 lines; every page is one link away, or two."""
+    readme = PAGES["README.md"]
+    assert readme.count("\n") <= 250
+    assert "make demo" in readme
+    assert "make test" in readme
+    linked = set(re.findall(r"\]\((?:docs/)?([\w-]+\.md)", readme + PAGES["docs/index.md"]))
+    assert {page.removeprefix("docs/") for page in PAGES} - {"README.md", "index.md"} <= linked
+
+
+def test_the_picture_is_there_and_small():
+    """At most 200 kB, and shown by the README and the first page."""
+    picture = ROOT / "docs" / "page.png"
+    assert f"](docs/{picture.name})" in PAGES["README.md"]
+    assert f"]({picture.name})" in PAGES["docs/index.md"]
+    assert 10_000 < picture.stat().st_size <= 200_000

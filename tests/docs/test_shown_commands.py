@@ -1,0 +1,130 @@
+"""The commands that the pages show are run, in the life of one simulated arm, and what they print has the shape that the pages show.
+
+Shape: the lines of a page stand in the output, in their order, whatever the figures, dates and widths. A line `…` is not compared.
+"""
+
+import io
+import json
+import os
+import re
+import shutil
+import sys
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from doc_pages import ROOT, Shown, shown
+
+from monitor.cli.main import main
+from monitor.model.fourier import excitation_from_document
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+from monitor.store.recordings import write_recording
+
+pytestmark = [pytest.mark.xdist_group("documentation"), pytest.mark.timeout(300)]
+
+NOT_RUN = {  # by the command, or by its first words
+    "simulate": "goes on until Ctrl-C",
+    "run --config config/simulated.toml": "goes on until it is stopped",
+    "watch": "asks a running daemon, and goes on until Ctrl-C",
+    "check": "asks a controller",
+    "replay": "moves an arm, in real time",
+    "record": "listens to an arm, in real time",
+    "allow": "needs a stop that waits for a person",
+    "rehearse": "takes a minute; the tests of the studies play a smaller fleet",
+}
+INSTEAD = {  # what makes a command quick, or lets the history answer for a daemon
+    "--evaluations 3000": "--evaluations 100",
+    "predict": "predict --local",
+}
+ENDS_WITH = {"run --config bad.toml": 78}
+OF_A_DAEMON = re.compile(r"monitor \d|  up \d")  # lines of `status` that only a daemon which has run makes
+BAD = '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n\n[schedule]\ntimezone = "UTC"\ncron = "at noon"\nblackot = []\n'
+FIRST_UNIX_S = 1_794_965_435.0  # 2026-11-18 01:30:35 UTC
+FIGURE = re.compile(r"[+-]?\d[\d.,]*(?:e[+-]?\d+)?")
+DAY = re.compile(r"\b(?:Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b")
+
+
+def shape(line: str) -> str:
+    """Figures, days and widths taken out."""
+    return re.sub(r"\s+", " ", re.sub(r"[━─]+", "━", DAY.sub("Day", FIGURE.sub("#", line)))).strip()
+
+
+def run(folder: Path, words: list[str]) -> tuple[int, str]:
+    """Exit code and output of `joint-monitor …`, as a person who stands in that folder gets it."""
+    said, argv = io.StringIO(), sys.argv
+    sys.argv = ["joint-monitor", *words]
+    try:
+        with chdir(folder), redirect_stdout(said), redirect_stderr(said):
+            main()
+    except SystemExit as end:
+        return int(end.code or 0), said.getvalue()
+    finally:
+        sys.argv = argv
+    return 0, said.getvalue()
+
+
+@pytest.fixture(scope="module")
+def life(tmp_path_factory):
+    """A folder as the pages suppose it: configurations, three recordings a day apart, and a history that has taken them in."""
+    folder = tmp_path_factory.mktemp("life")
+    shutil.copytree(ROOT / "config", folder / "config")
+    (folder / "bad.toml").write_text(BAD)
+    excitation = excitation_from_document(json.loads((ROOT / "config/excitation/ur5-ground.json").read_text("utf-8")))
+    controller, rows = Controller(SimulateSettings(robot="ur5", seed=4)), ["file,recorded_at"]
+    for day in range(3):
+        controller.live(23.5, 20.0 + 3.0 * day, 0.3)
+        recording = stepped_replay(controller, replace(excitation, repetitions=1))
+        context = replace(recording.context, recorded_at_unix_s=FIRST_UNIX_S + day * 86_400.0)
+        write_recording(folder / f"day-{day + 1}.parquet", replace(recording, context=context))
+        rows.append(f"day-{day + 1}.parquet,2026-11-{18 + day}T01:30:35Z")
+    (folder / "days.csv").write_text("\n".join(rows) + "\n")
+    code, said = run(folder, ["import", "--config", "config/simulated.toml", "--manifest", "days.csv"])
+    assert code == 0, said
+    return folder
+
+
+def real_recordings(folder: Path, each: Shown) -> None:
+    """Beside the life: the public recordings that a page speaks of, and the manifest that it shows; skipped where they are absent."""
+    names = [word for word in each.words if word.startswith("ur-")]
+    if "runs.csv" in each.words:
+        page = (ROOT / each.page).read_text("utf-8")
+        manifest = re.search(r"^file,recorded_at\n(?:.+,.+\n)+", page, re.MULTILINE)[0]
+        (folder / "runs.csv").write_text(manifest)
+        names += [row.partition(",")[0] for row in manifest.splitlines()[1:]]
+    found = Path(os.environ.get("JOINT_MONITOR_DATA", ROOT.parent / "shared" / "data")) / "ur10e"
+    for name in names:
+        if not (found / name).is_file():
+            pytest.skip("the real recordings are absent: set JOINT_MONITOR_DATA to their folder")
+        if not (folder / name).exists():
+            (folder / name).symlink_to(found / name)
+
+
+OURS = [each for each in shown() if each.words[0] == "joint-monitor"]
+QUICK = [each for each in OURS if not any(" ".join(each.words[1:]).startswith(words) for words in NOT_RUN)]
+
+
+@pytest.mark.parametrize("each", QUICK, ids=lambda each: f"{Path(each.page).stem}: {each.line[14:60]}")
+def test_a_shown_command_prints_what_its_page_shows(each: Shown, life: Path, monkeypatch: pytest.MonkeyPatch):
+    """Run as it stands, or with less to search."""
+    real_recordings(life, each)
+    monkeypatch.setenv("COLUMNS", "120")  # the width of the pages
+    line = each.line.removeprefix("joint-monitor ")
+    for shown_words, words in INSTEAD.items():
+        line = line.replace(shown_words, words)
+    code, said = run(life, each._replace(line=line).words)
+    assert code == ENDS_WITH.get(line, 0), said
+    printed = iter([shape(row) for row in said.splitlines()])
+    for row in each.output:
+        if row.strip() not in {"", "…"} and not OF_A_DAEMON.match(row):
+            assert shape(row) in printed, f"{each.page} shows {row!r}; printed is\n{said}"
+
+
+def test_most_of_what_the_pages_show_is_run():
+    """A command that is not run has a reason, and no reason outlives its command."""
+    assert len(QUICK) >= 14
+    lines = [" ".join(each.words[1:]) for each in OURS]
+    assert all(any(line.startswith(words) for line in lines) for words in NOT_RUN)
+    assert set(ENDS_WITH) <= set(lines)
