@@ -46,8 +46,8 @@ def assess(
     from monitor.publish.timestamps import outside
     from monitor.store import identify_files as offline
     from monitor.store.series import Series, assess_series, given_entries
-    from monitor.views.terminal.tables import print_assessment
-    from monitor.views.terminal.tables import status as status_line
+    from monitor.views.terminal.progress import status as status_line
+    from monitor.views.terminal.studies import print_assessment
 
     entries = given_entries(files or [], manifest, interval)
     configuration = None
@@ -84,8 +84,8 @@ def rehearse(
 ) -> None:
     """Would these thresholds catch wear? A simulated fleet: false alarms a year, days to detect, coverage, remaining life."""
     from monitor.studies.rehearsal import rehearse as play
-    from monitor.views.terminal.tables import print_rehearsal
-    from monitor.views.terminal.tables import status as status_line
+    from monitor.views.terminal.progress import status as status_line
+    from monitor.views.terminal.studies import print_rehearsal
 
     configuration = load_configuration(config)
     if configuration.robot_description.joints != 6:
@@ -111,7 +111,7 @@ def rehearse(
 def _from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
     from monitor.service.recompute import recompute
     from monitor.store.database import Store
-    from monitor.views.terminal.tables import status as status_line
+    from monitor.views.terminal.progress import status as status_line
 
     if config is None or others:
         raise BadInput("--from-store takes recordings and settings from a history: expected --config, and nothing else beside it")

@@ -18,7 +18,7 @@ def alerts(
     as_json: JsonOption = False,
 ) -> None:
     """List the alerts of a running daemon. Exit 0 whether there are any or not."""
-    from monitor.views.terminal.tables import print_alerts
+    from monitor.views.terminal.arm import print_alerts
 
     with client_of(load_configuration(config)) as client:
         told = [alert.model_dump(mode="json") for alert in client.alerts(cleared=cleared)]

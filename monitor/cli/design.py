@@ -49,7 +49,7 @@ def design(
     from monitor.design.trajectory import design as design_trajectory
     from monitor.model.robot import Mounting, load_robot
     from monitor.views.plots.identification import check_target
-    from monitor.views.terminal.tables import search_progress
+    from monitor.views.terminal.progress import search_progress
 
     if output.suffix.lower() != ".json" or not output.parent.is_dir():
         raise BadInput(f"-o {output}: expected a name that ends in .json, in a folder that exists")
@@ -105,7 +105,7 @@ def design(
         told = {"file": str(output), "digest": excitation.digest, "stopped": found.stopped, "evaluations": found.evaluations, **document}
         print_json(told, indent=None)
         return
-    from monitor.views.terminal.tables import print_design
+    from monitor.views.terminal.identification import print_design
 
     if found.stopped:
         typer.echo(f"stopped after {found.evaluations} evaluations: the best so far is kept, and it is proved", err=True)

@@ -61,7 +61,7 @@ def history(
     """What was learnt of each joint, replay by replay; works without the daemon."""
     from monitor.publish.timestamps import outside
     from monitor.store.database import Store
-    from monitor.views.terminal.tables import print_history
+    from monitor.views.terminal.arm import print_history
 
     configuration = load_configuration(config)
     begin, end = _when(since, "--from"), _when(until, "--to")
@@ -119,7 +119,7 @@ def import_(
     from monitor.service.transfer import import_recordings
     from monitor.store.database import Store
     from monitor.store.series import given_entries
-    from monitor.views.terminal.tables import status as status_line
+    from monitor.views.terminal.progress import status as status_line
 
     configuration = load_configuration(config)
     entries = given_entries(files or [], manifest, interval)

@@ -66,8 +66,8 @@ def identify(
     """Recordings → base parameters, friction, fit; each with its uncertainty."""
     from monitor.model.robot import Mounting
     from monitor.store import identify_files as offline
-    from monitor.views.terminal.tables import print_identification
-    from monitor.views.terminal.tables import status as status_line
+    from monitor.views.terminal.identification import print_identification
+    from monitor.views.terminal.progress import status as status_line
 
     arm = offline.arm(robot, urdf)
     if plot is not None:
@@ -135,7 +135,7 @@ def base(
     from monitor.model.identifiable import base_document
     from monitor.model.robot import Mounting
     from monitor.store import identify_files as offline
-    from monitor.views.terminal.tables import print_base
+    from monitor.views.terminal.identification import print_base
 
     document = base_document(offline.arm(robot, urdf), Mounting.parse(mounting), frames)
     if as_json:
@@ -166,8 +166,8 @@ def energy(
     from monitor.model.energy import BodyRegion
     from monitor.model.robot import Mounting
     from monitor.store import identify_files as offline
-    from monitor.views.terminal.tables import print_energy
-    from monitor.views.terminal.tables import status as status_line
+    from monitor.views.terminal.identification import print_energy
+    from monitor.views.terminal.progress import status as status_line
 
     arm = offline.arm(robot, urdf)
     regions = [BodyRegion.parse(text) for text in limit or []]

@@ -57,16 +57,16 @@ def watch(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line on standard output.")] = False,
 ) -> None:
     """Follow what the daemon says: last values first, then live, until Ctrl-C."""
-    from monitor.views.terminal.watch import Teller
+    from monitor.views.terminal.watch import DocumentPrinter
 
-    configuration, teller = load_configuration(config), Teller()
+    configuration, printer = load_configuration(config), DocumentPrinter()
     with client_of(configuration) as client:
         try:
             for message in client.watch(keys):
                 if as_json:
                     typer.echo(json.dumps({"key": message.key, "document": message.document}, ensure_ascii=False))
                 else:
-                    teller.tell(message.key, message.document)
+                    printer.print(message.key, message.document)
         except KeyboardInterrupt:
             return
 
@@ -80,7 +80,7 @@ def status(
     import time
 
     from monitor.service.status import status_document
-    from monitor.views.terminal.tables import print_not_alerting, print_status
+    from monitor.views.terminal.arm import print_not_alerting, print_status
 
     document = status_document(load_configuration(config), time.time(), why)
     if as_json:

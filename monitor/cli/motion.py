@@ -49,7 +49,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
         about = {"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "may_run": may_run}
         print_json(about | {"service": ours, "conditions": told, "bus": bus})
     else:
-        from monitor.views.terminal.tables import print_bus, print_conditions
+        from monitor.views.terminal.arm import print_bus, print_conditions
 
         rows = [(each.name, each.status, each.text) for each in (*service, *found)]
         print_conditions(f"{configuration.robot.id} at {configuration.robot.host}", rows)
@@ -63,7 +63,7 @@ def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOpt
     from monitor.service.motion import move
     from monitor.store.database import Store
     from monitor.store.recordings import write_recording
-    from monitor.views.terminal.tables import progress
+    from monitor.views.terminal.progress import progress
 
     configuration = load_configuration(config)
     _check_output(output)
@@ -120,7 +120,7 @@ def record(
     """Only listen, while a program of yours moves the arm, and save the recording."""
     from monitor.acquire.record import record as listen
     from monitor.store.recordings import write_recording
-    from monitor.views.terminal.tables import progress
+    from monitor.views.terminal.progress import progress
 
     configuration = load_configuration(config)
     _check_output(output)

@@ -22,7 +22,8 @@ def reproduce(
     """The paper's tables and figures on the simulated arms, beside the paper's own. Exit 1: something that must agree does not."""
     from monitor.studies.paper.campaign import CampaignSettings
     from monitor.studies.paper.reproduce import reproduce as play
-    from monitor.views.terminal.tables import campaign_progress, print_reproduction
+    from monitor.views.terminal.progress import campaign_progress
+    from monitor.views.terminal.studies import print_reproduction
 
     settings = CampaignSettings(seed=seed, replays=replays, evaluations=evaluations)
     robots = robot or ["ur3", "ur5"]

@@ -43,7 +43,7 @@ from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
 from monitor.store.database import Store
 from monitor.studies.figures import MOVING_RAD_S
-from monitor.views.terminal.tables import remaining_life
+from monitor.views.terminal.figures import remaining_life
 from monitor.views.web.factory import page
 
 DAY_S = 86_400.0

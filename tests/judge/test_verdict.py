@@ -262,7 +262,7 @@ def test_status_says_what_is_stale_of_a_stored_health_and_keeps_the_rest(capsys)
     """One joint that nothing was learnt of is named, in JSON and in the table's head; what was stored is otherwise as it was."""
     from monitor.publish.health_document import with_stale
     from monitor.publish.timestamps import outside
-    from monitor.views.terminal.tables import print_status
+    from monitor.views.terminal.arm import print_status
 
     health, _ = through([believed(0), believed(1)])
     silent = replace(health, joints=(replace(health.joints[0], told_unix_s=START_S - 3 * DAY_S), *health.joints[1:]))

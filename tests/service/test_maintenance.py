@@ -17,7 +17,7 @@ from monitor.service.maintenance import Maintenance, said, silent_s
 from monitor.service.problems import Problems
 from monitor.store.backup import backups
 from monitor.store.database import Store
-from monitor.views.terminal.tables import print_status
+from monitor.views.terminal.arm import print_status
 
 MORE = {
     "next_replay_due_unix_s": 1.8e9, "next_replay_why": "cron", "lag_s": 0.7, "arm": {"heard": True, "trouble": None},

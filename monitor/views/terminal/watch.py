@@ -7,32 +7,32 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from monitor.views.terminal.tables import STATE_STYLE, TIER_STYLE
+from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE
 
-LONGEST_JSON = 160
+LONGEST_JSON = 160  # characters of a document that is shown as JSON: two lines of a common terminal
 KIND_STYLE = {"raised": "bold red", "updated": "yellow", "cleared": "green", "acknowledged": "cyan", "shelved": "cyan"}
 Document = dict[str, Any]
 
 
-class Teller:
-    """Prints documents as they come."""
+class DocumentPrinter:
+    """Prints the documents of the bus, a line each, as they come."""
 
     def __init__(self) -> None:
         self._console = Console(highlight=False, soft_wrap=True)
 
-    def tell(self, key: str, document: Document) -> None:
-        """One line, at once: whoever reads from a pipe waits for it."""
+    def print(self, key: str, document: Document) -> None:
+        """Print one line and flush it, since a reader of a pipe waits for it."""
         self._console.print(line(key, document))
         self._console.file.flush()
 
 
 def line(key: str, document: Document) -> Text:
-    """What a person wants to know of it; JSON, cut short, of a kind that has no words here, or of a newer monitor."""
+    """One document as one line for a person. A kind that this module does not know is shown as JSON of at most LONGEST_JSON characters."""
     words = next((words for matches, words in _WORDS if matches(key)), None)
     if words is not None:
         try:
             return words(key, document)
-        except (KeyError, TypeError, ValueError):  # a document without what v1 promises: shown as it is
+        except (KeyError, TypeError, ValueError):  # a document lacks a field that v1 promises: it is shown as JSON
             pass
     text = json.dumps(document, ensure_ascii=False)
     return Text(f"{key}  {text if len(text) <= LONGEST_JSON else text[: LONGEST_JSON - 1] + '…'}")
@@ -42,31 +42,31 @@ def _health(key: str, document: Document) -> Text:
     state = document.get("state")
     if state is None:
         return Text(f"{key}  UNKNOWN: no replay has been assessed yet")
-    told = Text(f"{key}  ").append(state, STATE_STYLE.get(state, ""))
+    text = Text(f"{key}  ").append(state, STATE_STYLE.get(state, ""))
     if document.get("stale"):
-        told.append(" STALE", "yellow")
+        text.append(" STALE", "yellow")
     for joint in document["joints"]:
-        told.append(f"  J{joint['joint']} ").append(joint["state"], STATE_STYLE.get(joint["state"], ""))
+        text.append(f"  J{joint['joint']} ").append(joint["state"], STATE_STYLE.get(joint["state"], ""))
         if joint.get("stale"):
-            told.append(" STALE", "yellow")
-    return told
+            text.append(" STALE", "yellow")
+    return text
 
 
 def _alert(key: str, document: Document) -> Text:
     active = document["active"]
-    told = Text(f"{key}  ").append("ACTIVE" if active else "cleared", TIER_STYLE.get(document["tier"] if active else "cleared", ""))
-    told.append(f"  {document['text']}")
+    text = Text(f"{key}  ").append("ACTIVE" if active else "cleared", TIER_STYLE.get(document["tier"] if active else "cleared", ""))
+    text.append(f"  {document['text']}")
     if active and document.get("acknowledged_by"):
-        told.append(f"  (seen by {document['acknowledged_by']})", "dim")
+        text.append(f"  (seen by {document['acknowledged_by']})", "dim")
     if active and document.get("shelved_until"):
-        told.append(f"  (shelved until {document['shelved_until']})", "dim")
-    return told
+        text.append(f"  (shelved until {document['shelved_until']})", "dim")
+    return text
 
 
 def _event(key: str, document: Document) -> Text:
     place = "arm" if document["joint"] is None else f"j{document['joint']}"
-    told = Text(f"{key} {document['seq']}  ").append(document["kind"], KIND_STYLE.get(document["kind"], ""))
-    return told.append(f"  {place}/{document['condition']}  {document['text']}")
+    text = Text(f"{key} {document['seq']}  ").append(document["kind"], KIND_STYLE.get(document["kind"], ""))
+    return text.append(f"  {place}/{document['condition']}  {document['text']}")
 
 
 def _friction(key: str, document: Document) -> Text:
@@ -79,14 +79,14 @@ def _friction(key: str, document: Document) -> Text:
 
 
 def _live(key: str, document: Document) -> Text:
-    told, residual = Text(f"{key}  "), document["residual_nm"]
+    text, residual = Text(f"{key}  "), document["residual_nm"]
     for j, predicted in enumerate(document["predicted_nm"]):
-        told.append(f"J{j + 1} {predicted:z.1f}")
+        text.append(f"J{j + 1} {predicted:z.1f}")
         if residual is not None:
             std = document["std_nm"][j]
-            told.append(f" {residual[j]:+z.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
-        told.append("  ")
-    return told.append("Nm: predicted, and measured − predicted" if residual is not None else "Nm: predicted", "dim")
+            text.append(f" {residual[j]:+z.1f}", "yellow" if std is not None and abs(residual[j]) > 3.0 * std else "dim")
+        text.append("  ")
+    return text.append("Nm: predicted, and measured − predicted" if residual is not None else "Nm: predicted", "dim")
 
 
 def _info(key: str, document: Document) -> Text:
@@ -102,18 +102,18 @@ def _model(key: str, document: Document) -> Text:
 
 
 def _replay(key: str, document: Document) -> Text:
-    told = Text(f"{key}  ").append(document["state"], "bold yellow" if document["state"] == "announced" else "")
+    text = Text(f"{key}  ").append(document["state"], "bold yellow" if document["state"] == "announced" else "")
     if document["state"] == "announced":
-        return told.append(f": the arm moves at {document['moves_at']} for {document['duration_s']:.0f} s")
-    return told.append(f": {document['verdict']}{': ' + document['reason'] if document.get('reason') else ''}")
+        return text.append(f": the arm moves at {document['moves_at']} for {document['duration_s']:.0f} s")
+    return text.append(f": {document['verdict']}{': ' + document['reason'] if document.get('reason') else ''}")
 
 
 def _monitor(key: str, document: Document) -> Text:
     troubles, due = document["troubles"], document["next_replay_due"]
-    told = Text(f"{key}  ").append(
+    text = Text(f"{key}  ").append(
         " ".join("; ".join(f"{one['name']}: {one['text']}" for one in troubles).split()) or "no trouble", "yellow" if troubles else ""
     )
-    return told.append(f"  next replay {due or 'none'}", "dim")
+    return text.append(f"  next replay {due or 'none'}", "dim")
 
 
 _WORDS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = [

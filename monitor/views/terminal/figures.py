@@ -1,0 +1,56 @@
+"""How figures look on a terminal: numbers with their deviation, percentages, colours of states and tiers, tables."""
+
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+STATE_STYLE = {
+    "NORMAL": "green",
+    "CHECK_FUNCTION": "yellow",
+    "OFF_SPEC": "yellow",
+    "MAINTENANCE_REQUIRED": "bold magenta",
+    "FAILURE": "bold red",
+}
+TIER_STYLE = {"advisory": "yellow", "wear": "bold magenta", "limit": "bold red", "cleared": "green"}
+
+
+def standard_output(width: int, *, highlight: bool = False) -> Console:
+    """Standard output: as wide as its terminal, and `width` characters where it is none."""
+    return Console(width=None if sys.stdout.isatty() else width, highlight=highlight)
+
+
+def table_of(titles: Sequence[str], *, left: Sequence[str] = (), title: str | None = None) -> Table:
+    """An empty table; columns hold figures, aligned to the right, except those in `left`."""
+    made = Table(title=title, title_justify="left")
+    for name in titles:
+        made.add_column(name, justify="left" if name in left else "right")
+    return made
+
+
+def number(value: float | None, form: str) -> str:
+    """A figure in Python's format `form`; a dash where it is unknown."""
+    return "–" if value is None else format(value, form)
+
+
+def whole_percent(share: float | None) -> str:
+    """A fraction as whole per cent; a dash where it is unknown."""
+    return "–" if share is None else f"{100 * share:.0f} %"
+
+
+def pair(value: float | None, std: float | None) -> str:
+    """A figure with its standard deviation; a dash where it is unknown."""
+    return "–" if value is None else f"{value:.3f} ± {number(std, '.3f')}"
+
+
+def percent(fraction: float | None) -> str:
+    """A fraction as per cent with one decimal; a dash where it is unknown."""
+    return "–" if fraction is None else f"{100 * fraction:.1f} %"
+
+
+def remaining_life(life: dict[str, float | None] | None) -> str:
+    """`no trend`, or the median with its P10–P90 in days."""
+    if not life or life.get("p50_days") is None:
+        return "no trend"
+    return f"{life['p50_days']:.0f} d ({number(life.get('p10_days'), '.0f')}–{number(life.get('p90_days'), '.0f')})"

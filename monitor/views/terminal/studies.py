@@ -1,0 +1,97 @@
+"""Tables of the commands that judge many replays: `assess`, `rehearse` and `reproduce`."""
+
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from monitor.views.terminal.arm import print_not_alerting
+from monitor.views.terminal.figures import number, standard_output, table_of, whole_percent
+
+
+def print_assessment(document: dict[str, Any], why: int | None = None) -> None:
+    """A series of recordings, judged: what is believed now, and every alert with its reasons; of joint `why`, why not."""
+    console = Console()
+    table = Table(title=f"{document['robot']}: {document['health']['arm']}, {document['why']['arm']}", title_justify="left")
+    for title in ("recording", "made at", "verdict", *(f"J{j + 1} wear [%]" for j in range(len(document["health"]["joints"])))):
+        table.add_column(title, justify="right" if "wear" in title else "left")
+    by_file: dict[str, list[dict[str, Any]]] = {}
+    for row in document["friction"]:
+        by_file.setdefault(row["recorded_at"], []).append(row)
+    for row in document["recordings"]:
+        wear = [f"{100 * j['wear']:+z.1f} ± {100 * j['wear_std']:.1f}" for j in by_file.get(row["recorded_at"], [])]
+        table.add_row(row["file"], row["recorded_at"], row["verdict"], *wear)
+    console.print(table)
+    for alert in document["alerts"]:
+        place = "arm" if alert["joint"] is None else f"joint {alert['joint']}"
+        active = "" if alert["active"] else " (cleared)"
+        console.print(f"{place}: {alert['condition']}, {alert['tier']}{active}: {alert['text']} {alert['action']}", highlight=False)
+    if not document["alerts"]:
+        console.print("no alert")
+    for row in document["not_alerting"]:
+        if row["joint"] == why:
+            print_not_alerting(row["joint"], row["reasons"])
+    for code in sorted({warning["code"] for warning in document["warnings"]}):
+        first = next(warning for warning in document["warnings"] if warning["code"] == code)
+        count = sum(warning["code"] == code for warning in document["warnings"])
+        more = f" (and {count - 1} more like it)" if count > 1 else ""
+        console.print(f"warning {code}: {first['file']}: {first['text']}{more}", highlight=False, markup=False)
+    for row in document["recordings"]:
+        if row["reason"]:
+            console.print(f"rejected {row['file']}: {row['reason']}", highlight=False, markup=False)
+
+
+def print_rehearsal(document: dict[str, Any]) -> None:
+    """What the thresholds would do on the simulated fleet."""
+    console = Console()
+    years, noise = document["robot_years"], 100 * document["between_std"]
+    console.print(
+        f"{years:.0f} robot-years on which nothing wears, friction {noise:.1f} % from replay to replay with "
+        f"ρ = {document['autocorrelation']:g}; the first {document['learning_days']} days left out",
+        highlight=False,
+    )
+    table = table_of(
+        ("scenario", "alerts", "a robot-year", "at most (95 %)"), left=("scenario",), title="alerts that mean nothing, advisories counted"
+    )
+    for name, rate in document["false_alarms"].items():
+        table.add_row(name, str(rate["events"]), f"{rate['per_year']:.3f}", f"{rate['at_most']:.3f}")
+    console.print(table)
+    table = table_of(
+        ("wear of one joint", "arms", "median", "9 of 10", "within 30", "right joint", "wear tier, median"),
+        left=("wear of one joint",),
+        title="days from the onset to the first tier",
+    )
+    for row in document["detection"]:
+        days = [number(row[key], ".0f") for key in ("median_days", "p90_days")]
+        shares = [whole_percent(row[key]["share"]) for key in ("within_30_days", "right_joint")]
+        table.add_row(row["wear"], str(row["arms"]), *days, *shares, number(row["wear_tier_median_days"], ".0f"))
+    console.print(table)
+    life = document["remaining_life"]
+    console.print(
+        f"90 % intervals of friction hold the truth in {whole_percent(document['friction_interval_90']['value'])}; "
+        f"P10–P90 of remaining life in {whole_percent(life['p10_p90_holds']['share'])}; P50 within 20 % at half-life in "
+        f"{whole_percent(life['alpha_lambda_at_half_life']['share'])}",
+        highlight=False,
+    )
+
+
+def print_reproduction(document: dict[str, Any], output: str | None) -> None:
+    """Every statement of the paper that was looked at, by robot."""
+    console = standard_output(150)
+    marks = {True: "[green]holds[/]", False: "[bold red]DOES NOT HOLD[/]", None: "[dim]must differ[/]"}
+    for robot in document["robots"]:
+        table = Table(title=robot["robot"], title_justify="left")
+        for title in ("", "statement", "paper", "ours"):
+            table.add_column(title, overflow="fold")
+        for section in robot["sections"]:
+            for check in section["checks"]:
+                table.add_row(marks[check["holds"]], escape(check["what"]), escape(check["paper"]), escape(check["ours"]))
+        console.print(table)
+    checks = [check["holds"] for robot in document["robots"] for section in robot["sections"] for check in section["checks"]]
+    console.print(
+        f"{checks.count(True)} statements that must agree hold, {checks.count(False)} do not; {checks.count(None)} figures must differ, "
+        f"as the arms are simulated; {document['took_s']:.0f} s"
+    )
+    if output is not None:
+        console.print(f"written: {output}", markup=False)
