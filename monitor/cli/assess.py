@@ -110,7 +110,7 @@ def rehearse(
 
 def _from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
     from monitor.service.recompute import recompute
-    from monitor.store.database import Store
+    from monitor.store.store import Store
     from monitor.views.terminal.progress import status as status_line
 
     if config is None or others:

@@ -60,7 +60,7 @@ def history(
 ) -> None:
     """What was learnt of each joint, replay by replay; works without the daemon."""
     from monitor.publish.timestamps import outside
-    from monitor.store.database import Store
+    from monitor.store.store import Store
     from monitor.views.terminal.arm import print_history
 
     configuration = load_configuration(config)
@@ -68,7 +68,7 @@ def history(
     with Store.reader(configuration.state_directory) as store:
         rows, after = [], 0
         while True:
-            page, following = store.history(joint=joint, from_unix_s=begin, to_unix_s=end, after=after, limit=10_000)
+            page, following = store.assessments.history(joint=joint, from_unix_s=begin, to_unix_s=end, after=after, limit=10_000)
             rows += page
             if following is None:
                 break
@@ -90,7 +90,7 @@ def export(
 ) -> None:
     """The history as a table for other programs: CSV or Parquet, times in UTC; or one recording."""
     from monitor.service.transfer import export_recording, table, write_table
-    from monitor.store.database import Store
+    from monitor.store.store import Store
 
     if output.suffix not in {".csv", ".parquet"}:
         raise BadInput(f"{output}: expected a name that ends in .csv or .parquet")
@@ -117,14 +117,14 @@ def import_(
 ) -> None:
     """Recordings made elsewhere into the history, judged in time order and marked as imported. The daemon must not run."""
     from monitor.service.transfer import import_recordings
-    from monitor.store.database import Store
     from monitor.store.series import given_entries
+    from monitor.store.store import Store
     from monitor.views.terminal.progress import status as status_line
 
     configuration = load_configuration(config)
     entries = given_entries(files or [], manifest, interval)
     with status_line(f"importing {len(entries)} recordings"), Store.open(configuration.state_directory) as store:
-        if store.unfinished():
+        if store.ledger.unfinished():
             raise StoreError("the last run left a replay half-way: start `joint-monitor run` once, so that it is finished first")
         told = import_recordings(store, configuration, entries, columns)
     if as_json:

@@ -61,8 +61,8 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
 def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOption = False) -> None:
     """Move the arm once along the configured excitation, guarded, slowly first after a change, and save the recording."""
     from monitor.service.motion import move
-    from monitor.store.database import Store
     from monitor.store.recordings import write_recording
+    from monitor.store.store import Store
     from monitor.views.terminal.progress import progress
 
     configuration = load_configuration(config)
@@ -83,7 +83,7 @@ def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOpt
             if in_s > 0.1:
                 typer.echo(f"the arm moves in {in_s:.1f} s", err=True)
 
-        before = store.latest_first_pass()
+        before = store.first_passes.latest()
         try:
             recording = move(
                 configuration,
@@ -98,9 +98,9 @@ def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOpt
             )
         except ReplayAborted as error:
             if error.needs_a_person:
-                store.stopped(error.cause, str(error), time.time())
+                store.stops.add(error.cause, str(error), time.time())
             raise
-        slowly = store.latest_first_pass() != before
+        slowly = store.first_passes.latest() != before
     write_recording(output, recording)
     facts = _facts(output, recording)
     if as_json:
@@ -152,14 +152,14 @@ def allow(
 ) -> None:
     """Let the arm move again after a stop that a person had to look at; who and why are kept with it."""
     from monitor.publish.timestamps import rfc3339
-    from monitor.store.database import Store
+    from monitor.store.store import Store
 
     configuration = load_configuration(config)
     for option, text in (("--by", by), ("--why", why)):
         if not text.strip():
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
     with Store.beside(configuration.state_directory) as store:
-        waiting = store.allow(by.strip(), why.strip(), time.time())
+        waiting = store.stops.allow(by.strip(), why.strip(), time.time())
     told = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.told} for stop in waiting]
     if as_json:
         print_json({"robot": configuration.robot.id, "allowed": told, "by": by.strip(), "why": why.strip()})

@@ -49,7 +49,7 @@ def report(
     import time
 
     from monitor.service.report import report as collect
-    from monitor.store.database import Store
+    from monitor.store.store import Store
     from monitor.views.report.page import report_page
 
     if output is None and not as_json:

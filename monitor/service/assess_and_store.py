@@ -20,9 +20,10 @@ from monitor.judge.document import plain
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
 from monitor.model.robot import Robot
 from monitor.recording import Recording
-from monitor.store.database import AlertEvent, Store
+from monitor.store.events import AlertEvent
 from monitor.store.provenance import provenance
 from monitor.store.recordings import read_recording
+from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +47,7 @@ class HistoryEntry(NamedTuple):
 
 def load_state(store: Store) -> EstimatorState:
     """As the last assessment, and what people said since, left it."""
-    state = store.state()
+    state = store.assessments.state()
     if state is None:
         return EstimatorState()
     return EstimatorState(
@@ -80,9 +81,9 @@ def assess_recording(
     """
     outcome = _outcome(recording, configuration, held, ledger_id)
     if isinstance(outcome, Rejected):
-        store.end(ledger_id, "rejected", outcome.reason, now())
+        store.ledger.end(ledger_id, "rejected", outcome.reason, now())
         return HistoryEntry(outcome, [], recording)
-    events = store.commit(
+    events = store.assessments.commit(
         ledger_id,
         at_unix_s=now(),
         recorded_at_unix_s=recording.context.recorded_at_unix_s or now(),
@@ -102,9 +103,9 @@ def assess_stored(
 ) -> HistoryEntry:
     """The same for a recording that waits on disk; one that cannot be read is rejected."""
     try:
-        recording = read_recording(store.recording_path(ledger_id))
+        recording = read_recording(store.recordings.path(ledger_id))
     except BadInput as error:
-        store.end(ledger_id, "rejected", str(error), now())
+        store.ledger.end(ledger_id, "rejected", str(error), now())
         return HistoryEntry(Rejected(str(error)), [], None)
     return assess_recording(store, configuration, held, ledger_id, recording, now)
 
@@ -112,13 +113,13 @@ def assess_stored(
 def adopt_orphans(store: Store, at_unix_s: float) -> int:
     """After a restored backup: recordings that the ledger does not know are entered, and wait for their assessment. Returns how many."""
     adopted = 0
-    for ledger_id, path in store.orphans():
+    for ledger_id, path in store.ledger.orphans():
         try:
             recorded_at = read_recording(path).context.recorded_at_unix_s
         except BadInput:
             recorded_at = None
         # its window is lost; the time of the recording is its own, and no other window's
-        store.adopt(ledger_id, path.stat().st_mtime if recorded_at is None else recorded_at, at_unix_s)
+        store.ledger.adopt(ledger_id, path.stat().st_mtime if recorded_at is None else recorded_at, at_unix_s)
         adopted += 1
     return adopted
 

@@ -40,8 +40,10 @@ from monitor.service.production import Production, Sample
 from monitor.service.recompute import roll_back
 from monitor.service.scheduler import Scheduler
 from monitor.service.systemd import Heartbeats, Watchdog, notify, reloading
-from monitor.store.database import RESTORED, AlertEvent, LedgerRow, Store
+from monitor.store.events import AlertEvent
+from monitor.store.ledger import LedgerRow
 from monitor.store.recordings import read_recording, write_recording
+from monitor.store.store import RESTORED, Store
 from monitor.views.web.factory import page
 
 log = logging.getLogger(__name__)
@@ -111,7 +113,7 @@ class Daemon:
         restored = self._store.restored
         if restored is not None:
             log.error("%s", restored.told)
-        self.restored = self._store.note(RESTORED) or None
+        self.restored = self._store.notes.get(RESTORED) or None
         if self.restored is not None:  # also where the last start ended in the middle of it
             adopted = adopt_orphans(self._store, self._now())
             if adopted:
@@ -122,15 +124,15 @@ class Daemon:
         except StoreUnavailable as error:  # the schedule's thread tries again, and tells it
             log.warning("what the last run left half-way is finished later: %s", error)
         self._say_everything()
-        for event in self._store.events(unpublished=True):
+        for event in self._store.events.rows(unpublished=True):
             self._say_event(event)
 
     def recover(self, at_most: int | None = None) -> None:
         """Finish what a crash, or a disk that took no more, left half-way: aborted, or assessed now. Raises StoreError."""
         with self._one_at_a_time:
-            before = {row.id for row in self._store.ledger(states=("started",))}
-            waiting = self._store.repair(self._now())
-            for row in self._store.ledger(states=("aborted",), limit=len(before) + 1) if before else ():
+            before = {row.id for row in self._store.ledger.rows(states=("started",))}
+            waiting = self._store.ledger.repair(self._now())
+            for row in self._store.ledger.rows(states=("aborted",), limit=len(before) + 1) if before else ():
                 if row.id in before:
                     log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason, extra={"replay": row.id, "verdict": "aborted"})
             for row in waiting[:at_most]:
@@ -203,13 +205,13 @@ class Daemon:
         Never raises for what a robot may do: the ledger says how it ended, and why.
         """
         with self._one_at_a_time:
-            ledger_id = self._store.claim(window_unix_s, kind, self._now())
+            ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
             if ledger_id is None:
                 return None
-            for waiting in self._store.repair(self._now(), but=ledger_id):
+            for waiting in self._store.ledger.repair(self._now(), but=ledger_id):
                 self._assess_stored(waiting.id)  # in time order: an older one could not be learnt from afterwards
             self._perform(ledger_id)
-            row = self._store.row(ledger_id)
+            row = self._store.ledger.row(ledger_id)
             self.say_replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
             if row.state == "assessed" and self._health is not None:
                 state, why = self._health.state, self._health.why
@@ -222,36 +224,36 @@ class Daemon:
     def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
         """Enter a window that was missed, so that it is seen and never made up for."""
         with self._one_at_a_time:
-            ledger_id = self._store.claim(window_unix_s, kind, self._now())
+            ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
             if ledger_id is not None:
-                self._store.end(ledger_id, "skipped", reason, self._now())
+                self._store.ledger.end(ledger_id, "skipped", reason, self._now())
                 log.warning("window=%.0f verdict=skipped reason=%r", window_unix_s, reason)
 
     def _perform(self, ledger_id: int) -> None:
         try:
             recording = self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
         except (MotionRefused, RobotUnreachable) as error:
-            self._store.end(ledger_id, "skipped", str(error), self._now())
+            self._store.ledger.end(ledger_id, "skipped", str(error), self._now())
             return
         except ReplayAborted as error:
             stop = error.cause if error.needs_a_person else None
-            self._store.end(ledger_id, "aborted", str(error), self._now(), stop=stop)
+            self._store.ledger.end(ledger_id, "aborted", str(error), self._now(), stop=stop)
             return
         except Exception as error:  # a fault of ours: the child is dead and the arm was stopped; the window is told as ended, and by what
             log.exception("replay=%d ended by a fault of the monitor's own", ledger_id)
-            self._store.end(ledger_id, "aborted", f"internal: {type(error).__name__}: {error}", self._now(), stop="internal")
+            self._store.ledger.end(ledger_id, "aborted", f"internal: {type(error).__name__}: {error}", self._now(), stop="internal")
             return
         # the host's clock, not the controller's, dates a recording; a study's clock is its host's
         now = self._now()
         context = dataclasses.replace(recording.context, recorded_at_unix_s=now, revolutions=self.production.revolutions(now))
         recording = dataclasses.replace(recording, context=context)
-        path = self._store.recording_path(ledger_id)
+        path = self._store.recordings.path(ledger_id)
         try:
             write_recording(path, dataclasses.replace(recording, source=path.name))
         except StoreError as error:
-            self._store.end(ledger_id, "aborted", str(error), self._now())
+            self._store.ledger.end(ledger_id, "aborted", str(error), self._now())
             return
-        self._store.recorded(ledger_id)
+        self._store.ledger.mark_recorded(ledger_id)
         self._assess_stored(ledger_id)  # what was written, not what was measured: so a recomputation sees the very same
 
     def _assess_stored(self, ledger_id: int) -> None:
@@ -281,9 +283,9 @@ class Daemon:
 
     def _last_recording(self) -> Recording | None:
         """Of the last replay that was assessed; None where it is kept no longer."""
-        assessed = self._store.ledger(states=("assessed",), limit=1)
+        assessed = self._store.ledger.rows(states=("assessed",), limit=1)
         try:
-            return read_recording(self._store.recording_path(assessed[0].id)) if assessed else None
+            return read_recording(self._store.recordings.path(assessed[0].id)) if assessed else None
         except BadInput as error:
             log.warning("live torque: its noise is not known until the next replay: %s", error)
             return None
@@ -338,7 +340,7 @@ class Daemon:
         self._say(f"alert/{place}/{alert.condition}", "alert", alert_document(alert))
 
     def _say_event(self, event: AlertEvent) -> None:
-        self.bus.event(_event_document(event), done=lambda: self._store.published(event.seq))
+        self.bus.event(_event_document(event), done=lambda: self._store.events.mark_published(event.seq))
 
     def _say_info(self) -> None:
         context = self._held.belief.context if self._held.belief else None
@@ -346,7 +348,7 @@ class Daemon:
 
     def _say_everything(self) -> None:
         self._say_info()
-        newest = self._store.friction(limit=self._robot.joints)
+        newest = self._store.assessments.friction(limit=self._robot.joints)
         for document in newest:
             self._say(f"joint/{document['joint']}/friction", "friction", {key: value for key, value in document.items() if key != "replay"})
         self._say_state()
@@ -361,7 +363,7 @@ class Daemon:
 
     def _answer_history(self, parameters: Any) -> dict[str, Any]:
         asked = history_question(parameters, self._robot.joints)
-        rows, following = self._store.history(
+        rows, following = self._store.assessments.history(
             joint=asked.joint, from_unix_s=asked.from_unix_s, to_unix_s=asked.to_unix_s, after=asked.after, limit=asked.limit
         )
         for row in rows:  # their one time; five years of them are asked for at once
@@ -370,8 +372,8 @@ class Daemon:
 
     def _answer_event(self, parameters: Any) -> dict[str, Any]:
         after = events_after(parameters)
-        kept = self._store.event_range()
-        events = [_event_document(event) for event in self._store.events(after=after, limit=MOST_EVENTS)]
+        kept = self._store.events.range()
+        events = [_event_document(event) for event in self._store.events.rows(after=after, limit=MOST_EVENTS)]
         return {"events": events, "first_kept": kept[0] if kept else None, "last": kept[1] if kept else None}
 
     def _answer_ack(self, payload: Any) -> dict[str, Any]:
@@ -419,7 +421,7 @@ class Daemon:
             return
         if all(alert.condition != STORE_RESTORED for alert in self._health.active_alerts):  # a crash may have come before the note
             self._raise_own(STORE_RESTORED, self.restored)
-        self._store.set_note(RESTORED, "")
+        self._store.notes.set(RESTORED, "")
         self.restored = None
 
     def clear_own(self) -> None:
@@ -438,7 +440,7 @@ class Daemon:
 
     def _keep(self, health: Health, kind: str, alert: Alert, at: float) -> None:
         """What became of an alert without a replay: durable first, then said."""
-        events = self._store.revise(health.as_document(), [{"kind": kind, **alert_document(alert)}], at)
+        events = self._store.events.revise(health.as_document(), [{"kind": kind, **alert_document(alert)}], at)
         self._health = health
         self._say_alert(alert)
         self.say_health()
@@ -502,14 +504,14 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         store = _opened(configuration.state_directory, stack)
 
         def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
-            (row,) = store.ledger(limit=1)
+            (row,) = store.ledger.rows(limit=1)
             return move(
                 daemon.configuration,
                 store,
                 excitation,
                 context,
                 should_stop=should_stop,
-                first_pass_path=store.first_pass_path(row.id),
+                first_pass_path=store.recordings.first_pass_path(row.id),
                 ask=daemon.bus.ask_permit,
                 announce=lambda about: daemon.say_replay({"state": "announced", "replay": row.id, **about}),
                 model=daemon.torque_model,

@@ -20,8 +20,8 @@ from monitor.publish.timestamps import outside
 from monitor.service.problems import Problems
 from monitor.service.scheduler import too_little_room
 from monitor.store.backup import HISTORY, backups, lost, made_at_unix_s
-from monitor.store.database import Store
 from monitor.store.provenance import provenance
+from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
@@ -84,7 +84,7 @@ class Maintenance:
         except StoreError as error:
             self._problems.found("backup", str(error))
         try:
-            gone = self._store.prune(days=settings.recordings_days, most_bytes=1e9 * settings.recordings_gb, at_unix_s=now)
+            gone = self._store.retention.prune(days=settings.recordings_days, most_bytes=1e9 * settings.recordings_gb, at_unix_s=now)
             if gone:
                 log.info("let go of %d recordings, %s to %s", len(gone), gone[0], gone[-1])
             self._problems.over("retention")
@@ -93,7 +93,7 @@ class Maintenance:
 
     def _behind(self) -> str | None:
         """Whether the history knows of later times than the clock."""
-        newest = self._store.newest_unix_s()
+        newest = self._store.ledger.newest_unix_s()
         if newest is None or newest - self._now() < BEHIND_S:
             return None
         return (
@@ -103,7 +103,7 @@ class Maintenance:
 
     def _stopped(self) -> str | None:
         """Whether a replay ended in a way that a person must look at before anything moves again."""
-        for stop in self._store.waiting_stops():
+        for stop in self._store.stops.waiting():
             return f"{stop.told}; nothing moves until a person has looked at the arm and says so: joint-monitor allow"
         return None
 
@@ -111,7 +111,7 @@ class Maintenance:
         """How the monitor is, with `more` from those who know it."""
         store = self._store
         try:
-            last = store.ledger(limit=1)
+            last = store.ledger.rows(limit=1)
         except StoreError as error:  # the rest is worth telling all the more
             self._problems.found("store", str(error))
             last = []

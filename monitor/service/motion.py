@@ -23,8 +23,8 @@ from monitor.publish.permit import PermitReply
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
 from monitor.store.backup import present
-from monitor.store.database import Store
 from monitor.store.recordings import write_recording
+from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ def move(
     settings, robot = configuration.replay, configuration.robot_description
 
     def play(played: Excitation, *, slowly: bool) -> Recording:
-        waiting = store.waiting_stops()
+        waiting = store.stops.waiting()
         told = waiting[-1].told if waiting else None
         band = None
         if slowly:
@@ -73,11 +73,11 @@ def move(
         )
 
     digest = first_pass_key(excitation, settings, context)
-    if settings.first_pass and not store.first_passed(digest):
+    if settings.first_pass and not store.first_passes.is_latest(digest):
         slow = play(slowed(excitation, settings), slowly=True)
         note = "first pass, slow: not assessed"
         write_recording(first_pass_path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
-        store.first_pass(digest, _load(context) | {"recording": first_pass_path.name, "quality": dict(slow.quality)}, time.time())
+        store.first_passes.add(digest, _load(context) | {"recording": first_pass_path.name, "quality": dict(slow.quality)}, time.time())
         if should_stop():
             raise ReplayAborted("stopped on request after the first pass; the arm stands", "parent_asked_to_stop")
     return play(excitation, slowly=False)
@@ -88,7 +88,7 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
     told = None
     try:
         with Store.reader(configuration.state_directory) as store:
-            waiting = store.waiting_stops()
+            waiting = store.stops.waiting()
             told = waiting[-1].told if waiting else None
     except StoreError:
         if present(configuration.state_directory):
@@ -120,5 +120,5 @@ def _load(context: Context) -> dict[str, Any]:
 
 
 def _same_load(store: Store, context: Context) -> bool:
-    latest = store.latest_first_pass()
+    latest = store.first_passes.latest()
     return latest is not None and {key: latest.get(key) for key in _load(context)} == _load(context)

@@ -16,9 +16,11 @@ from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.recording import Array, Recording
 from monitor.service.assess_and_store import EstimatorState, robot_digest
-from monitor.store.database import AlertEvent, Store, StoredAssessment
+from monitor.store.assessments import StoredAssessment
+from monitor.store.events import AlertEvent
 from monitor.store.provenance import differences, provenance
 from monitor.store.recordings import read_recording
+from monitor.store.store import Store
 
 MOST_TOLD = 20  # verdicts that differ, each with what differs
 
@@ -51,8 +53,8 @@ def recompute(store: Store) -> dict[str, Any]:
     tally = _Tally()
     differing: list[dict[str, Any]] = []
     changed: dict[str, None] = {}
-    words = deque(event for event in store.events() if event.ledger_id is None)
-    for verdict in store.verdicts():
+    words = deque(event for event in store.events.rows() if event.ledger_id is None)
+    for verdict in store.assessments.rows():
         told = []
         while words and words[0].at_unix_s < verdict.judged_at_unix_s:
             told.append(words.popleft())
@@ -60,7 +62,7 @@ def recompute(store: Store) -> dict[str, Any]:
         if verdict.made_with is None:
             tally.unknown += 1
         else:
-            made_with = store.made_with(verdict.made_with)
+            made_with = store.assessments.provenance(verdict.made_with)
             changed |= dict.fromkeys(differences(made_with["programs"], provenance()))
             if made_with["robot_digest"] != robot_digest(load_robot(made_with["robot"])):
                 changed |= {f"parameters of the {made_with['robot']}": None}
@@ -78,7 +80,7 @@ def recompute(store: Store) -> dict[str, Any]:
         else:
             tally.gone += 1
             held = None
-        if held is None and (kept := store.checkpoint(verdict.ledger_id)) is not None:
+        if held is None and (kept := store.assessments.checkpoint(verdict.ledger_id)) is not None:
             held = EstimatorState(belief=belief_from_document(kept[0]), health=health_from_document(kept[1]))
     return {
         "assessments": tally.identical + tally.different + tally.gone,
@@ -116,12 +118,12 @@ def _again(store: Store, verdict: StoredAssessment, held: EstimatorState) -> tup
 def _made(store: Store, verdict: StoredAssessment) -> tuple[_Made | None, str]:
     """What a verdict was made of, or why that is not known any more."""
     try:
-        recording = read_recording(store.recording_path(verdict.ledger_id))
+        recording = read_recording(store.recordings.path(verdict.ledger_id))
     except BadInput as error:
         return None, f"gone: {error}"
     if verdict.made_with is None:
         return None, "gone: made before the settings of a verdict were kept with it"
-    with_ = store.made_with(verdict.made_with)
+    with_ = store.assessments.provenance(verdict.made_with)
     gains = with_["gains_nm_per_a"]
     return _Made(
         recording=recording,
@@ -148,15 +150,15 @@ def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
 
     Returns what is held true without them; None, and nothing is changed, where the recordings to find that out are gone.
     """
-    verdicts = [verdict for verdict in store.verdicts() if verdict.recorded_at_unix_s <= now_unix_s]
+    verdicts = [verdict for verdict in store.assessments.rows() if verdict.recorded_at_unix_s <= now_unix_s]
     known, start = EstimatorState(), 0
     for k in range(len(verdicts) - 2, -1, -1):  # one at least is judged again: a checkpoint holds no model
-        if (kept := store.checkpoint(verdicts[k].ledger_id)) is not None:
+        if (kept := store.assessments.checkpoint(verdicts[k].ledger_id)) is not None:
             belief = belief_from_document(kept[0])
             known = EstimatorState(belief=belief, health=health_from_document(kept[1]), model=_model_of(store, verdicts[k], belief))
             start = k + 1
             break
-    words = [event for event in store.events() if event.ledger_id is None]
+    words = [event for event in store.events.rows() if event.ledger_id is None]
     since = verdicts[start - 1].judged_at_unix_s if start else -math.inf
     for verdict in verdicts[start:]:
         told = [event for event in words if since <= event.at_unix_s < verdict.judged_at_unix_s]
@@ -168,7 +170,7 @@ def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
     documents = None
     if known.belief is not None and known.health is not None and known.model is not None:
         documents = (known.belief.as_document(), known.health.as_document(), known.model.as_document())
-    store.take_back(now_unix_s, documents)
+    store.assessments.roll_back(now_unix_s, documents)
     return known
 
 

@@ -12,7 +12,9 @@ from monitor.config.load import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import TIERS
 from monitor.publish.timestamps import outside, rfc3339
-from monitor.store.database import AlertEvent, Stop, Store
+from monitor.store.events import AlertEvent
+from monitor.store.stops import Stop
+from monitor.store.store import Store
 
 GAP = 2.5  # times the usual interval: longer, and the arm was not watched
 FACTS = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest")
@@ -34,11 +36,11 @@ def report(
     """
     begin, end = _period(configuration.robot.id, store, from_unix_s, to_unix_s, now_unix_s)
     rows = _rows(store, begin, end)
-    windows = [row for row in store.ledger() if begin <= row.window_unix_s < end]
-    until = [event for event in store.events() if event.at_unix_s < end]
+    windows = [row for row in store.ledger.rows() if begin <= row.window_unix_s < end]
+    until = [event for event in store.events.rows() if event.at_unix_s < end]
     events = [event for event in until if begin <= event.at_unix_s]
     contexts, warnings, last = _told(store, begin, end)
-    state = store.state()
+    state = store.assessments.state()
     told: Any = outside(
         {
             "robot": {
@@ -70,7 +72,7 @@ def report(
             "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
             "contexts": contexts,
             "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.robot_description.joints),
-            "stops": [_stop(stop, end) for stop in store.stops() if begin <= stop.at_unix_s < end],
+            "stops": [_stop(stop, end) for stop in store.stops.rows() if begin <= stop.at_unix_s < end],
             "warnings": warnings,
             "limits": list(LIMITS),
             "history": rows,
@@ -81,7 +83,7 @@ def report(
 
 
 def _period(robot: str, store: Store, from_unix_s: float | None, to_unix_s: float | None, now_unix_s: float) -> tuple[float, float]:
-    windows = [row.window_unix_s for row in store.ledger()]
+    windows = [row.window_unix_s for row in store.ledger.rows()]
     if not windows:
         raise BadInput(f"{robot}: no replay was attempted yet: there is nothing to report")
     begin = from_unix_s if from_unix_s is not None else min(windows)
@@ -100,7 +102,7 @@ def _rows(store: Store, begin: float, end: float) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     after: int | None = 0
     while after is not None:
-        page, after = store.history(from_unix_s=begin, to_unix_s=end, after=after, limit=10_000)
+        page, after = store.assessments.history(from_unix_s=begin, to_unix_s=end, after=after, limit=10_000)
         rows += page
     return rows
 
@@ -111,7 +113,7 @@ def _told(store: Store, begin: float, end: float) -> tuple[list[dict[str, Any]],
     counts: Counter[str] = Counter()
     texts: dict[str, str] = {}
     last, before = None, None
-    for replay, at, document in store.assessments(begin, end):
+    for replay, at, document in store.assessments.between(begin, end):
         last = document
         for warning in document.get("warnings", ()):
             counts[warning["code"]] += 1

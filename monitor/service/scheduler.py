@@ -18,7 +18,8 @@ from monitor.config.load import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.service.problems import Problems
-from monitor.store.database import LedgerRow, Store
+from monitor.store.ledger import LedgerRow
+from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
@@ -77,15 +78,15 @@ class Scheduler:
         self.lag_s: float | None = None  # of the last replay, from the opening of its window
         self._warmth = WarmUp()
         now = self._clocks.now()
-        running = store.note(_RUNNING)
+        running = store.notes.get(_RUNNING)
         self._cold = ColdStart(None if running is None else float(running))
-        watched = store.note(_WATCHED)
+        watched = store.notes.get(_WATCHED)
         self._watched = min(now, float(watched)) if watched is not None else now
-        self._not_before = float(store.note(_NOT_BEFORE) or 0.0)
+        self._not_before = float(store.notes.get(_NOT_BEFORE) or 0.0)
         if store.restored is not None:
             # the ledger of the hours before is lost: what was open then may have been used
             self._not_before = now
-            store.set_note(_NOT_BEFORE, repr(now))
+            store.notes.set(_NOT_BEFORE, repr(now))
 
     # --- from other threads ----------------------------------------------------------------------
 
@@ -137,7 +138,7 @@ class Scheduler:
         """
         now, monotonic = self._clocks.now(), self._clocks.monotonic()
         self._compare_clocks(now, monotonic)
-        if "store" in self._problems or self._store.unfinished():
+        if "store" in self._problems or self._store.ledger.unfinished():
             self._daemon.recover()
             self._problems.over("store")
         if now < EARLIEST_UNIX_S:
@@ -159,9 +160,9 @@ class Scheduler:
         self._daemon.next_due(upcoming[0].opens_unix_s if upcoming else None)
         if monotonic - self._noted >= 10 * LOOK_EVERY_S or not self._noted:
             self._noted = monotonic
-            self._store.set_note(_WATCHED, repr(now))
+            self._store.notes.set(_WATCHED, repr(now))
             if self._cold.last_running_unix_s is not None:
-                self._store.set_note(_RUNNING, repr(self._cold.last_running_unix_s))
+                self._store.notes.set(_RUNNING, repr(self._cold.last_running_unix_s))
 
     def _requested(self) -> None:
         short = too_little_room(self._store, self._daemon.configuration.store.least_free_mb)
@@ -173,10 +174,10 @@ class Scheduler:
     def coming(self, count: int, now: float | None = None) -> list[Window]:
         """The next windows."""
         now = self._clocks.now() if now is None else now
-        settings, began = self._daemon.configuration.schedule, self._store.began_unix_s()
+        settings, began = self._daemon.configuration.schedule, self._store.ledger.began_unix_s()
         if now < EARLIEST_UNIX_S:
             return []
-        known = self._store.windows(now - settings.jitter_s, now + 400 * 86_400.0)
+        known = self._store.ledger.windows(now - settings.jitter_s, now + 400 * 86_400.0)
         believed = now + max(0.0, self._doubt_until - self._clocks.monotonic())
         more = upcoming(settings, max(believed, self._not_before), count + min(len(known), 50), began, self._salt)
         return [window for window in more if window.key_unix_s not in known][:count]
@@ -184,13 +185,13 @@ class Scheduler:
     def _look(self, now: float) -> None:
         configuration = self._daemon.configuration
         since = min(self._watched, now)
-        entered = self._store.windows(since - reach_back_s(configuration.schedule), now + 86_400.0)
+        entered = self._store.ledger.windows(since - reach_back_s(configuration.schedule), now + 86_400.0)
         said = check_windows(
             configuration.schedule,
             now_unix_s=now,
             since_unix_s=since,
             entered=entered,
-            began_unix_s=self._store.began_unix_s(),
+            began_unix_s=self._store.ledger.began_unix_s(),
             salt=self._salt,
             triggers=Triggers(self._cold.at_unix_s, self._evidence_unix_s),
         )
@@ -227,24 +228,26 @@ class Scheduler:
                 self._next_look = 0.0
                 log.warning("the host's clock was set by %+.0f s, to %s", jump, rfc3339(now))
                 # from before what the history knows, or from before this program, it was set right
-                if jump > DOUBTED_JUMP_S and self._last[0] >= max(EARLIEST_UNIX_S, (self._store.newest_unix_s() or 0.0) - DOUBTED_JUMP_S):
-                    self._store.set_note(_FORWARD, json.dumps([self._last[0], now]))
+                if jump > DOUBTED_JUMP_S and self._last[0] >= max(
+                    EARLIEST_UNIX_S, (self._store.ledger.newest_unix_s() or 0.0) - DOUBTED_JUMP_S
+                ):
+                    self._store.notes.set(_FORWARD, json.dumps([self._last[0], now]))
                     self._doubt_until = monotonic + DOUBT_S
                     told = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
                     self._problems.found("clock", told)
                 elif jump < 0:
                     self._doubt_until = 0.0
-        noted = self._store.note(_FORWARD) if self._last is None or now < self._last[0] else None
+        noted = self._store.notes.get(_FORWARD) if self._last is None or now < self._last[0] else None
         self._last = (now, monotonic)
         if not noted:
             return
         # back where it was before it was set forward, and on by as long as that lasted: that future was made up. Set back without having
         # been forward, or to where every boot begins, it is the past
         before, after = json.loads(noted)
-        watched = max(self._watched, float(self._store.note(_WATCHED) or 0.0))
-        newest, lasted = max(watched, self._store.newest_unix_s() or 0.0), max(0.0, watched - after)
+        watched = max(self._watched, float(self._store.notes.get(_WATCHED) or 0.0))
+        newest, lasted = max(watched, self._store.ledger.newest_unix_s() or 0.0), max(0.0, watched - after)
         if before + lasted - DOUBTED_JUMP_S <= now < newest - DOUBTED_JUMP_S:
-            self._store.set_note(_FORWARD, "")
+            self._store.notes.set(_FORWARD, "")
             if self._daemon.roll_back():
                 log.warning("the clock is back from the future: what was learnt there is taken back")
             else:

@@ -18,8 +18,10 @@ from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.service.maintenance import said, silent_s
+from monitor.store.assessments import StoredState
 from monitor.store.backup import present
-from monitor.store.database import LedgerRow, Store, StoredState
+from monitor.store.ledger import LedgerRow
+from monitor.store.store import Store
 
 LEDGER_ROWS = 10  # windows that `status` shows, the newest ones
 WINDOWS_SHOWN = 5  # past windows that `schedule` shows
@@ -31,9 +33,9 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
     why_joint : 1…J adds the reasons why that joint does not alert. Raises StoreError without a history, BadInput for a joint the arm lacks.
     """
     with Store.reader(configuration.state_directory) as store:
-        state = store.state()
-        newest = store.friction(limit=configuration.robot_description.joints)
-        ledger = store.ledger(limit=LEDGER_ROWS)
+        state = store.assessments.state()
+        newest = store.assessments.friction(limit=configuration.robot_description.joints)
+        ledger = store.ledger.rows(limit=LEDGER_ROWS)
     monitor = said(configuration.state_directory)
     document = {
         "robot": configuration.robot.id,
@@ -55,8 +57,8 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
     with ExitStack() as stack:
         directory = configuration.state_directory
         store = stack.enter_context(Store.reader(directory)) if present(directory) else None
-        began, last = (None, []) if store is None else (store.began_unix_s(), store.ledger(limit=WINDOWS_SHOWN))
-        windows = expected(settings, now_unix_s, count, store, configuration.key_prefix)
+        began, last = (None, []) if store is None else (store.ledger.began_unix_s(), store.ledger.rows(limit=WINDOWS_SHOWN))
+        windows = expected(settings, now_unix_s, count, None if store is None else store.ledger, configuration.key_prefix)
     zone = settings.zone()
     learning = settings.learning_every_h > 0 and settings.learning_days > 0
     return {
@@ -85,8 +87,8 @@ def torque_from_history(configuration: Configuration, request: dict[str, Any]) -
     Raises BadInput where no replay was assessed yet or the query is wrong, StoreError without a history.
     """
     with Store.reader(configuration.state_directory) as store:
-        state = store.state()
-        newest = store.friction(limit=configuration.robot_description.joints)
+        state = store.assessments.state()
+        newest = store.assessments.friction(limit=configuration.robot_description.joints)
     if state is None:
         raise BadInput(f"{configuration.state_directory}: no replay has been assessed yet, so there is no model")
     temperatures = [row.get("temperature_c") for row in newest]

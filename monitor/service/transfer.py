@@ -13,9 +13,9 @@ from monitor.errors import BadInput, StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import JOINT_COLUMNS, Recording
 from monitor.service.assess_and_store import assess_stored, load_state, state_after
-from monitor.store.database import Store
 from monitor.store.recordings import read_recording, write_recording
 from monitor.store.series import Entry, Series, dated
+from monitor.store.store import Store
 
 AHEAD_S = 300.0  # another host's clock may be so far ahead
 LONGEST_S = 2e11  # until the year 8307: later ones have no calendar
@@ -39,7 +39,7 @@ def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: 
     if what == "friction":
         rows, after = [], 0
         while True:
-            page, following = store.history(from_unix_s=from_unix_s, to_unix_s=to_unix_s, after=after, limit=10_000)
+            page, following = store.assessments.history(from_unix_s=from_unix_s, to_unix_s=to_unix_s, after=after, limit=10_000)
             rows += page
             if following is None:
                 break
@@ -52,11 +52,13 @@ def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: 
                 "started_at_unix_s": row.started_at_unix_s, "ended_at_unix_s": row.ended_at_unix_s, "recording": row.recording,
                 "recording_removed_at_unix_s": row.removed_at_unix_s,
             }
-            for row in store.ledger()
+            for row in store.ledger.rows()
         ]  # fmt: skip
         at = "window_unix_s"
     elif what == "events":
-        rows = [{"seq": event.seq, "at_unix_s": event.at_unix_s, "replay": event.ledger_id, **event.document} for event in store.events()]
+        rows = [
+            {"seq": event.seq, "at_unix_s": event.at_unix_s, "replay": event.ledger_id, **event.document} for event in store.events.rows()
+        ]
         at = "at_unix_s"
     else:
         rows = [
@@ -64,7 +66,7 @@ def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: 
                 "replay": verdict.ledger_id, "recorded_at_unix_s": verdict.recorded_at_unix_s, "made_with": verdict.made_with,
                 "document": json.dumps(verdict.document, ensure_ascii=False),
             }
-            for verdict in store.verdicts()
+            for verdict in store.assessments.rows()
         ]  # fmt: skip
         at = "recorded_at_unix_s"
     inside = [row for row in rows if _inside(row[at], from_unix_s, to_unix_s)]
@@ -92,7 +94,7 @@ def write_table(frame: pd.DataFrame, path: Path) -> None:
 
 def export_recording(store: Store, replay: int, path: Path) -> Recording:
     """One recording as our Parquet, or as CSV with RTDE's names. Raises BadInput where retention has let go of it, or it never was."""
-    source = store.recording_path(replay)
+    source = store.recordings.path(replay)
     if not source.is_file():
         raise BadInput(f"replay {replay}: there is no recording of it (aborted, skipped, or let go of by [store] recordings_days)")
     recording = read_recording(source)
@@ -131,7 +133,7 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
         if not 0.0 <= at <= time.time() + AHEAD_S:
             when = rfc3339(at) if abs(at) < LONGEST_S else f"{at:g} s after 1970"
             raise BadInput(f"{recording.source}: was made at {when}; expected a time between 1970 and now")
-        if last is not None and at <= last and at not in store.windows(at, at):
+        if last is not None and at <= last and at not in store.ledger.windows(at, at):
             raise BadInput(
                 f"{recording.source}: was made at {rfc3339(at)}, before the last replay that was learnt from ({rfc3339(last)}); recordings "
                 "are learnt in time order: import them before the first replay, or into a history of their own"
@@ -139,12 +141,12 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
     told: dict[str, Any] = {"assessed": 0, "known_already": 0, "rejected": []}
     for recording, _ in found:
         at = recording.context.recorded_at_unix_s or 0.0
-        ledger_id = store.claim_import(at, time.time())
+        ledger_id = store.ledger.claim_import(at, time.time())
         if ledger_id is None:
             told["known_already"] += 1
             continue
-        write_recording(store.recording_path(ledger_id), recording)
-        store.recorded(ledger_id)
+        write_recording(store.recordings.path(ledger_id), recording)
+        store.ledger.mark_recorded(ledger_id)
         entered = assess_stored(store, configuration, known, ledger_id, time.time)
         known = state_after(known, entered)
         if isinstance(entered.outcome, Rejected):

@@ -89,6 +89,31 @@ def write_recording(path: str | Path, recording: Recording) -> None:
         raise StoreError(f"{path}: the recording cannot be written: {wrong.strerror or wrong}") from wrong
 
 
+class RecordingFolder:
+    """The files of one history's recordings; the name alone leads back to the ledger."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    def path(self, ledger_id: int) -> Path:
+        """Where the recording of a window belongs."""
+        return self.directory / f"replay-{ledger_id:06d}.parquet"
+
+    def first_pass_path(self, ledger_id: int) -> Path:
+        """Where the recording of a window's first pass belongs."""
+        return self.directory / f"replay-{ledger_id:06d}-first-pass.parquet"
+
+    def numbered(self) -> list[tuple[int, Path]]:
+        """All recordings on disk with the ids of their windows, ascending; first passes are left out."""
+        found = self.directory.glob("replay-" + "[0-9]" * 6 + ".parquet")
+        return sorted((int(path.stem.removeprefix("replay-")), path) for path in found)
+
+    def remove_temporary(self) -> None:
+        """Remove what a crash left of recordings that were being written."""
+        for leftover in self.directory.glob(".*.tmp*"):
+            leftover.unlink()  # never renamed, so never promised
+
+
 # --- Parquet ------------------------------------------------------------------------------------------------------------
 
 

@@ -41,7 +41,7 @@ from monitor.recording import Array, Context, Recording
 from monitor.service.daemon import Daemon
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
-from monitor.store.database import Store
+from monitor.store.store import Store
 from monitor.studies.figures import MOVING_RAD_S
 from monitor.views.terminal.figures import remaining_life
 from monitor.views.web.factory import page

@@ -35,7 +35,7 @@ def answer(asked: Connection) -> None:
     from monitor.simulate.controller.controller import Controller
     from monitor.simulate.settings import SimulateSettings
     from monitor.simulate.stepped import stepped_replay
-    from monitor.store.database import Store
+    from monitor.store.store import Store
 
     def play(excitation: Any, context: Any, should_stop: Callable[[], bool]) -> Any:
         recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(excitation, repetitions=1))

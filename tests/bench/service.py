@@ -25,8 +25,8 @@ from monitor.publish.timestamps import rfc3339
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.database import Store
 from monitor.store.recordings import write_recording
+from monitor.store.store import Store
 
 YEARS, A_DAY, JOINTS = 5, 4, 6
 LISTEN_S = 20.0
@@ -46,15 +46,15 @@ def five_years(folder: Path) -> None:
     """Documents of the size that real ones have; where there is a state already, it stays, and the daemon can start on it."""
     began = time.time() - YEARS * 365 * 86_400.0
     with Store.open(folder) as store:
-        store._db.execute("PRAGMA synchronous = OFF")
-        state = store.state()
+        store.database.connection.execute("PRAGMA synchronous = OFF")
+        state = store.assessments.state()
         held = (state.belief, state.health, state.model) if state else ({"text": "y" * 50_000}, {}, {})
         for n in range(YEARS * 365 * A_DAY):
             at = began + n * 86_400.0 / A_DAY
-            ledger_id = store.claim(at, "scheduled", at)
+            ledger_id = store.ledger.claim(at, "scheduled", at)
             assert ledger_id is not None
-            store.recorded(ledger_id)
-            store.commit(
+            store.ledger.mark_recorded(ledger_id)
+            store.assessments.commit(
                 ledger_id, at_unix_s=at, recorded_at_unix_s=at, assessment={"text": "x" * 8000}, friction=[JOINT] * JOINTS,
                 belief=held[0], health=held[1], model=held[2], events=[],
             )  # fmt: skip
@@ -75,11 +75,11 @@ def history(folder: Path) -> None:
 
     def opened() -> None:
         with Store.open(folder) as store:
-            store.repair(0.0)
-            store.friction(limit=JOINTS)
+            store.ledger.repair(0.0)
+            store.assessments.friction(limit=JOINTS)
 
     def answered() -> None:
-        rows, _ = store.history(joint=3, limit=10_000)
+        rows, _ = store.assessments.history(joint=3, limit=10_000)
         for row in rows:
             row["recorded_at"] = rfc3339(row.pop("recorded_at_unix_s"))
 

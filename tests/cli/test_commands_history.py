@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from monitor.cli.main import app
 from monitor.errors import MonitorError
 from monitor.recording import Context, Recording
-from monitor.store.database import Store
 from monitor.store.recordings import read_recording, write_recording
+from monitor.store.store import Store
 
 DAY = 86_400.0
 
@@ -105,8 +105,8 @@ def test_recordings_made_elsewhere_become_history_and_are_marked(tmp_path: Path,
     assert "1 assessed" not in run("import", "--config", str(config), str(files[0]))
     assert "time order" in run("import", "--config", str(config), str(files[2]), code=2)
     with Store.reader(tmp_path / "history") as store:
-        assert [(row.kind, row.state) for row in store.ledger()] == [("imported", "assessed")] * 2
-        assert store.began_unix_s() is None  # the learning phase begins with the arm's own replays
+        assert [(row.kind, row.state) for row in store.ledger.rows()] == [("imported", "assessed")] * 2
+        assert store.ledger.began_unix_s() is None  # the learning phase begins with the arm's own replays
     assert "the same" in run("assess", "--from-store", "--config", str(config))
 
 

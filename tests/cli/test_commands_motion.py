@@ -19,8 +19,8 @@ from monitor.errors import MotionRefused
 from monitor.publish.bus import session_config
 from monitor.publish.documents import schema
 from monitor.simulate.remote import Remote
-from monitor.store.database import Store
 from monitor.store.recordings import read_recording
+from monitor.store.store import Store
 
 HOST = f"127.0.6.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
 pytestmark = pytest.mark.xdist_group("commands_motion")
@@ -197,7 +197,7 @@ def test_a_protective_stop_waits_for_a_person_who_says_who_and_why(remote, confi
     assert checked(path)[0] == 0
     assert "no stop is waiting" in run("allow", "--config", path, "--by", "Ada", "--why", "again").stdout
     with Store.reader(path.parent / "history") as store:
-        assert store.waiting_stops() == []
+        assert store.stops.waiting() == []
 
 
 def test_record_only_listens_while_another_program_moves_the_arm(remote, config):

@@ -19,7 +19,7 @@ from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
 from monitor.service.assess_and_store import load_state
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 UR5 = load_robot("ur5")
 GAIN = np.array(UR5.drive_gain_nm_per_a)
@@ -126,11 +126,11 @@ def asked(model: CompensatedModel) -> list[np.ndarray]:
 
 def stored(folder: Path, belief: dict, health: dict, model: dict) -> None:
     with Store.open(folder) as store:
-        ledger_id = store.claim(1.0, "scheduled", 1.0)
-        store.recording_path(ledger_id).write_bytes(b"PAR1")
-        store.recorded(ledger_id)
+        ledger_id = store.ledger.claim(1.0, "scheduled", 1.0)
+        store.recordings.path(ledger_id).write_bytes(b"PAR1")
+        store.ledger.mark_recorded(ledger_id)
         told = {"at_unix_s": 10.0, "recorded_at_unix_s": 5.0, "assessment": {}, "friction": [], "events": []}
-        store.commit(ledger_id, belief=belief, health=health, model=model, **told)
+        store.assessments.commit(ledger_id, belief=belief, health=health, model=model, **told)
 
 
 def test_torque_is_the_same_to_the_last_bit_after_a_restart(lived, tmp_path):

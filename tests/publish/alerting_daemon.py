@@ -15,7 +15,7 @@ from monitor.service.daemon import Daemon
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 PERIOD_S = 0.1
 
@@ -36,10 +36,10 @@ def main() -> None:
     stop = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.readline(), stop.set()), daemon=True).start()
     with Store.open(directory) as store:
-        seen = store.event_range()
+        seen = store.events.range()
         number = seen[1] if seen else 0
         with Daemon(configuration, store, now=lambda: 1.0e9 + number, play=play) as daemon:
-            if store.state() is None:
+            if store.assessments.state() is None:
                 daemon.perform(1.0e9)
             print("up", flush=True)
             while not stop.wait(None if sys.argv[3:] == ["quiet"] else PERIOD_S):
@@ -52,7 +52,7 @@ def main() -> None:
                 others = tuple(other for other in daemon._health.alerts if other.joint != joint)
                 with daemon._judging:
                     health = replace(daemon._health, alerts=(*others, alert))
-                    events = store.revise(health.as_document(), [{"kind": "updated", **alert_document(alert)}], 1.0e9 + number)
+                    events = store.events.revise(health.as_document(), [{"kind": "updated", **alert_document(alert)}], 1.0e9 + number)
                     daemon._health = health
                     daemon._say_alert(alert)
                     for event in events:

@@ -12,7 +12,7 @@ from monitor.service.daemon import Daemon
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 
 def play(excitation, context, should_stop):
@@ -37,7 +37,7 @@ def main() -> None:
         daemon.wanted = lambda: wanted.append(1)
         print("up", flush=True)
         sys.stdin.readline()
-        seen = store.event_range()
+        seen = store.events.range()
     print(f"down {seen[1] if seen else 0} {len(wanted)}", flush=True)
 
 

@@ -26,7 +26,7 @@ from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 ENDPOINT = "tcp/127.0.88.4:7452"
 PREFIX = "joint-monitor/v1/lab/cell-1"
@@ -66,7 +66,7 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
             change=0.06, probability=0.99, text="Joint 3: friction rose", action="inspect",
         )  # fmt: skip
         daemon._health = replace(daemon._health, alerts=(alert,))
-        numbered = store.revise(daemon._health.as_document(), [{"kind": "raised", **alert_document(alert)}], START_UNIX_S)
+        numbered = store.events.revise(daemon._health.as_document(), [{"kind": "raised", **alert_document(alert)}], START_UNIX_S)
         daemon._say_alert(alert)
         daemon._say_event(numbered[0])
         daemon.live(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))

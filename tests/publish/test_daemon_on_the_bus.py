@@ -31,7 +31,7 @@ from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 DAY_S = 86_400.0
 START_UNIX_S = 1_767_582_000.0
@@ -106,7 +106,7 @@ def raise_alert(daemon: Daemon, at_unix_s: float, joint: int | None = 3, conditi
         health = replace(daemon._health, alerts=(*daemon._health.alerts, alert))
         from monitor.assess import alert_document
 
-        events = daemon._store.revise(health.as_document(), [{"kind": "raised", **alert_document(alert)}], at_unix_s)
+        events = daemon._store.events.revise(health.as_document(), [{"kind": "raised", **alert_document(alert)}], at_unix_s)
         daemon._health = health
         daemon._say_alert(alert)
         for event in events:
@@ -204,12 +204,12 @@ def test_a_wildcard_never_acknowledges_anything_nor_moves_an_arm(cell, selector)
     wanted = threading.Event()
     daemon.wanted = wanted.set
     raise_alert(daemon, arm.clock_unix_s)
-    before = store.event_range()
+    before = store.events.range()
     with Client(endpoint, "lab", "cell-1") as client:
         for payload in (None, {}, {"joint": 3, "condition": "wear_rising", "by": "a bus explorer"}):
             assert not any(message.key.startswith("cmd") for message in client.get(selector, payload))
         assert client.alerts()[0].acknowledged_at is None
-    assert store.event_range() == before
+    assert store.events.range() == before
     assert not wanted.is_set()
 
 
@@ -230,13 +230,13 @@ def test_a_command_with_a_wrong_payload_does_nothing_and_names_every_mistake(cel
     """The error reply names the field; alert and history stay."""
     daemon, store, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
-    before = store.event_range()
+    before = store.events.range()
     with Client(endpoint, "lab", "cell-1") as client:
         with pytest.raises(BadInput) as refused:
             client.get(key, payload)
         assert says in str(refused.value)
         assert client.alerts()[0].acknowledged_at is None
-    assert store.event_range() == before
+    assert store.events.range() == before
 
 
 def test_history_comes_in_pages_of_whole_replays(cell):
@@ -279,7 +279,7 @@ def test_a_watcher_that_was_away_is_told_what_it_missed_once_and_in_order(cell, 
     """The daemon goes, transitions happen while nobody hears, it comes back: the watcher has every number once, without a gap."""
     daemon, store, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
-    first = store.event_range()[1]
+    first = store.events.range()[1]
     seen: list[int] = []
     begun, enough = threading.Event(), threading.Event()
 
@@ -298,7 +298,7 @@ def test_a_watcher_that_was_away_is_told_what_it_missed_once_and_in_order(cell, 
     raise_alert(daemon, arm.clock_unix_s, joint=1)
     daemon.__exit__(None, None, None)
     for joint in (2, 4):  # a crash between commit and publication leaves transitions like these
-        store.revise(daemon._health.as_document(), [{"kind": "raised", **_document(daemon, joint)}], arm.clock_unix_s)
+        store.events.revise(daemon._health.as_document(), [{"kind": "raised", **_document(daemon, joint)}], arm.clock_unix_s)
     with Daemon(daemon.configuration, store, now=arm.now, play=arm.play) as later:
         enough.wait(3.0)
         raise_alert(later, arm.clock_unix_s, joint=5)
@@ -387,14 +387,14 @@ def test_a_wildcard_anywhere_in_the_key_never_acts(cell):
     wanted = threading.Event()
     daemon.wanted = wanted.set
     raise_alert(daemon, arm.clock_unix_s)
-    before = store.event_range()
+    before = store.events.range()
     keys = ("joint-monitor/**", "**", "joint-monitor/v1/*/*/cmd/ack", "joint-monitor/v1/lab/*/cmd/replay", f"{PREFIX}/cmd/re$*")
     with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
         for key in keys:
             for payload in ({"joint": 3, "condition": "wear_rising", "by": "explorer"}, {"by": "explorer"}, None):
                 replies = list(session.get(key, payload=None if payload is None else json.dumps(payload), timeout=5.0))
                 assert all(reply.ok and "/cmd/" not in str(reply.ok.key_expr) for reply in replies)
-    assert store.event_range() == before
+    assert store.events.range() == before
     assert not wanted.is_set()
 
 

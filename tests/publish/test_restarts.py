@@ -14,7 +14,7 @@ import pytest
 
 from monitor.errors import BusError
 from monitor.publish.client import Client
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 ROOT = Path(__file__).parents[2]
 ROUTER = (
@@ -119,7 +119,7 @@ class Site:
     def known(self) -> tuple[int, dict[int, int]]:
         """The store's last transition, and each joint's last one."""
         with Store.reader(self.folder) as store:
-            events = store.events()
+            events = store.events.rows()
         assert [event.seq for event in events] == list(range(1, len(events) + 1)), "the store lost or doubled a number"
         return len(events), {event.document["joint"]: _number(event.document["text"]) for event in events}
 

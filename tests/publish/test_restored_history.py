@@ -14,7 +14,7 @@ from monitor.publish.client import Client
 from monitor.publish.documents import Alert
 from monitor.service.daemon import STORE_RESTORED, Daemon
 from monitor.store.backup import back_up
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 
 def reached(endpoint: str, process: "subprocess.Popen[str]") -> Client:

@@ -22,7 +22,7 @@ from monitor.model.robot import load_robot
 from monitor.publish.bus import session_config
 from monitor.recording import Recording
 from monitor.service.daemon import Daemon
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 REPLAYS, APART_S = 10_000, 21_600.0
 SPAN = 1000  # replays that are compared with each other
@@ -90,14 +90,14 @@ def test_ten_thousand_replays_leave_memory_where_it_was(tmp_path: Path, free_por
             assert row.state == "assessed", row.reason
             states.append(daemon.health_state)
             if n % UPKEEP_EVERY == UPKEEP_EVERY - 1:
-                store.prune(days=30.0, most_bytes=0.0, at_unix_s=cell.clock_unix_s)
+                store.retention.prune(days=30.0, most_bytes=0.0, at_unix_s=cell.clock_unix_s)
                 store.back_up(3)
                 print(f"{n + 1} replays, {time.monotonic() - began:.0f} s, {own_mib():.1f} MiB", flush=True)
             if n % 50 == 49:
                 memory.append(own_mib())
             if n % SPAN == SPAN - 1:
                 sizes.append((tmp_path / "history" / "history.sqlite").stat().st_size)
-        events = len(store.events())
+        events = len(store.events.rows())
         recordings = len(list((tmp_path / "history" / "recordings").glob("*.parquet")))
         dropped = daemon.bus.dropped
     a_span = SPAN // 50

@@ -25,10 +25,10 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store import backup as module
 from monitor.store.backup import back_up, backups, fault
-from monitor.store.database import RESTORED, Store
 from monitor.store.provenance import differences, processor_family
 from monitor.store.recordings import write_recording
 from monitor.store.retention import LEAST_KEPT, KeptRecording, to_prune
+from monitor.store.store import RESTORED, Store
 
 HISTORY = "history.sqlite"
 
@@ -60,13 +60,13 @@ def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_pla
         assert store.restored.backup == good
         assert store.restored.set_aside.is_file()
         assert "***" not in store.restored.told  # what is wrong, not which database
-        assert len(store.verdicts()) == 3
+        assert len(store.assessments.rows()) == 3
         commit(store, replayed(store, 9 * DAY))
-        assert store.events()[-1].seq > 1_000_000  # not a number that the damaged history may have given to something else
-        assert "replaced by the backup" in store.note(RESTORED)  # until an alert has said so
+        assert store.events.rows()[-1].seq > 1_000_000  # not a number that the damaged history may have given to something else
+        assert "replaced by the backup" in store.notes.get(RESTORED)  # until an alert has said so
     with Store.open(tmp_path) as store:
         assert store.restored is None
-        assert store.note(RESTORED)
+        assert store.notes.get(RESTORED)
 
 
 def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_never_written_over(tmp_path: Path):
@@ -77,13 +77,13 @@ def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_ne
     with Store.open(tmp_path) as store:
         assert store.restored is not None
         assert "gone" in store.restored.told
-        assert len(store.verdicts()) == 3
+        assert len(store.assessments.rows()) == 3
     for path in (tmp_path / "backups").iterdir():
         path.unlink()
     (tmp_path / HISTORY).unlink()
     with Store.open(tmp_path) as store:
         assert store.restored is not None
-        assert [number for number, _ in store.orphans()] == [1, 2, 3]
+        assert [number for number, _ in store.ledger.orphans()] == [1, 2, 3]
 
 
 def test_entries_that_a_torn_log_has_lost_are_missed_and_no_recording_is_written_over(tmp_path: Path):
@@ -91,19 +91,19 @@ def test_entries_that_a_torn_log_has_lost_are_missed_and_no_recording_is_written
     lived_in, copy = tmp_path / "lived", tmp_path / "copy"
     with Store.open(lived_in) as store:
         commit(store, replayed(store, DAY))
-        store._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        store.database.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         commit(store, replayed(store, 2 * DAY))
         shutil.copytree(lived_in, copy)  # as a power cut leaves it
     with (copy / f"{HISTORY}-wal").open("r+b") as log:
         log.seek(100)
         log.write(os.urandom(64))
     with Store.open(copy) as store:
-        assert [row.id for row in store.ledger()] == [1]
+        assert [row.id for row in store.ledger.rows()] == [1]
         assert store.restored is not None
         assert "lost its newest entries (1 recordings from replay 2 on" in store.restored.told
-        store.adopt(2, 2 * DAY, 3 * DAY)
-        assert store.claim(3 * DAY, "scheduled", 3 * DAY) == 3
-        store.end(3, "rejected", "a test", 3 * DAY)
+        store.ledger.adopt(2, 2 * DAY, 3 * DAY)
+        assert store.ledger.claim(3 * DAY, "scheduled", 3 * DAY) == 3
+        store.ledger.end(3, "rejected", "a test", 3 * DAY)
     with Store.open(copy) as store:
         assert store.restored is None
 
@@ -116,8 +116,8 @@ def test_a_damaged_history_without_a_backup_begins_anew_and_keeps_what_it_was(tm
         assert store.restored is not None
         assert store.restored.backup is None
         assert "no good backup" in store.restored.told
-        assert [number for number, _ in store.orphans()] == [1, 2, 3]
-        assert store.ledger() == []
+        assert [number for number, _ in store.ledger.orphans()] == [1, 2, 3]
+        assert store.ledger.rows() == []
 
 
 def test_a_history_that_cannot_be_read_for_another_reason_is_not_replaced(tmp_path: Path):
@@ -164,7 +164,7 @@ def test_what_root_makes_in_the_services_directory_is_the_services(tmp_path: Pat
     os.chown(tmp_path, 65534, 65534)
     history(tmp_path, 1)
     with Store.beside(tmp_path) as store:
-        store.allow("Ada", "seen", 1e9)
+        store.stops.allow("Ada", "seen", 1e9)
     back_up(tmp_path, 3)
     with Store.open(tmp_path):
         pass
@@ -192,13 +192,13 @@ def test_a_backup_is_made_beside_a_writer_and_holds_what_was_committed(tmp_path:
     """It waits for nobody; it opens as a history."""
     with Store.open(tmp_path) as store:
         commit(store, replayed(store, DAY))
-        store._db.execute("BEGIN IMMEDIATE")
+        store.database.connection.execute("BEGIN IMMEDIATE")
         made = store.back_up(3)
-        store._db.execute("ROLLBACK")
+        store.database.connection.execute("ROLLBACK")
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / HISTORY).write_bytes(made.read_bytes())
     with Store.open(tmp_path / "elsewhere") as copy:
-        assert len(copy.verdicts()) == 1
+        assert len(copy.assessments.rows()) == 1
 
 
 def test_a_damaged_history_never_pushes_a_good_backup_out(tmp_path: Path):
@@ -224,13 +224,13 @@ def test_recordings_are_let_go_of_by_age_and_by_size_and_their_verdicts_stay(tmp
         for n in range(15):
             commit(store, replayed(store, n * DAY))
         waiting = replayed(store, 0.5 * DAY)
-        (store.recordings / "replay-000002.parquet").unlink()  # by a person
-        gone = store.prune(days=1, most_bytes=0, at_unix_s=30 * DAY)
+        (store.recordings.directory / "replay-000002.parquet").unlink()  # by a person
+        gone = store.retention.prune(days=1, most_bytes=0, at_unix_s=30 * DAY)
         assert gone == [f"replay-{n:06d}.parquet" for n in (1, 3, 4, 5)]  # fourteen are left, ten stay
-        assert store.recording_path(waiting).is_file()
-        assert [row.id for row in store.ledger() if row.removed_at_unix_s is not None] == [1, 2, 3, 4, 5]
-        assert len(store.verdicts()) == 15
-        assert store.prune(days=1, most_bytes=0, at_unix_s=30 * DAY) == []
+        assert store.recordings.path(waiting).is_file()
+        assert [row.id for row in store.ledger.rows() if row.removed_at_unix_s is not None] == [1, 2, 3, 4, 5]
+        assert len(store.assessments.rows()) == 15
+        assert store.retention.prune(days=1, most_bytes=0, at_unix_s=30 * DAY) == []
 
 
 # --- the same verdicts again ------------------------------------------------------------------------------------------
@@ -254,12 +254,12 @@ def lived(store: Store, configuration: Configuration, recordings: list[Recording
     known = load_state(store)
     for day in days:
         at = 1.0e9 + day * DAY
-        ledger_id = store.claim(at, "scheduled", at)
+        ledger_id = store.ledger.claim(at, "scheduled", at)
         recording = recordings[day % len(recordings)]
         context = replace(configuration.context, firmware=recording.context.firmware, recorded_at_unix_s=at)
-        path = store.recording_path(ledger_id)
+        path = store.recordings.path(ledger_id)
         write_recording(path, replace(recording, context=context, source=path.name))
-        store.recorded(ledger_id)
+        store.ledger.mark_recorded(ledger_id)
         known = state_after(known, assess_stored(store, configuration, known, ledger_id, lambda at=at: at))
     return known
 
@@ -281,8 +281,10 @@ def test_a_verdict_that_comes_out_otherwise_is_named_with_what_differs_and_what_
     """A figure of the past that was altered; a program that was another then."""
     with Store.open(tmp_path) as store:
         lived(store, configuration(tmp_path), recordings, range(2))
-        store._db.execute("UPDATE assessment SET document = json_set(document, '$.friction[2].coulomb_nm', 1.0) WHERE ledger_id = 2")
-        store._db.execute("UPDATE circumstance SET document = json_set(document, '$.programs.packages.numpy', '1.0')")
+        store.database.connection.execute(
+            "UPDATE assessment SET document = json_set(document, '$.friction[2].coulomb_nm', 1.0) WHERE ledger_id = 2"
+        )
+        store.database.connection.execute("UPDATE circumstance SET document = json_set(document, '$.programs.packages.numpy', '1.0')")
         told = recompute(store)
     assert (told["identical"], told["different"]) == (1, 1)
     (differing,) = told["differing"]
@@ -297,10 +299,10 @@ def test_after_retention_a_recomputation_goes_on_from_the_next_checkpoint(
     tmp_path: Path, recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
 ):
     """What cannot be known any more is counted, not guessed; what is known from a checkpoint on is the same."""
-    monkeypatch.setattr("monitor.store.database.CHECKPOINT_EVERY", 3)
+    monkeypatch.setattr("monitor.store.assessments.CHECKPOINT_EVERY", 3)
     with Store.open(tmp_path) as store:
         lived(store, configuration(tmp_path), recordings, range(5))
-        store.recording_path(2).unlink()
+        store.recordings.path(2).unlink()
         told = recompute(store)
     assert (told["identical"], told["different"], told["not_recomputable"]) == (2, 0, 3)
 

@@ -14,7 +14,7 @@ import pytest
 from monitor.errors import BusError
 from monitor.publish.client import Client
 from monitor.simulate.remote import Remote
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 FOURIER = {"a": [0.30, -0.20, 0.10, -0.25, 0.05], "b": [0.20, -0.10, 0.05, 0.10, -0.07]}  # Σa = 0, Σk·b = 0
 
@@ -102,7 +102,7 @@ class Cell:
 
     def ledger(self) -> list:
         with Store.reader(self.folder / "history") as store:
-            return store.ledger()
+            return store.ledger.rows()
 
 
 def eventually(condition: Callable[[], bool], within_s: float) -> bool:

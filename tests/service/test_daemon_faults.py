@@ -12,7 +12,7 @@ import monitor.service.daemon
 from monitor.config.load import load
 from monitor.errors import StoreError, StoreUnavailable
 from monitor.service.daemon import Daemon
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 
 def test_a_fault_of_ours_during_a_replay_ends_the_window_and_waits_for_a_person(tmp_path: Path, free_port: int):
@@ -30,14 +30,14 @@ def test_a_fault_of_ours_during_a_replay_ends_the_window_and_waits_for_a_person(
         assert row is not None
         assert row.state == "aborted"
         assert "No space left" in row.reason
-        assert [stop.cause for stop in store.waiting_stops()] == ["internal"]
+        assert [stop.cause for stop in store.stops.waiting()] == ["internal"]
 
 
 @needs_root
 def test_a_disk_without_room_at_the_start_is_waited_for(small_disk: Path, monkeypatch: pytest.MonkeyPatch):  # noqa: F811
     """Started again and again the service manager would give it up: it waits, says so, and goes on when there is room."""
     with Store.open(small_disk / "history") as store:
-        store.claim(1e9, "scheduled", 1e9)
+        store.ledger.claim(1e9, "scheduled", 1e9)
     filler = small_disk / "filler"
     subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until there is no space
     said: list[str] = []
@@ -52,7 +52,7 @@ def test_a_disk_without_room_at_the_start_is_waited_for(small_disk: Path, monkey
     monkeypatch.setattr(monitor.service.daemon, "WAIT_FOR_DISK_S", 1.0)
     with ExitStack() as stack:
         store = monitor.service.daemon._opened(small_disk / "history", stack)
-        assert store.unfinished()
+        assert store.ledger.unfinished()
     assert any("waiting for the history" in each for each in said)
     with Store.open(small_disk / "history"), ExitStack() as stack, pytest.raises(StoreError, match="in use by another"):
         monitor.service.daemon._opened(small_disk / "history", stack)
@@ -65,18 +65,18 @@ def test_what_cannot_be_finished_at_the_start_is_finished_later(tmp_path: Path, 
     )
     configuration = load(tmp_path / "cell.toml")
     with Store.open(configuration.state_directory) as store:
-        store.claim(1e9, "scheduled", 1e9)
+        store.ledger.claim(1e9, "scheduled", 1e9)
 
         def full(*_: object, **__: object) -> None:
             raise StoreUnavailable("no space is left")
 
         with monkeypatch.context() as patched:
-            patched.setattr(store, "end", full)
+            patched.setattr(store.ledger, "end", full)
             daemon = Daemon(configuration, store, now=lambda: 1e9, play=lambda *_: None)
             daemon.__enter__()
         try:
-            assert store.unfinished()
+            assert store.ledger.unfinished()
             daemon.recover()
-            assert not store.unfinished()
+            assert not store.ledger.unfinished()
         finally:
             daemon.__exit__()

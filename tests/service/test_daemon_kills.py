@@ -12,8 +12,8 @@ import pytest
 from test_daemon import Cell, children, eventually, gone, standing
 
 from monitor.simulate.remote import Remote
-from monitor.store.database import Store
 from monitor.store.recordings import read_recording
+from monitor.store.store import Store
 
 KILLS = 100
 
@@ -78,10 +78,10 @@ def lies(cell: Cell) -> list[str]:
         return []
     found = []
     with Store.reader(cell.folder / "history") as store:
-        rows = store.ledger()
+        rows = store.ledger.rows()
         for row in rows:
             if row.state in {"recorded", "assessed"}:
-                recording = read_recording(store.recording_path(row.id))
+                recording = read_recording(store.recordings.path(row.id))
                 if recording.duration_s < 5.9:
                     found.append(f"replay {row.id} is {row.state} after {recording.duration_s:.1f} s")
     if sum(row.state == "started" for row in rows) > 1:

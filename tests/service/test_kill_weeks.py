@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 HOUR = 3600.0
 START = 1_780_272_000.0
@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 from monitor.config.load import from_document
 from monitor.service.scheduler import Clocks, Scheduler
-from monitor.store.database import Store
+from monitor.store.store import Store
 from monitor.service.problems import Problems
 
 folder, pace = Path(sys.argv[1]), float(sys.argv[2])
@@ -43,24 +43,24 @@ def live():
                                        "schedule": {"cron": "0 */6 * * *", "grace_s": 7200.0, "every_h": 8.0}}, folder / "cell.toml")
         def __init__(self, store): self.store = store
         def perform(self, window, kind="scheduled"):
-            number = self.store.claim(window, kind, now())
+            number = self.store.ledger.claim(window, kind, now())
             if number is None: return None
             os.write(moved, f"{window!r}\\n".encode()); os.fsync(moved)
             time.sleep(0.004)
-            path = self.store.recording_path(number)
+            path = self.store.recordings.path(number)
             path.with_name(f".{path.name}.tmp1").write_bytes(b"PAR1" * 1000)
             os.replace(path.with_name(f".{path.name}.tmp1"), path)
-            self.store.recorded(number)
+            self.store.ledger.mark_recorded(number)
             self.finish(number)
         def finish(self, number):
-            self.store.commit(number, at_unix_s=now(), recorded_at_unix_s=now(), assessment={"n": number}, friction=[{"n": number}] * 6,
-                              belief={"n": number}, health={}, model={}, events=[{"n": number}])
+            self.store.assessments.commit(number, at_unix_s=now(), recorded_at_unix_s=now(), assessment={"n": number},
+                                          friction=[{"n": number}] * 6, belief={"n": number}, health={}, model={}, events=[{"n": number}])
             os.write(1, f"safe {number}\\n".encode())
         def skip(self, window, reason):
-            number = self.store.claim(window, "scheduled", now())
-            if number is not None: self.store.end(number, "skipped", reason, now())
+            number = self.store.ledger.claim(window, "scheduled", now())
+            if number is not None: self.store.ledger.end(number, "skipped", reason, now())
         def recover(self):
-            for row in self.store.repair(now()): self.finish(row.id)
+            for row in self.store.ledger.repair(now()): self.finish(row.id)
         def roll_back(self): raise AssertionError("the clock never went back")
         def next_due(self, at): pass
 
@@ -127,7 +127,7 @@ def lies(folder: Path, said: set[int]) -> list[str]:
     with Store.open(folder) as store:
         if store.restored is not None:
             found.append(store.restored.told)
-        rows = store.ledger()
+        rows = store.ledger.rows()
         assessed = {row.id for row in rows if row.state == "assessed"}
         found += [f"replay {number} was said to be safe and is not" for number in sorted(said - assessed)]
         entered = {row.window_unix_s for row in rows}
@@ -135,17 +135,17 @@ def lies(folder: Path, said: set[int]) -> list[str]:
         open_ones = [row for row in rows if row.state in {"started", "recorded"}]
         if len(open_ones) > 1:
             found.append(f"{len(open_ones)} replays are unfinished at once")
-        state = store.state()
+        state = store.assessments.state()
         counts = {
             "assessed": len(assessed),
-            "events": len(store.events()),
-            "friction": len(store.friction(joint=6)),
-            "verdicts": len(store.verdicts()),
+            "events": len(store.events.rows()),
+            "friction": len(store.assessments.friction(joint=6)),
+            "verdicts": len(store.assessments.rows()),
         }
         if state is None or {state.revision, *counts.values()} != {len(assessed)}:
             found.append(f"revision, {counts} do not agree")
         found += [
-            f"replay {row.id} has no recording" for row in rows if row.state == "assessed" and not store.recording_path(row.id).is_file()
+            f"replay {row.id} has no recording" for row in rows if row.state == "assessed" and not store.recordings.path(row.id).is_file()
         ]
     return found
 

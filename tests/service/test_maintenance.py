@@ -16,8 +16,13 @@ from monitor.publish.timestamps import outside
 from monitor.service.maintenance import Maintenance, said, silent_s
 from monitor.service.problems import Problems
 from monitor.store.backup import backups
-from monitor.store.database import Store
+<<<<<<< HEAD
+from monitor.store.store import Store
 from monitor.views.terminal.arm import print_status
+=======
+from monitor.store.store import Store
+from monitor.views.terminal.tables import print_status
+>>>>>>> c26d2b9 (Store: ledger, stops, assessments, events, notes and retention as parts over one connection)
 
 MORE = {
     "next_replay_due_unix_s": 1.8e9, "next_replay_why": "cron", "lag_s": 0.7, "arm": {"heard": True, "trouble": None},
@@ -55,7 +60,7 @@ def test_damage_that_is_found_while_it_runs_ends_the_service_and_spoils_no_backu
     maintenance, store, problems, _ = maintenance
     maintenance.look()
     good = backups(store.directory)
-    store._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    store.database.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     torn(store.directory / HISTORY)
     maintenance.care()
     assert maintenance.damaged
@@ -81,8 +86,8 @@ def test_what_was_taken_back_does_not_keep_the_clock_behind(maintenance):
     clock[0] = 1.8e9
     maintenance.look()
     assert "clock_behind" in problems
-    store.end(replayed(store, 2.0e9), "rejected", "a test", 2.0e9)
-    store._db.execute("UPDATE ledger SET state = 'rejected' WHERE window_unix_s = 1.9e9")
+    store.ledger.end(replayed(store, 2.0e9), "rejected", "a test", 2.0e9)
+    store.database.connection.execute("UPDATE ledger SET state = 'rejected' WHERE window_unix_s = 1.9e9")
     maintenance.look()
     assert "clock_behind" not in problems
 
@@ -90,12 +95,12 @@ def test_what_was_taken_back_does_not_keep_the_clock_behind(maintenance):
 def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(maintenance):
     """Whoever asks how the monitor is learns that nothing moves, why, and what to do."""
     maintenance, store, problems, _ = maintenance
-    store.stopped("protective_stop", "the arm met something", 1.6e9)
+    store.stops.add("protective_stop", "the arm met something", 1.6e9)
     maintenance.look()
     (trouble,) = [each for each in problems.listed() if each["name"] == "stop"]
     assert "the arm met something" in trouble["text"]
     assert "joint-monitor allow" in trouble["text"]
-    store.allow("Ada", "a box; it is gone", 1.6e9)
+    store.stops.allow("Ada", "a box; it is gone", 1.6e9)
     maintenance.look()
     assert "stop" not in problems
 
@@ -107,7 +112,7 @@ def test_it_says_how_it_is_also_where_the_history_cannot_be_read(maintenance, mo
     def failing(*_: object, **__: object) -> None:
         raise StoreUnavailable("disk I/O error")
 
-    monkeypatch.setattr(store, "ledger", failing)
+    monkeypatch.setattr(store.ledger, "rows", failing)
     document = outside(maintenance.document(MORE))
     jsonschema.validate(document, schema("monitor"), format_checker=jsonschema.FormatChecker())
     assert document["last_replay"] is None

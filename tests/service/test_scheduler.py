@@ -17,7 +17,8 @@ from monitor.service.assess_and_store import EstimatorState, load_state
 from monitor.service.problems import Problems
 from monitor.service.recompute import roll_back
 from monitor.service.scheduler import Clocks, Scheduler, too_little_room
-from monitor.store.database import LedgerRow, Store
+from monitor.store.ledger import LedgerRow
+from monitor.store.store import Store
 
 DAY = 86_400.0
 START = 1_780_272_000.0  # 2026-06-01T00:00Z
@@ -42,21 +43,21 @@ class Arm:
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
         if self.fails is not None:
             raise self.fails
-        ledger_id = self.store.claim(window_unix_s, kind, self.clock[0])
+        ledger_id = self.store.ledger.claim(window_unix_s, kind, self.clock[0])
         if ledger_id is None:
             return None
         self.replayed.append(window_unix_s)
-        self.store.end(ledger_id, "rejected", "a test", self.clock[0])
-        return self.store.row(ledger_id)
+        self.store.ledger.end(ledger_id, "rejected", "a test", self.clock[0])
+        return self.store.ledger.row(ledger_id)
 
     def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
-        ledger_id = self.store.claim(window_unix_s, kind, self.clock[0])
+        ledger_id = self.store.ledger.claim(window_unix_s, kind, self.clock[0])
         if ledger_id is not None:
-            self.store.end(ledger_id, "skipped", reason, self.clock[0])
+            self.store.ledger.end(ledger_id, "skipped", reason, self.clock[0])
 
     def recover(self) -> None:
         self.mended += 1
-        self.store.repair(self.clock[0])
+        self.store.ledger.repair(self.clock[0])
 
     def roll_back(self) -> bool:
         self.rewound += 1
@@ -75,7 +76,7 @@ class Arm:
             self.scheduler.tick()
 
     def states(self) -> list[tuple[str, str]]:
-        return [(row.state, row.reason or "") for row in self.store.ledger()]
+        return [(row.state, row.reason or "") for row in self.store.ledger.rows()]
 
 
 @pytest.fixture
@@ -256,7 +257,7 @@ def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
     arm.scheduler.want("a person")
     arm.passes(60.0)
     assert len(arm.replayed) == 1
-    assert arm.store.ledger()[0].kind == "requested"
+    assert arm.store.ledger.rows()[0].kind == "requested"
 
 
 def test_who_asks_twice_gets_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
@@ -269,7 +270,7 @@ def test_who_asks_twice_gets_one_replay_and_none_where_it_could_not_be_recorded(
     arm.scheduler.want()
     arm.passes(240.0)
     assert len(arm.replayed) == 1
-    (_, row) = arm.store.ledger()
+    (_, row) = arm.store.ledger.rows()
     assert (row.kind, row.state) == ("requested", "skipped")
     assert "MB are free" in (row.reason or "")
 
@@ -281,10 +282,10 @@ def test_a_host_whose_clock_begins_again_at_every_boot_loses_nothing_of_its_hist
         arm.clock[0] = wrong + 120.0 * boot  # no two boots take the same time
         arm.scheduler = arm.started()
         arm.passes(60.0, step=10.0)
-        arm.clock[0] = true = max(true, arm.store.newest_unix_s() or 0.0) + 5 * DAY
-        ledger_id = arm.store.claim(true, "requested", true)
-        arm.store.recording_path(ledger_id).write_bytes(b"PAR1")
-        arm.store.recorded(ledger_id)  # waits for its assessment: part of what will be held true
+        arm.clock[0] = true = max(true, arm.store.ledger.newest_unix_s() or 0.0) + 5 * DAY
+        ledger_id = arm.store.ledger.claim(true, "requested", true)
+        arm.store.recordings.path(ledger_id).write_bytes(b"PAR1")
+        arm.store.ledger.mark_recorded(ledger_id)  # waits for its assessment: part of what will be held true
         arm.scheduler.tick()
         arm.passes(2 * DAY)
         assert arm.rewound == 0, boot

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from monitor.errors import StoreError
-from monitor.store.database import Store
+from monitor.store.store import Store
 
 DAY = 86_400.0
 
@@ -27,33 +27,33 @@ def commit(store: Store, ledger_id: int, **changes: object) -> list:
         "model": {"m": 1},
         "events": [{"kind": "raised"}],
     }
-    return store.commit(ledger_id, **(given | changes))
+    return store.assessments.commit(ledger_id, **(given | changes))
 
 
 def replayed(store: Store, window: float) -> int:
-    ledger_id = store.claim(window, "scheduled", window)
+    ledger_id = store.ledger.claim(window, "scheduled", window)
     assert ledger_id is not None
-    store.recording_path(ledger_id).write_bytes(b"PAR1")
-    store.recorded(ledger_id)
+    store.recordings.path(ledger_id).write_bytes(b"PAR1")
+    store.ledger.mark_recorded(ledger_id)
     return ledger_id
 
 
 def test_a_window_is_claimed_only_once(tmp_path: Path):
     """The ledger refuses the second claim of a window, also after a restart."""
     with Store.open(tmp_path) as store:
-        assert store.claim(DAY, "scheduled", DAY) is not None
-        assert store.claim(DAY, "scheduled", DAY + 1) is None
+        assert store.ledger.claim(DAY, "scheduled", DAY) is not None
+        assert store.ledger.claim(DAY, "scheduled", DAY + 1) is None
     with Store.open(tmp_path) as store:
-        assert store.claim(DAY, "scheduled", DAY + 2) is None
+        assert store.ledger.claim(DAY, "scheduled", DAY + 2) is None
 
 
 def test_a_replay_that_was_cut_short_becomes_aborted_and_is_not_run_again(tmp_path: Path):
     """`started` without a recording can only mean that we died: it is closed as aborted, with the reason."""
     with Store.open(tmp_path) as store:
-        store.claim(DAY, "scheduled", DAY)
+        store.ledger.claim(DAY, "scheduled", DAY)
     with Store.open(tmp_path) as store:
-        assert store.repair(2 * DAY) == []
-        (row,) = store.ledger()
+        assert store.ledger.repair(2 * DAY) == []
+        (row,) = store.ledger.rows()
     assert (row.state, row.ended_at_unix_s) == ("aborted", 2 * DAY)
     assert "ended during this replay" in (row.reason or "")
 
@@ -61,13 +61,13 @@ def test_a_replay_that_was_cut_short_becomes_aborted_and_is_not_run_again(tmp_pa
 def test_a_recording_that_was_saved_before_the_crash_waits_for_its_assessment(tmp_path: Path):
     """Rename happened, ledger update did not: the file is adopted, nothing measured is lost."""
     with Store.open(tmp_path) as store:
-        ledger_id = store.claim(DAY, "scheduled", DAY)
-        store.recording_path(ledger_id).write_bytes(b"PAR1")
-        (store.recordings / ".replay-000002.parquet.tmp").write_bytes(b"half")
+        ledger_id = store.ledger.claim(DAY, "scheduled", DAY)
+        store.recordings.path(ledger_id).write_bytes(b"PAR1")
+        (store.recordings.directory / ".replay-000002.parquet.tmp").write_bytes(b"half")
     with Store.open(tmp_path) as store:
-        (row,) = store.repair(2 * DAY)
-        assert (row.id, row.state, row.recording) == (ledger_id, "recorded", store.recording_path(ledger_id).name)
-        assert list(store.recordings.glob(".*")) == []
+        (row,) = store.ledger.repair(2 * DAY)
+        assert (row.id, row.state, row.recording) == (ledger_id, "recorded", store.recordings.path(ledger_id).name)
+        assert list(store.recordings.directory.glob(".*")) == []
 
 
 def test_an_assessment_is_all_or_nothing(tmp_path: Path):
@@ -77,11 +77,11 @@ def test_an_assessment_is_all_or_nothing(tmp_path: Path):
         commit(store, first)
         with pytest.raises(ValueError, match="JSON"):
             commit(store, second, events=[{"kind": "raised"}, {"change": float("nan")}])
-        state = store.state()
+        state = store.assessments.state()
         assert state is not None
         assert (state.revision, state.belief) == (1, {"b": first})
-        assert [event.seq for event in store.events()] == [1]
-        assert [row.state for row in store.ledger()] == ["assessed", "recorded"]
+        assert [event.seq for event in store.events.rows()] == [1]
+        assert [row.state for row in store.ledger.rows()] == ["assessed", "recorded"]
 
 
 def test_a_replay_is_assessed_only_once(tmp_path: Path):
@@ -91,17 +91,17 @@ def test_a_replay_is_assessed_only_once(tmp_path: Path):
         commit(store, ledger_id)
         with pytest.raises(StoreError, match="not waiting"):
             commit(store, ledger_id)
-        assert len(store.friction(joint=1)) == 1
+        assert len(store.assessments.friction(joint=1)) == 1
 
 
 def test_events_are_numbered_and_wait_until_they_are_published(tmp_path: Path):
     """Unpublished events come back after a restart, in order; published ones do not."""
     with Store.open(tmp_path) as store:
         events = commit(store, replayed(store, DAY), events=[{"kind": "raised"}, {"kind": "updated"}])
-        store.published(events[0].seq)
+        store.events.mark_published(events[0].seq)
     with Store.open(tmp_path) as store:
-        assert [event.document["kind"] for event in store.events(unpublished=True)] == ["updated"]
-        assert [event.seq for event in store.events()] == [1, 2]
+        assert [event.document["kind"] for event in store.events.rows(unpublished=True)] == ["updated"]
+        assert [event.seq for event in store.events.rows()] == [1, 2]
 
 
 def test_a_second_daemon_on_the_same_directory_is_refused(tmp_path: Path):
@@ -117,13 +117,13 @@ def test_commands_read_beside_the_daemon_and_before_the_first_run_are_told_so(tm
     with Store.open(tmp_path) as store:
         commit(store, replayed(store, DAY))
         with Store.reader(tmp_path) as reader:
-            assert [row["coulomb_nm"] for row in reader.friction(limit=2)] == [1.5, 2.5]
+            assert [row["coulomb_nm"] for row in reader.assessments.friction(limit=2)] == [1.5, 2.5]
 
 
 def test_a_newer_history_is_refused_with_the_reason(tmp_path: Path):
     """A future schema is not opened and written over."""
     with Store.open(tmp_path) as store:
-        store._db.execute("PRAGMA user_version = 99")
+        store.database.connection.execute("PRAGMA user_version = 99")
     for opened in (Store.open, Store.reader, Store.beside):
         with pytest.raises(StoreError, match="newer"), opened(tmp_path):
             pass
@@ -150,22 +150,22 @@ def test_a_folder_of_any_name_holds_a_history(tmp_path: Path):
         assert store.restored is None
         assert store.back_up(3).stat().st_size > 10_000
     with Store.reader(folder) as store:
-        assert len(store.ledger()) == 1
+        assert len(store.ledger.rows()) == 1
     assert [path.name for path in tmp_path.iterdir()] == [folder.name]
 
 
 WRITER = """
 import sys
 from pathlib import Path
-from monitor.store.database import Store
+from monitor.store.store import Store
 with Store.open(Path(sys.argv[1])) as store:
-    store.repair(0.0)
-    start = len(store.ledger())
+    store.ledger.repair(0.0)
+    start = len(store.ledger.rows())
     for n in range(start, start + 10_000):
-        i = store.claim(float(n), "scheduled", float(n))
-        store.recording_path(i).write_bytes(b"PAR1")
-        store.recorded(i)
-        store.commit(i, at_unix_s=1.0, recorded_at_unix_s=1.0, assessment={}, friction=[{}] * 6,
+        i = store.ledger.claim(float(n), "scheduled", float(n))
+        store.recordings.path(i).write_bytes(b"PAR1")
+        store.ledger.mark_recorded(i)
+        store.assessments.commit(i, at_unix_s=1.0, recorded_at_unix_s=1.0, assessment={}, friction=[{}] * 6,
                      belief={"n": n}, health={}, model={}, events=[{"n": n}])
         print(n, flush=True)
 """
@@ -182,44 +182,44 @@ def test_kill_nine_at_any_moment_loses_and_doubles_nothing(tmp_path: Path):
         said = max([said, *(int(line) for line in process.stdout.read().splitlines() if line.strip())])
         process.wait()
         with Store.open(tmp_path) as store:
-            waiting = store.repair(0.0)
-            rows = store.ledger()
-            state = store.state()
+            waiting = store.ledger.repair(0.0)
+            rows = store.ledger.rows()
+            state = store.assessments.state()
             assert state is not None
             assert state.belief["n"] >= said
             assessed = [row for row in rows if row.state == "assessed"]
-            assert state.revision == len(assessed) == len(store.events())
-            assert len(store.friction(joint=6)) == len(assessed)
+            assert state.revision == len(assessed) == len(store.events.rows())
+            assert len(store.assessments.friction(joint=6)) == len(assessed)
             assert len(waiting) <= 1
             for row in waiting:
-                store.end(row.id, "rejected", "test", 0.0)
+                store.ledger.end(row.id, "rejected", "test", 0.0)
 
 
 def test_a_stop_waits_until_a_person_allows_motion_again(tmp_path: Path):
     """Noted with the end of its window in one transaction, or beside the schedule; allowed once, by name."""
     with Store.open(tmp_path) as store:
-        ledger_id = store.claim(DAY, "scheduled", DAY)
-        store.end(ledger_id, "aborted", "joint 3 hit something", DAY + 1, stop="protective_stop")
-        harmless = store.claim(2 * DAY, "scheduled", 2 * DAY)
-        store.end(harmless, "aborted", "the cable was pulled", 2 * DAY)
+        ledger_id = store.ledger.claim(DAY, "scheduled", DAY)
+        store.ledger.end(ledger_id, "aborted", "joint 3 hit something", DAY + 1, stop="protective_stop")
+        harmless = store.ledger.claim(2 * DAY, "scheduled", 2 * DAY)
+        store.ledger.end(harmless, "aborted", "the cable was pulled", 2 * DAY)
         with Store.beside(tmp_path) as beside:  # `joint-monitor replay` beside the daemon
-            beside.stopped("torque_band", "too heavy", 3 * DAY)
-        assert [(stop.ledger_id, stop.cause) for stop in store.waiting_stops()] == [(ledger_id, "protective_stop"), (None, "torque_band")]
+            beside.stops.add("torque_band", "too heavy", 3 * DAY)
+        assert [(stop.ledger_id, stop.cause) for stop in store.stops.waiting()] == [(ledger_id, "protective_stop"), (None, "torque_band")]
         with Store.beside(tmp_path) as beside:  # `joint-monitor allow` beside the daemon
-            assert len(beside.allow("Ada", "looked at it", 4 * DAY)) == 2
-            assert beside.allow("Ada", "again", 5 * DAY) == []
-        assert store.waiting_stops() == []
+            assert len(beside.stops.allow("Ada", "looked at it", 4 * DAY)) == 2
+            assert beside.stops.allow("Ada", "again", 5 * DAY) == []
+        assert store.stops.waiting() == []
 
 
 def test_a_first_pass_counts_for_its_circumstances_and_only_until_they_change(tmp_path: Path):
     """There and back is two changes: nobody knows what was moved meanwhile."""
     with Store.open(tmp_path) as store:
-        assert not store.first_passed("a")
-        store.first_pass("a", {"payload_kg": 1.0}, 1.0)
-        assert store.first_passed("a")
-        store.first_pass("b", {"payload_kg": 2.0}, 2.0)
-        assert not store.first_passed("a")
-        assert store.latest_first_pass() == {"payload_kg": 2.0}
+        assert not store.first_passes.is_latest("a")
+        store.first_passes.add("a", {"payload_kg": 1.0}, 1.0)
+        assert store.first_passes.is_latest("a")
+        store.first_passes.add("b", {"payload_kg": 2.0}, 2.0)
+        assert not store.first_passes.is_latest("a")
+        assert store.first_passes.latest() == {"payload_kg": 2.0}
 
 
 def test_a_history_of_the_first_schema_is_renewed_with_what_it_holds(tmp_path: Path):
@@ -233,8 +233,8 @@ def test_a_history_of_the_first_schema_is_renewed_with_what_it_holds(tmp_path: P
     with pytest.raises(StoreError, match="older joint-monitor"), Store.reader(tmp_path):
         pass
     with Store.open(tmp_path) as store:
-        assert [row.state for row in store.ledger()] == ["recorded"]
-        assert store.waiting_stops() == []
+        assert [row.state for row in store.ledger.rows()] == ["recorded"]
+        assert store.stops.waiting() == []
     (kept,) = (tmp_path / "backups").iterdir()  # as it was, for whoever must go back to the older program
     with closing(sqlite3.connect(kept)) as connection:
         assert connection.execute("PRAGMA user_version").fetchone() == (1,)

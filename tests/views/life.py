@@ -24,7 +24,7 @@ from monitor.service.daemon import Daemon
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.database import Store
+from monitor.store.store import Store
 from monitor.views.web.factory import page
 
 DAY_S = 86_400.0
@@ -60,8 +60,8 @@ def live_through(store, settings, found, context, days, seed=0):
     for day in range(days):
         at = FIRST_UNIX_S + day * DAY_S
         if day in {9, 25}:
-            ledger = store.claim(at, "scheduled", at)
-            store.end(ledger, "skipped", "no permission: the cell's door is open", at)
+            ledger = store.ledger.claim(at, "scheduled", at)
+            store.ledger.end(ledger, "skipped", "no permission: the cell's door is open", at)
             continue
         warm = 5.0 + 3.0 * np.sin(day / 5.0) + COLD.get(day, 0.0) + rng.normal(0.0, 0.5, 6)
         worn = np.ones(6)
@@ -76,9 +76,9 @@ def live_through(store, settings, found, context, days, seed=0):
         now = replace(context, recorded_at_unix_s=at + 40.0)
         outcome = judge_identification(today, now, belief=belief, health=health, settings=settings, source=f"replay-{day + 1}")
         belief, health = outcome.belief, outcome.health
-        ledger = store.claim(at, "scheduled", at)
-        store.recorded(ledger)
-        for event in store.commit(
+        ledger = store.ledger.claim(at, "scheduled", at)
+        store.ledger.mark_recorded(ledger)
+        for event in store.assessments.commit(
             ledger,
             at_unix_s=at + 60.0,
             recorded_at_unix_s=at + 40.0,
@@ -89,14 +89,14 @@ def live_through(store, settings, found, context, days, seed=0):
             model=outcome.model.as_document(),
             events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
         ):
-            store.published(event.seq)
+            store.events.mark_published(event.seq)
 
 
 def grow(store, replays):
     """Many more replays in the history, made of the last one's documents: for speed, not for meaning."""
-    last = store.assessed()[-1]
-    rows = [(joint, json.dumps(one)) for _, joint, _, one in store.friction_of([last])]
-    with store._transaction() as db:
+    last = store.assessments.replays()[-1]
+    rows = [(joint, json.dumps(one)) for _, joint, _, one in store.assessments.friction_of([last])]
+    with store.database.transaction() as db:
         for k in range(1, replays + 1):
             at = FIRST_UNIX_S - k * DAY_S / 4
             number = last + k
@@ -119,7 +119,7 @@ def monitor(directory, days=45, settings=None, moving=True, before=None, later_d
     settings = settings or configuration(directory)
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(settings.state_directory))
-        if days and store.state() is None:
+        if days and store.assessments.state() is None:
             found, context = identified()
             live_through(store, settings.assess, found, replace(settings.context, firmware=context.firmware), days)
         if before is not None:

@@ -173,12 +173,12 @@ def test_everything_can_be_done_by_keyboard(opened, served):
     page.keyboard.press("Tab")
     page.keyboard.press("Shift+Tab")
     assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
-    before = store.event_range()[1]
+    before = store.events.range()[1]
     shelve.press("Enter")
     expect(page.locator("#dialog")).to_be_visible()
     page.keyboard.press("Escape")
     expect(page.locator("#dialog")).not_to_be_visible()
-    assert store.event_range()[1] == before
+    assert store.events.range()[1] == before
     shelve.press("Enter")
     page.keyboard.type("Grace")
     page.keyboard.press("Tab")
@@ -189,7 +189,7 @@ def test_everything_can_be_done_by_keyboard(opened, served):
     page.keyboard.press("Enter")
     expect(page.locator("#dialog")).not_to_be_visible()
     expect(page.locator("#active .alert")).to_contain_text("shelved by Grace")
-    assert store.events(after=before)[-1].document["shelved_why"] == "spare joint comes on Tuesday"
+    assert store.events.rows(after=before)[-1].document["shelved_why"] == "spare joint comes on Tuesday"
 
 
 def test_an_alert_is_acknowledged_by_a_click_and_two_browsers_see_it(opened, served):
@@ -208,7 +208,7 @@ def test_an_alert_is_acknowledged_by_a_click_and_two_browsers_see_it(opened, ser
         expect(one.locator("#active .alert")).to_contain_text("acknowledged by Ada")
         expect(one.locator("#active .alert")).to_contain_text("<b>grease</b> is ordered")  # text, never markup
         expect(one.get_by_role("button", name="Acknowledge…")).to_have_count(0)
-    assert store.events(limit=1)[0].document["acknowledged_by"] == "Ada"
+    assert store.events.rows(limit=1)[0].document["acknowledged_by"] == "Ada"
 
 
 def test_a_refusal_is_told_in_the_dialog(opened):
@@ -407,7 +407,7 @@ def test_an_arm_that_is_not_heard_is_told_at_the_top_and_its_torque_is_not_now(b
     expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
     expect(page.locator("#residual")).to_be_empty()
     daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S), **sample})
-    store.stopped("protective_stop", "safety mode 3", FIRST_UNIX_S)
+    store.stops.add("protective_stop", "safety mode 3", FIRST_UNIX_S)
     page.reload()
     expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
     expect(page.locator("#troubles")).to_contain_text("Nothing moves until a person has looked at the arm")

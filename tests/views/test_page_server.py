@@ -88,7 +88,7 @@ def test_the_past_is_told_as_columns(served):
     """As many times as replays, each joint with each figure; the wearing joint has worn, the others have not."""
     server, _, store = served
     past = json.loads(ask(server, "/api/history")[2])
-    assert past["replays"] == past["shown"] == len(past["t"]) == len(store.assessed()) == 38  # two windows were skipped
+    assert past["replays"] == past["shown"] == len(past["t"]) == len(store.assessments.replays()) == 38  # two windows were skipped
     assert set(past["joints"]) == set("123456")
     assert past["joints"]["3"]["wear"][-1] > 0.1
     assert max(abs(past["joints"][j]["wear"][-1]) for j in "12456") < 0.05
@@ -143,12 +143,12 @@ def test_a_stream_says_the_monitors_time_so_that_silence_is_news(served, monkeyp
 def test_a_person_acknowledges_through_the_same_code_as_the_bus(served):
     """The alert's document, the store's event, and the answer; a second person finds what the first one said."""
     server, daemon, store = served
-    before = store.event_range()[1]
+    before = store.events.range()[1]
     status, _, answer = command(server, "ack", {"joint": 3, "condition": "wear_rising", "by": "Ada", "why": "grease is ordered"})
     assert status == 200
     assert json.loads(answer)["alert"]["acknowledged_by"] == "Ada"
     assert daemon.bus.last_values()["alert/j3/wear_rising"]["acknowledged_why"] == "grease is ordered"
-    (event,) = store.events(after=before)
+    (event,) = store.events.rows(after=before)
     assert event.document["kind"] == "acknowledged"
 
 
@@ -185,11 +185,11 @@ def test_a_command_that_means_nothing_is_answered_with_the_reason(served, docume
 def test_a_page_of_somebody_else_commands_nothing(served, name, changed):
     """Another origin, none, or without the token that only our page can read: refused, and nothing is written."""
     server, _, store = served
-    before = store.event_range()
+    before = store.events.range()
     changed = {key: value if value is None else value.encode("utf-8").decode("latin-1") for key, value in changed.items()}
     asked = {"joint": 3, "condition": "wear_rising", "by": "Eve", "hours": 1}
     assert command(server, name, asked, **changed)[0] == 403
-    assert store.event_range() == before
+    assert store.events.range() == before
 
 
 def test_other_requests_that_are_no_commands_are_refused(served):

@@ -13,7 +13,7 @@ from monitor.cli.main import app
 from monitor.errors import BadInput
 from monitor.publish.timestamps import rfc3339
 from monitor.service.report import report
-from monitor.store.database import Store
+from monitor.store.store import Store
 from monitor.views.report.page import _alone, _law, report_page
 
 pytestmark = pytest.mark.xdist_group("page")
@@ -33,8 +33,8 @@ def lived(tmp_path_factory):
     with Store.open(settings.state_directory) as store:
         context = replace(settings.context, firmware=context.firmware)
         live_through(store, settings.assess, found, context, DAYS)
-        ledger = store.claim(END + 7 * DAY_S, "scheduled", END + 7 * DAY_S)
-        store.end(ledger, "rejected", "torn <rows>", END + 7 * DAY_S)
+        ledger = store.ledger.claim(END + 7 * DAY_S, "scheduled", END + 7 * DAY_S)
+        store.ledger.end(ledger, "rejected", "torn <rows>", END + 7 * DAY_S)
     return folder, settings
 
 
@@ -218,12 +218,12 @@ def test_a_stop_is_in_the_file_with_who_allowed_motion_again(tmp_path):
     """Two by hand: one looked at within the period, the other after it; until then nothing moves. Names are text, never markup."""
     settings = configuration(tmp_path)
     with Store.open(settings.state_directory) as store:
-        ledger = store.claim(FIRST_UNIX_S, "scheduled", FIRST_UNIX_S)
-        store.end(ledger, "skipped", "no permission", FIRST_UNIX_S)
-        store.stopped("protective_stop", "safety mode 3", FIRST_UNIX_S + 10)
-        store.allow("<i>Ada</i>", "a box stood in the way", FIRST_UNIX_S + 20)
-        store.stopped("torque_band", "joint 2", FIRST_UNIX_S + 30)
-        store.allow("Grace", "looked at", FIRST_UNIX_S + 2 * DAY_S)
+        ledger = store.ledger.claim(FIRST_UNIX_S, "scheduled", FIRST_UNIX_S)
+        store.ledger.end(ledger, "skipped", "no permission", FIRST_UNIX_S)
+        store.stops.add("protective_stop", "safety mode 3", FIRST_UNIX_S + 10)
+        store.stops.allow("<i>Ada</i>", "a box stood in the way", FIRST_UNIX_S + 20)
+        store.stops.add("torque_band", "joint 2", FIRST_UNIX_S + 30)
+        store.stops.allow("Grace", "looked at", FIRST_UNIX_S + 2 * DAY_S)
         whole = report(settings, store, None, FIRST_UNIX_S + DAY_S, END)
         later = report(settings, store, None, FIRST_UNIX_S + 3 * DAY_S, END)
     assert [stop["allowed_by"] for stop in whole["stops"]] == ["<i>Ada</i>", None]

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from monitor import __version__
-from monitor.acquire.schedule.windows import Ledger, ScheduleSettings, expected
+from monitor.acquire.schedule.windows import ScheduleSettings, expected
 from monitor.publish.timestamps import rfc3339
+from monitor.store.store import Store
 
 MOST_REPLAYS = 400  # of a joint's line: more would be less than three pixels apart
 NEWEST = 60  # never thinned
@@ -23,37 +24,6 @@ DIGITS = 5  # of a figure that becomes a pixel
 SERIES = (
     "wear", "wear_std", "viscous_nm_s_per_rad", "temperature_c", "reference_torque_nm", "replay_torque_nm", "replay_torque_std_nm",
 )  # fmt: skip
-
-
-class Window(Protocol):
-    """A row of the ledger."""
-
-    id: int
-    window_unix_s: float
-    kind: str
-    state: str
-    reason: str | None
-
-
-class Past(Ledger, Protocol):
-    """What the page asks of the store."""
-
-    directory: Path
-
-    def assessed(self) -> list[int]:
-        """Numbers of all assessed replays, oldest first."""
-
-    def friction_of(self, replays: Sequence[int]) -> list[tuple[int, int, float, dict[str, Any]]]:
-        """(replay, joint, when, friction document), oldest first."""
-
-    def ledger(self, *, limit: int | None = None, states: Sequence[str] = ()) -> Sequence[Any]:
-        """Windows, oldest first."""
-
-    def waiting_stops(self) -> Sequence[Any]:
-        """Stops that nobody has acknowledged: nothing moves until somebody has."""
-
-    def events(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> Sequence[Any]:
-        """Transitions, oldest first."""
 
 
 class Ask(Protocol):
@@ -72,7 +42,7 @@ class Ask(Protocol):
 class Content:
     """Everything behind the page's addresses. Called from several threads."""
 
-    past: Past
+    past: Store
     bus: Ask
     about: dict[str, Any]  # who, and the arm's geometry
     schedule_settings: ScheduleSettings = field(default_factory=ScheduleSettings)
@@ -84,12 +54,12 @@ class Content:
 
     def history(self) -> dict[str, Any]:
         """Every joint's past as columns; old replays thinned, the newest all there. Made anew only after a replay."""
-        ids = self.past.assessed()
+        ids = self.past.assessments.replays()
         made_of = (len(ids), ids[-1] if ids else 0)
         with self._lock:
             if made_of != self._made_of:
                 shown = thinned(ids, MOST_REPLAYS, NEWEST)
-                self._history = columns(self.past.friction_of(shown)) | {"replays": len(ids), "shown": len(shown)}
+                self._history = columns(self.past.assessments.friction_of(shown)) | {"replays": len(ids), "shown": len(shown)}
                 self._made_of = made_of
             return self._history
 
@@ -97,7 +67,7 @@ class Content:
         """What is to come, and what was attempted, the newest first."""
         rows = [
             {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
-            for row in reversed(self.past.ledger(limit=WINDOWS))
+            for row in reversed(self.past.ledger.rows(limit=WINDOWS))
         ]
         events = [
             {
@@ -105,13 +75,13 @@ class Content:
                 "at": rfc3339(event.at_unix_s),
                 **{key: event.document.get(key) for key in ("kind", "joint", "condition", "tier")},
             }
-            for event in reversed(self.past.events(limit=EVENTS))
+            for event in reversed(self.past.events.rows(limit=EVENTS))
         ]
         return {"coming": self._coming(), "timezone": self.schedule_settings.timezone, "windows": rows, "events": events}
 
     def _coming(self) -> list[dict[str, Any]]:
         """The next windows, why each is there; one that waits for the arm says so by its `why`."""
-        found = expected(self.schedule_settings, self.now(), COMING, self.past, str(self.about.get("key_prefix", "")))
+        found = expected(self.schedule_settings, self.now(), COMING, self.past.ledger, str(self.about.get("key_prefix", "")))
         return [{"opens": rfc3339(w.opens_unix_s), "closes": rfc3339(w.closes_unix_s), "why": w.why} for w in found]
 
     def monitor(self) -> dict[str, Any]:
@@ -119,7 +89,7 @@ class Content:
         disk = shutil.disk_usage(self.past.directory)
         history = self.past.directory / "history.sqlite"
         counts: dict[str, int] = {}
-        for row in self.past.ledger(limit=200):
+        for row in self.past.ledger.rows(limit=200):
             counts[row.state] = counts.get(row.state, 0) + 1
         return {
             "version": __version__,
@@ -131,7 +101,7 @@ class Content:
             "history_mb": round(history.stat().st_size / 1e6, 2) if history.is_file() else None,
             "documents_dropped": self.bus.dropped,
             "last_windows": counts,
-            "stops": [stop.told for stop in self.past.waiting_stops()],
+            "stops": [stop.told for stop in self.past.stops.waiting()],
         }
 
 

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from monitor.views.web.content import Ask, Content, Past
+from monitor.store.store import Store
+from monitor.views.web.content import Ask, Content
 
 
-def page(configuration: Any, bus: Ask, store: Past, now: Callable[[], float] = time.time) -> AbstractContextManager[Any]:
+def page(configuration: Any, bus: Ask, store: Store, now: Callable[[], float] = time.time) -> AbstractContextManager[Any]:
     """The server while it is in use; nothing where no page is configured. Raises BusError, or BadInput for a token that cannot be read."""
     if not configuration.page.listen:
         return nullcontext()

@@ -1,0 +1,209 @@
+"""Assessments with all that follows from them: friction, the estimator's state, checkpoints, provenance."""
+
+import hashlib
+import json
+import sqlite3
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import orjson
+
+from monitor.errors import StoreError
+from monitor.store.database import Database, json_text
+from monitor.store.events import AlertEvent, insert_events
+
+CHECKPOINT_EVERY = 30  # assessments; a recomputation need not go further back, and 5 years are 240 of them
+
+
+class StoredAssessment(NamedTuple):
+    """One past assessment, as it was stored."""
+
+    ledger_id: int
+    recorded_at_unix_s: float
+    judged_at_unix_s: float
+    document: dict[str, Any]
+    made_with: str | None  # digest of the circumstances; None: made before they were kept
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredState:
+    """What is held true now, as the documents that the rooms wrote."""
+
+    revision: int  # counts assessments
+    belief: dict[str, Any]
+    health: dict[str, Any]
+    model: dict[str, Any]
+
+
+class Assessments:
+    """Past assessments, and the state of the estimator after the last one."""
+
+    def __init__(self, database: Database) -> None:
+        self._db = database
+
+    def commit(
+        self,
+        ledger_id: int,
+        *,
+        at_unix_s: float,
+        recorded_at_unix_s: float,
+        assessment: Mapping[str, Any],
+        friction: Sequence[Mapping[str, Any]],
+        belief: Mapping[str, Any],
+        health: Mapping[str, Any],
+        model: Mapping[str, Any],
+        events: Sequence[Mapping[str, Any]],
+        made_with: Mapping[str, Any] | None = None,
+    ) -> list[AlertEvent]:
+        """One assessment with all that follows from it, and what it was made with, in one transaction.
+
+        Returns the events with the sequence numbers that they were given.
+        """
+        with self._db.transaction() as db:
+            changed = db.execute(
+                "UPDATE ledger SET state = 'assessed', ended_at_unix_s = ? WHERE id = ? AND state = 'recorded'",
+                (float(at_unix_s), ledger_id),
+            ).rowcount
+            if changed != 1:
+                raise StoreError(f"replay {ledger_id}: not waiting for an assessment")
+            digest = None if made_with is None else _insert_provenance(db, made_with)
+            db.execute("INSERT INTO assessment VALUES (?, ?, ?, ?)", (ledger_id, float(recorded_at_unix_s), json_text(assessment), digest))
+            for joint, document in enumerate(friction, start=1):
+                db.execute("INSERT INTO friction VALUES (?, ?, ?, ?)", (ledger_id, joint, float(recorded_at_unix_s), json_text(document)))
+            db.execute(
+                "INSERT INTO state VALUES (1, 1, ?, ?, ?) ON CONFLICT (id) DO UPDATE "
+                "SET revision = revision + 1, belief = excluded.belief, health = excluded.health, model = excluded.model",
+                (json_text(belief), json_text(health), json_text(model)),
+            )
+            ((revision,),) = db.execute("SELECT revision FROM state").fetchall()
+            if revision % CHECKPOINT_EVERY == 1:
+                db.execute("INSERT INTO checkpoint VALUES (?, ?, ?)", (ledger_id, _packed(belief), _packed(health)))
+            return insert_events(db, ledger_id, at_unix_s, events)
+
+    def state(self) -> StoredState | None:
+        """What is held true now; None before the first assessment."""
+        rows = self._db.rows("SELECT revision, belief, health, model FROM state")
+        if not rows:
+            return None
+        ((revision, belief, health, model),) = rows
+        return StoredState(revision=revision, belief=json.loads(belief), health=json.loads(health), model=json.loads(model))
+
+    def rows(self) -> list[StoredAssessment]:
+        """Every past assessment in the order in which they were made."""
+        rows = self._db.rows(
+            "SELECT ledger_id, recorded_at_unix_s, ended_at_unix_s, document, made_with FROM assessment JOIN ledger ON id = ledger_id "
+            "ORDER BY recorded_at_unix_s, ledger_id"
+        )
+        return [
+            StoredAssessment(ledger_id, at, judged_at, json.loads(text), made_with) for ledger_id, at, judged_at, text, made_with in rows
+        ]
+
+    def provenance(self, digest: str) -> dict[str, Any]:
+        """The circumstances of that digest."""
+        ((document,),) = self._db.rows("SELECT document FROM circumstance WHERE digest = ?", (digest,))
+        told: dict[str, Any] = json.loads(document)
+        return told
+
+    def checkpoint(self, ledger_id: int) -> tuple[dict[str, Any], dict[str, Any]] | None:
+        """Belief and health after this assessment, where they were kept."""
+        rows = self._db.rows("SELECT belief, health FROM checkpoint WHERE ledger_id = ?", (ledger_id,))
+        return (json.loads(zlib.decompress(rows[0][0])), json.loads(zlib.decompress(rows[0][1]))) if rows else None
+
+    def friction(self, *, joint: int | None = None, limit: int | None = None) -> list[dict[str, Any]]:
+        """Friction documents in the order of their replays, each with its `replay` (ledger id) and `joint`."""
+        where, values = ("", ()) if joint is None else ("WHERE joint = ?", (joint,))
+        rows = self._db.rows(
+            f"SELECT ledger_id, joint, document FROM friction {where} ORDER BY ledger_id DESC, joint DESC LIMIT ?",  # noqa: S608
+            (*values, -1 if limit is None else limit),
+        )
+        return [{"replay": replay, **json.loads(document), "joint": number} for replay, number, document in reversed(rows)]
+
+    def history(
+        self,
+        *,
+        joint: int | None = None,
+        from_unix_s: float | None = None,
+        to_unix_s: float | None = None,
+        after: int = 0,
+        limit: int = 1000,
+    ) -> tuple[list[dict[str, Any]], int | None]:
+        """Friction documents of recordings made in [from, to), oldest first, each with `replay`, `recorded_at_unix_s` and `joint`.
+
+        A page holds whole replays, those after the replay `after`, and at most about `limit` rows; with it comes the `after` of the next
+        page, None at the end.
+        """
+        asked = {"ledger_id > ?": after, "joint = ?": joint, "recorded_at_unix_s >= ?": from_unix_s, "recorded_at_unix_s < ?": to_unix_s}
+        conditions = {condition: value for condition, value in asked.items() if value is not None}
+        rows = self._db.rows(
+            "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction "  # noqa: S608 - fixed texts
+            f"WHERE {' AND '.join(conditions)} ORDER BY ledger_id, joint LIMIT ?",
+            (*conditions.values(), limit + 1),
+        )
+        more = len(rows) > limit
+        if more:
+            cut = rows[-1][0]  # this replay may go on beyond the limit
+            whole = [row for row in rows if row[0] != cut]
+            rows = whole or self._db.rows(
+                "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id = ?1 ORDER BY joint", (cut,)
+            )
+        # one text and one parse: several times faster than one a row, and five years of a joint are 7300
+        told: list[dict[str, Any]] = orjson.loads(f"[{','.join([row[3] for row in rows])}]")
+        for document, (replay, number, at, _) in zip(told, rows, strict=True):
+            document.update(replay=replay, recorded_at_unix_s=at, joint=number)
+        return told, (int(rows[-1][0]) if more else None)
+
+    def replays(self) -> list[int]:
+        """Ledger ids of all assessed replays, oldest first."""
+        return [int(row[0]) for row in self._db.rows("SELECT ledger_id FROM assessment ORDER BY ledger_id")]
+
+    def friction_of(self, replays: Sequence[int]) -> list[tuple[int, int, float, dict[str, Any]]]:
+        """(replay, joint, when recorded, friction document) of these replays, oldest first."""
+        rows = self._db.rows(
+            "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id IN (SELECT value FROM json_each(?)) "
+            "ORDER BY ledger_id, joint",
+            (json.dumps(list(replays)),),
+        )
+        return [(int(replay), int(joint), float(at), json.loads(text)) for replay, joint, at, text in rows]
+
+    def between(self, from_unix_s: float, to_unix_s: float) -> Iterator[tuple[int, float, dict[str, Any]]]:
+        """(replay, when recorded, assessment's document) of recordings made in [from, to), oldest first, one at a time."""
+        for replay in [
+            row[0]
+            for row in self._db.rows(
+                "SELECT ledger_id FROM assessment WHERE recorded_at_unix_s >= ? AND recorded_at_unix_s < ? ORDER BY ledger_id",
+                (from_unix_s, to_unix_s),
+            )
+        ]:
+            ((at, text),) = self._db.rows("SELECT recorded_at_unix_s, document FROM assessment WHERE ledger_id = ?", (replay,))
+            yield int(replay), float(at), json.loads(text)
+
+    def roll_back(self, after_unix_s: float, held: tuple[Mapping[str, Any], Mapping[str, Any], Mapping[str, Any]] | None) -> None:
+        """Replays dated later were dated by a wrong clock: rejected, their verdicts removed; belief, health and model as they are without.
+
+        Windows that were skipped then may open once more when their time comes; one in which an arm moved never does.
+        """
+        reason = "dated in the future by a clock that was wrong"
+        with self._db.transaction() as db:
+            later = [row[0] for row in db.execute("SELECT ledger_id FROM assessment WHERE recorded_at_unix_s > ?", (after_unix_s,))]
+            for ledger_id in later:
+                for name in ("friction", "checkpoint", "assessment"):
+                    db.execute(f"DELETE FROM {name} WHERE ledger_id = ?", (ledger_id,))  # noqa: S608 - fixed names
+                db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason, ledger_id))
+            db.execute("DELETE FROM ledger WHERE state = 'skipped' AND window_unix_s > ?", (after_unix_s,))
+            if held is None:
+                db.execute("DELETE FROM state")
+            else:
+                db.execute("UPDATE state SET revision = revision + 1, belief = ?, health = ?, model = ?", tuple(map(json_text, held)))
+
+
+def _insert_provenance(db: sqlite3.Connection, document: Mapping[str, Any]) -> str:
+    text = json.dumps(document, allow_nan=False, sort_keys=True, separators=(",", ":"))
+    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    db.execute("INSERT OR IGNORE INTO circumstance VALUES (?, ?)", (digest, text))
+    return digest
+
+
+def _packed(document: Mapping[str, Any]) -> bytes:
+    return zlib.compress(json_text(document).encode())

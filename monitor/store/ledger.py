@@ -1,0 +1,145 @@
+"""The ledger: one row a window, what was attempted in it and how that ended."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from monitor.store.database import Database
+from monitor.store.recordings import RecordingFolder
+from monitor.store.stops import insert_stop
+
+_KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LedgerRow:
+    """One window: what was attempted in it and how that ended."""
+
+    id: int
+    window_unix_s: float
+    kind: str
+    state: str
+    started_at_unix_s: float
+    ended_at_unix_s: float | None
+    reason: str | None
+    recording: str | None
+    removed_at_unix_s: float | None = None  # when retention let go of the recording
+
+
+class Ledger:
+    """The rows of the ledger, and the recordings that belong to them."""
+
+    def __init__(self, database: Database, recordings: RecordingFolder) -> None:
+        self._db = database
+        self._recordings = recordings
+
+    def claim(self, window_unix_s: float, kind: str, at_unix_s: float) -> int | None:
+        """Enter a window as started, before anything moves; None where it is in the ledger already."""
+        with self._db.transaction() as db:
+            cursor = db.execute(
+                "INSERT OR IGNORE INTO ledger (window_unix_s, kind, state, started_at_unix_s) VALUES (?, ?, 'started', ?)",
+                (float(window_unix_s), kind, float(at_unix_s)),
+            )
+            return int(cursor.lastrowid or 0) if cursor.rowcount else None
+
+    def claim_import(self, recorded_at_unix_s: float, at_unix_s: float) -> int | None:
+        """Enter a recording made elsewhere as started, under the time when it was made; None where the ledger knows that time already.
+
+        An import that was cut short is taken up again.
+        """
+        with self._db.transaction() as db:
+            again = db.execute(
+                "UPDATE ledger SET state = 'started', reason = NULL, ended_at_unix_s = NULL "
+                "WHERE window_unix_s = ? AND kind = 'imported' AND state = 'aborted' RETURNING id",
+                (float(recorded_at_unix_s),),
+            ).fetchone()
+            if again is not None:
+                return int(again[0])
+        return self.claim(recorded_at_unix_s, "imported", at_unix_s)
+
+    def mark_recorded(self, ledger_id: int) -> None:
+        """The recording is safe on disk under `recording_path`."""
+        name = self._recordings.path(ledger_id).name
+        with self._db.transaction() as db:
+            db.execute("UPDATE ledger SET state = 'recorded', recording = ? WHERE id = ? AND state = 'started'", (name, ledger_id))
+
+    def end(self, ledger_id: int, state: str, reason: str, at_unix_s: float, *, stop: str | None = None) -> None:
+        """A window ended without an assessment: rejected, aborted or skipped, and why. `stop`: the cause that a person must look at."""
+        with self._db.transaction() as db:
+            db.execute(
+                "UPDATE ledger SET state = ?, reason = ?, ended_at_unix_s = ? WHERE id = ? AND state IN ('started', 'recorded')",
+                (state, reason, float(at_unix_s), ledger_id),
+            )
+            if stop is not None:
+                insert_stop(db, ledger_id, at_unix_s, stop, reason)
+
+    def rows(self, *, limit: int | None = None, states: Sequence[str] = ()) -> list[LedgerRow]:
+        """Windows, oldest first; the last `limit` of them, only those in `states` where given."""
+        where = f"WHERE state IN ({', '.join('?' * len(states))})" if states else ""
+        rows = self._db.rows(
+            "SELECT id, window_unix_s, kind, state, started_at_unix_s, ended_at_unix_s, reason, recording, removed_at_unix_s "  # noqa: S608
+            f"FROM ledger {where} ORDER BY id DESC LIMIT ?",
+            (*states, -1 if limit is None else limit),
+        )
+        keys = (*_KEYS, "removed_at_unix_s")
+        return [LedgerRow(**dict(zip(keys, row, strict=True))) for row in reversed(rows)]
+
+    def row(self, ledger_id: int) -> LedgerRow:
+        """One window."""
+        found = self._db.rows(f"SELECT {', '.join(_KEYS)} FROM ledger WHERE id = ?", (ledger_id,))  # noqa: S608 - fixed names
+        return LedgerRow(**dict(zip(_KEYS, found[0], strict=True)))
+
+    def repair(self, at_unix_s: float, but: int | None = None) -> list[LedgerRow]:
+        """What a crash left half-way: `started` with its complete recording on disk becomes `recorded`, without it `aborted`.
+
+        `but`: the one that is under way. Returns the rows that wait for their assessment, oldest first.
+        """
+        self._recordings.remove_temporary()
+        for row in self.rows(states=("started",)):
+            if row.id == but:
+                continue
+            if self._recordings.path(row.id).is_file():
+                self.mark_recorded(row.id)
+            else:
+                self.end(row.id, "aborted", "the monitor ended during this replay", at_unix_s)
+        return self.rows(states=("recorded",))
+
+    def windows(self, from_unix_s: float, to_unix_s: float) -> set[float]:
+        """The windows in [from, to] that the ledger has, however they ended."""
+        return {
+            row[0]
+            for row in self._db.rows("SELECT window_unix_s FROM ledger WHERE window_unix_s BETWEEN ? AND ?", (from_unix_s, to_unix_s))
+        }
+
+    def newest_unix_s(self) -> float | None:
+        """The latest time at which something was entered that is, or may become, part of what is held true."""
+        ((at,),) = self._db.rows("SELECT max(started_at_unix_s) FROM ledger WHERE state IN ('started', 'recorded', 'assessed')")
+        return None if at is None else float(at)
+
+    def began_unix_s(self) -> float | None:
+        """When this history's first window was entered; None before."""
+        ((at,),) = self._db.rows("SELECT min(started_at_unix_s) FROM ledger WHERE kind <> 'imported'")
+        return None if at is None else float(at)
+
+    def unfinished(self) -> bool:
+        """Windows that are entered, and neither judged nor ended."""
+        return bool(self._db.rows("SELECT 1 FROM ledger WHERE state IN ('started', 'recorded') LIMIT 1"))
+
+    def orphans(self) -> list[tuple[int, Path]]:
+        """Recordings whose window the ledger does not know, as after a restored backup; oldest first."""
+        known = {row[0] for row in self._db.rows("SELECT id FROM ledger")}
+        return [(number, path) for number, path in self._recordings.numbered() if number not in known]
+
+    def adopt(self, ledger_id: int, window_unix_s: float, at_unix_s: float) -> None:
+        """Enter an orphan under the number that its name says; it waits for its assessment."""
+        with self._db.transaction() as db:
+            db.execute(
+                "INSERT INTO ledger (id, window_unix_s, kind, state, started_at_unix_s, reason, recording) "
+                "VALUES (?, ?, 'scheduled', 'recorded', ?, 'found on disk after the history was restored', ?)",
+                (ledger_id, float(window_unix_s), float(at_unix_s), self._recordings.path(ledger_id).name),
+            )
+
+    def mark_removed(self, ledger_id: int, at_unix_s: float) -> None:
+        """The recording of this window is no longer on disk."""
+        with self._db.transaction() as db:
+            db.execute("UPDATE ledger SET removed_at_unix_s = ? WHERE id = ?", (float(at_unix_s), ledger_id))

@@ -1,0 +1,141 @@
+"""Store: the history in SQLite, the recordings as Parquet beside it, one process at a time.
+
+Order of durability of one replay: ledger row `started` → recording (temporary file, fsync, rename) → ledger row
+`recorded` → assessment, belief, health and events in one transaction → publication. `Store.open` says what a crash
+between two of these left behind; nothing that moved the arm is ever started again.
+"""
+
+import fcntl
+import os
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from monitor.errors import StoreError
+from monitor.store.assessments import Assessments
+from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
+from monitor.store.database import Database, Notes
+from monitor.store.events import Events
+from monitor.store.ledger import Ledger
+from monitor.store.recordings import RecordingFolder
+from monitor.store.retention import Retention
+from monitor.store.schema import SCHEMA_VERSION, check_version, migrate, schema_of
+from monitor.store.stops import FirstPasses, Stops
+
+RESTORED = "restored_untold"  # note: what became of a damaged history, until an alert has said so
+MOST_BACKUPS = 365  # days: none is let go of where nobody has said how many
+
+
+class Store:
+    """One robot's history below one directory, put together from its parts over one connection.
+
+    Made by `Store.open` (the daemon: locked, migrated), `Store.reader` (commands: beside a running daemon) or `Store.beside`.
+    """
+
+    def __init__(self, directory: Path, connection: sqlite3.Connection, restored: Restored | None = None) -> None:
+        self.directory = directory
+        self.restored = restored  # the history was damaged, and this became of it
+        self.database = Database(directory, connection)
+        self.recordings = RecordingFolder(directory / "recordings")
+        self.ledger = Ledger(self.database, self.recordings)
+        self.stops = Stops(self.database)
+        self.first_passes = FirstPasses(self.database)
+        self.assessments = Assessments(self.database)
+        self.events = Events(self.database)
+        self.notes = Notes(self.database)
+        self.retention = Retention(self.ledger, self.recordings)
+
+    @classmethod
+    @contextmanager
+    def open(cls, directory: Path) -> Iterator["Store"]:
+        """The store for its one writer. A damaged history is set aside and replaced by its newest good backup: see `restored`.
+
+        Raises StoreError where the directory cannot be written, another process has it, or the file is newer.
+        """
+        try:
+            (directory / "recordings").mkdir(parents=True, exist_ok=True)
+            lock = os.open(directory / "lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise refused_by(error, directory) from None
+        connection: sqlite3.Connection | None = None
+        try:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise StoreError(f"{directory}: in use by another joint-monitor; one daemon per robot and state directory") from None
+            wrong = lost(directory)
+            restored = restore(directory, wrong) if wrong is not None else None
+            try:
+                connection = sqlite3.connect(directory / HISTORY, isolation_level=None, check_same_thread=False)
+                # before anything is changed in it, as it is for whoever must go back to the older program
+                if 0 < schema_of(connection, directory) < SCHEMA_VERSION:
+                    back_up(directory, MOST_BACKUPS)
+                connection.execute("PRAGMA journal_mode = WAL")
+                connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit, a few a replay: durability costs nothing here
+                connection.execute("PRAGMA foreign_keys = ON")
+                migrate(connection, directory)
+            except sqlite3.DatabaseError as error:
+                raise refused_by(error, directory / HISTORY) from None
+            store = cls(directory, connection, restored)
+            if restored is None and (orphans := store.ledger.orphans()):  # a torn log ends at its last sound page, and says nothing
+                why = f"{len(orphans)} recordings from replay {orphans[0][0]} on are not in it"
+                store.restored = Restored(why, None, None, time.time(), replaced=False)
+            if store.restored is not None:
+                store.events.number_from(store.restored.at_unix_s)
+                store.notes.set(RESTORED, store.restored.told)
+            yield store
+        finally:
+            if connection is not None:
+                connection.close()
+            hand_over(directory)
+            os.close(lock)
+
+    @classmethod
+    @contextmanager
+    def reader(cls, directory: Path) -> Iterator["Store"]:
+        """The store for reading, also while the daemon writes.
+
+        Raises StoreError where there is no history yet.
+        """
+        path = directory / HISTORY
+        if not present(directory):
+            raise StoreError(f"{path}: no history yet; it is made by the first `joint-monitor run` with this configuration")
+        connection = connected(path, "ro", isolation_level=None)
+        try:
+            check_version(connection, directory)
+            yield cls(directory, connection)
+        except sqlite3.DatabaseError as error:
+            raise refused_by(error, path) from None
+        finally:
+            connection.close()
+
+    @classmethod
+    @contextmanager
+    def beside(cls, directory: Path) -> Iterator["Store"]:
+        """The store for one short note beside a daemon that may run: stops and first passes, nothing of the ledger.
+
+        Raises StoreError where the directory cannot be written, or the file is damaged or newer.
+        """
+        path = directory / HISTORY
+        try:
+            (directory / "recordings").mkdir(parents=True, exist_ok=True)
+            connection = sqlite3.connect(path, isolation_level=None, timeout=5.0)
+        except (OSError, sqlite3.OperationalError) as error:
+            raise refused_by(error, directory) from None
+        try:
+            schema_of(connection, directory)
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            migrate(connection, directory)
+            yield cls(directory, connection)
+        except sqlite3.DatabaseError as error:
+            raise refused_by(error, path) from None
+        finally:
+            connection.close()
+            hand_over(directory)
+
+    def back_up(self, keep: int) -> Path:
+        """A backup now, beside whoever writes; of each of the newest `keep` days the newest stays. Raises StoreError."""
+        return back_up(self.directory, keep)
