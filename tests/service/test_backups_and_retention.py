@@ -154,8 +154,8 @@ def test_who_may_not_read_the_history_is_told_whose_it_is(may_enter: bool):
             found = {each.name: each for each in service_conditions(settings)}
         finally:
             os.seteuid(before)
-    assert "may not be read" in found["history"].told
-    assert found["disk"].told
+    assert "may not be read" in found["history"].text
+    assert found["disk"].text
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: nothing of root's can be handed over, which is not tested")
