@@ -16,13 +16,8 @@ from monitor.publish.timestamps import outside
 from monitor.service.maintenance import Maintenance, said, silent_s
 from monitor.service.problems import Problems
 from monitor.store.backup import backups
-<<<<<<< HEAD
 from monitor.store.store import Store
 from monitor.views.terminal.arm import print_status
-=======
-from monitor.store.store import Store
-from monitor.views.terminal.tables import print_status
->>>>>>> c26d2b9 (Store: ledger, stops, assessments, events, notes and retention as parts over one connection)
 
 MORE = {
     "next_replay_due_unix_s": 1.8e9, "next_replay_why": "cron", "lag_s": 0.7, "arm": {"heard": True, "trouble": None},
