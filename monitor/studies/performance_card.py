@@ -22,16 +22,17 @@ TARGET = Path("docs/validation.md")
 END = "\n<!-- `make card` writes what stands above this line, and keeps what stands below it. -->\n"
 NOTES = {
     "step": """
-- **A 5 % step within 30 days in 99 %.** At σ = 2 % and ρ = 0.5 thirty days against a baseline of 60 make 6.6 σ for somebody who knows
-  noise and temperature exactly, against one of 100 days 7.0 σ, of 425 days 7.7 σ (generalised least squares). Looking at every age of a
-  change each day costs 4.1 to 4.3 σ at 0.1 false alerts a robot-year, so such an observer misses 0.5, 0.2 and 0.04 % of steps after
-  60–99, 100–179 and more days, 0.1 % in all: the evidence is there. The monitor learns noise, the slope of temperature, its curve and
-  the grease's lag from the same days, and misses more the sooner a step comes after learning: the line above.
+- **A 5 % step within 30 days in 99 %.** At σ = 2 % and ρ = 0.5, an observer who knows noise and temperature exactly has 6.6 σ of
+  evidence from 30 days against a baseline of 60 days, 7.0 σ against 100 days and 7.7 σ against 425 days (generalised least squares). A
+  search over every age of a change on each day costs 4.1 to 4.3 σ at 0.1 false alerts a robot-year. Such an observer misses 0.5, 0.2
+  and 0.04 % of the steps after 60–99, 100–179 and more days, 0.1 % in all: the evidence is there. The monitor learns noise, the slope
+  of temperature, its curve and the lag of the grease from the same days, so it misses more the sooner a step comes after learning: the
+  line above.
 """,
     "life": """
-- **P10–P90 of remaining life.** Its width was that of a pace let wander by 8 % a year and of noise in which the filter's own doubt was
-  counted once more; both are mended (`drift.pace_walk_per_sqrt_day`, 2 % a year). On other seeds, 400 arms each, it then holds 81 and
-  84 %. What is left is a pace that the belief lets be a step, too: these arms only wear, and the monitor does not know that.
+- **P10–P90 of remaining life.** The width follows from the random walk of the wear rate (`drift.pace_walk_per_sqrt_day`, 2 % a year).
+  On other seeds, 400 arms each, the interval contains 81 and 84 %. The remaining excess comes from a rate that the filter may also
+  explain by a step: these arms only wear, and the monitor does not know that.
 """,
 }
 ROWS = {  # by which each is known on the card
@@ -43,12 +44,16 @@ REPLAYS, TESTS = 40, 12  # of each arm of full physics: learnt from, foreseen
 EXCITATION = Path("config/excitation/ur5-ground.json")
 HEAD = """# What the verdicts are worth
 
-Made by `make card` from seed {seed}: {years:.0f} robot-years of simulated UR5s on which nothing wears, and {worn} arms in which one joint
-does. Friction and heat are the simulator's own: concave in speed, load-dependent, exponential in the grease's temperature, two thermal
-nodes a joint; the monitor assumes none of them. Daily replays; friction differs from replay to replay by σ = {noise:.0f} % with
-autocorrelation ρ = {rho:g}; seasons, daily weather, Monday mornings, loads and holidays as each scenario says. The first {learning} days of
-every arm are learning and are left out. Bounds are one-sided, 95 %. Wear is so much a revolution: arms work on five days of seven, and
-the monitor counts. What `identify` makes of a replay is a surrogate here, but in the last table: {surrogate}.
+`make card` writes this page up to "Try your own thresholds", from seed {seed}: {years:.0f} robot-years of simulated UR5s without wear, and
+{worn} arms in which one joint wears.
+
+- Friction and heat are those of the simulator: friction is concave in speed, depends on load, and falls exponentially with the temperature
+  of the grease; each joint has two thermal nodes. The monitor assumes none of this.
+- Replays are daily. Friction differs from replay to replay by σ = {noise:.0f} % with autocorrelation ρ = {rho:g}. Each scenario adds its
+  seasons, daily weather, Monday mornings, loads or holidays.
+- Wear is proportional to revolutions: arms work on five days of seven, and the monitor counts the revolutions.
+- The first {learning} days of every arm are for learning and are left out. Bounds are one-sided, 95 %.
+- A surrogate stands for `identify`, except in the last rows of the last table: {surrogate}.
 """
 
 
@@ -72,8 +77,8 @@ def card(
         learning=document["learning_days"],
         surrogate=_surrogate(physics),
     )
-    text += "\n## Alerts that mean nothing\n\nAdvisories of friction counted, of joints and of the arm; "
-    text += "not those of the data (`data_quality`, …).\n\n"
+    text += "\n## False alerts\n\nCounted are advisories of friction, of joints and of the arm, "
+    text += "and not those of the data (`data_quality`, …).\n\n"
     text += "| scenario | robot-years | alerts | a robot-year | at most | asked for |\n|---|---|---|---|---|---|\n"
     for name, rate in document["false_alarms"].items():
         asked = 0.1 if name == "all" else 0.2
@@ -83,14 +88,14 @@ def card(
         )
     early = document["while_learning"]
     text += (
-        f"\nOf them {document['false_wear_alerts']} reached the wear tier. While learning, in the first {document['learning_days']} days, "
+        f"\n{document['false_wear_alerts']} of them reached the wear tier. While learning, in the first {document['learning_days']} days, "
         f"there were {early['events']} more ({early['per_year']:.3f} a robot-year, at most {early['at_most']:.3f}).\n"
     )
     text += "\n## Days from the onset of wear in one joint to the first tier\n\n"
     text += (
-        "Wear begins on a day drawn evenly from those of which alerts that mean nothing are counted above, "
-        f"{LEARNING_DAYS} to {LATEST_ONSET}. Days are those of the calendar; every hundredth has no replay, and arms with holidays or "
-        "swapped payloads are left out here, and those whose worn joint had been told before.\n\n"
+        "Wear begins on a day drawn evenly from the days on which false alerts are counted above, "
+        f"{LEARNING_DAYS} to {LATEST_ONSET}. Days are calendar days; every hundredth has no replay. Arms with holidays or swapped "
+        "payloads are left out here, and arms with an earlier alert for the joint that wears.\n\n"
     )
     text += "| wear | σ | arms | median | median at most | nine of ten | within 30 days | right joint | wear tier, median |\n"
     text += "|---|---|---|---|---|---|---|---|---|\n"
@@ -112,17 +117,19 @@ def card(
     held, near = life["p10_p90_holds"], life["alpha_lambda_at_half_life"]
     cover, slope = document["friction_interval_90"], document["slope_left_per_k"]
     text += "\n## Intervals, remaining life, temperature\n\n| figure | reached | asked for |\n|---|---|---|\n"
-    text += f"| 90 % intervals of friction at reference temperature hold the truth | {_percent(cover)} | 85–95 % {_between(cover)} |\n"
-    text += f"| P10–P90 of remaining life hold the truth, at half-life | {_share(held, both=True)} | "
+    text += f"| 90 % intervals of friction at reference temperature contain the truth | {_percent(cover)} | 85–95 % {_between(cover)} |\n"
+    text += f"| P10–P90 of remaining life contain the truth, at half-life | {_share(held, both=True)} | "
     text += f"75–85 % {_met(held['at_least'] >= 0.75 and held['at_most'] <= 0.85)} |\n"
     text += f"| P50 within 20 % of the truth at half-life (α-λ) | {_share(near)} | ≥ 80 % {_met(near['at_least'] >= 0.8)} |\n"
     text += (
-        f"| what temperature still does to friction after it was taken out, mean of joints; nine of ten {100 * slope['nine_of_ten']:.3f} | "
+        f"| effect of temperature that remains in friction after its removal, mean of joints; nine of ten "
+        f"{100 * slope['nine_of_ten']:.3f} | "
         f"{_slope(slope)} | ≤ 0.1 %/K {_met(slope['at_most'] <= 0.001)} |\n"
     )
-    text += f"| arm-days judged a minute, of one process, simulated ones made meanwhile | {arm_days_a_minute:,.0f} | ≥ 50 000 {_met(arm_days_a_minute >= 5e4)} |\n"  # noqa: E501 - a table's row
+    text += f"| arm-days assessed a minute by one process, their simulation included | {arm_days_a_minute:,.0f} | ≥ 50 000 {_met(arm_days_a_minute >= 5e4)} |\n"  # noqa: E501 - a table's row
     text += _torque_rows(torque)
-    text += "\nIntervals of friction in joints that wear, from the onset on, hold the truth less often while the change is not yet found: "
+    text += "\nFrom the onset on, the intervals of friction in joints that wear contain the truth less often "
+    text += "while the change is not yet detected: "
     text += ", ".join(f"{row['wear']} {100 * row['interval_90']:.0f} %" for row in document["detection"]) + ".\n"
     return text + notes(text)
 
@@ -164,9 +171,9 @@ def _surrogate(physics: dict[str, Any]) -> str:
     low, high = 100 * min(physics["std"]), 100 * max(physics["std"])
     alike = physics["p"] >= 0.01 and physics["slope_per_k"] <= 0.001
     return (
-        f"{physics['replays']} replays of the full physics in the same run\nhave its distribution (Kolmogorov and Smirnov: distance "
-        f"at most {physics['distance']:.3f} of the six joints, p = {physics['p']:.2f} by Bonferroni, ≥ 0.01 is asked; standard\ndeviation "
-        f"{low:.2f} to {high:.2f} % from joint to joint, {100 * physics['surrogate_std']:.2f} % drawn; course with temperature at most "
+        f"{physics['replays']} replays of the full physics in the same run\n  have its distribution (Kolmogorov and Smirnov: distance "
+        f"at most {physics['distance']:.3f} of the six joints, p = {physics['p']:.2f} by Bonferroni, ≥ 0.01 is asked; standard\n  "
+        f"deviation {low:.2f} to {high:.2f} % from joint to joint, {100 * physics['surrogate_std']:.2f} % drawn; trend with temperature at most "
         f"{100 * physics['slope_per_k']:.3f} %/K, ≤ 0.1 is asked) {_met(alike)}"
     )
 
@@ -184,12 +191,12 @@ def _torque_rows(torque: dict[str, Any]) -> str:
         ),
         ("the same of friction alone, its mean along the motion", f"{friction['value']:.2f} (≤ {friction['at_most']:.2f})", "–"),
         (
-            f"what temperature still does to the torque of friction foreseen in them, mean of joints; "
+            f"effect of temperature that remains in the predicted friction torque, mean of joints; "
             f"nine of ten {100 * slope['nine_of_ten']:.3f}",
             _slope(slope),
             f"≤ 0.1 %/K {_met(slope['at_most'] <= 0.001)}",
         ),
-        (f"90 % intervals of torque hold the truth; by joint {held}", _percent(covered), f"85–95 % {_between(covered)}"),
+        (f"90 % intervals of torque contain the truth; by joint {held}", _percent(covered), f"85–95 % {_between(covered)}"),
         (
             f"one replay's assessment, processor time, the longest of {torque['arms'] * (torque['replays'] - 1)}",
             f"{torque['assess_s']:.2f} s",

@@ -62,3 +62,15 @@ def test_what_a_page_shows_of_the_repository_comes_with_the_site(site):
     assert "config/monitor.toml" in copies
     for name in copies:
         assert (folder / "files" / f"{name}.txt").read_bytes() == (ROOT / name).read_bytes()
+
+
+def test_a_new_card_keeps_what_stands_below_it(tmp_path):
+    """`make card` writes its own part of the page, and the page has the other part."""
+    from monitor.studies.performance_card import END, HEAD, TARGET, beside
+
+    page = (ROOT / TARGET).read_text("utf-8")
+    card, _, rest = page.partition(END)
+    assert card.startswith(HEAD.partition("{")[0])
+    assert "## Try your own thresholds" in rest
+    assert beside("new\n", ROOT / TARGET) == f"new\n{END}{rest}"
+    assert beside("new\n", tmp_path / "card.md") == "new\n"
