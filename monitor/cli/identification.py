@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from monitor.cli.laws import LAWS
 from monitor.cli.options import (
     ColumnsOption,
     Commands,
@@ -37,9 +38,7 @@ def identify(
     method: Annotated[
         str, typer.Option(help="ls (as the paper), wls (standstill masked, rows weighted), robust, consistent (an arm that can exist).")
     ] = "wls",
-    friction: Annotated[
-        str, typer.Option(help="paper (fc, fv), load, concave, stribeck, or auto: the simplest that predicts data left out as well.")
-    ] = "paper",
+    friction: Annotated[str, typer.Option(help=f"{LAWS}, or auto: the simplest that predicts data left out as well.")] = "paper",
     rigid_from: Annotated[
         Path | None, typer.Option(help="An earlier identify --json: its rigid parameters are taken as known.", show_default=False)
     ] = None,

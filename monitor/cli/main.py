@@ -8,6 +8,7 @@ import typer
 
 from monitor import __version__
 from monitor.cli import assess, bus, demo, design, history, identification, live, motion, reports, service, simulator
+from monitor.cli.laws import CommandWithLaws
 from monitor.errors import MonitorError
 
 TOPICS = (service, simulator, identification, live, design, bus, assess, motion, history, reports, demo)  # in the order of --help
@@ -23,7 +24,7 @@ app = typer.Typer(
 )
 for _topic in TOPICS:
     for _name, _function in _topic.COMMANDS.items():
-        app.command(name=_name)(_function)
+        app.command(name=_name, cls=CommandWithLaws)(_function)
 
 
 def main() -> None:

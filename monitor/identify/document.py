@@ -14,6 +14,7 @@ from monitor.identify.payload import NAMES as PAYLOAD_NAMES
 from monitor.identify.payload import Payload
 from monitor.identify.validate import Validation
 from monitor.model.base import base_parameters
+from monitor.model.friction import CONCAVE_EXPONENT
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
@@ -118,7 +119,7 @@ def _law(found: Identification) -> dict[str, Any]:
         told |= {
             "values": {name: _numbers(fitted.values[:, k]) for k, name in enumerate(fitted.law.parameters)},
             "std": {name: _numbers(std[:, k]) for k, name in enumerate(fitted.law.parameters)},
-            "exponent": fitted.law.exponent,
+            "exponent": CONCAVE_EXPONENT,
             "load_nm": _numbers(fitted.load_nm),
         }
     if found.held_out:

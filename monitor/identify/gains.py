@@ -18,6 +18,7 @@ from monitor.identify.fit.least_squares import WINDOW_STEPS, Factor, Rows, facto
 from monitor.identify.signals.motion import Motion, SignalSettings, motion
 from monitor.identify.validate import refuse_other_arm
 from monitor.model.base import base_parameters
+from monitor.model.friction import residual_law
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Recording
@@ -144,7 +145,9 @@ def _equations(moved: Sequence[Motion], robot: Robot, mounting: Mounting, payloa
             raise BadInput(f"{run.source}: holds no currents")
         Y = regressor(robot, mounting, run.q, run.qd, run.qdd)
         # a concave law seems to bend with the load where it is fitted by a line, and the gains would pay for it
-        own = np.concatenate([_by_joint(column) for column in (run.direction, run.qd, np.sqrt(np.abs(run.qd)) * run.direction)], axis=2)
+        unloaded = np.zeros_like(run.qd)
+        terms = [term for term in residual_law().terms if not term.loaded]
+        own = np.concatenate([_by_joint(term.column(run.direction, run.qd, unloaded)) for term in terms], axis=2)
         other = np.zeros_like(own)
         columns = [Y[:, :, rigid], *((own, other) if number == 0 else (other, own))]
         known = Y[:, :, last] @ payload if number else np.zeros(run.q.shape)
@@ -158,7 +161,9 @@ def _with_load(run: _Run, b: Array) -> _Run:
     Without it a payload's friction would be taken for its weight.
     """
     load = run.Y[:, :, : run.rigid] @ b[: run.rigid] + run.known_nm  # (N, J)
-    return run._replace(Y=np.concatenate([run.Y, _by_joint(np.abs(load) * run.moved.direction)], axis=2))
+    terms = [term for term in residual_law().terms if term.loaded]
+    shared = [_by_joint(term.column(run.moved.direction, run.moved.qd, load)) for term in terms]
+    return run._replace(Y=np.concatenate([run.Y, *shared], axis=2))
 
 
 def _by_joint(column: Array) -> Array:

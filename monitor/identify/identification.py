@@ -9,7 +9,7 @@ from annotated_types import Interval
 
 from monitor.identify.signals.motion import STANDSTILL_SPEED_RAD_S, SignalSettings
 from monitor.identify.warnings import DataWarning
-from monitor.model.friction import LAWS, FrictionLaw
+from monitor.model.friction import PAPER, FrictionLaw
 from monitor.model.robot import Mounting
 from monitor.recording import Array
 
@@ -57,10 +57,11 @@ class FrictionFit:
 
 
 class ResidualFrictionFit(NamedTuple):
-    """The same recording fitted by the law `concave`, rigid parameters anew: what predicts its torque best; no covariances."""
+    """The same recording fitted by the law of the residual friction, with rigid parameters of its own. It has no covariances."""
 
+    law: FrictionLaw
     rigid: Array  # (B,) base parameters, of which those of friction say nothing
-    friction: Array  # (J, 4) fc, fv, fl, fp; NaN where the motion did not excite them
+    friction: Array  # (J, K) in the order of `law.parameters`; NaN where the motion did not excite them
     load_nm: Array  # (J,) largest |τ| through the gear over the samples used
     rms_nm: Array  # (J,) residual over moving samples
 
@@ -108,7 +109,7 @@ class Identification:
     @property
     def law(self) -> FrictionLaw:
         """The friction law."""
-        return self.friction.law if self.friction else LAWS["paper"]
+        return self.friction.law if self.friction else PAPER
 
     @property
     def std(self) -> Array:

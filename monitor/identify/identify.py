@@ -11,7 +11,7 @@ from monitor.identify.fit.fit import Equations, Fit, Layout, fit, layout_of, ref
 from monitor.identify.fit.least_squares import WINDOW_STEPS, Solution, condition_number, jackknife_covariances
 from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
 from monitor.identify.fit.projection import mapped, mean_load, positive, projection
-from monitor.identify.fit.selection import AUTO, choose_law
+from monitor.identify.fit.selection import choose_law
 from monitor.identify.identification import FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
 from monitor.identify.mounting import mounting_check
 from monitor.identify.signals.motion import Mask, Motion, motion
@@ -19,7 +19,7 @@ from monitor.identify.signals.torque import joint_torque
 from monitor.identify.validate import errors_of, refuse_other_arm
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base, base_parameters
-from monitor.model.friction import LAWS, friction_law
+from monitor.model.friction import AUTO, PAPER, friction_law, residual_law
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Recording
@@ -44,9 +44,9 @@ def identify(
     `ls` is the paper's: all samples, all joints alike. `wls` scales each joint's rows by its residual and leaves out the samples where
     that joint stands still. `robust` gives rows little weight that do not fit the rest, and repairs spikes before the filter smears them.
     `consistent` is `wls` over arms that can exist; its covariance is that of `wls`, which the bounds can only narrow.
-    friction : `paper`, `load`, `concave`, `stribeck`, or `auto`: the simplest of them that predicts data left out as well as the best.
+    friction : the name of a law, or `auto`: the simplest of the laws that predicts data left out as well as the best.
     rigid_from : an earlier identification whose rigid parameters are taken as known; covariances are then under that condition.
-    residual_friction : beside the law `paper`, fit `concave` for the prediction of torque.
+    residual_friction : beside the law `paper`, fit the law of the residual friction for the prediction of torque.
     gains : (J,) [N·m/A] or None for the published torque constants. Raises Unidentifiable where a recording holds too little motion,
     BadInput where it does not fit the robot.
     """
@@ -148,7 +148,7 @@ def identify_motions(
     if physical is not None and physical.residual_ratio > told.FAR_FROM_PHYSICAL:
         remarks.append(told.far_from_physical(physical.residual_ratio))
     richer = None
-    if law != LAWS["paper"]:
+    if law != PAPER:
         richer = FrictionFit(
             law=law,
             values=found.solution.values[places],
@@ -186,9 +186,7 @@ def identify_motions(
         held_out=held_out,
         paper_d=np.linalg.norm((M @ found.solution.directions), axis=1),
         physical=physical,
-        residual_friction=_residual_friction(equations, found, layout, prior, moving)
-        if residual_friction and law == LAWS["paper"]
-        else None,
+        residual_friction=_residual_friction(equations, found, layout, prior, moving) if residual_friction and law == PAPER else None,
     )
 
 
@@ -201,13 +199,14 @@ def _refuse_twice(recordings: Sequence[Recording]) -> None:
 
 
 def _residual_friction(equations: Sequence[Equations], paper: Fit, layout: Layout, prior: Array, errors_over: Mask) -> ResidualFrictionFit:
-    """The law `concave` on the same equations."""
-    law, B = LAWS["concave"], len(prior)
+    """The law of the residual friction on the same equations."""
+    law, B = residual_law(), len(prior)
     solution, residuals = refit(equations, paper, law, layout, prior)
     values, places = solution.values, layout.of_law(law)
     loads = [np.where(eq.used, np.abs(eq.load(values[:B], layout)), 0.0) for eq in equations]
     left = np.concatenate(residuals)
     return ResidualFrictionFit(
+        law=law,
         rigid=values[:B],
         friction=np.where(np.all(solution.excited[places], axis=1)[:, None], values[places], np.nan),
         load_nm=np.max(np.concatenate(loads), axis=0),

@@ -46,8 +46,8 @@ def predict_torque(identification: Identification, robot: Robot, q: Array, qd: A
     layout = layout_of(identification.columns, robot.joints)
     rigid = Y @ np.where(layout.rigid, identification.values, 0.0)
     if identification.friction:
-        columns = identification.law.columns(qd, Y @ np.where(layout.load, identification.values, 0.0))  # (N, J, K)
-        friction: Array = np.einsum("njk,jk->nj", columns, identification.friction.values)
+        load_nm = Y @ np.where(layout.load, identification.values, 0.0)  # (N, J)
+        friction = identification.law.torque(identification.friction.values, qd, load_nm)
     else:
         friction = Y @ np.where(layout.rigid, 0.0, identification.values)
     return TorqueParts(rigid + friction, rigid, friction)

@@ -1,88 +1,222 @@
-"""Friction laws one may choose, as columns that are linear in their parameters.
+"""Friction laws: the registry of the laws that an identification can fit, and the terms that they are made of.
 
-A law turns joint speeds into columns; the regressor, the prediction and the compensated model all read the same columns,
-so what is fitted is what is predicted. Every law begins with the paper's fc and fv.
+A law is a sum of terms, each linear in one parameter. The regressor, the fit, the prediction and the compensated torque model all read
+the terms of the law from here, so the law that is fitted is the law that predicts. Every law begins with the terms fc and fv of the paper,
+Raviola et al. (2021), eq. (2). A new law is one more entry of `LAWS`, with the terms that it needs.
 """
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from monitor.errors import BadInput
 from monitor.recording import Array
 
-SIGN_SPEED_RAD_S = 0.001  # tanh(q̇/0.001) instead of sgn(q̇): Raviola et al. (2021), eq. (2)
-STRIBECK_SPEED_RAD_S = 0.1  # the film has formed: a linear law needs this fixed, and the fit is blunt between 0.05 and 0.2
-CONCAVE_EXPONENT = 0.5  # factory sweeps of a UR5e fit best with 0.52–0.63; 0.5 keeps the column furthest from fc's and fv's
+SIGN_SPEED_RAD_S = 0.001  # width of tanh(q̇/0.001), which stands for sgn(q̇): Raviola et al. (2021), eq. (2)
+STRIBECK_SPEED_RAD_S = 0.1  # v_s: fixed, so that the law is linear; the residual hardly changes between 0.05 and 0.2 rad/s
+CONCAVE_EXPONENT = 0.5  # p: factory sweeps of a UR5e fit best with 0.52–0.63; with 0.5 the column differs most from those of fc and fv
+LOAD_SHARE_STD = 0.2  # fl of healthy gears is 0.02–0.1; on a joint without load the data do not limit fl, and this prior does
+AUTO = "auto"  # in the place of a law's name: choose the law by cross-validation
+
+Quantity = TypeVar("Quantity", float, Array)
 
 
-def smooth_sign(qd: Array, width_rad_s: float = SIGN_SPEED_RAD_S) -> Array:
-    """Direction of motion, s(v) = tanh(v/v0): −1 … 1, zero at rest, of the shape of q̇ [rad/s]."""
-    sign: Array = np.tanh(qd / width_rad_s)
+def smooth_sign(qd: Array) -> Array:
+    """Direction of motion s(q̇) = tanh(q̇/v₀), −1 … 1 and zero at rest. q̇ [rad/s] may have any shape; the result has the same shape."""
+    sign: Array = np.tanh(qd / SIGN_SPEED_RAD_S)
     return sign
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionLaw:
-    """Friction torque of joint j = columns(q̇, τ)[:, j] · parameters of joint j.
+class FrictionTerm:
+    """One term of a friction law: parameter · magnitude(|q̇|, |τ|) · direction of motion.
 
-    τ is the torque that the gear passes on, without friction. The parameters there are: fc [N·m] of s(q̇); fv [N·m·s/rad] of q̇;
-    fl (a share) of |τ|·s(q̇): teeth under load rub more; fp [N·m at 1 rad/s] of |q̇|^p·s(q̇): friction of harmonic drives is concave;
-    fs [N·m] of exp(−(q̇/v_s)²)·s(q̇): what grips beyond fc before the lubricant carries, Stribeck; Armstrong-Hélouvry et al. (1994).
+    τ is the torque through the gear without friction [N·m]. The two functions are one formula. They are functions of a module, not
+    lambdas, because identifications travel between processes.
+    """
+
+    name: str  # of the parameter, as JSON spells it
+    magnitude: Callable[[Array, Array], Array]  # of |q̇| [rad/s] and |τ| [N·m], arrays of one shape; not negative
+    magnitude_at_point: Callable[[float, float], float]  # of plain numbers: one sample then takes a tenth of the time
+    smooth: bool = True  # True: the direction is s(q̇). False: it is sgn(q̇), for a magnitude that is zero at rest
+    loaded: bool = False  # True: the magnitude depends on |τ|
+    expected_std: float = math.inf  # prior standard deviation of the parameter about 0; infinite: no prior
+
+    def column(self, direction: Array, qd: Array, load_nm: Array) -> Array:
+        """Torque per unit of the parameter.
+
+        direction : s(q̇), or s(q̇) after the filter of the measured torque; qd [rad/s] and load_nm [N·m] have the same shape.
+        """
+        magnitude = self.magnitude(np.abs(qd), np.abs(load_nm))
+        return magnitude * direction if self.smooth else np.copysign(magnitude, qd)
+
+
+def _one(speed: Array, _load: Array) -> Array:
+    return np.ones_like(speed)
+
+
+def _one_at_point(_speed: float, _load: float) -> float:
+    return 1.0
+
+
+def _speed(speed: Quantity, _load: Quantity) -> Quantity:
+    return speed
+
+
+def _load(_speed: Quantity, load: Quantity) -> Quantity:
+    return load
+
+
+def _root_of_speed(speed: Array, _load: Array) -> Array:
+    root: Array = np.sqrt(speed)  # |q̇|^p with p = CONCAVE_EXPONENT
+    return root
+
+
+def _root_of_speed_at_point(speed: float, _load: float) -> float:
+    return math.sqrt(speed)
+
+
+def _stribeck(speed: Array, _load: Array) -> Array:
+    grip: Array = np.exp(-((speed / STRIBECK_SPEED_RAD_S) ** 2))
+    return grip
+
+
+def _stribeck_at_point(speed: float, _load: float) -> float:
+    return math.exp(-((speed / STRIBECK_SPEED_RAD_S) ** 2))
+
+
+FC = FrictionTerm(name="fc", magnitude=_one, magnitude_at_point=_one_at_point)  # [N·m] Coulomb friction
+FV = FrictionTerm(name="fv", magnitude=_speed, magnitude_at_point=_speed, smooth=False)  # [N·m·s/rad] viscous friction
+# fraction of |τ|: teeth under load have more friction
+FL = FrictionTerm(name="fl", magnitude=_load, magnitude_at_point=_load, loaded=True, expected_std=LOAD_SHARE_STD)
+# [N·m] at 1 rad/s: friction of harmonic drives is concave in speed
+FP = FrictionTerm(name="fp", magnitude=_root_of_speed, magnitude_at_point=_root_of_speed_at_point)
+# [N·m] friction beyond fc before the lubricant film carries, Stribeck; Armstrong-Hélouvry et al. (1994)
+FS = FrictionTerm(name="fs", magnitude=_stribeck, magnitude_at_point=_stribeck_at_point)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionLaw:
+    """A sum of terms: friction torque of joint j = Σₖ parameterₖⱼ · columnₖ(q̇ⱼ, τⱼ). The first two terms are `FC` and `FV`.
+
+    What the paper would call fc and fv of a richer law is the line nearest to it over the samples of the recording; it follows from
+    the columns (`identify.fit.projection`).
     """
 
     name: str
-    parameters: tuple[str, ...]  # K names; fc, fv lead
-    exponent: float = CONCAVE_EXPONENT  # p
+    terms: tuple[FrictionTerm, ...]  # K terms
+    automatic: bool = True  # whether the choice `auto` considers the law
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where the law does not begin with fc and fv."""
+        if self.terms[:2] != (FC, FV):
+            raise ValueError(f"friction law {self.name!r} begins with {', '.join(self.parameters[:2])}; expected fc, fv")
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """K names of the parameters."""
+        return tuple(term.name for term in self.terms)
+
+    @property
+    def extra_terms(self) -> tuple[FrictionTerm, ...]:
+        """K − 2 terms after fc and fv."""
+        return self.terms[2:]
 
     @property
     def loaded(self) -> bool:
-        """Whether the law needs the torque that the gear passes on."""
-        return "fl" in self.parameters
+        """Whether the law needs the torque through the gear."""
+        return any(term.loaded for term in self.terms)
 
     def columns(self, qd: Array, load_nm: Array | None = None) -> Array:
-        """q̇ (…, J) [rad/s], torque through the gear (…, J) [N·m] → (…, J, K).
+        """Torque per unit of each parameter, (…, J, K).
 
-        Raises BadInput where the law knows load and none is given.
+        qd : (…, J) joint speeds [rad/s]. load_nm : (…, J) torque through the gears without friction [N·m].
+        Raises BadInput where the law needs the load and `load_nm` is None.
         """
-        s = smooth_sign(qd)
-        columns = [s, qd]
-        if self.loaded:
-            if load_nm is None:
+        if load_nm is None:
+            if self.loaded:
                 raise BadInput(f"friction law {self.name!r} needs the torque that the gear passes on")
-            columns.append(np.abs(load_nm) * s)
-        if "fp" in self.parameters:
-            columns.append(np.abs(qd) ** self.exponent * s)
-        if "fs" in self.parameters:
-            columns.append(np.exp(-((qd / STRIBECK_SPEED_RAD_S) ** 2)) * s)
-        return np.stack(columns, axis=-1)  # (…, J, K)
+            load_nm = np.zeros_like(qd)
+        direction = smooth_sign(qd)
+        return np.stack([term.column(direction, qd, load_nm) for term in self.terms], axis=-1)
+
+    def torque(self, parameters: Array, qd: Array, load_nm: Array | None = None) -> Array:
+        """Friction torque (N, J) [N·m].
+
+        parameters : (J, K). qd : (N, J) [rad/s]. load_nm : (N, J) torque through the gears [N·m]. Raises BadInput as `columns`.
+        """
+        torque: Array = np.einsum("njk,jk->nj", self.columns(qd, load_nm), parameters)
+        return torque
+
+    def opposing_torque(self, parameters: Array, direction: Array, speed: Array, load: Array) -> Array:
+        """Friction torque against the motion, (N, J) [N·m].
+
+        parameters : (K, 1, J). direction : |s(q̇)|, speed : |q̇| [rad/s], load : |τ| [N·m]; (N, J) each.
+        """
+        pairs = list(zip(parameters, self.terms, strict=True))
+        smooth = sum(value * term.magnitude(speed, load) for value, term in pairs if term.smooth)
+        torque: Array = direction * smooth + sum(value * term.magnitude(speed, load) for value, term in pairs if not term.smooth)
+        return torque
+
+    def opposing_torque_at_point(self, parameters: Sequence[float], direction: float, speed: float, load: float) -> float:
+        """`opposing_torque` of one joint at one sample, from K parameters and plain numbers."""
+        smooth = other = 0.0
+        for value, term in zip(parameters, self.terms, strict=True):
+            if term.smooth:
+                smooth += value * term.magnitude_at_point(speed, load)
+            else:
+                other += value * term.magnitude_at_point(speed, load)
+        return direction * smooth + other
 
 
-# the paper's is Coulomb and viscous, Raviola et al. (2021), eq. (2); from the simplest to the richest
-LAWS = {
+PAPER = FrictionLaw(name="paper", terms=(FC, FV))  # Raviola et al. (2021), eq. (2)
+CONCAVE = FrictionLaw(name="concave", terms=(FC, FV, FL, FP))
+
+# From the simplest to the richest: `auto` prefers an earlier law to a later one.
+LAWS: dict[str, FrictionLaw] = {
     law.name: law
     for law in (
-        FrictionLaw(name="paper", parameters=("fc", "fv")),
-        FrictionLaw(name="load", parameters=("fc", "fv", "fl")),
-        FrictionLaw(name="concave", parameters=("fc", "fv", "fl", "fp")),
-        FrictionLaw(name="stribeck", parameters=("fc", "fv", "fl", "fs")),
+        PAPER,
+        FrictionLaw(name="load", terms=(FC, FV, FL)),
+        CONCAVE,
+        FrictionLaw(name="stribeck", terms=(FC, FV, FL, FS)),
     )
 }
-EVERY_TERM = FrictionLaw(name="every term", parameters=("fc", "fv", "fl", "fp", "fs"))  # what the laws are chosen from
+
+# The law whose terms predict torque beside fc and fv. It erred least on recordings that were not fitted.
+RESIDUAL_LAW = "concave"
 
 
 def friction_law(name: str) -> FrictionLaw:
     """The law of that name.
 
-    Raises BadInput listing the laws there are.
+    Raises BadInput listing the laws that are known.
     """
     if name not in LAWS:
-        raise BadInput(f"friction law {name!r} is not known; known are {', '.join(LAWS)}, and auto where it is to be chosen")
+        raise BadInput(f"friction law {name!r} is not known; known are {', '.join(LAWS)}, and {AUTO} where it is to be chosen")
     return LAWS[name]
 
 
-def friction_torque(coulomb_nm: Array, viscous_nm_s_per_rad: Array, qd: Array) -> Array:
-    """The paper's law evaluated: (J,), (J,), q̇ (N, J) [rad/s] → (N, J) [N·m]."""
-    parameters = np.stack([coulomb_nm, viscous_nm_s_per_rad], axis=-1)  # (J, 2)
-    torque: Array = np.einsum("njk,jk->nj", LAWS["paper"].columns(qd), parameters)
-    return torque
+def residual_law() -> FrictionLaw:
+    """The law of the residual friction: what the compensated torque model predicts beyond fc and fv."""
+    return friction_law(RESIDUAL_LAW)
+
+
+def automatic_laws() -> tuple[FrictionLaw, ...]:
+    """The laws that `auto` chooses from; the first is the paper's."""
+    return (PAPER, *(law for law in LAWS.values() if law.automatic and law != PAPER))
+
+
+def law_of_every_term() -> FrictionLaw:
+    """A law with each term of the laws that `auto` chooses from, once."""
+    terms = dict.fromkeys(term for law in automatic_laws() for term in law.terms)
+    return FrictionLaw(name="every term", terms=tuple(terms), automatic=False)
+
+
+def law_choices() -> str:
+    """The names of the laws for the help of an option: `paper (fc, fv), load, …`."""
+    simplest, *others = LAWS.values()
+    return ", ".join([f"{simplest.name} ({', '.join(simplest.parameters)})", *(law.name for law in others)])

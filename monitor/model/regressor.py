@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor.errors import BadInput
-from monitor.model.friction import LAWS
+from monitor.model.friction import PAPER
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
 from monitor.recording import Array
 
@@ -75,7 +75,7 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
         block = Y[: i + 1, PER_JOINT * i : PER_JOINT * i + INERTIAL]  # (i + 1, 10, N)
         _link_block(block, seen[:, 0], seen[:, 1], w, dw, a, turning, scratch[:, : i + 1])
         Y[i, PER_JOINT * i + ROTOR] = acceleration[i]
-        Y[i, PER_JOINT * i + COULOMB : PER_JOINT * i + ROTOR] = LAWS["paper"].columns(speed[i]).T
+        Y[i, PER_JOINT * i + COULOMB : PER_JOINT * i + ROTOR] = PAPER.columns(speed[i]).T
     return Y.transpose(2, 0, 1)  # (N, J, P)
 
 

@@ -13,6 +13,7 @@ from monitor.errors import BadInput
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.torque.compensated_model import CompensatedModel, ResidualFriction, model_from_document
 from monitor.judge.torque.predictor import predict_torque, prepared
+from monitor.model.friction import CONCAVE
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")
@@ -169,7 +170,9 @@ def with_residual_friction(model) -> CompensatedModel:
     """The same with friction beyond fc and fv, one joint's so negative that friction would drive."""
     terms = np.tile([-2.0, -3.0, 0.05, 5.5], (6, 1))
     terms[3] = [-50.0, -50.0, 0.0, 0.0]
-    beyond = ResidualFriction(terms=terms, temperature_c=np.full(6, 25.0), speed_rad_s=np.full(6, 1.0), load_nm=np.full(6, 40.0))
+    beyond = ResidualFriction(
+        law=CONCAVE, terms=terms, temperature_c=np.full(6, 25.0), speed_rad_s=np.full(6, 1.0), load_nm=np.full(6, 40.0)
+    )
     return replace(model, residual_friction=beyond)
 
 

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.errors import BadInput
-from monitor.model.friction import LAWS, friction_law, friction_torque, smooth_sign
+from monitor.model.friction import FC, FV, LAWS, PAPER, FrictionLaw, automatic_laws, friction_law, smooth_sign
 
 
 @given(v=st.floats(-10, 10))
 def test_friction_is_odd_and_never_drives(v):
     """With positive parameters friction opposes motion equally both ways: F(−v) = −F(v) and F(v)·v ≥ 0."""
     qd = np.array([[v, -v]])
-    torque = friction_torque(np.array([2.0, 2.0]), np.array([3.0, 3.0]), qd)
+    torque = PAPER.torque(np.array([[2.0, 3.0], [2.0, 3.0]]), qd)
     assert torque[0, 0] == -torque[0, 1]
     assert torque[0, 0] * v >= 0.0
 
@@ -41,10 +41,35 @@ def test_every_law_opposes_motion_and_begins_with_fc_and_fv(name, v, load):
     np.testing.assert_array_equal(columns, law.columns(np.array([v, -v]), -loads))
     assert np.all(columns[0] >= 0.0)
     assert law.parameters[:2] == ("fc", "fv")
-    np.testing.assert_array_equal(columns[:, :2], LAWS["paper"].columns(np.array([v, -v])))
+    np.testing.assert_array_equal(columns[:, :2], PAPER.columns(np.array([v, -v])))
 
 
 def test_a_law_that_knows_load_will_not_guess_it():
     """Without the torque through the gear it refuses."""
     with pytest.raises(BadInput, match="'load' needs the torque"):
         friction_law("load").columns(np.ones((3, 6)))
+
+
+@pytest.mark.parametrize("name", LAWS)
+@given(v=st.floats(0.0, 10), load=st.floats(0, 200))
+def test_a_law_says_the_same_as_columns_as_a_sum_and_at_a_point(name, v, load):
+    """Against the motion, with one parameter of each term: to 1e-12 of the torque, which is rounding."""
+    law, qd, loads = LAWS[name], np.array([[v]]), np.array([[load]])
+    values = np.linspace(0.3, 0.9, len(law.terms))
+    fitted = law.torque(values[None], qd, loads)
+    s = np.abs(smooth_sign(qd))
+    np.testing.assert_allclose(law.opposing_torque(values[:, None, None], s, qd, loads), fitted, rtol=1e-12)
+    np.testing.assert_allclose(law.opposing_torque_at_point(values.tolist(), float(s[0, 0]), v, load), fitted[0, 0], rtol=1e-12)
+
+
+def test_a_law_that_does_not_begin_with_fc_and_fv_is_refused():
+    """All rooms that compare friction read the first two parameters as fc and fv."""
+    with pytest.raises(ValueError, match="'odd' begins with fv, fc; expected fc, fv"):
+        FrictionLaw(name="odd", terms=(FV, FC))
+
+
+def test_auto_begins_with_the_paper_and_leaves_out_what_is_not_automatic(monkeypatch):
+    """A law with `automatic=False` may be named, but is not chosen."""
+    monkeypatch.setitem(LAWS, "by name", FrictionLaw(name="by name", terms=PAPER.terms, automatic=False))
+    assert friction_law("by name").parameters == ("fc", "fv")
+    assert [law.name for law in automatic_laws()] == ["paper", "load", "concave", "stribeck"]

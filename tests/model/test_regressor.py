@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.errors import BadInput
-from monitor.model.friction import friction_torque
+from monitor.model.friction import PAPER
 from monitor.model.regressor import friction_columns, parameter_names, regressor
 from monitor.model.robot import PER_JOINT, Mounting, Robot, load_robot, robot_names
 
@@ -75,7 +75,7 @@ def test_a_joint_feels_no_link_inward_of_it():
 
 
 def test_prediction_and_regressor_share_one_friction():
-    """friction_torque is the fc and fv columns of Y times fc and fv, bit for bit but for the order of summation (1e-12)."""
+    """The torque of the paper's law is the fc and fv columns of Y times fc and fv, bit for bit but for the order of summation (1e-12)."""
     rng = np.random.default_rng(2)
     robot = load_robot("ur5")
     q, qd, qdd = rng.normal(size=(3, 9, 6)) * 0.01  # some within the smooth sign's width
@@ -83,7 +83,9 @@ def test_prediction_and_regressor_share_one_friction():
     parameters = np.zeros(78)
     coulomb, viscous = friction_columns(6)
     parameters[coulomb], parameters[viscous] = fc, fv
-    np.testing.assert_allclose(regressor(robot, Mounting(), q, qd, qdd) @ parameters, friction_torque(fc, fv, qd), atol=1e-12)
+    np.testing.assert_allclose(
+        regressor(robot, Mounting(), q, qd, qdd) @ parameters, PAPER.torque(np.stack([fc, fv], axis=1), qd), atol=1e-12
+    )
 
 
 def test_columns_are_named_as_in_the_paper():

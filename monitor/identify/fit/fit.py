@@ -5,6 +5,7 @@ The load of a gear is the torque of the rigid arm that the fit itself predicts, 
 its noise would stand on both sides of the equation. So load and parameters are found in turn, and a prediction needs no measurement.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import numpy as np
 
 from monitor.identify.fit.least_squares import Factor, Projected, Rows, Solution, factors, residual_rms, residuals_of, solve
 from monitor.identify.signals.motion import Indices, Mask, Motion
-from monitor.model.friction import LAWS, FrictionLaw
+from monitor.model.friction import PAPER, FrictionLaw, residual_law
 from monitor.model.regressor import ROTOR, friction_columns
 from monitor.model.robot import PER_JOINT
 from monitor.recording import Array
@@ -23,7 +24,6 @@ LOAD_ROUNDS = 3  # friction is a tenth of the torque and load a tenth of frictio
 ROBUST_ROUNDS = 20  # at most
 ROBUST_SETTLED = 1e-3  # of each joint's residual
 STUDENT_FREEDOM = 4.0  # Student's t: 94 % efficient where noise is normal, and blind to what is twenty deviations away
-LOAD_SHARE_STD = 0.2  # fl is 0.02–0.1 on gears that work; of a joint that bears no load the data say nothing, and 10 would fit as well
 CORRELATED_S = 0.5  # residuals of real arms: 0.4–0.55 s
 MAD = 1.4826  # median absolute deviation → standard deviation, if normal
 
@@ -49,7 +49,7 @@ class Equations:
         if layout.frozen:
             torque = torque - Y @ np.where(layout.rigid, values, 0.0)
             Y = np.where(layout.rigid, 0.0, Y)
-        if len(law.parameters) > 2:
+        if law.extra_terms:
             Y = np.concatenate([Y, _own(self.beyond(law, values, layout))], axis=2)
         return Rows(Y, torque, self.used, self.steps, self.motion.segments, robust_weight)
 
@@ -68,7 +68,7 @@ class Layout(NamedTuple):
 
     def of_law(self, law: FrictionLaw) -> Indices:
         """(J, K) places of each joint's friction parameters."""
-        J, extras = len(self.friction), len(law.parameters) - 2
+        J, extras = len(self.friction), len(law.extra_terms)
         return np.concatenate([self.friction, len(self.rigid) + np.arange(J * extras).reshape(J, extras)], axis=1)
 
 
@@ -105,9 +105,8 @@ def fit(equations: Sequence[Equations], law: FrictionLaw, layout: Layout, prior:
 
     Richer laws start from the paper's.
     """
-    paper = LAWS["paper"]
-    found = _weighted(equations, paper, layout, prior, prior, method)
-    rounds = (LOAD_ROUNDS if law.loaded and not layout.frozen else 1) if law != paper else 0
+    found = _weighted(equations, PAPER, layout, prior, prior, method)
+    rounds = (LOAD_ROUNDS if law.loaded and not layout.frozen else 1) if law != PAPER else 0
     for _ in range(rounds):
         found = _weighted(equations, law, layout, prior, found.solution.values[: len(prior)], method, found.weights)
     return _robust(equations, found, layout, prior) if method == "robust" else found
@@ -138,14 +137,14 @@ def with_causes(equations: Sequence[Equations], found: Fit, layout: Layout, prio
     What is wrong with a law comes back at every replay, at the same places: it is no noise, though it fills the residual. Nor does the
     residual show how far it moves the parameters, of which least squares takes as much as they can explain.
     """
-    law = LAWS["concave"]
+    law = residual_law()
     rows = []
     for eq, before in zip(equations, found.rows, strict=True):
         values = found.solution.values[: len(prior)]
         rec = eq.rows(law, values, layout, before.robust_weight)
         qd, middle = eq.motion.qd, eq.motion.t_s - np.mean(eq.motion.t_s)
         delay = np.gradient(before.Y @ found.solution.values, axis=0)  # (N, J) torque of the fit, by sample
-        warming = middle[:, None, None] * LAWS["paper"].columns(qd)  # (N, J, 2)
+        warming = middle[:, None, None] * PAPER.columns(qd)  # (N, J, 2)
         causes = np.concatenate([delay[:, :, None], eq.motion.rounded(warming)], axis=2)
         rows.append(rec._replace(Y=np.concatenate([rec.Y, _own(causes)], axis=2)))
     unknowns = rows[0].Y.shape[2]
@@ -185,15 +184,16 @@ def _weights(joints: Sequence[Factor], solution: Solution) -> Array:
 def _solved(
     equations: Sequence[Equations], joints: Sequence[Factor], weights: Array, law: FrictionLaw, layout: Layout, prior: Array
 ) -> Solution:
-    J, extras = len(joints), len(law.parameters) - 2
+    J, extras = len(joints), len(law.extra_terms)
     expected = np.append(prior, np.zeros(J * extras))
     free = solve(joints, weights, expected)
-    if not law.loaded:
+    if all(math.isinf(term.expected_std) for term in law.terms):
         return free
     # rows whose residuals agree for half a second say as much as one, so an opinion weighs as the rows of that time
     noise = weights * residual_rms(joints, free.values) * np.sqrt(CORRELATED_S * np.mean([eq.motion.rate_hz for eq in equations]))  # (J,)
     penalty = np.zeros(len(expected))
-    penalty[layout.of_law(law)[:, law.parameters.index("fl")]] = noise / LOAD_SHARE_STD
+    for place, term in zip(layout.of_law(law).T, law.terms, strict=True):  # (J,)
+        penalty[place] = noise / term.expected_std
     return solve(joints, weights, expected, penalty)
 
 

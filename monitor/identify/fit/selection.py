@@ -7,10 +7,9 @@ import numpy as np
 
 from monitor.identify.fit.fit import Equations, Layout, fit
 from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
-from monitor.model.friction import EVERY_TERM, LAWS, FrictionLaw
+from monitor.model.friction import PAPER, FrictionLaw, automatic_laws, law_of_every_term
 from monitor.recording import Array
 
-AUTO = "auto"
 FOLDS = 10  # stretches of time, each far longer than residuals stay correlated (0.5 s)
 
 
@@ -27,20 +26,20 @@ def choose_law(equations: Sequence[Equations], layout: Layout, prior: Array, met
     Every law is fitted to the other stretches and judged on this one. A richer law is taken only where it is better than the simpler
     one by more than the standard error of the difference over the stretches.
     """
-    richest = EVERY_TERM
+    richest, laws = law_of_every_term(), automatic_laws()
     rows = fit(equations, richest, layout, prior, method=method).rows
     # one scale for all laws, or each would be its own judge
-    weights = fit(equations, LAWS["paper"], layout, prior, method=method).weights  # (J,)
+    weights = fit(equations, PAPER, layout, prior, method=method).weights  # (J,)
     folds = [factors([_stretch(rec, k) for rec in rows]) for k in range(FOLDS)]
-    extra = layout.of_law(richest)[:, 2:]  # (J, 3) places of fl, fp, fs
+    places = layout.of_law(richest)  # (J, K)
     errors = {}
-    for name, law in LAWS.items():
-        own = extra[:, [richest.parameters.index(parameter) - 2 for parameter in law.parameters[2:]]].ravel()
+    for law in laws:
+        own = places[:, [richest.terms.index(term) for term in law.extra_terms]].ravel()
         columns = np.concatenate([np.arange(len(prior)), own, [-1]]).astype(np.intp)
         expected = np.append(prior, np.zeros(len(own)))
-        errors[name] = _left_out([[Factor(f.R[:, columns], f.samples) for f in fold] for fold in folds], weights, expected)
-    best = LAWS["paper"]
-    for law in list(LAWS.values())[1:]:
+        errors[law.name] = _left_out([[Factor(f.R[:, columns], f.samples) for f in fold] for fold in folds], weights, expected)
+    best = PAPER
+    for law in laws[1:]:
         gain = errors[best.name] - errors[law.name]  # (F,) mean squares
         if np.mean(gain) > np.std(gain, ddof=1) / np.sqrt(FOLDS):
             best = law

@@ -9,7 +9,7 @@ scaled with temperature like viscous friction:
 the factor fc(T)/fc(T₁) for the first and third term.)
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,14 +17,18 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.judge.document import array, entry, plain
 from monitor.judge.temperature.laws import LawValue, Line, line_from_document
+from monitor.model.friction import CONCAVE, FrictionLaw, friction_law
 from monitor.model.robot import Mounting
 from monitor.recording import Array
+
+_RESIDUAL_ARRAYS = ("terms", "temperature_c", "speed_rad_s", "load_nm")  # fields of `ResidualFriction`, and keys of its document
 
 
 class ResidualFriction(NamedTuple):
     """Friction of one replay beyond its Coulomb and viscous friction fc and fv."""
 
-    terms: Array  # (J, 4) coefficients of s, q̇, |τ|·s and |q̇|^½·s; 0 where unknown
+    law: FrictionLaw  # of the terms
+    terms: Array  # (J, K) coefficients of the law's terms; 0 where unknown
     temperature_c: Array  # (J,) joint temperature of that replay [°C]; NaN where unknown
     speed_rad_s: Array  # (J,) largest speed in the fit; beyond it the terms keep their value at it
     load_nm: Array  # (J,) largest |τ| in the fit; beyond it the terms keep their value at it
@@ -71,13 +75,29 @@ class CompensatedModel:
 
     def as_document(self) -> dict[str, Any]:
         """The model as a JSON object; `model_from_document` is the inverse."""
-        document: dict[str, Any] = plain(self)
+        document: dict[str, Any] = plain(replace(self, residual_friction=None))
+        if self.residual_friction is not None:
+            document["residual_friction"] = _residual_document(self.residual_friction)
         # the stored and published key is the older name
         return {("finer" if key == "residual_friction" else key): value for key, value in document.items()}
 
     def _worn(self, fresh: LawValue) -> LawValue:
         factor = np.exp(self.wear)
         return LawValue(fresh.value * factor, fresh.std * factor, fresh.extrapolated)
+
+
+def _residual_document(residual: ResidualFriction) -> dict[str, Any]:
+    """Residual friction as a JSON object. The name of its law is given only where it is another than that of the first documents."""
+    document: dict[str, Any] = {name: plain(getattr(residual, name)) for name in _RESIDUAL_ARRAYS}
+    return document if residual.law == CONCAVE else {"law": residual.law.name, **document}
+
+
+def _residual_from_document(document: Any, joints: int) -> ResidualFriction:
+    """The inverse of `_residual_document` for J = `joints`. Raises BadInput naming what is missing or wrong."""
+    where = "model: finer"
+    law = friction_law(str(document.get("law", CONCAVE.name))) if isinstance(document, dict) else CONCAVE
+    shapes = {name: (joints, len(law.terms)) if name == "terms" else (joints,) for name in _RESIDUAL_ARRAYS}
+    return ResidualFriction(law=law, **{name: array(document, name, shape, where=where) for name, shape in shapes.items()})
 
 
 def model_from_document(document: Any) -> CompensatedModel:
@@ -91,10 +111,7 @@ def model_from_document(document: Any) -> CompensatedModel:
     }
     residual_friction = document.get("finer")
     if residual_friction is not None:
-        shapes = {name: (J, 4) if name == "terms" else (J,) for name in ResidualFriction._fields}
-        residual_friction = ResidualFriction(
-            **{name: array(residual_friction, name, shape, where="model: finer") for name, shape in shapes.items()}
-        )
+        residual_friction = _residual_from_document(residual_friction, J)
     optional = {
         name: array(document, name, (J,), where=where) for name in ("error_rms_nm", "measured_rms_nm") if document.get(name) is not None
     }

@@ -54,9 +54,10 @@ def _residual_friction(identification: Identification) -> ResidualFriction | Non
     if residual is None:
         return None
     fc_fv = np.stack([identification.coulomb_nm, identification.viscous_nm_s_per_rad], axis=1)  # (J, 2)
-    beyond = residual.friction - np.pad(fc_fv, ((0, 0), (0, 2)))  # (J, 4)
+    beyond = residual.friction - np.pad(fc_fv, ((0, 0), (0, len(residual.law.extra_terms))))  # (J, K)
     temperature_c = identification.temperature_c
     return ResidualFriction(
+        law=residual.law,
         terms=np.nan_to_num(np.where(np.isfinite(fc_fv[:, :1]), beyond, 0.0)),
         temperature_c=np.full(len(fc_fv), np.nan) if temperature_c is None else temperature_c,
         speed_rad_s=identification.max_speed_rad_s,

@@ -67,13 +67,14 @@ class Predictor:
         self._noise_var = np.maximum(sample_nm**2 - self._rest_var, 0.0)  # NaN stays
         low, high = model.viscous.range_c.T
         self._range_c = low - model.viscous.margin_k, high + model.viscous.margin_k
-        self._beyond = None if model.residual_friction is None else model.residual_friction.terms.T[:, None]  # (4, 1, J)
+        self._beyond = None if model.residual_friction is None else model.residual_friction.terms.T[:, None]  # (K, 1, J)
         if model.residual_friction is not None:
             T1 = np.where(
                 np.isfinite(model.residual_friction.temperature_c), model.residual_friction.temperature_c, model.viscous.reference_c
             )
             then = self._friction(T1)[0][1]
             self._per_viscous = np.divide(1.0, then, out=np.zeros_like(then), where=then > 0)  # (J,)
+            self._law = model.residual_friction.law
             self._speed, self._load = model.residual_friction.speed_rad_s, model.residual_friction.load_nm
         self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
         whole: tuple[Array, ...] = (
@@ -86,8 +87,9 @@ class Predictor:
         )  # (J,) each
         residual_friction = [()] * len(self._worn)
         if model.residual_friction is not None:
-            parts = (*(model.residual_friction.terms.T * self._per_viscous), self._speed, self._load, self._rigid.rotor)
-            residual_friction = list(zip(*(part.tolist() for part in parts), strict=True))
+            scaled = (model.residual_friction.terms * self._per_viscous[:, None]).tolist()  # J lists of K
+            limits = (part.tolist() for part in (self._speed, self._load, self._rigid.rotor))
+            residual_friction = list(zip(scaled, *limits, strict=True))
         laws = [[point_law(line, j) if known else UNKNOWN for j, known in enumerate(self._known.tolist())] for line in self._lines]
         self._figures = list(
             zip(*laws, self._worn.tolist(), *(part.tolist() for part in whole), residual_friction, strict=True)
@@ -111,8 +113,7 @@ class Predictor:
         if self._beyond is not None:
             s, speed = np.abs(drive[0]), np.minimum(np.abs(qd), self._speed)
             load = np.minimum(np.abs(rigid - qdd * self._rigid.rotor), self._load)
-            c, v, per_load, root = self._beyond
-            more = (s * (c + per_load * load + root * np.sqrt(speed)) + v * speed) * value[1] * self._per_viscous
+            more = self._law.opposing_torque(self._beyond, s, speed, load) * value[1] * self._per_viscous
             friction += np.sign(qd) * np.maximum(more, -LEAST_OFF * np.abs(friction))
         of_fc, of_fv = var * drive * drive  # variances, (N, J) each
         total = of_fc + of_fv + self._correlation * np.sqrt(of_fc * of_fv) + friction * friction * self._wear_var + self._rest_var
@@ -137,10 +138,10 @@ class Predictor:
             var_c *= drags * drags  # what is unknown is NaN, and stays so
             var_v *= flows * flows
             if more:
-                c, linear, per_load, root, fastest, heaviest, rotor = more
+                terms, fastest, heaviest, rotor = more
                 speed, load = abs(v), abs(rest - a * rotor)
                 speed, load = fastest if speed > fastest else speed, heaviest if load > heaviest else load
-                beyond = (abs(s) * (c + per_load * load + root * math.sqrt(speed)) + linear * speed) * viscous
+                beyond = self._law.opposing_torque_at_point(terms, abs(s), speed, load) * viscous
                 least = -LEAST_OFF * abs(rubs)
                 rubs += math.copysign(1.0, v) * (least if beyond < least else beyond)
             torque.append(rest + rubs)
