@@ -32,8 +32,8 @@ ends, `(0, 1)` does not.
 COMMANDS_HEAD = """# Commands
 
 `joint-monitor COMMAND --help` prints the same text. Each command ends with 0 when it has done its work, with 1 when something
-outside prevented it (no answer from the robot, no history yet), and with 2 when an argument or a file is wrong. Other exit codes stand
-with the command. `--json` prints one JSON object on standard output, for programs.
+outside prevented it (no answer from the robot, no history yet), and with 2 when an argument or a file is wrong or a motion was
+refused. Other exit codes stand with the command. `--json` prints one JSON object on standard output, for programs.
 """
 
 

@@ -173,8 +173,8 @@ def _surrogate(physics: dict[str, Any]) -> str:
     return (
         f"{physics['replays']} replays of the full physics in the same run\n  have its distribution (Kolmogorov and Smirnov: distance "
         f"at most {physics['distance']:.3f} of the six joints, p = {physics['p']:.2f} by Bonferroni, ≥ 0.01 is asked; standard\n  "
-        f"deviation {low:.2f} to {high:.2f} % from joint to joint, {100 * physics['surrogate_std']:.2f} % drawn; trend with temperature at most "
-        f"{100 * physics['slope_per_k']:.3f} %/K, ≤ 0.1 is asked) {_met(alike)}"
+        f"deviation {low:.2f} to {high:.2f} % from joint to joint, {100 * physics['surrogate_std']:.2f} % drawn; "
+        f"trend with temperature at most {100 * physics['slope_per_k']:.3f} %/K, ≤ 0.1 is asked) {_met(alike)}"
     )
 
 
