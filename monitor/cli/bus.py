@@ -65,12 +65,12 @@ def schema(
     ] = None,
 ) -> None:
     """Print the JSON Schema of a published document."""
-    from monitor.publish.documents import KINDS
-    from monitor.publish.documents import schema as schema_of
+    from monitor.publish.registry import KINDS
+    from monitor.publish.registry import schema as schema_of
 
     if kind is None:
-        for name, cls in KINDS.items():
-            typer.echo(f"{name:16} {(cls.__doc__ or '').strip().splitlines()[0]}")
+        for name, registered in KINDS.items():
+            typer.echo(f"{name:16} {(registered.model.__doc__ or '').strip().splitlines()[0]}")
         return
     if kind not in KINDS:
         raise BadInput(f"kind {kind!r} is not known; known are {', '.join(KINDS)}")

@@ -24,8 +24,8 @@ from monitor.design.cell import Cell, cell_from_document, plain_cell
 from monitor.errors import BadConfiguration, BadInput
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, Robot, load_robot
-from monitor.publish.bus import BusSettings, prefix
 from monitor.publish.metrics import MetricsSettings
+from monitor.publish.session import BusSettings, prefix
 from monitor.recording import Array, Context
 from monitor.views.web.settings import PageSettings
 

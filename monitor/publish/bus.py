@@ -5,37 +5,25 @@ value, so that a late joiner sees the same as an early one. Publication has a th
 a frozen router blocks that thread, never the caller.
 """
 
-import json
 import logging
-import os
 import queue
-import re
-import sys
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import orjson
 import zenoh
 
 from monitor.errors import BadInput, BusError
-
-if TYPE_CHECKING:
-    from monitor.publish.permit import PermitReply
+from monitor.publish import permit
+from monitor.publish.registry import KINDS, Delivery, answer_kind, takes_payload
+from monitor.publish.session import BusSettings, encoding, session_config
 
 log = logging.getLogger(__name__)
 
-ROOT = "joint-monitor/v1"
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
 LONGEST_PARAMETERS = 1000
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
-PATIENCE_US = 500_000  # only who is megabytes behind is waited for, then cut off; it may come back and ask
-_WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
-_ID = re.compile(r"[a-z0-9_-]+\Z")
-_ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
 
 class QueryHandler(NamedTuple):
@@ -50,121 +38,9 @@ class QueryHandler(NamedTuple):
     payload: bool = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusSettings:
-    """Where the daemon meets the bus. Consumers connect to one of `listen`, or to the router in `connect`."""
-
-    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)  # endpoints that the daemon opens; loopback until you say otherwise
-    connect: tuple[str, ...] = ()  # routers that the daemon joins; retried for ever in the background
-    live_rate_hz: float = 5.0  # of torque/live
-    health_period_s: float = 60.0  # `health` is said again at least so often
-    query_workers: int = 2  # threads that answer queries
-    zenoh: str = ""  # path of a Zenoh configuration (JSON5) for the daemon: TLS, authentication, access control; see deploy/zenoh/
-    client_zenoh: str = ""  # the same for the commands of this machine: watch, alerts, ack, predict, …
-
-    def __post_init__(self) -> None:
-        """Raises BadInput naming the figure that is out of its range."""
-        for name, low, high in (("live_rate_hz", 0.1, 125.0), ("health_period_s", 1.0, 3600.0), ("query_workers", 1, 32)):
-            if not low <= getattr(self, name) <= high:
-                raise BadInput(f"bus: {name} = {getattr(self, name)!r}; expected {low:g} to {high:g}")
-        for name in ("listen", "connect"):
-            for endpoint in getattr(self, name):
-                if not _ENDPOINT.match(endpoint):
-                    raise BadInput(f"bus: {name}: {endpoint!r} is no endpoint; expected PROTOCOL/ADDRESS, e.g. tcp/127.0.0.1:7447")
-        if not (self.listen or self.connect):
-            raise BadInput("bus: listen and connect are both empty: nobody could hear; expected an endpoint in one of them")
-
-
-def prefix(site: str, robot: str) -> str:
-    """The key under which everything of one robot is found.
-
-    Raises BadInput where an id holds anything but a–z, 0–9, _ and -.
-    """
-    for name, value in (("site", site), ("robot id", robot)):
-        if not _ID.match(value):
-            raise BadInput(f"{name} {value!r}: expected only a–z, 0–9, _ and - (it becomes part of a Zenoh key)")
-    return f"{ROOT}/{site}/{robot}"
-
-
-def session_config(
-    *, mode: str, listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait_for_peer: bool = True, zenoh_file: str = ""
-) -> zenoh.Config:
-    """Zenoh's configuration without scouting: we speak only to the endpoints that we were told.
-
-    zenoh_file : path of a JSON5 configuration for all else (TLS, authentication, access control), or nothing;
-    `${CREDENTIALS_DIRECTORY}` in it is where the service manager put the secrets, `${CREDENTIAL:name}` one of them.
-    Raises BadInput where it cannot be read or is no Zenoh configuration.
-    """
-    config = _from_file(zenoh_file) if zenoh_file else zenoh.Config()
-    values: dict[str, Any] = {
-        "mode": mode,
-        "listen/endpoints": list(listen),
-        "connect/endpoints": list(connect),
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/shared_memory/enabled": False,  # leaves files behind after kill −9
-        "connect/retry": {"period_init_ms": 250, "period_max_ms": 2000, "period_increase_factor": 2},  # back soon after a router's restart
-    }
-    if mode != "client":
-        values[_WAIT_BEFORE_CLOSE] = PATIENCE_US  # with one who does not read; Zenoh's 5 s each would be everybody's
-    if not wait_for_peer:
-        values |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
-    for key, value in values.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def _with_credentials(path: str, text: str) -> str:
-    """`${CREDENTIALS_DIRECTORY}` as the folder that the service manager made, `${CREDENTIAL:name}` as what one of its files holds."""
-    if "${CREDENTIAL" not in text:
-        return text
-    folder = os.environ.get("CREDENTIALS_DIRECTORY")
-    if not folder:
-        raise BadInput(f"{path}: asks for $CREDENTIALS_DIRECTORY, which the service manager sets (LoadCredential=); it is not set here")
-
-    def secret(match: re.Match[str]) -> str:
-        try:
-            return json.dumps((Path(folder) / match.group(1)).read_text("utf-8").rstrip("\n"))[1:-1]
-        except (OSError, UnicodeDecodeError):
-            raise BadInput(f"{path}: the credential {match.group(1)!r} cannot be read below $CREDENTIALS_DIRECTORY") from None
-
-    return re.sub(r"\$\{CREDENTIAL:([\w.-]+)\}", secret, text.replace("${CREDENTIALS_DIRECTORY}", folder))
-
-
-def _from_file(path: str) -> zenoh.Config:
-    try:
-        with open(path, encoding="utf-8") as file:
-            text = file.read()
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read: {error}") from None
-    text = _with_credentials(path, text)
-    try:
-        return zenoh.Config.from_json5(text)
-    except zenoh.ZError as error:
-        raise BadInput(f"{path}: is no Zenoh configuration: {str(error).split(' at /')[0]}") from None
-
-
-# who connects and by which name, whom access control does not know, whose certificate or password is wrong; of the rest only warnings
-_TOLD_BY_ZENOH = (
-    "warn,zenoh::net::routing::hat::peer=error,zenoh::net::routing::interceptor=info,zenoh_link_tls=debug,"
-    "zenoh_transport::unicast::establishment::accept=debug"
-)
-
-
-def log_refusals(settings: BusSettings) -> None:
-    """Let Zenoh say on standard output, from where the journal takes it, who was let in and who was not; RUST_LOG says otherwise.
-
-    Once in a process, before its first session. Where no Zenoh configuration says who may, only warnings are told: nobody is refused.
-    """
-    if not sys.stdout.isatty():
-        os.environ.setdefault("NO_COLOR", "1")
-    zenoh.init_log_from_env_or(_TOLD_BY_ZENOH if settings.zenoh else "warn,zenoh::net::routing::hat::peer=error")
-
-
-@cache
-def encoding(kind: str) -> zenoh.Encoding:
-    """The encoding that names the kind of document, `application/json;joint-monitor.<kind>.v1`."""
-    return zenoh.Encoding(f"application/json;joint-monitor.{kind}.v1")
+def handler(key: str, about: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> QueryHandler:
+    """The handler of a registered key: the registry knows the kind of its answer and whether it takes a payload."""
+    return QueryHandler(answer_kind(key).name, about, payload=takes_payload(key))
 
 
 class Bus:
@@ -223,6 +99,20 @@ class Bus:
 
     # --- out ------------------------------------------------------------------------------------
 
+    def say(self, kind: str, document: Mapping[str, Any], *, done: Callable[[], None] | None = None, **parts: Any) -> None:
+        """Publish a document of a registered kind on its key, in the way that the registry says.
+
+        parts : what its key asks for, e.g. `joint=3`. `done` runs once the document is sent; a sample of a stream has none.
+        """
+        registered = KINDS[kind]
+        key = registered.key(**parts)
+        if registered.delivery is Delivery.STREAM:
+            self.stream(key, kind, document)
+        elif registered.delivery is Delivery.TRANSITION:
+            self._enqueue((key, kind, _encode(document), False, done))
+        else:
+            self.publish(key, kind, document, done=done)
+
     def publish(self, key: str, kind: str, document: Mapping[str, Any], *, done: Callable[[], None] | None = None) -> None:
         """Say a last value: kept for every later `get`, and sent to the subscribers. `done` runs once it is sent."""
         payload = _encode(document)
@@ -236,10 +126,6 @@ class Bus:
         with self._lock:
             self._last[key] = (kind, payload)
         self._enqueue((key, kind, payload, True, None))
-
-    def event(self, document: Mapping[str, Any], *, done: Callable[[], None] | None = None) -> None:
-        """Say one transition on `event`."""
-        self._enqueue(("event", "event", _encode(document), False, done))
 
     def last_values(self) -> dict[str, Any]:
         """What is answered to a plain `get`: documents by key below the prefix."""
@@ -266,11 +152,9 @@ class Bus:
         """What a query on a key below the prefix is answered, for who is in this process. Raises BadInput as the error reply would say."""
         return self._answers[key].about(about)
 
-    def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> "PermitReply | None":
+    def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> permit.PermitReply | None:
         """Ask whoever answers `permit/replay`; None where nobody does in that time."""
-        from monitor.publish.permit import asked
-
-        return asked(self._session, self._prefix, about, timeout_s)
+        return permit.asked(self._session, self._prefix, about, timeout_s)
 
     def robot_alive(self, alive: bool) -> None:
         """Hold or drop the liveliness token of the link to the arm."""

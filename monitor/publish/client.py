@@ -10,12 +10,12 @@ with Client("tcp/127.0.0.1:7447", "site", "cell-3") as client:
 import json
 import queue
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import zenoh
+from pydantic import BaseModel
 
 from monitor.errors import BadInput, BusError
-from monitor.publish.bus import prefix, session_config
 from monitor.publish.documents import (
     AckRequest,
     Alert,
@@ -31,6 +31,11 @@ from monitor.publish.documents import (
     ShelveRequest,
     Torque,
 )
+from monitor.publish.registry import KINDS, kind_of
+from monitor.publish.session import prefix, session_config
+
+EVENT = KINDS["event"].key()
+Content = TypeVar("Content", bound=BaseModel)
 
 
 class Message(NamedTuple):
@@ -88,24 +93,29 @@ class Client:
 
     def health(self) -> Health:
         """NE 107 states of arm and joints. Raises BusError where no daemon answers for this robot."""
-        return Health.model_validate(self._one("health").document)
+        return self._last_one(Health)
 
     def info(self) -> Info:
         """Who watches this robot, with what, and since when. Raises BusError where no daemon answers for it."""
-        return Info.model_validate(self._one("info").document)
+        return self._last_one(Info)
 
     def model(self) -> Model:
         """The temperature-compensated model. Raises BusError where there is none yet."""
-        return Model.model_validate(self._one("model").document)
+        return self._last_one(Model)
 
     def alerts(self, *, cleared: bool = False) -> list[Alert]:
         """Active alerts, the oldest first; with `cleared` also the last cleared one of each condition."""
-        alerts = [Alert.model_validate(message.document) for message in self.get("alert/*/*")]
-        return sorted((alert for alert in alerts if cleared or alert.active), key=lambda alert: alert.raised_at)
+        return sorted((alert for alert in self._last_all(Alert) if cleared or alert.active), key=lambda alert: alert.raised_at)
 
     def friction(self) -> list[Friction]:
         """Each joint after the last replay, in order."""
-        return sorted((Friction.model_validate(message.document) for message in self.get("joint/*/friction")), key=lambda row: row.joint)
+        return sorted(self._last_all(Friction), key=lambda row: row.joint)
+
+    def documents(self, kind: str) -> list[BaseModel]:
+        """The last values of a registered kind, in the order of their keys. Raises KeyError for a kind that is not registered."""
+        registered = KINDS[kind]
+        found = [message for selector in registered.selectors for message in self.get(selector)]
+        return [registered.model.model_validate(message.document) for message in sorted(found, key=lambda message: message.key)]
 
     def torque(self, **arguments: Any) -> Torque:
         """Temperature-corrected torque of one sample or of N: `q`, `qd`, `qdd` [rad, rad/s, rad/s²], `temperature_c`.
@@ -113,7 +123,7 @@ class Client:
         Raises BadInput with the daemon's words where the arguments are wrong, BusError where nobody answers.
         """
         asked = {name: value for name, value in arguments.items() if value is not None}
-        return Torque.model_validate(self._one("torque", asked).document)
+        return Torque.model_validate(self._one(kind_of(Torque).key(), asked).document)
 
     def history(self, *, joint: int | None = None, since: str | None = None, until: str | None = None) -> Iterator[HistoryRow]:
         """Past estimates, the oldest first, page by page; times as RFC 3339."""
@@ -121,25 +131,25 @@ class Client:
         while after is not None:
             parameters = {"joint": joint, "from": since, "to": until, "after": after}
             text = ";".join(f"{name}={value}" for name, value in parameters.items() if value is not None)
-            page = History.model_validate(self._one(f"history?{text}").document)
+            page = History.model_validate(self._one(f"{kind_of(History).key()}?{text}").document)
             yield from page.rows
             after = page.next
 
     def events(self, after: int = 0) -> Events:
         """Transitions of alerts after a number: what a program missed while it was away."""
-        return Events.model_validate(self._one(f"event?after={after}").document)
+        return Events.model_validate(self._one(f"{kind_of(Events).key()}?after={after}").document)
 
     def acknowledge(self, joint: int | None, condition: str, *, by: str, why: str = "") -> Alert:
         """An alert has been seen. Raises BadInput where there is no such active alert."""
-        return self._command("cmd/ack", AckRequest(joint=joint, condition=condition, by=by, why=why))
+        return self._command(AckRequest(joint=joint, condition=condition, by=by, why=why))
 
     def shelve(self, joint: int | None, condition: str, *, hours: float, by: str, why: str = "") -> Alert:
         """An alert need not be shown for some hours. Raises BadInput where there is no such active alert."""
-        return self._command("cmd/shelve", ShelveRequest(joint=joint, condition=condition, hours=hours, by=by, why=why))
+        return self._command(ShelveRequest(joint=joint, condition=condition, hours=hours, by=by, why=why))
 
     def request_replay(self, *, by: str, why: str = "") -> str:
         """Ask for a replay now. Raises BadInput with the daemon's reason where it refuses."""
-        answer = self._one("cmd/replay", ReplayRequest(by=by, why=why).model_dump())
+        answer = self._one(kind_of(ReplayRequest).key(), ReplayRequest(by=by, why=why).model_dump())
         return str(answer.document["done"])
 
     def watch(self, selector: str = "**", *, with_last: bool = True, until: Callable[[], bool] = lambda: False) -> Iterator[Message]:
@@ -160,7 +170,7 @@ class Client:
             if sample.kind == zenoh.SampleKind.PUT:
                 arrived.put(None)
 
-        log = _Transitions(self) if zenoh.KeyExpr(key).intersects(zenoh.KeyExpr(f"{self._prefix}/event")) else None
+        log = _Transitions(self) if zenoh.KeyExpr(key).intersects(zenoh.KeyExpr(f"{self._prefix}/{EVENT}")) else None
         subscriber = self._session.declare_subscriber(key, hand_over)
         alive = self._session.liveliness().declare_subscriber(f"{self._prefix}/alive/monitor", back)
         try:
@@ -177,7 +187,7 @@ class Client:
                     if log is not None:
                         yield from log.missed()
                     yield from self._again(selector)
-                elif message.key == "event" and log is not None:
+                elif message.key == EVENT and log is not None:
                     yield from log.next(message)
                 else:
                     yield message
@@ -187,7 +197,7 @@ class Client:
 
     def _last(self, selector: str) -> list[Message]:
         """Last values in the order of their keys; `event` is a log and has none: what is answered there is a page of it."""
-        return sorted((message for message in self.get(selector) if message.key != "event"), key=lambda message: message.key)
+        return sorted((message for message in self.get(selector) if message.key != EVENT), key=lambda message: message.key)
 
     def _again(self, selector: str) -> list[Message]:
         try:
@@ -201,8 +211,14 @@ class Client:
             raise BusError(f"{self._prefix}/{selector}: no answer; is a daemon running for this robot, and has it assessed a replay?")
         return answers[0]
 
-    def _command(self, key: str, request: Request) -> Alert:
-        return Alert.model_validate(self._one(key, request.model_dump()).document["alert"])
+    def _last_one(self, model: type[Content]) -> Content:
+        return model.model_validate(self._one(kind_of(model).key()).document)
+
+    def _last_all(self, model: type[Content]) -> list[Content]:
+        return [model.model_validate(message.document) for selector in kind_of(model).selectors for message in self.get(selector)]
+
+    def _command(self, request: Request) -> Alert:
+        return Alert.model_validate(self._one(kind_of(type(request)).key(), request.model_dump()).document["alert"])
 
     def _key(self, selector: str) -> str:
         key = f"{self._prefix}/{selector}"
@@ -253,4 +269,4 @@ class _Transitions:
         for event in events:
             if event.seq > self._last and (before is None or event.seq < before):
                 self._last = event.seq
-                yield Message("event", event.model_dump(mode="json"))
+                yield Message(EVENT, event.model_dump(mode="json"))

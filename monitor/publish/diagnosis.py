@@ -12,7 +12,7 @@ from typing import Any
 
 import zenoh
 
-from monitor.publish.bus import session_config
+from monitor.publish.session import session_config
 
 TCP, TLS = "tcp", "tls"
 READ_S = 0.5  # TLS 1.3: the other side's refusal of our certificate comes after the handshake

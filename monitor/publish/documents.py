@@ -352,36 +352,3 @@ class Error(Document):
     """What an error reply says."""
 
     error: str
-
-
-KINDS: dict[str, type[BaseModel]] = {
-    "info": Info,
-    "health": Health,
-    "friction": Friction,
-    "alert": Alert,
-    "event": Event,
-    "events": Events,
-    "model": Model,
-    "torque-request": TorqueRequest,
-    "torque": Torque,
-    "torque-live": TorqueLive,
-    "history": History,
-    "monitor": Monitor,
-    "ack-request": AckRequest,
-    "shelve-request": ShelveRequest,
-    "replay-request": ReplayRequest,
-    "replay": Replay,
-    "permit": Permit,
-    "permit-answer": PermitAnswer,
-    "answer": Answer,
-    "error": Error,
-}
-
-
-def schema(kind: str) -> dict[str, Any]:
-    """The JSON Schema (2020-12) of a kind.
-
-    Raises KeyError for a kind that there is not.
-    """
-    body = KINDS[kind].model_json_schema(mode="validation")
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"joint-monitor.{kind}.v1", **body}

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 import zenoh
 
 from monitor.errors import BusError
-from monitor.publish.bus import BusSettings, encoding, session_config
+from monitor.publish.registry import KINDS
+from monitor.publish.session import BusSettings, encoding, session_config
 
 log = logging.getLogger(__name__)
 
-KEY = "permit/replay"
+KEY = KINDS["permit"].key()
 
 
 class PermitReply(NamedTuple):

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from monitor.errors import BadInput
 from monitor.publish.documents import Request
+from monitor.publish.registry import kind_of
 from monitor.publish.timestamps import unix_s
 
 MOST_ROWS = 10_000
@@ -27,13 +28,13 @@ class HistoryQuestion(NamedTuple):
     limit: int
 
 
-def request(kind: type[Asked], key: str, payload: Mapping[str, Any]) -> Asked:
-    """A payload as what it must be. Raises BadInput naming every field that is wrong."""
+def request(model: type[Asked], payload: Mapping[str, Any]) -> Asked:
+    """A query's payload as a request of this type. Raises BadInput that names every wrong field."""
     try:
-        return kind.model_validate(payload)
+        return model.model_validate(payload)
     except ValidationError as error:
         wrong = "; ".join(f"{'.'.join(str(part) for part in problem['loc']) or 'payload'}: {problem['msg']}" for problem in error.errors())
-        raise BadInput(f"{key}: {wrong}") from None
+        raise BadInput(f"{kind_of(model).key()}: {wrong}") from None
 
 
 def history_question(parameters: Mapping[str, str], joints: int) -> HistoryQuestion:

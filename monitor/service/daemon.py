@@ -23,12 +23,13 @@ from monitor.judge.alerts.rules import stale
 from monitor.judge.document import plain
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.fourier import Excitation
-from monitor.publish.bus import Bus, QueryHandler, log_refusals
+from monitor.publish.bus import Bus, handler
 from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
 from monitor.publish.health_document import health_told
 from monitor.publish.live_torque import LiveTorque
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.queries import MOST_EVENTS, events_after, history_question, request
+from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.recording import Array, Context, Recording
@@ -87,14 +88,14 @@ class Daemon:
         self.pull_forward: Callable[[float], None] | None = None  # production looked odd at that time: the next replay may come sooner
         self.on_busy: Callable[[], None] | None = None  # told often while a replay is under way, or its assessment
         answers = {
-            "torque": QueryHandler("torque", self._answer_torque),
-            "history": QueryHandler("history", self._answer_history, payload=False),
-            "event": QueryHandler("events", self._answer_event, payload=False),
-            "cmd/ack": QueryHandler("answer", self._answer_ack),
-            "cmd/shelve": QueryHandler("answer", self._answer_shelve),
-            "cmd/replay": QueryHandler("answer", self._answer_replay),
+            "torque": self._answer_torque,
+            "history": self._answer_history,
+            "event": self._answer_event,
+            "cmd/ack": self._answer_ack,
+            "cmd/shelve": self._answer_shelve,
+            "cmd/replay": self._answer_replay,
         }
-        self.bus = Bus(configuration.bus, configuration.key_prefix, answers)
+        self.bus = Bus(configuration.bus, configuration.key_prefix, {key: handler(key, about) for key, about in answers.items()})
 
     def __enter__(self) -> "Daemon":
         """Take up what the last run left: nothing is replayed, what was recorded is assessed, what was decided is said."""
@@ -271,7 +272,7 @@ class Daemon:
         if known is None or (known.serial, known.firmware) != (context.serial, context.firmware):
             self._say_info()
         for joint in entered.outcome.friction:
-            self._say(f"joint/{joint.joint}/friction", "friction", plain(joint))
+            self._say("friction", plain(joint), joint=joint.joint)
         self._say_state()
         for event in entered.events:
             self._say_event(event)
@@ -302,7 +303,6 @@ class Daemon:
         now = self._now()
         self._say(
             "health",
-            "health",
             {
                 **health_told(self._health, now, self.configuration.assess.health),
                 "production": [plain(each) for each in self.production.evidence()],
@@ -313,44 +313,44 @@ class Daemon:
 
     def say_monitor(self, document: dict[str, Any], *, done: Callable[[], None] | None = None) -> None:
         """How the monitor itself is."""
-        self._say("monitor", "monitor", document, done=done)
+        self._say("monitor", document, done=done)
 
     def say_replay(self, document: dict[str, Any]) -> None:
         """What is going to happen to the arm, or has: for the cell's own programs."""
-        self._say("replay", "replay", {**document, "said_at_unix_s": self._now()})
+        self._say("replay", {**document, "said_at_unix_s": self._now()})
 
     def say_live(self, document: dict[str, Any]) -> None:
         """One sample of predicted against measured torque."""
-        self.bus.stream("torque/live", "torque-live", document)
+        self.bus.say("torque-live", document)
 
-    def _say(self, key: str, kind: str, document: dict[str, Any], *, done: Callable[[], None] | None = None) -> None:
+    def _say(self, kind: str, document: dict[str, Any], *, done: Callable[[], None] | None = None, **parts: Any) -> None:
         told = outside(document)
         assert isinstance(told, dict)
-        self.bus.publish(key, kind, told, done=done)
+        self.bus.say(kind, told, done=done, **parts)
 
     def _say_state(self) -> None:
         self.say_health()
         if self._model is not None:
-            self._say("model", "model", self._model.as_document())
+            self._say("model", self._model.as_document())
         for alert in self._health.alerts if self._health else ():
             self._say_alert(alert)
 
     def _say_alert(self, alert: Alert) -> None:
         place = "arm" if alert.joint is None else f"j{alert.joint}"
-        self._say(f"alert/{place}/{alert.condition}", "alert", alert_document(alert))
+        self._say("alert", alert_document(alert), where=place, condition=alert.condition)
 
     def _say_event(self, event: AlertEvent) -> None:
-        self.bus.event(_event_document(event), done=lambda: self._store.events.mark_published(event.seq))
+        self.bus.say("event", _event_document(event), done=lambda: self._store.events.mark_published(event.seq))
 
     def _say_info(self) -> None:
         context = self._held.belief.context if self._held.belief else None
-        self._say("info", "info", info(self.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
+        self._say("info", info(self.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
 
     def _say_everything(self) -> None:
         self._say_info()
         newest = self._store.assessments.friction(limit=self._robot.joints)
         for document in newest:
-            self._say(f"joint/{document['joint']}/friction", "friction", {key: value for key, value in document.items() if key != "replay"})
+            self._say("friction", joint=document["joint"], document={key: value for key, value in document.items() if key != "replay"})
         self._say_state()
 
     # --- what is asked ---------------------------------------------------------------------------
@@ -377,7 +377,7 @@ class Daemon:
         return {"events": events, "first_kept": kept[0] if kept else None, "last": kept[1] if kept else None}
 
     def _answer_ack(self, payload: Any) -> dict[str, Any]:
-        asked = request(AckRequest, "cmd/ack", payload)
+        asked = request(AckRequest, payload)
 
         def change(health: Health, at: float) -> Health:
             return acknowledge(health, asked.joint, asked.condition, by=asked.by, why=asked.why, at_unix_s=at)
@@ -385,7 +385,7 @@ class Daemon:
         return self._revised("acknowledged", asked, change)
 
     def _answer_shelve(self, payload: Any) -> dict[str, Any]:
-        asked = request(ShelveRequest, "cmd/shelve", payload)
+        asked = request(ShelveRequest, payload)
 
         def change(health: Health, at: float) -> Health:
             until = at + 3600.0 * asked.hours
@@ -448,7 +448,7 @@ class Daemon:
             self._say_event(event)
 
     def _answer_replay(self, payload: Any) -> dict[str, Any]:
-        asked = request(ReplayRequest, "cmd/replay", payload)
+        asked = request(ReplayRequest, payload)
         if self.configuration.replay.allow_motion is not True:
             raise BadInput("cmd/replay: refused: motion is not allowed here (allow_motion is false)")
         if self.wanted is None:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from monitor.publish.bus import prefix, session_config
+from monitor.publish.session import prefix, session_config
 
 DAEMON, EMPTY = "tcp/127.0.88.1:7448", "tcp/127.0.88.2:7448"
 PREFIX = prefix("lab", "cell-1")

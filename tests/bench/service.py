@@ -20,7 +20,7 @@ import orjson
 import zenoh
 
 from monitor.config.load import load
-from monitor.publish.bus import session_config
+from monitor.publish.session import session_config
 from monitor.publish.timestamps import rfc3339
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings

@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 from monitor.cli.main import app
 from monitor.errors import MotionRefused
-from monitor.publish.bus import session_config
-from monitor.publish.documents import schema
+from monitor.publish.registry import schema
+from monitor.publish.session import session_config
 from monitor.simulate.remote import Remote
 from monitor.store.recordings import read_recording
 from monitor.store.store import Store

@@ -13,8 +13,7 @@ from doc_pages import GENERATED, PAGES, ROOT, first_cells, section, shown, typed
 from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.judge.alerts.health import ACTIONS
-from monitor.publish.documents import KINDS
-from monitor.publish.permit import KEY as PERMIT
+from monitor.publish.registry import KINDS
 from monitor.simulate.faults import FAULTS
 
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
@@ -64,30 +63,11 @@ def test_every_choice_in_the_table_of_objectives_is_one():
 
 
 def spoken_keys():
-    """From the source, wherever it lies: strings that stand before a kind of document in a call, or name an answer of a kind."""
-    keys = {PERMIT, "event"}
+    """The keys of every registered kind of document, as key expressions, and the liveliness tokens that the source names."""
+    keys = {selector for kind in KINDS.values() for selector in kind.selectors}
     for path in PACKAGE.rglob("*.py"):
-        text = path.read_text("utf-8")
-        keys |= set(re.findall(r"alive/[a-z]+", text))
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.Call) and len(node.args) > 1 and _constant(node.args[1]) in KINDS:
-                keys.add(_pattern(node.args[0]))
-            if isinstance(node, ast.Dict):
-                for key, value in zip(node.keys, node.values, strict=True):
-                    if isinstance(value, ast.Call) and value.args and _constant(value.args[0]) in KINDS and key is not None:
-                        keys.add(_pattern(key))
-    return keys - {None}
-
-
-def _constant(node):
-    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
-
-
-def _pattern(node):
-    """A key with `*` where its text is filled in; None where it is no text."""
-    if isinstance(node, ast.JoinedStr):
-        return "".join("*" if isinstance(part, ast.FormattedValue) else part.value for part in node.values)
-    return _constant(node)
+        keys |= set(re.findall(r"alive/[a-z]+", path.read_text("utf-8")))
+    return keys
 
 
 def test_every_key_that_the_daemon_speaks_or_answers_is_in_the_table():

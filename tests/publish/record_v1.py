@@ -16,8 +16,8 @@ import zenoh
 from monitor.assess import alert_document
 from monitor.config.load import from_document
 from monitor.judge.alerts.health import Alert
-from monitor.publish.bus import session_config
-from monitor.publish.documents import KINDS, schema
+from monitor.publish.registry import KINDS, schema
+from monitor.publish.session import session_config
 from monitor.service.daemon import Daemon, _known
 from monitor.service.maintenance import Maintenance
 from monitor.service.problems import Problems

@@ -10,8 +10,9 @@ import pytest
 import zenoh
 
 from monitor.errors import BadInput, BusError
-from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix, session_config
+from monitor.publish.bus import Bus, QueryHandler
 from monitor.publish.client import Client
+from monitor.publish.session import BusSettings, prefix, session_config
 
 
 def double(request):
@@ -128,7 +129,7 @@ def test_done_is_called_once_the_document_is_sent(bus):
     """The store marks an event as published only after the bus took it."""
     bus, _ = bus
     sent = threading.Event()
-    bus.event({"kind": "raised"}, done=sent.set)
+    bus.say("event", {"kind": "raised"}, done=sent.set)
     assert sent.wait(5.0)
 
 

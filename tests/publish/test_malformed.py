@@ -14,7 +14,7 @@ import zenoh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from monitor.publish.bus import session_config
+from monitor.publish.session import session_config
 
 ROOT = Path(__file__).parents[2]
 PREFIX = "joint-monitor/v1/lab/cell-1"

@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 from rich.text import Text
 
-from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix
+from monitor.publish.bus import Bus, QueryHandler
+from monitor.publish.session import BusSettings, prefix
 from monitor.views.terminal.watch import line
 
 ROOT = Path(__file__).parents[2]
@@ -52,7 +53,7 @@ def cell(tmp_path, free_port):
             while not stop.wait(0.2):
                 number[0] += 1
                 bus.publish("alert/j3/wear_rising", "alert", document("alert"))
-                bus.event(document("event") | {"seq": number[0]})
+                bus.say("event", document("event") | {"seq": number[0]})
 
         speaker = threading.Thread(target=speak)
         speaker.start()

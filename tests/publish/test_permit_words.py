@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from monitor.publish.bus import session_config
 from monitor.publish.permit import KEY, asked
+from monitor.publish.session import session_config
 
 PREFIX = "joint-monitor/v1/lab/arm"
 

@@ -10,8 +10,9 @@ import pytest
 import trustme
 
 from monitor.errors import BadInput
-from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix
+from monitor.publish.bus import Bus, QueryHandler
 from monitor.publish.diagnosis import reach
+from monitor.publish.session import BusSettings, prefix
 
 DEPLOY = Path(__file__).parents[2] / "deploy" / "zenoh"
 PREFIX = prefix("lab", "cell-1")

@@ -19,7 +19,7 @@ from monitor.store.store import Store
 ROOT = Path(__file__).parents[2]
 ROUTER = (
     "import json, sys, time, zenoh\n"
-    "from monitor.publish.bus import session_config\n"
+    "from monitor.publish.session import session_config\n"
     "config = session_config(mode='router', listen=(sys.argv[1],))\n"
     "with zenoh.open(config):\n"
     "    print('up', flush=True)\n"

@@ -11,9 +11,10 @@ import trustme
 import zenoh
 
 from monitor.errors import BadInput, BusError
-from monitor.publish.bus import Bus, BusSettings, QueryHandler, prefix, session_config
+from monitor.publish.bus import Bus, QueryHandler
 from monitor.publish.client import Client
 from monitor.publish.permit import Asker
+from monitor.publish.session import BusSettings, prefix, session_config
 
 DEPLOY = Path(__file__).parents[2] / "deploy" / "zenoh"
 ETC = "/etc/joint-monitor"
@@ -235,7 +236,8 @@ def test_users_and_passwords_from_credentials(etc, tmp_path, free_port, monkeypa
 
 LOGGING = """
 import sys
-from monitor.publish.bus import Bus, BusSettings, log_refusals, prefix
+from monitor.publish.bus import Bus
+from monitor.publish.session import BusSettings, log_refusals, prefix
 settings = BusSettings(listen=(sys.argv[1],), zenoh=sys.argv[2])
 log_refusals(settings)
 with Bus(settings, prefix("lab", "cell-1")):

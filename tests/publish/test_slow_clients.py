@@ -13,14 +13,15 @@ import pytest
 import zenoh
 
 from monitor.errors import BadInput
-from monitor.publish.bus import QUEUE_LENGTH, Bus, BusSettings, QueryHandler, prefix, session_config
+from monitor.publish.bus import QUEUE_LENGTH, Bus, QueryHandler
 from monitor.publish.client import Client
+from monitor.publish.session import BusSettings, prefix, session_config
 
 ROOT = Path(__file__).parents[2]
 PREFIX = prefix("lab", "cell-1")
 GREEDY = """
 import sys, time, zenoh
-from monitor.publish.bus import session_config
+from monitor.publish.session import session_config
 session = zenoh.open(session_config(mode="client", connect=(sys.argv[1],)))
 subscriber = session.declare_subscriber(sys.argv[2] + "/**", lambda sample: None)
 time.sleep(0.3)

@@ -19,7 +19,7 @@ from test_daemon_on_the_bus import settled
 
 import monitor.assess
 from monitor.model.robot import load_robot
-from monitor.publish.bus import session_config
+from monitor.publish.session import session_config
 from monitor.recording import Recording
 from monitor.service.daemon import Daemon
 from monitor.store.store import Store

@@ -10,8 +10,8 @@ from test_backups_and_retention import HISTORY, configuration, torn
 from test_store import DAY, commit, replayed
 
 from monitor.errors import StoreUnavailable
-from monitor.publish.documents import schema
 from monitor.publish.metrics import families
+from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside
 from monitor.service.maintenance import Maintenance, said, silent_s
 from monitor.service.problems import Problems

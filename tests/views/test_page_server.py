@@ -15,7 +15,7 @@ import pytest
 from life import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
 
 from monitor.errors import BadConfiguration, BadInput, BusError
-from monitor.publish.documents import KINDS
+from monitor.publish.registry import KINDS
 from monitor.views.web.content import columns, thinned
 from monitor.views.web.server import COMMANDS, HEADERS, STATIC
 from monitor.views.web.settings import PageSettings
