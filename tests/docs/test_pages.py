@@ -222,6 +222,16 @@ def test_the_readme_is_short_and_leads_on():
     assert {page.removeprefix("docs/") for page in PAGES} - {"README.md", "index.md"} <= linked
 
 
+def test_the_output_of_the_demo_is_in_the_words_of_the_demo():
+    """Titles, columns and the last sentence as `make demo` prints them; its figures are held where it runs."""
+    (block,) = re.findall(r"```console\n(status page while it runs.*?)```", PAGES["README.md"], re.DOTALL)
+    words = {cell.strip() for row in block.splitlines() if row.startswith("┃") for cell in row.strip("┃").split("┃")}
+    words |= {row for row in block.splitlines() if re.fullmatch(r"[a-z][^\d…]+", row)}
+    assert len(words) > 12
+    source = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
+    assert not {each for each in words if each not in source}
+
+
 def test_the_picture_is_there_and_small():
     """At most 200 kB, and shown by the README and the first page."""
     picture = ROOT / "docs" / "page.png"

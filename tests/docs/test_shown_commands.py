@@ -5,7 +5,6 @@ Shape: the lines of a page stand in the output, in their order, whatever the fig
 
 import io
 import json
-import os
 import re
 import shutil
 import sys
@@ -86,7 +85,7 @@ def life(tmp_path_factory):
     return folder
 
 
-def real_recordings(folder: Path, each: Shown) -> None:
+def real_recordings(request: pytest.FixtureRequest, folder: Path, each: Shown) -> None:
     """Beside the life: the public recordings that a page speaks of, and the manifest that it shows; skipped where they are absent."""
     names = [word for word in each.words if word.startswith("ur-")]
     if "runs.csv" in each.words:
@@ -94,12 +93,9 @@ def real_recordings(folder: Path, each: Shown) -> None:
         manifest = re.search(r"^file,recorded_at\n(?:.+,.+\n)+", page, re.MULTILINE)[0]
         (folder / "runs.csv").write_text(manifest)
         names += [row.partition(",")[0] for row in manifest.splitlines()[1:]]
-    found = Path(os.environ.get("JOINT_MONITOR_DATA", ROOT.parent / "shared" / "data")) / "ur10e"
     for name in names:
-        if not (found / name).is_file():
-            pytest.skip("the real recordings are absent: set JOINT_MONITOR_DATA to their folder")
         if not (folder / name).exists():
-            (folder / name).symlink_to(found / name)
+            (folder / name).symlink_to(request.getfixturevalue("real_data") / "ur10e" / name)
 
 
 OURS = [each for each in shown() if each.words[0] == "joint-monitor"]
@@ -107,9 +103,9 @@ QUICK = [each for each in OURS if not any(" ".join(each.words[1:]).startswith(wo
 
 
 @pytest.mark.parametrize("each", QUICK, ids=lambda each: f"{Path(each.page).stem}: {each.line[14:60]}")
-def test_a_shown_command_prints_what_its_page_shows(each: Shown, life: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_shown_command_prints_what_its_page_shows(each: Shown, life: Path, request: pytest.FixtureRequest, monkeypatch):
     """Run as it stands, or with less to search."""
-    real_recordings(life, each)
+    real_recordings(request, life, each)
     monkeypatch.setenv("COLUMNS", "120")  # the width of the pages
     line = each.line.removeprefix("joint-monitor ")
     for shown_words, words in INSTEAD.items():
