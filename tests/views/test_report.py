@@ -14,7 +14,8 @@ from monitor.errors import BadInput
 from monitor.publish.timestamps import rfc3339
 from monitor.service.report import report
 from monitor.store.store import Store
-from monitor.views.report.page import _alone, _law, report_page
+from monitor.views.report.charts import law_points, single_replay_change
+from monitor.views.report.page import report_page
 
 pytestmark = pytest.mark.xdist_group("page")
 DAYS = 40
@@ -65,7 +66,7 @@ def test_every_replay_says_by_itself_what_friction_was_within_its_own_interval(l
         rows = [row for row in history if row["joint"] == joint]
         day = np.array([row["replay"] - 1 for row in rows])
         truth = 100 * PER_DAY * np.maximum(day - ONSET, 0) * (joint == WEARING)
-        alone, std = _alone(rows)
+        alone, std = single_replay_change(rows)
         off = np.abs(alone - truth) / std
         assert np.max(off) < 4.0
         assert np.mean(off < 2.0) >= 0.9
@@ -130,10 +131,10 @@ def test_the_page_needs_no_network_and_holds_what_the_document_holds(lived):
 def test_friction_over_temperature_is_drawn_as_the_law_that_was_chosen():
     """By its points; a verdict of before, which tells none, as the straight line that it told."""
     line = {"viscous_nm_s_per_rad": 8.0, "slope_nm_s_per_rad_k": -0.1, "reference_temperature_c": 25.0, "range_c": (15.0, 35.0)}
-    assert np.allclose(_law(line, []), [[15.0, 35.0], [9.0, 7.0], [0.0, 0.0]])
-    assert np.allclose(_law({**line, "range_c": None}, [20.0, 30.0])[1], [8.5, 7.5])
+    assert np.allclose(law_points(line, []), [[15.0, 35.0], [9.0, 7.0], [0.0, 0.0]])
+    assert np.allclose(law_points({**line, "range_c": None}, [20.0, 30.0])[1], [8.5, 7.5])
     points = [[15.0, 9.3, 0.1], [25.0, 8.0, 0.05], [35.0, 6.9, 0.1]]
-    assert np.allclose(_law({**line, "viscous_by_temperature": points}, []), np.array(points).T)
+    assert np.allclose(law_points({**line, "viscous_by_temperature": points}, []), np.array(points).T)
 
 
 def test_the_command_writes_the_page_and_the_document(lived, tmp_path):

@@ -1,0 +1,144 @@
+"""The report's charts: friction over time and over temperature, a panel a joint."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from monitor.recording import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STATE_COLOURS = {
+    "NORMAL": "#14682f", "CHECK_FUNCTION": "#a34e00", "OFF_SPEC": "#7d5e00", "MAINTENANCE_REQUIRED": "#1b4fae", "FAILURE": "#a3161c",
+}  # fmt: skip
+LINE, POINT = "#1f6fb4", "#c8781e"  # estimate, single replay: apart in grey as well
+MOST_POINTS = 1500  # of one joint in one chart: more of them cannot be told apart in print
+
+
+def _panels(height: float) -> "tuple[Figure, Any]":
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.6, height), layout="constrained")
+    return figure, figure.subplots(2, 3).ravel()
+
+
+def _of_joint(report: Mapping[str, Any], joint: int) -> list[Mapping[str, Any]]:
+    rows = [row for row in report["history"] if row["joint"] == joint]
+    return rows[:: max(1, len(rows) // MOST_POINTS)]
+
+
+def friction_over_time_caption(report: Mapping[str, Any]) -> str:
+    """What the chart of friction over time shows, and of how many replays it has no point."""
+    rows = report["history"]
+    text = "Friction since the beginning, temperature taken out: the estimate from all replays until then as a line with its 2σ band, "
+    text += "and what each replay says by itself as a point with its own 2σ interval. Where there is a trend, a fan leads to the "
+    of = report["thresholds"]
+    text += f"limit (P10 to P90, P50 dashed). Across: the wear tier at {100 * of['wear_rise']:g} % dashed, the limit at "
+    text += f"{100 * of['limit_rise']:g} % dash-dotted."
+    missing = sum(1 for row in rows if row.get("replay_torque_nm") is None)
+    if missing:
+        text += f" Of {missing} of {len(rows)} figures the history keeps the estimate only, so they have no point."
+    return text
+
+
+def single_replay_change(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
+    """(N,) change [%] that each replay shows alone, relative to the unworn friction of its day, and its std. NaN: the history lacks it."""
+    keys = ("replay_torque_nm", "replay_torque_std_nm", "reference_torque_nm", "wear")
+    one, std, every, wear = (np.array([row.get(key) for row in rows], dtype=float) for key in keys)
+    unworn = every / (1.0 + wear)
+    return 100 * (one / unworn - 1.0), 100 * std / unworn
+
+
+def friction_over_time(report: Mapping[str, Any]) -> "Figure":
+    """Change of friction since the beginning [%], a panel a joint: the estimate with its 2σ band, single replays, remaining life."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    figure, axes = _panels(4.2)
+    of = report["thresholds"]
+    for j, one in enumerate(axes):
+        rows = _of_joint(report, j + 1)
+        if not rows:
+            one.set_visible(False)
+            continue
+        at = [datetime.fromisoformat(row["recorded_at"]).astimezone(UTC).replace(tzinfo=None) for row in rows]
+        wear, std = (100 * np.array([row[key] for row in rows]) for key in ("wear", "wear_std"))
+        one.fill_between(at, wear - 2 * std, wear + 2 * std, color=LINE, alpha=0.2, lw=0)
+        alone, alone_std = single_replay_change(rows)
+        many = len(rows) >= 300
+        one.errorbar(at, alone, 2 * alone_std, fmt=".", ms=2 if many else 3, lw=0.25 if many else 0.4, color=POINT, alpha=0.5)
+        one.plot(at, wear, "-", lw=1.4, color=LINE)
+        top = max(float(np.max(wear + 2 * std)), float(np.nanmax([0.0, *(alone + 2 * alone_std)])), 100 * of["wear_rise"] * 1.3)
+        # each level has its own dashes, because the page may be printed in grey
+        for level, colour, dash in (
+            (of["wear_rise"], STATE_COLOURS["MAINTENANCE_REQUIRED"], "--"),
+            (of["limit_rise"], STATE_COLOURS["FAILURE"], "-."),
+        ):
+            if 100 * level < 1.2 * top:
+                one.axhline(100 * level, color=colour, lw=0.9, ls=dash)
+        one.set_ylim(min(-3.0, float(np.min(wear - 2 * std)), float(np.nanmin([0.0, *(alone - 2 * alone_std)]))), 1.15 * top)
+        _remaining_life_fan(one, at, rows[-1], of["life_limit_rise"])
+        locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
+        one.xaxis.set_major_locator(locator)
+        one.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+        _label(one, f"joint {j + 1}", "change [%]" if j % 3 == 0 else "")
+    return figure
+
+
+def _remaining_life_fan(one: Any, at: Sequence[datetime], row: Mapping[str, Any], limit: float) -> None:
+    """Draw remaining life as a fan that ends at the limit: P10 to P90 filled, P50 dashed. Without a trend nothing is drawn."""
+    life, wear = row["remaining_life"], row["wear"]
+    if life["verdict"] != "trend" or life["p50_days"] is None or wear >= limit:
+        return
+    ends = [np.inf if life[key] is None else life[key] for key in ("p10_days", "p50_days", "p90_days")]
+    to = min(max(1.5 * (at[-1] - at[0]).days, 60.0), 1.05 * ends[2])
+    parts = [min(1.0, to / end) for end in ends]
+    x = [at[-1] + timedelta(days=min(to, end)) for end in ends]
+    y = [100 * (wear + part * (limit - wear)) for part in parts]
+    one.fill([at[-1], x[0], x[2], x[2]], [100 * wear, y[0], y[0], y[2]], color=LINE, alpha=0.2, lw=0)
+    one.plot([at[-1], x[1]], [100 * wear, y[1]], "--", lw=1.1, color=LINE)
+    one.set_ylim(top=max(one.get_ylim()[1], 1.12 * y[0]))
+
+
+def friction_over_temperature(report: Mapping[str, Any]) -> "Figure":
+    """Viscous friction over joint temperature [°C], a panel a joint: replays with wear taken out, and the law with its 2σ band."""
+    figure, axes = _panels(4.1)
+    laws = {law["joint"]: law for law in report["verdict"]["temperature"]} if report["verdict"] else {}
+    for j, one in enumerate(axes):
+        rows = [row for row in _of_joint(report, j + 1) if row["temperature_c"] is not None and row["viscous_nm_s_per_rad"] is not None]
+        if not rows:
+            one.set_visible(False)
+            continue
+        T = np.array([row["temperature_c"] for row in rows])
+        fv = np.array([row["viscous_nm_s_per_rad"] / (1.0 + row["wear"]) for row in rows])
+        one.plot(T, fv, ".", ms=4, color=POINT)
+        law = laws.get(j + 1)
+        if law is not None and law["viscous_nm_s_per_rad"] is not None:
+            pace = 100 * law["slope_nm_s_per_rad_k"] / law["viscous_nm_s_per_rad"]
+            at, fv_at, std_at = law_points(law, [float(T.min()), float(T.max())])
+            one.fill_between(at, fv_at - 2 * std_at, fv_at + 2 * std_at, color=LINE, alpha=0.2, lw=0)
+            one.plot(at, fv_at, lw=1.4, color=LINE, label=f"{pace:+z.2f} %/K")
+            one.legend(fontsize="x-small", frameon=False, loc="upper right")
+        if j >= 3:
+            one.set_xlabel("T [°C]", fontsize="small")
+        _label(one, f"joint {j + 1}", "fv [Nm·s/rad]" if j % 3 == 0 else "")
+    return figure
+
+
+def law_points(law: Mapping[str, Any], seen_c: Sequence[float]) -> Array:
+    """(3, P) temperature, fv and its std along the law. Old verdicts carry no points: then the two ends of the straight line."""
+    if law.get("viscous_by_temperature"):
+        return np.array(law["viscous_by_temperature"]).T
+    ends = np.array(law["range_c"] or seen_c)
+    line = law["viscous_nm_s_per_rad"] + law["slope_nm_s_per_rad_k"] * (ends - law["reference_temperature_c"])
+    return np.stack([ends, line, np.zeros(2)])
+
+
+def _label(one: Any, title: str, ylabel: str) -> None:
+    one.set_title(title, fontsize="small", loc="left")
+    one.set_ylabel(ylabel, fontsize="small")
+    one.tick_params(labelsize="x-small")
+    one.xaxis.get_offset_text().set_size("x-small")
+    one.grid(alpha=0.25)
