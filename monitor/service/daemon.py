@@ -36,6 +36,7 @@ from monitor.recording import Array, Context, Recording
 from monitor.service.assess_and_store import EstimatorState, adopt_orphans, assess_stored, load_state, state_after
 from monitor.service.info import info
 from monitor.service.maintenance import Maintenance
+from monitor.service.page import page
 from monitor.service.problems import Problems
 from monitor.service.production import Production, Sample
 from monitor.service.recompute import roll_back
@@ -45,7 +46,6 @@ from monitor.store.events import AlertEvent
 from monitor.store.ledger import LedgerRow
 from monitor.store.recordings import read_recording, write_recording
 from monitor.store.store import RESTORED, Store
-from monitor.views.web.factory import page
 
 log = logging.getLogger(__name__)
 

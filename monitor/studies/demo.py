@@ -39,12 +39,12 @@ from monitor.publish.client import Client
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Array, Context, Recording
 from monitor.service.daemon import Daemon
+from monitor.service.page import page
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
 from monitor.studies.figures import MOVING_RAD_S
 from monitor.views.terminal.figures import remaining_life
-from monitor.views.web.factory import page
 
 DAY_S = 86_400.0
 FIRST_DAY_UNIX_S = 1_767_582_000.0  # Monday 2026-01-05 03:00 UTC
@@ -143,6 +143,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=lambda: diary.clock_unix_s, play=have))
         served = stack.enter_context(page(configuration, daemon.bus, store, now=lambda: diary.clock_unix_s))
+        assert served is not None  # the demo configures an address
         console.print(f"status page while it runs: {served.url}", highlight=False)
         client = stack.enter_context(Client(endpoint, "demo", "ur5"))
         done = threading.Event()

@@ -21,11 +21,11 @@ from monitor.judge.document import plain
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot
 from monitor.service.daemon import Daemon
+from monitor.service.page import page
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.store import Store
-from monitor.views.web.factory import page
 
 DAY_S = 86_400.0
 FIRST_UNIX_S = 1_780_282_800.0  # Monday 2026-06-01 03:00 UTC

@@ -1,31 +1,37 @@
-"""The page of one robot's monitor, put together from its configuration, its bus and its store.
-
-`configuration` is a `monitor.config.load.Configuration`, which lies above this room.
-"""
+"""The web page of one robot's monitor, made from its configuration, its bus and its store."""
 
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.config.load import Configuration
 from monitor.store.store import Store
 from monitor.views.web.content import Ask, Content
 
+if TYPE_CHECKING:
+    from monitor.views.web.server import PageServer
 
-def page(configuration: Any, bus: Ask, store: Store, now: Callable[[], float] = time.time) -> AbstractContextManager[Any]:
-    """The server while it is in use; nothing where no page is configured. Raises BusError, or BadInput for a token that cannot be read."""
+
+def page(
+    configuration: Configuration, bus: Ask, store: Store, now: Callable[[], float] = time.time
+) -> "AbstractContextManager[PageServer | None]":
+    """The page's server while the context lasts; None where the configuration names no address.
+
+    Raises BusError where the address is taken, BadInput where the token cannot be read.
+    """
     if not configuration.page.listen:
         return nullcontext()
-    from monitor.views.web.server import PageServer  # 0.3 s, and only where there is a page
+    from monitor.views.web.server import PageServer  # its import costs 0.3 s, and many monitors have no page
 
     token = configuration.page.token(configuration.path.parent)
     return PageServer(configuration.page, Content(store, bus, about(configuration), configuration.schedule, now), token)
 
 
-def about(configuration: Any) -> dict[str, Any]:
-    """Who it is, and the arm's geometry for its drawing."""
+def about(configuration: Configuration) -> dict[str, Any]:
+    """Names, alert levels and the arm's geometry, which the page draws."""
     who, arm, health = configuration.robot, configuration.robot_description, configuration.assess.health
     prognosis = configuration.assess.prognosis
     return {
