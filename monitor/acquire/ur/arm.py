@@ -18,9 +18,9 @@ from monitor.acquire.safety.conditions import is_full_speed
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
+from monitor.acquire.ur.pacing import POLL_S, Pace
 from monitor.recording import Array
 
-POLL_S = 0.0003  # the finest sleep that does not burn a core; measured 0 missed of 3750 ticks
 REMEMBERED = 25  # targets: 0.2 s at 125 Hz, longer than lookahead and servo lag together
 HEARTBEAT_S = 0.1
 REMEMBERED_S = 0.5  # what goes wrong so soon after targets came late is laid at their door
@@ -100,6 +100,7 @@ class Arm:
         self.gap_at, self.gap_s, self.longest_gap_s = -1e9, 0.0, 0.0  # the worst of late: between two looks at the controller, or two rows
         self.told_at = 0.0
         self.timestamp_s = self.receive.getTimestamp()
+        self.pace = Pace(timestamp_s=self.timestamp_s, offset_s=time.monotonic() - self.timestamp_s)
         self.step_s = 0.0  # robot time between the last two rows
         self.recent: deque[Array] = deque(maxlen=REMEMBERED)
         self.asked_to_stop: str | None = None  # the cause, once somebody asked
@@ -128,7 +129,7 @@ class Arm:
                 if now - self.seen_at > age_limit_s and now - suspected_at > 0.2 * age_limit_s:
                     raise StreamFailure("stalled", f"no new data from the controller for {1000 * (now - self.seen_at):.0f} ms")
             self._listen_to_parent()
-            time.sleep(POLL_S)
+            self._sleep()
         try:
             row, again = snapshot(self.receive, self.signals)
         except (Torn, RuntimeError) as error:
@@ -136,12 +137,21 @@ class Arm:
         self.torn += again
         row[COLUMN["host_monotonic_s"]] = self.seen_at = time.monotonic()
         timestamp_s = float(row[0])
+        self.pace = self.pace.arrived(timestamp_s, self.looked_at)
         self.step_s = timestamp_s - self.timestamp_s
         self.timestamp_s = timestamp_s
         self._gap(self.seen_at, self.step_s)
         if not 0.0 < self.step_s < 10.0:
             raise StreamFailure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
         return row
+
+    def _sleep(self) -> None:
+        """Sleep until shortly before the next packet is expected. The planned part of the sleep is no gap between two looks."""
+        began_s = time.monotonic()
+        planned_s = self.pace.sleep_s(began_s, self.tick_s)
+        time.sleep(planned_s)
+        self.pace = self.pace.woke(time.monotonic() - began_s - planned_s)
+        self.looked_at += planned_s - POLL_S
 
     def cycle(self, target: Array, row: Array) -> None:
         """Check the row, and send the target (J,) for it."""
