@@ -39,7 +39,7 @@ def packets(count, offset_s, jitter_s=0.0, seed=1):
 
 
 def test_a_regular_stream_is_met_with_few_looks_and_no_later_than_polling_would():
-    """Six looks or fewer a packet after a second, where polling takes more than twenty; each packet is seen within one poll of its arrival."""
+    """After a second it takes six looks or fewer a packet, where polling takes more than twenty; no packet waits longer than a poll."""
     timestamps, arrivals = packets(500, offset_s=100.0)
     pace = Pace(timestamp_s=timestamps[0] - TICK_S, offset_s=arrivals[0] - timestamps[0])
     _, looks, delays = played(pace, arrivals, timestamps, lambda: 0.0001, arrivals[0] - TICK_S)
@@ -77,7 +77,7 @@ def test_a_machine_that_wakes_sleepers_late_is_woken_earlier():
     assert pace.late_s > 0.0015
     # a sleep that began before the arrival ends at most a poll and a delay after it, as it would with polling alone
     assert max(delays[125:]) <= POLL_S + 0.003
-    assert TICK_S > max(delays)
+    assert max(delays) < TICK_S
 
 
 @given(
