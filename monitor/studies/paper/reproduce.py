@@ -13,7 +13,8 @@ from monitor import __version__
 from monitor.errors import BadInput
 from monitor.studies.paper import printed as paper
 from monitor.studies.paper.campaign import Campaign, CampaignSettings, campaign
-from monitor.studies.paper.sections import Check, Section, sections
+from monitor.studies.paper.section import Check, Section
+from monitor.studies.paper.sections import sections
 from monitor.views.report.html import Column, Markup, bullets, check_page, drawn, escaped, heading, page, paragraph, table
 
 WORKERS = 2
