@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, START_S, Arm, History, weather
 
-from monitor.assess import Assessment, AssessSettings, Rejected, alert_document, assess, judge_identification
+from monitor.assess import Assessment, AssessSettings, Rejected, assess, judge_identification
 from monitor.errors import BadInput
+from monitor.judge.alerts.documents import alert_document
 from monitor.judge.drift.observation import DriftSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot

@@ -1,4 +1,4 @@
-"""Writes the two generated pages, docs/configuration.md and docs/commands.md. `make docs` runs it."""
+"""Writes the generated pages docs/configuration.md and docs/commands.md, and the table of docs/alerts.md. `make docs` runs it."""
 
 import dataclasses
 import re
@@ -11,6 +11,7 @@ from annotated_types import Interval
 
 from monitor.cli.main import app
 from monitor.config.load import load
+from monitor.judge.alerts.conditions import CONDITIONS
 
 DOCS = Path(__file__).parents[1]
 REFERENCE = DOCS.parent / "config" / "monitor.toml"
@@ -134,12 +135,24 @@ def commands_page() -> str:
     return text
 
 
+def alerts_page() -> str:
+    """docs/alerts.md with its table of conditions from their records."""
+    text = (DOCS / "alerts.md").read_text("utf-8")
+    rows = [
+        f"| `{name}` | {tier} | `{of.state}` | {_cell(of.meaning)} | {_cell(of.advice)} |\n"
+        for name, condition in CONDITIONS.items()
+        for tier, of in condition.tiers.items()
+    ]
+    table = "| condition | tier | state | raised when | what to do |\n|---|---|---|---|---|\n" + "".join(rows)
+    return re.sub(r"\| condition \| tier \|[^\n]*\n(\|[^\n]*\n)*", lambda _: table, text, count=1)
+
+
 def _cell(text: str) -> str:
     """Text for a cell of a table: a bar would end it, and a star or a bracket would be markup."""
     return re.sub(r"([|*<\[\]])", r"\\\1", " ".join(text.split()))
 
 
-PAGES = {"configuration.md": configuration_page, "commands.md": commands_page}
+PAGES = {"configuration.md": configuration_page, "commands.md": commands_page, "alerts.md": alerts_page}
 
 
 def main() -> None:

@@ -5,8 +5,8 @@ from typing import Any
 
 from monitor.judge.alerts.documents import alert_document, health_from_document
 from monitor.judge.alerts.health import Health
-from monitor.judge.alerts.rules import stale, stale_words
 from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.staleness import stale_joints, stale_text
 
 
 def health_told(health: Health | None, now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
@@ -16,7 +16,7 @@ def health_told(health: Health | None, now_unix_s: float, settings: HealthSettin
     """
     if health is None:
         return {"state": None, "joints": [], "alerts": []}
-    silent = stale(health, now_unix_s, settings)
+    silent = stale_joints(health, now_unix_s, settings)
     return {
         "state": health.state,
         "why": health.why,
@@ -30,7 +30,7 @@ def health_told(health: Health | None, now_unix_s: float, settings: HealthSettin
                 "why": joint.why,
                 "since_unix_s": joint.since_unix_s,
                 "stale": old,
-                "learnt_at_unix_s": joint.told_unix_s,
+                "learnt_at_unix_s": joint.learnt_at_unix_s,
             }
             for joint, old in zip(health.joints, silent, strict=True)
         ],
@@ -41,7 +41,7 @@ def health_told(health: Health | None, now_unix_s: float, settings: HealthSettin
 def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
     """The judge's own document of a Health, as it is stored, with what is stale in it. Raises BadInput where it is none."""
     health = health_from_document(document)
-    silent = stale(health, now_unix_s, settings)
+    silent = stale_joints(health, now_unix_s, settings)
     joints = [{**joint, "stale": old} for joint, old in zip(document["joints"], silent, strict=True)]
     return {**document, "stale": any(silent), "stale_why": _stale_why(health, silent, now_unix_s, settings), "joints": joints}
 
@@ -51,7 +51,7 @@ def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, sett
     if not any(silent):
         return None
     old = [joint for joint, is_old in zip(health.joints, silent, strict=True) if is_old]
-    known = [joint.told_unix_s for joint in old if joint.told_unix_s is not None]
+    known = [joint.learnt_at_unix_s for joint in old if joint.learnt_at_unix_s is not None]
     since = f"for {(now_unix_s - min(known)) / 86_400.0:.0f} days" if known else "yet"
     since = f"{since} (health.stale_days = {settings.stale_days:g})"
-    return stale_words([joint.joint for joint in old], len(health.joints), since, "now")
+    return stale_text([joint.joint for joint in old], len(health.joints), since, "now")

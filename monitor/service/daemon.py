@@ -16,10 +16,11 @@ from monitor.assess import Rejected
 from monitor.config.load import Configuration, load
 from monitor.config.reload import reloaded
 from monitor.errors import BadConfiguration, BadInput, MotionRefused, ReplayAborted, RobotUnreachable, StoreError, StoreUnavailable
+from monitor.judge.alerts.conditions import CONDITIONS, STORE_RESTORED
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert, Health
-from monitor.judge.alerts.life_cycle import acknowledge, shelve
-from monitor.judge.alerts.rules import stale
+from monitor.judge.alerts.life_cycle import acknowledge, service_alert, shelve
+from monitor.judge.alerts.staleness import stale_joints
 from monitor.judge.document import plain
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.fourier import Excitation
@@ -54,8 +55,6 @@ AT_START = 3  # recordings that wait are assessed before the service is ready; m
 WAIT_FOR_DISK_S = 5.0
 PATIENCE_S = 90.0  # with a worker that does not say it is alive: an upload, a permit, an assessment on a busy machine are shorter
 MONITOR_PERIOD_S = 10.0
-STORE_RESTORED = "store_restored"
-OWN_ACTIONS = {STORE_RESTORED: "Look at the disk, and at what set-aside file and backups say; then acknowledge this."}
 
 Play = Callable[[Excitation, Context, Callable[[], bool]], Recording]
 """How a replay is had: excitation, context, should_stop → Recording. Raises MotionRefused, RobotUnreachable, ReplayAborted."""
@@ -175,7 +174,7 @@ class Daemon:
         health = self._health  # one read: a replay may put another in its place meanwhile
         if health is None:
             return None
-        return f"{health.state} (STALE)" if any(stale(health, self._now(), self.configuration.assess.health)) else health.state
+        return f"{health.state} (STALE)" if any(stale_joints(health, self._now(), self.configuration.assess.health)) else health.state
 
     @property
     def _health(self) -> Health | None:
@@ -409,11 +408,7 @@ class Daemon:
         """An alert of the arm that the monitor raises about itself; kept by the judge, and cleared once it has been acknowledged."""
         with self._judging:
             at = self._now()
-            alert = Alert(
-                joint=None, condition=condition, tier="advisory", raised_at_unix_s=at, updated_at_unix_s=at, change=0.0, probability=1.0,
-                text=text, action=OWN_ACTIONS[condition],
-            )  # fmt: skip
-            self._revise_own("raised", alert, at)
+            self._revise_own("raised", service_alert(CONDITIONS[condition], text, at), at)
 
     def _tell_restored(self) -> None:
         """Raise what became of a damaged history, as soon as there is a verdict beside which it can stand."""
@@ -429,8 +424,9 @@ class Daemon:
         self._tell_restored()
         with self._judging:
             at = self._now()
+            raised_by_service = {name for name, condition in CONDITIONS.items() if condition.raised_by_service}
             for alert in self._health.active_alerts if self._health else ():
-                if alert.condition in OWN_ACTIONS and alert.acknowledged_at_unix_s is not None:
+                if alert.condition in raised_by_service and alert.acknowledged_at_unix_s is not None:
                     self._revise_own("cleared", dataclasses.replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at), at)
 
     def _revise_own(self, kind: str, alert: Alert, at: float) -> None:

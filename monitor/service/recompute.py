@@ -9,8 +9,7 @@ import numpy as np
 
 from monitor.assess import Assessment, AssessSettings, Rejected, assess, model_after
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import health_from_document
-from monitor.judge.alerts.health import Alert, Attribution
+from monitor.judge.alerts.documents import alert_from_document, health_from_document
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.robot import Mounting, Robot, load_robot
@@ -184,13 +183,6 @@ def _with_words(held: EstimatorState, events: list[AlertEvent]) -> EstimatorStat
         alert = alert_from_document(event.document)
         alerts[alert.key] = alert
     return EstimatorState(belief=held.belief, health=replace(health, alerts=tuple(alerts.values())), model=held.model)
-
-
-def alert_from_document(document: dict[str, Any]) -> Alert:
-    """An Alert from an event's document."""
-    names = {f.name for f in fields(Alert)}
-    values = {key: value for key, value in document.items() if key in names}
-    return Alert(**values | {"split": Attribution(**values["split"]) if values.get("split") else None})
 
 
 def settings_from_document(cls: Any, document: dict[str, Any]) -> Any:

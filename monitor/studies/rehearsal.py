@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.assess import AssessSettings
-from monitor.judge.alerts.evidence import Counts, Evidence, nothing_counted, weigh_evidence
+from monitor.judge.alerts.evidence import Counts, Evidence, WearAfterReplay, nothing_counted, weigh_evidence
 from monitor.judge.alerts.remaining_life import remaining_life
 from monitor.judge.drift.change_detection import update_filter
 from monitor.judge.drift.filter_state import (
@@ -119,18 +119,16 @@ def play(
         settling = known & (settled < drift.settle_replays)
         T0 = np.where(settling, T0 + (np.where(known, T, T0) - T0) / (settled + 1.0), T0)
         settled = settled + settling
-        found: Evidence = weigh_evidence(
-            filter_state.wear,
-            filter_state.wear_std,
-            filter_state.replays > 0,
-            filter_state.learnt_from & inside,
-            np.full(N, float(day)),
-            filter_state.agreeing,
-            filter_state.interval_days,
-            counts,
-            J,
-            assess.health,
+        after = WearAfterReplay(
+            wear=filter_state.wear,
+            wear_std=filter_state.wear_std,
+            known=filter_state.replays > 0,
+            usable=filter_state.learnt_from & inside,
+            day=np.full(N, float(day)),
+            agreeing=filter_state.agreeing,
+            interval_days=filter_state.interval_days,
         )
+        found: Evidence = weigh_evidence(after, counts, J, assess.health)
         counts = found.counts
         if day < learning:
             early |= np.concatenate([(found.raises >= 0) | found.falls, found.together])

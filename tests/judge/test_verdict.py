@@ -11,8 +11,9 @@ from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.alerts.documents import health_from_document
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.life_cycle import acknowledge, shelve
-from monitor.judge.alerts.rules import judge, stale
+from monitor.judge.alerts.rules import judge
 from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.staleness import stale_joints
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
@@ -253,8 +254,8 @@ def test_why_a_joint_is_not_alerting_is_said():
 def test_silence_is_stale_and_neither_good_nor_bad():
     """A week without a replay that taught something: every joint; before the first replay as well."""
     health, _ = through([believed(0), believed(1)])
-    assert stale(health, START_S + 5 * DAY_S, SETTINGS) == (False,) * 6
-    assert stale(health, START_S + 9 * DAY_S, SETTINGS) == (True,) * 6
+    assert stale_joints(health, START_S + 5 * DAY_S, SETTINGS) == (False,) * 6
+    assert stale_joints(health, START_S + 9 * DAY_S, SETTINGS) == (True,) * 6
     assert health.state == "NORMAL"
 
 
@@ -265,7 +266,7 @@ def test_status_says_what_is_stale_of_a_stored_health_and_keeps_the_rest(capsys)
     from monitor.views.terminal.arm import print_status
 
     health, _ = through([believed(0), believed(1)])
-    silent = replace(health, joints=(replace(health.joints[0], told_unix_s=START_S - 3 * DAY_S), *health.joints[1:]))
+    silent = replace(health, joints=(replace(health.joints[0], learnt_at_unix_s=START_S - 3 * DAY_S), *health.joints[1:]))
     stored = silent.as_document()
     told = with_stale(stored, START_S + 5 * DAY_S, SETTINGS)
     assert told["stale"] is True
@@ -281,13 +282,13 @@ def test_a_change_is_split_into_what_makes_it():
     """10 K colder and 10 % worn: the parts add up to the whole, and each is what it was made of."""
     from synthetic_arm import History
 
-    from monitor.judge.alerts.rules import split
+    from monitor.judge.alerts.attribution import attribute_change
 
     history, dice = History(), np.random.default_rng(3)
     for day in range(80):
         T = (30.0 if day < 10 else 30.0 + 10.0 * dice.uniform(-1, 1)) if day < 79 else 20.0
         history.add(day, Arm(seed=day, noise=0.003).replay(T, np.array([0, 0, 0.1 * (day > 60), 0, 0, 0])))
-    parts = split(history.last.belief, 2)
+    parts = attribute_change(history.last.belief, 2)
     assert parts is not None
     assert parts.whole == pytest.approx(parts.temperature + parts.payload + parts.wear + parts.rest, abs=1e-12)
     fv, fc = 9.0 * np.exp(-0.015 * np.array([5.0, -5.0])) * 0.4, 7.0

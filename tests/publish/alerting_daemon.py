@@ -8,8 +8,8 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-from monitor.assess import alert_document
 from monitor.config.load import from_document
+from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert
 from monitor.service.daemon import Daemon
 from monitor.simulate.controller.controller import Controller

@@ -13,8 +13,8 @@ from types import SimpleNamespace
 import numpy as np
 import zenoh
 
-from monitor.assess import alert_document
 from monitor.config.load import from_document
+from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config

@@ -104,7 +104,7 @@ def raise_alert(daemon: Daemon, at_unix_s: float, joint: int | None = 3, conditi
     )  # fmt: skip
     with daemon._judging:
         health = replace(daemon._health, alerts=(*daemon._health.alerts, alert))
-        from monitor.assess import alert_document
+        from monitor.judge.alerts.documents import alert_document
 
         events = daemon._store.events.revise(health.as_document(), [{"kind": "raised", **alert_document(alert)}], at_unix_s)
         daemon._health = health
@@ -413,7 +413,7 @@ def test_a_watcher_of_event_alone_is_told_transitions_and_nothing_else(cell):
 
 
 def _document(daemon: Daemon, joint: int) -> dict:
-    from monitor.assess import alert_document
+    from monitor.judge.alerts.documents import alert_document
 
     return {**alert_document(daemon._health.alerts[0]), "joint": joint}
 

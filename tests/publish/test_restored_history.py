@@ -10,9 +10,10 @@ from pathlib import Path
 from test_daemon_on_the_bus import DAY_S, START_UNIX_S, Arm, history, recording, settled  # noqa: F401
 
 from monitor.errors import BusError
+from monitor.judge.alerts.conditions import STORE_RESTORED
 from monitor.publish.client import Client
 from monitor.publish.documents import Alert
-from monitor.service.daemon import STORE_RESTORED, Daemon
+from monitor.service.daemon import Daemon
 from monitor.store.backup import back_up
 from monitor.store.store import Store
 

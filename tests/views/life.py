@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.assess import alert_document, judge_identification
+from monitor.assess import judge_identification
 from monitor.config.load import find_excitation, from_document
 from monitor.identify.identify import identify
+from monitor.judge.alerts.documents import alert_document
 from monitor.judge.document import plain
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot

@@ -1,43 +1,56 @@
-"""Health and alerts as JSON objects, and back."""
+"""Health and alerts as JSON objects, and back. Their keys are published and stored; `metadata["key"]` of a field names an older key."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Alert, Attribution, Confirmations, Health, JointHealth
-from monitor.judge.document import entry, plain
+from monitor.judge.document import entry, key_of, plain
 
 
 def alert_document(alert: Alert) -> dict[str, Any]:
-    """One alert, with `active` said outright."""
+    """One alert as a JSON object, with the key `active` in addition."""
     return {**plain(alert), "active": alert.active}
+
+
+def alert_from_document(document: Mapping[str, Any]) -> Alert:
+    """An Alert from a JSON object that may hold more, for example an event. Raises TypeError where a field is missing."""
+    known = {key_of(f) for f in fields(Alert)}
+    return _alert({key: value for key, value in document.items() if key in known})
 
 
 def health_from_document(document: Any) -> Health:
     """A Health from `Health.as_document()`. Raises BadInput naming what is missing or wrong."""
     try:
-        joints = tuple(
-            JointHealth(
-                **{
-                    **o,
-                    "rising": tuple(Confirmations(**e) for e in o["rising"]),
-                    "falling": Confirmations(**o["falling"]),
-                    "troubled": _troubled(o),
-                }
-            )
-            for o in entry(document, "joints", where="health")
-        )
-        alerts = tuple(
-            Alert(**{**o, "split": Attribution(**o["split"]) if o.get("split") else None})
-            for o in entry(document, "alerts", where="health")
-        )
-        plainly = {f.name for f in fields(Health)} - {"joints", "alerts", "common", "troubled"}
-        rest = {name: entry(document, name, where="health") for name in plainly}
+        joints = tuple(_joint(joint) for joint in entry(document, "joints", where="health"))
+        alerts = tuple(_alert(alert) for alert in entry(document, "alerts", where="health"))
+        rest = {name: entry(document, name, where="health") for name in ("state", "why", "since_unix_s")}
         common = Confirmations(**entry(document, "common", where="health"))
-        return Health(joints=joints, alerts=alerts, common=common, troubled=_troubled(document), **rest)
+        return Health(joints=joints, alerts=alerts, common=common, confirmations=_by_condition(document.get("troubled", ())), **rest)
     except (TypeError, KeyError, ValueError) as wrong:
         raise BadInput(f"health: {wrong}") from None
 
 
-def _troubled(document: dict[str, Any]) -> tuple[tuple[str, Confirmations], ...]:
-    return tuple((str(condition), Confirmations(**evidence)) for condition, evidence in document.get("troubled", ()))
+def _joint(document: Mapping[str, Any]) -> JointHealth:
+    values = _by_field(JointHealth, document)
+    values["rising"] = tuple(Confirmations(**each) for each in document["rising"])
+    values["falling"] = Confirmations(**document["falling"])
+    values["confirmations"] = _by_condition(document.get("troubled", ()))
+    return JointHealth(**values)
+
+
+def _alert(document: Mapping[str, Any]) -> Alert:
+    values = _by_field(Alert, document)
+    attribution = values.get("attribution")
+    return Alert(**values | {"attribution": Attribution(**attribution) if attribution else None})
+
+
+def _by_field(cls: type, document: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a JSON object by the names of a dataclass's fields; an unknown key keeps its name."""
+    names = {key_of(f): f.name for f in fields(cls)}
+    return {names.get(key, key): value for key, value in document.items()}
+
+
+def _by_condition(document: Iterable[Any]) -> tuple[tuple[str, Confirmations], ...]:
+    return tuple((str(condition), Confirmations(**confirmations)) for condition, confirmations in document)

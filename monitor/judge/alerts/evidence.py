@@ -1,7 +1,7 @@
-"""Which tiers a joint's friction has reached, as arrays over the joints of one arm or of a fleet: what `verdict` speaks about.
+"""The evidence of changed friction, as arrays over the joints of one arm or of a fleet: which tiers may be raised.
 
-A tier asks for statistical evidence, for practical relevance (the rise itself), for replays on several days inside the learnt
-temperatures, and that not all joints rise together.
+A tier requires statistical significance, practical relevance (the rise itself), consecutive replays on several days inside the learnt
+temperatures, and a rise beyond the common rise of all joints.
 """
 
 import math
@@ -11,17 +11,34 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
+from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.belief import Belief
 from monitor.recording import Array
 
-CONDITIONS = 4  # rising to each of the three tiers, and falling
-FALLING = 3
-CROSSINGS_PER_YEAR = 0.25  # of its mean, upwards, by a healthy joint's estimated wear: measured on the fleet, see `rehearse`
+FALLING = len(TIERS)  # column of `Counts` that counts fallen friction; the columns before it count risen friction, one a tier
+COLUMNS = FALLING + 1
+CROSSINGS_PER_YEAR = 0.25  # upward crossings of its mean by the estimated wear of a healthy joint; measured on the fleet of `rehearse`
+MIN_WEAR_STD = 1e-9  # keeps the number of standard deviations finite
+MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise for a common cause
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WearAfterReplay:
+    """Estimated wear after a replay, and what the replay counts for, (N,) each: N joints of A arms, arm by arm."""
+
+    wear: Array  # logarithm of friction torque over that at the beginning
+    wear_std: Array
+    known: np.ndarray  # whether any replay has updated the joint
+    usable: np.ndarray  # whether this replay counts, for or against a change
+    day: Array  # UTC day of the replay, counted from 1970-01-01
+    agreeing: Array  # replays, this one included, that are known to agree with it
+    interval_days: Array  # usual time between replays [d]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Counts:
-    """Replays in a row that agree, the UTC days they lie on, and the last of these; for every joint (N, 4) and arm (A,)."""
+    """Consecutive replays that agree, their UTC days, and the last of these days: (N, 4) for the joints, (A,) for the arms."""
 
     replays: Array
     days: Array
@@ -32,34 +49,61 @@ class Counts:
 
 
 class Evidence(NamedTuple):
-    """What the evidence amounts to after a replay."""
+    """What the replays so far say about changed friction."""
 
-    counts: Counts
-    excess: Array  # (N,) wear beyond what all joints share, log
-    common: Array  # (A,) how much they rose together, log; 0 where they did not
-    fallen: Array  # (A,) how much they fell together, log, negative; 0 where they did not
-    above: Array  # (N, 3) P(wear > rise of the tier)
-    below: Array  # (N,) P(wear < −rise of the wear tier), beyond what all fell
-    sigmas: Array  # (N,) of the excess
-    raises: Array  # (N,) highest tier that may be raised; −1 for none
-    falls: np.ndarray  # (N,) falling friction may be raised
-    together: np.ndarray  # (A,) rise or fall of all joints may be raised
+    counts: Counts  # this replay included
+    excess: Array  # (N,) wear beyond the common rise of the arm's joints, logarithm
+    common: Array  # (A,) common rise of the arm's joints, logarithm; 0 where there is none
+    fallen: Array  # (A,) common fall of the arm's joints, logarithm, negative; 0 where there is none
+    above: Array  # (N, 3) probability that the excess is above the rise of each tier
+    below: Array  # (N,) probability that friction fell by more than the wear tier's rise, beyond the common fall
+    sigmas: Array  # (N,) the excess in standard deviations
+    raises: Array  # (N,) index of the highest tier that may be raised; −1: none
+    falls: np.ndarray  # (N,) whether fallen friction may be raised
+    together: np.ndarray  # (A,) whether a common rise or fall may be raised
 
 
 def nothing_counted(joints: int, arms: int) -> Counts:
-    """Before the first replay."""
+    """The counts before the first replay; `joints` is N."""
     return Counts(
-        replays=np.zeros((joints, CONDITIONS)),
-        days=np.zeros((joints, CONDITIONS)),
-        last_day=np.full((joints, CONDITIONS), -1.0),
+        replays=np.zeros((joints, COLUMNS)),
+        days=np.zeros((joints, COLUMNS)),
+        last_day=np.full((joints, COLUMNS), -1.0),
         arm_replays=np.zeros(arms),
         arm_days=np.zeros(arms),
         arm_last_day=np.full(arms, -1.0),
     )
 
 
+def counts_of(health: Health) -> Counts:
+    """The counts of one arm from its health."""
+    rows = [[*joint.rising, joint.falling] for joint in health.joints]
+    return Counts(
+        replays=np.array([[float(each.replays) for each in row] for row in rows]),
+        days=np.array([[float(each.days) for each in row] for row in rows]),
+        last_day=np.array([[float(each.last_day) for each in row] for row in rows]),
+        arm_replays=np.array([float(health.common.replays)]),
+        arm_days=np.array([float(health.common.days)]),
+        arm_last_day=np.array([float(health.common.last_day)]),
+    )
+
+
+def wear_after_replay(belief: Belief, usable: np.ndarray) -> WearAfterReplay:
+    """The wear of one arm after the belief's last replay; usable : (J,) as in `WearAfterReplay`."""
+    state = belief.filter_state
+    return WearAfterReplay(
+        wear=belief.wear,
+        wear_std=belief.wear_std,
+        known=state.replays > 0,
+        usable=usable,
+        day=np.full(belief.joints, float(math.floor(belief.at_unix_s / 86_400.0))),
+        agreeing=state.agreeing,
+        interval_days=state.interval_days,
+    )
+
+
 def advisory_sigmas(joints: int, settings: HealthSettings) -> float:
-    """How many of its standard deviations wear must be from 0, so that chance tells no more advisories a robot-year than allowed.
+    """The standard deviations that wear must exceed, so that an arm of `joints` healthy joints causes no more advisories than allowed.
 
     A smooth Gaussian process that crosses its mean upwards f₀ times a year crosses z of its standard deviations f₀·exp(−z²/2) times
     (Rice, 1945).
@@ -67,75 +111,83 @@ def advisory_sigmas(joints: int, settings: HealthSettings) -> float:
     return math.sqrt(2.0 * math.log(max(joints * CROSSINGS_PER_YEAR / settings.false_alarms_per_year, 2.0)))
 
 
-def weigh_evidence(
-    wear: Array,
-    wear_std: Array,
-    seen: np.ndarray,
-    usable: np.ndarray,
-    day: Array,
-    agreeing: Array,
-    cadence_days: Array,
-    before: Counts,
-    arm: int,
-    settings: HealthSettings,
-) -> Evidence:
-    """What is to be said after a replay on `day` (N,), by wear and its std (N,), `arm` joints an arm.
-
-    agreeing : (N,) replays, this one included, that are known to agree with it, `cadence_days` apart.
-    seen : (N,) joints ever learnt from; usable : (N,) whether this replay counts, for or against.
-    """
-    doubt = np.maximum(wear_std, 1e-9)
-    common = _common(wear, doubt, seen, arm, settings, math.log1p(settings.advisory_rise))
-    fallen = -_common(-wear, doubt, seen, arm, settings, -math.log1p(-settings.wear_rise))  # a fall is told from where a joint's is
-    together_now = (common > 0) | (fallen < 0)
-    excess = wear - np.repeat(common, arm)
-    rises = np.log1p(settings.rises)
-    above = ndtr((excess[:, None] - rises) / doubt[:, None])  # (N, 3)
-    below = ndtr((math.log1p(-settings.wear_rise) + np.repeat(fallen, arm) - wear) / doubt)  # (N,)
-    sigmas = excess / doubt
-    agree = np.empty((len(wear), CONDITIONS), dtype=bool)
-    sure = sigmas >= advisory_sigmas(arm, settings)
-    agree[:, 0] = sure & (excess >= rises[0])
-    agree[:, 1] = sure & (above[:, 1] >= settings.wear_sure)
-    agree[:, 2] = sure & (above[:, 2] >= settings.limit_sure)
+def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, settings: HealthSettings) -> Evidence:
+    """The evidence after a replay; before : the counts after the replay before."""
+    J, wear, std = joints_per_arm, after.wear, np.maximum(after.wear_std, MIN_WEAR_STD)
+    least_fall = math.log1p(-settings.wear_rise)  # a common fall is reported from where the fall of one joint is
+    common = _common_rise(wear, std, after.known, J, settings, math.log1p(settings.advisory_rise))
+    fallen = -_common_rise(-wear, std, after.known, J, settings, -least_fall)
+    excess, rises = wear - np.repeat(common, J), np.log1p(settings.rises)
+    sigmas = excess / std
+    above = ndtr((excess[:, None] - rises) / std[:, None])  # (N, 3)
+    below = ndtr((least_fall + np.repeat(fallen, J) - wear) / std)  # (N,)
+    significant = sigmas >= advisory_sigmas(J, settings)
+    agree = np.empty((len(wear), COLUMNS), dtype=bool)
+    agree[:, 0] = significant & (excess >= rises[0])
+    agree[:, 1] = significant & (above[:, 1] >= settings.wear_sure)
+    agree[:, 2] = significant & (above[:, 2] >= settings.limit_sure)
     agree[:, FALLING] = below >= settings.wear_sure
 
-    on_days = np.maximum(1.0, np.round(agreeing * np.minimum(cadence_days, 1.0)))
-    replays, days, last_day = _counted(
-        before.replays, before.days, before.last_day, agree, usable[:, None], day[:, None], agreeing[:, None], on_days[:, None]
+    counts = _counted(before, after, agree, (common > 0) | (fallen < 0))
+    enough = (counts.replays >= settings.min_replays) & (counts.days >= settings.min_days)
+    return Evidence(
+        counts=counts,
+        excess=excess,
+        common=common,
+        fallen=fallen,
+        above=above,
+        below=below,
+        sigmas=sigmas,
+        raises=np.max(np.where(enough[:, :FALLING], np.arange(FALLING), -1), axis=1),
+        falls=enough[:, FALLING],
+        together=(counts.arm_replays >= settings.min_replays) & (counts.arm_days >= settings.min_days),
     )
-    enough = (replays >= settings.min_replays) & (days >= settings.min_days)
-    arm_usable = 2 * usable.reshape(-1, arm).sum(axis=1) >= arm  # as for a joint: an unusable replay says nothing
-    once = np.ones(len(together_now))
-    arm_counts = _counted(before.arm_replays, before.arm_days, before.arm_last_day, together_now, arm_usable, day[::arm], once, once)
-    counts = Counts(
-        replays=replays, days=days, last_day=last_day, arm_replays=arm_counts[0], arm_days=arm_counts[1], arm_last_day=arm_counts[2]
-    )
-    raises = np.max(np.where(enough[:, :FALLING], np.arange(FALLING), -1), axis=1)
-    together = (arm_counts[0] >= settings.min_replays) & (arm_counts[1] >= settings.min_days)
-    return Evidence(counts, excess, common, fallen, above, below, sigmas, raises, enough[:, FALLING], together)
 
 
-def _counted(
-    replays: Array, days: Array, last: Array, agree: np.ndarray, usable: np.ndarray, day: Array, weight: Array, on_days: Array
+def _counted(before: Counts, after: WearAfterReplay, agree: np.ndarray, together: np.ndarray) -> Counts:
+    """The counts with one more replay; agree : (N, 4) of the joints, together : (A,) of the arms."""
+    arms = len(together)
+    J = len(after.wear) // arms
+    agreeing_days = np.maximum(1.0, np.round(after.agreeing * np.minimum(after.interval_days, 1.0)))
+    replays, days, last_day = _count(
+        (before.replays, before.days, before.last_day),
+        agree,
+        after.usable[:, None],
+        after.day[:, None],
+        (after.agreeing[:, None], agreeing_days[:, None]),
+    )
+    # as for a joint, an unusable replay neither confirms nor contradicts; a replay of an arm is usable where half of its joints are
+    usable = 2 * after.usable.reshape(-1, J).sum(axis=1) >= J
+    once = np.ones(arms)
+    arm_replays, arm_days, arm_last_day = _count(
+        (before.arm_replays, before.arm_days, before.arm_last_day), together, usable, after.day[::J], (once, once)
+    )
+    return Counts(
+        replays=replays, days=days, last_day=last_day, arm_replays=arm_replays, arm_days=arm_days, arm_last_day=arm_last_day
+    )  # fmt: skip
+
+
+def _count(
+    before: tuple[Array, Array, Array], agree: np.ndarray, usable: np.ndarray, day: Array, weight: tuple[Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """Confirmations with one more replay: it grows where the replay agrees, and begins again where it does not."""
-    more, gone = agree & usable, ~agree & usable
-    new_days = np.where(gone, 0.0, days + (more & (last != day)) * on_days)
-    return np.where(gone, 0.0, replays + more * weight), new_days, np.where(gone, -1.0, np.where(more, day, last))
+    """Replays, days and last day with one more replay: the counts grow where it agrees and begin again where it does not.
 
-
-def _common(wear: Array, doubt: Array, seen: np.ndarray, arm: int, settings: HealthSettings, least: float) -> Array:
-    """How much all joints of an arm have risen together (A,), log; 0 where they have not, or by less than `least`.
-
-    Two joints share nothing that one can tell.
+    weight : replays and days that the replay counts for.
     """
-    known = seen.reshape(-1, arm)
-    shown = np.where(known, wear.reshape(-1, arm), np.nan)
+    replays, days, last = before
+    more, gone = agree & usable, ~agree & usable
+    new_days = np.where(gone, 0.0, days + (more & (last != day)) * weight[1])
+    return np.where(gone, 0.0, replays + more * weight[0]), new_days, np.where(gone, -1.0, np.where(more, day, last))
+
+
+def _common_rise(wear: Array, std: Array, known: np.ndarray, joints_per_arm: int, settings: HealthSettings, least: float) -> Array:
+    """(A,) rise of most joints of an arm together, logarithm; 0 where there is none, or where it is below `least`."""
+    known = known.reshape(-1, joints_per_arm)
+    shown = np.where(known, wear.reshape(-1, joints_per_arm), np.nan)
     count = known.sum(axis=1)
-    rising = (ndtr((wear / doubt).reshape(-1, arm)) >= settings.common_sure) & known
+    rising = (ndtr((wear / std).reshape(-1, joints_per_arm)) >= settings.common_sure) & known
     shift = np.zeros(len(count))
-    together = (count >= 3) & (rising.sum(axis=1) >= settings.common_share * count)
+    together = (count >= MIN_JOINTS_TOGETHER) & (rising.sum(axis=1) >= settings.common_share * count)
     if together.any():
         shift[together] = np.nanmedian(shown[together], axis=1)
     return np.where(shift >= least, shift, 0.0)

@@ -1,96 +1,91 @@
-"""The life of an alert: raised, told again, latched until somebody has seen it, cleared once its condition is gone (ISA-18.2)."""
+"""The life of an alert (ISA-18.2): raised, updated, latched until somebody acknowledges it, and cleared once its condition is gone."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import ACTIONS, SEVERITY, TIERS, Alert, Attribution, Health, Transition
+from monitor.judge.alerts.condition import AlertCondition, ConditionStatus
+from monitor.judge.alerts.health import SEVERITY, TIERS, Alert, Health, Transition
 from monitor.judge.alerts.settings import HealthSettings
-from monitor.recording import Array
 
 
-class ConditionStatus(NamedTuple):
-    """What one condition looks like now: `raise_tier` if it may be raised, `hold_tier` if it may be kept; None if not."""
-
-    raise_tier: int | None
-    hold_tier: int | None
-    change: float
-    probabilities: Array  # (3,) of the tiers
-    text: Callable[[], str]  # told only when something is to be told
-    split: Attribution | None = None
-
-
-def next_step(
-    alert: Alert | None, key: tuple[int | None, str], status: ConditionStatus, at: float, settings: HealthSettings
+def next_transition(
+    alert: Alert | None, joint: int | None, condition: AlertCondition, status: ConditionStatus, at_unix_s: float, settings: HealthSettings
 ) -> Transition | None:
-    """One alert's next step in life, or None where it stays as it is."""
-    joint, condition = key
+    """What becomes of an alert after a replay; None where it stays as it is.
+
+    alert : the last alert of that joint (None: of the arm) and condition, None where there was none.
+    """
     tier = status.raise_tier
     if alert is None or not alert.active:
         if tier is None:
             return None
-        raised = Alert(joint=joint, condition=condition, raised_at_unix_s=at, **_told(condition, tier, status, at))
-        return Transition("raised", raised)
+        published = _published(condition, tier, status, at_unix_s)
+        return Transition("raised", Alert(joint=joint, condition=condition.name, raised_at_unix_s=at_unix_s, **published))
 
     now = TIERS.index(alert.tier)
     acknowledged = alert.acknowledged_at_unix_s is not None
     if acknowledged and tier is None and status.hold_tier is None:
-        cleared = replace(
-            alert, cleared_at_unix_s=at, updated_at_unix_s=at, change=status.change, text=status.text(), split=status.split
-        )  # fmt: skip
-        return Transition("cleared", cleared)
+        cleared = replace(alert, cleared_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s)
+        return Transition("cleared", replace(cleared, change=status.change, text=status.text(), attribution=status.attribution))
     highest = max((k for k in (tier, status.hold_tier) if k is not None), default=now)
     if tier is not None and tier > now:
         highest = tier
     else:
-        highest = min(highest, now) if acknowledged else now  # latched: it steps down only once somebody has seen it
+        highest = min(highest, now) if acknowledged else now  # latched: the tier falls only after somebody has acknowledged it
     if highest == now and abs(status.change - alert.change) < settings.update_step:
         return None
-    told = replace(alert, **_told(condition, highest, status, at))
-    if highest > now:  # a graver alert is to be seen again
-        told = replace(told, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
-    return Transition("updated", told)
+    updated = replace(alert, **_published(condition, highest, status, at_unix_s))
+    if highest > now:  # somebody shall acknowledge the graver alert again
+        updated = replace(updated, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
+    return Transition("updated", updated)
 
 
 def acknowledge(health: Health, joint: int | None, condition: str, *, by: str, why: str, at_unix_s: float) -> Health:
-    """The same health with one active alert acknowledged; it clears by itself once its condition is gone.
+    """The health with one active alert acknowledged. The alert clears by itself once its condition is gone.
 
-    Raises BadInput where there is no such active alert, or nobody says who acknowledges.
+    Raises BadInput where there is no such active alert, or `by` is blank.
     """
     alert = _active(health, joint, condition, by)
-    done = replace(alert, acknowledged_at_unix_s=at_unix_s, acknowledged_by=by, acknowledged_why=why)
-    return replace(health, alerts=tuple(done if other is alert else other for other in health.alerts))
+    return _with(health, alert, replace(alert, acknowledged_at_unix_s=at_unix_s, acknowledged_by=by, acknowledged_why=why))
 
 
 def shelve(health: Health, joint: int | None, condition: str, *, by: str, why: str, until_unix_s: float, at_unix_s: float) -> Health:
-    """The same health with one active alert shelved: it stays active, and need not be shown until then.
+    """The health with one active alert shelved: the alert stays active, and programs need not show it until then.
 
-    Raises BadInput where there is no such active alert, nobody says who shelves, or the end lies in the past.
+    Raises BadInput where there is no such active alert, `by` is blank, or the end lies in the past.
     """
     alert = _active(health, joint, condition, by)
     if not until_unix_s > at_unix_s:
         raise BadInput("shelve: the end lies in the past; expected a time to come")
-    done = replace(alert, shelved_until_unix_s=until_unix_s, shelved_by=by, shelved_why=why)
-    return replace(health, alerts=tuple(done if other is alert else other for other in health.alerts))
+    return _with(health, alert, replace(alert, shelved_until_unix_s=until_unix_s, shelved_by=by, shelved_why=why))
 
 
-def _told(condition: str, tier: int, status: ConditionStatus, at: float) -> dict[str, Any]:
-    """What an alert says at a tier, raised or told again."""
+def service_alert(condition: AlertCondition, text: str, at_unix_s: float) -> Alert:
+    """An alert of the arm that the service raises about itself."""
+    return Alert(
+        joint=None, condition=condition.name, tier="advisory", raised_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s, change=0.0,
+        probability=1.0, text=text, action=condition.tiers["advisory"].advice,
+    )  # fmt: skip
+
+
+def _published(condition: AlertCondition, tier: int, status: ConditionStatus, at_unix_s: float) -> dict[str, Any]:
+    """What an alert of a tier says when it is raised or updated, by the names of its fields."""
+    name = TIERS[tier]
     return {
-        "tier": TIERS[tier],
-        "updated_at_unix_s": at,
+        "tier": name,
+        "updated_at_unix_s": at_unix_s,
         "change": status.change,
         "probability": float(status.probabilities[tier]),
         "text": status.text(),
-        "action": ACTIONS[condition, TIERS[tier]],
-        "severity": SEVERITY[TIERS[tier]],
-        "split": status.split,
+        "action": condition.tiers[name].advice,
+        "severity": SEVERITY[name],
+        "attribution": status.attribution,
     }
 
 
 def _active(health: Health, joint: int | None, condition: str, by: str) -> Alert:
-    """The one active alert of that name. Raises BadInput."""
+    """The one active alert of that joint and condition. Raises BadInput where there is none, or `by` is blank."""
     if not by.strip():
         raise BadInput("by: expected the name of the person who acts")
     for alert in health.alerts:
@@ -98,3 +93,7 @@ def _active(health: Health, joint: int | None, condition: str, by: str) -> Alert
             return alert
     active = ", ".join(f"{alert.joint or 'arm'}/{alert.condition}" for alert in health.alerts if alert.active) or "none"
     raise BadInput(f"no active alert {joint or 'arm'}/{condition}; active: {active}")
+
+
+def _with(health: Health, alert: Alert, changed: Alert) -> Health:
+    return replace(health, alerts=tuple(changed if other is alert else other for other in health.alerts))

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Interval
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from monitor.errors import BadConfiguration
+from monitor.judge.bounds import check_bounds
 from monitor.recording import Array
 
 DAYS = np.geomspace(0.05, 20_000.0, 48)  # the distribution is tabulated here, then finely where it rises; 54 years end foresight
@@ -33,11 +33,8 @@ class PrognosisSettings:
     trend_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # below this P(rate > 0), no date is given
 
     def __post_init__(self) -> None:
-        """Raises BadConfiguration for a limit that is not a rise, or a probability that is none."""
-        if not self.limit_rise > 0:
-            raise BadConfiguration(f"prognosis.limit_rise = {self.limit_rise!r}; expected a positive fraction, e.g. 0.3")
-        if not 0.5 <= self.trend_sure < 1:
-            raise BadConfiguration(f"prognosis.trend_sure = {self.trend_sure!r}; expected a probability from 0.5 to below 1")
+        """Raises BadConfiguration where a figure is out of its bounds."""
+        check_bounds(self, "prognosis")
 
 
 class RemainingLife(NamedTuple):

@@ -1,68 +1,59 @@
-"""Why a joint does not alert: what stands between it and the next tier, in words, on request."""
+"""Why a joint does not alert: what is missing for its next tier, in sentences for a person who asks."""
 
 import math
 
 import numpy as np
 
-from monitor.judge.alerts.evidence import Counts, advisory_sigmas, weigh_evidence
-from monitor.judge.alerts.health import RISES, TIERS, Health
+from monitor.judge.alerts.conditions import RISES
+from monitor.judge.alerts.evidence import Evidence, advisory_sigmas, counts_of, wear_after_replay, weigh_evidence
+from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 
 
 def why_not_alerting(health: Health, belief: Belief, joint: int, settings: HealthSettings) -> tuple[str, ...]:
-    """What stands between a joint (from 1) and the next tier of an alert, in words; empty where the highest tier stands."""
-    j = joint - 1
-    evidence = health.joints[j].rising
+    """What is missing between a joint (from 1) and its next tier of risen friction; empty where the highest tier is active."""
     active = [alert for alert in health.active_alerts if alert.joint == joint and alert.condition in RISES]
     tier = TIERS.index(active[0].tier) + 1 if active else 0
     if tier >= len(TIERS):
         return ()
-    found = weigh_evidence(
-        belief.wear,
-        belief.wear_std,
-        belief.filter_state.replays > 0,
-        np.zeros(belief.joints, dtype=bool),
-        np.zeros(belief.joints),
-        np.ones(belief.joints),
-        np.ones(belief.joints),
-        counts_of(health),
-        belief.joints,
-        settings,
+    nothing_usable = np.zeros(belief.joints, dtype=bool)  # the last replay is counted already
+    evidence = weigh_evidence(wear_after_replay(belief, nothing_usable), counts_of(health), belief.joints, settings)
+    return (
+        *_too_little_change(evidence, belief, joint - 1, tier, settings),
+        *_unusable_replay(belief, joint - 1),
+        *_too_few_replays(health, joint - 1, tier, settings),
     )
-    rise, change = settings.rises[tier], math.expm1(found.excess[j])
+
+
+def _too_little_change(evidence: Evidence, belief: Belief, j: int, tier: int, settings: HealthSettings) -> list[str]:
+    rise, change = settings.rises[tier], math.expm1(evidence.excess[j])
     reasons = [f"next is the {TIERS[tier]} tier, from {rise:+z.0%}; friction has changed by {change:+z.1%} ± {belief.wear_std[j]:.1%}"]
-    if found.common[0] > 0:
-        reasons.append(f"all joints have risen together by {math.expm1(found.common[0]):+z.1%}: that is taken off")
-    needed = advisory_sigmas(belief.joints, settings)
-    if found.sigmas[j] < needed:
-        reasons.append(f"that is {found.sigmas[j]:z.1f} of its standard deviations; {needed:.1f} are asked for")
+    if evidence.common[0] > 0:
+        reasons.append(f"all joints have risen together by {math.expm1(evidence.common[0]):+z.1%}: that is taken off")
+    required = advisory_sigmas(belief.joints, settings)
+    if evidence.sigmas[j] < required:
+        reasons.append(f"that is {evidence.sigmas[j]:z.1f} of its standard deviations; {required:.1f} are asked for")
     if tier == 0 and change < rise:
         reasons.append(f"it is below {rise:+z.0%}")
-    if tier > 0 and found.above[j, tier] < (sure := (settings.wear_sure, settings.limit_sure)[tier - 1]):
-        reasons.append(f"P(more than {rise:.0%}) is {found.above[j, tier]:.2f}; {sure:.2f} is asked for")
+    if tier > 0 and evidence.above[j, tier] < (sure := (settings.wear_sure, settings.limit_sure)[tier - 1]):
+        reasons.append(f"P(more than {rise:.0%}) is {evidence.above[j, tier]:.2f}; {sure:.2f} is asked for")
+    return reasons
+
+
+def _unusable_replay(belief: Belief, j: int) -> list[str]:
     if not belief.learnt_from[j]:
-        reasons.append("the last replay taught nothing of this joint")
-    elif not math.isfinite(belief.temperature_c[j]):
-        reasons.append("the last replay does not tell this joint's temperature: it counts for no alert")
-    elif not belief.inside_range[j]:
-        reasons.append("the last replay was outside the temperatures learnt so far")
-    counted = evidence[tier]
-    if counted.replays < settings.min_replays or counted.days < settings.min_days:
-        reasons.append(
-            f"{counted.replays} replays on {counted.days} days in a row agree; {settings.min_replays} on {settings.min_days} are asked for"
-        )
-    return tuple(reasons)
+        return ["the last replay taught nothing of this joint"]
+    if not math.isfinite(belief.temperature_c[j]):
+        return ["the last replay does not tell this joint's temperature: it counts for no alert"]
+    if not belief.inside_range[j]:
+        return ["the last replay was outside the temperatures learnt so far"]
+    return []
 
 
-def counts_of(health: Health) -> Counts:
-    """The evidence so far, as arrays."""
-    rows = [[*joint.rising, joint.falling] for joint in health.joints]
-    return Counts(
-        replays=np.array([[float(e.replays) for e in row] for row in rows]),
-        days=np.array([[float(e.days) for e in row] for row in rows]),
-        last_day=np.array([[float(e.last_day) for e in row] for row in rows]),
-        arm_replays=np.array([float(health.common.replays)]),
-        arm_days=np.array([float(health.common.days)]),
-        arm_last_day=np.array([float(health.common.last_day)]),
-    )
+def _too_few_replays(health: Health, j: int, tier: int, settings: HealthSettings) -> list[str]:
+    counted = health.joints[j].rising[tier]
+    if counted.replays >= settings.min_replays and counted.days >= settings.min_days:
+        return []
+    required = f"{settings.min_replays} on {settings.min_days} are asked for"
+    return [f"{counted.replays} replays on {counted.days} days in a row agree; {required}"]

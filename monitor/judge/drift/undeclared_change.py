@@ -11,7 +11,6 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.judge.alerts.health import GAINS, MOUNTING, PAYLOAD
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.document import arrays, entry
 from monitor.model.regressor import friction_columns
@@ -23,6 +22,8 @@ PRIOR_REPLAYS = 5.0  # how many replays the first guess of the scatter is worth
 PRIOR_STD = 2.0  # of its own standard deviation a parameter differs from replay to replay, until that is known
 MEMORY = 50.0  # replays
 EXPLAINED = 0.6  # of the surprise, by a mass at the flange: then it is called a payload
+
+MOUNTING, PAYLOAD, GAINS = "mounting_contradiction", "payload_contradiction", "gain_contradiction"  # what changed
 
 
 class UndeclaredChange(NamedTuple):
@@ -56,7 +57,7 @@ def rigid_of(identification: Identification) -> np.ndarray:
 def find_undeclared_change(identification: Identification, weights: MassEstimate | None, settings: HealthSettings) -> UndeclaredChange:
     """What of the recording contradicts its context. `weights` are those of the replays before in the same context."""
     for warning in identification.warnings:
-        if warning.code == "mounting_contradiction":
+        if warning.code == MOUNTING:
             return UndeclaredChange(MOUNTING, warning.text)
     rigid = rigid_of(identification)
     if weights is None or weights.replays < FEWEST or not np.array_equal(weights.columns, np.array(identification.columns)[rigid]):

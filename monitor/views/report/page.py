@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from monitor.judge.alerts.health import COMMON_MODE, FRICTION_FALLING, RISES
-from monitor.judge.alerts.rules import stale_words
+from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.judge.alerts.staleness import stale_text
 from monitor.views.report.charts import STATE_COLOURS, friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 
@@ -103,7 +103,7 @@ def _stale(report: Mapping[str, Any]) -> str:
         return ""
     known = [one["learnt_at"] for one in old if one["learnt_at"]]
     since = f"since {_time(min(known))}" if known else "in this period"
-    text = stale_words([one["joint"] for one in old], len(report["joints"]), since, "the period's end")
+    text = stale_text([one["joint"] for one in old], len(report["joints"]), since, "the period's end")
     return paragraph(f"{text}. Find out below why, and have the arm replayed before relying on it.", "warn")
 
 
@@ -196,12 +196,10 @@ def _alerts(report: Mapping[str, Any]) -> list[str]:
 
 def _sure(alert: Mapping[str, Any]) -> str:
     """What the alert's figure is the probability of; conditions of the data have none."""
-    if alert["condition"] in {*RISES, COMMON_MODE}:
-        what = "has risen by more than the tier's rise"
-    elif alert["condition"] == FRICTION_FALLING:
-        what = "has fallen by more than the wear tier's rise"
-    else:
+    condition = CONDITIONS.get(alert["condition"])
+    if condition is None or condition.probability_of is None:
         return ""
+    what = condition.probability_of
     chance = alert["probability"]  # no evidence makes it 100 %
     return paragraph(f"Probability that friction {what}: {'more than 99.99' if chance > 0.9999 else f'{100 * chance:.2f}'} %.")
 

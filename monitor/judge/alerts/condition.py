@@ -1,0 +1,122 @@
+"""What an alert condition is: one record with its tiers, predicates and texts. The records themselves are in `conditions`."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from monitor.judge.alerts.evidence import Evidence
+from monitor.judge.alerts.health import Alert, Attribution, Confirmations, JointHealth, State
+from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.belief import Belief
+from monitor.judge.drift.undeclared_change import UndeclaredChange
+from monitor.recording import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmSituation:
+    """One arm after a replay: what the rules of its conditions read."""
+
+    belief: Belief
+    evidence: Evidence
+    undeclared: UndeclaredChange  # in this replay
+    common: Confirmations  # of friction that changed in most joints together, this replay included
+    alerts: Mapping[tuple[int | None, str], Alert]  # by joint and condition, before this replay
+    settings: HealthSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointSituation:
+    """One joint after a replay: what the rules of its conditions read."""
+
+    arm: ArmSituation
+    j: int  # from 0
+    health: JointHealth  # with the confirmations of this replay
+    attribution: Attribution | None  # of the joint's change of friction
+
+    @property
+    def belief(self) -> Belief:
+        """The arm's belief."""
+        return self.arm.belief
+
+    @property
+    def settings(self) -> HealthSettings:
+        """Of the alerts."""
+        return self.arm.settings
+
+
+class ConditionStatus(NamedTuple):
+    """What a condition looks like after a replay."""
+
+    raise_tier: int | None  # index of the tier to which its alert may be raised; None: it may not be raised
+    hold_tier: int | None  # index of the tier at which an active alert may stay; None: the condition is gone
+    change: float  # of friction torque, as a fraction; 0 for a condition of the data
+    probabilities: Array  # (3,) that the change exceeds the rise of each tier
+    text: Callable[[], str]  # made only for an alert that is raised, updated or cleared
+    attribution: Attribution | None = None
+
+
+Situation = TypeVar("Situation", ArmSituation, JointSituation)
+
+
+def enough_replays(confirmations: Confirmations, settings: HealthSettings) -> bool:
+    """Whether `min_replays` consecutive replays on `min_days` days show a condition."""
+    return confirmations.replays >= settings.min_replays and confirmations.days >= settings.min_days
+
+
+def two_replays(confirmations: Confirmations, _settings: HealthSettings) -> bool:
+    """Whether two consecutive replays show a condition."""
+    return confirmations.replays >= 2
+
+
+@dataclass(frozen=True, slots=True)
+class Rule(Generic[Situation]):
+    """When a condition of an arm, or of one joint, is raised, and what its alert says."""
+
+    status: Callable[[Situation, Confirmations], ConditionStatus | None]  # after so many confirmations; None: the alert stays as it is
+    shows: Callable[[Situation], bool] | None = None  # whether this replay confirms the condition; None: the rule needs no count of replays
+
+
+def repeated(
+    shows: Callable[[Situation], bool],
+    text: Callable[[Situation, Confirmations], str],
+    enough: Callable[[Confirmations, HealthSettings], bool] = enough_replays,
+) -> Rule[Situation]:
+    """A rule that raises an advisory when enough consecutive replays show a condition, and ends it with the first that does not."""
+
+    def status(situation: Situation, confirmations: Confirmations) -> ConditionStatus:
+        return ConditionStatus(
+            raise_tier=0 if enough(confirmations, situation.settings) else None,
+            hold_tier=0 if confirmations.replays else None,
+            change=0.0,
+            probabilities=np.ones(3),
+            text=partial(text, situation, confirmations),
+        )
+
+    return Rule(status, shows)
+
+
+class AlertTier(NamedTuple):
+    """One tier of a condition."""
+
+    state: State  # NE 107 state of the joint or the arm while an alert of this tier is active
+    advice: str  # what a person shall do; published as the alert's `action`
+    meaning: str  # when the tier is raised, for the documentation
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AlertCondition:
+    """Everything that is known of one alert condition: rules, texts, page, metrics and documentation read this record."""
+
+    name: str
+    tiers: Mapping[str, AlertTier]  # by the name of the tier, in ascending order; names are those of `health.TIERS`
+    joint: Rule[JointSituation] | None = None  # how the condition of a joint is raised
+    arm: Rule[ArmSituation] | None = None  # how the condition of the arm is raised; neither: the service itself raises it
+    probability_of: str | None = None  # what the friction does with the alert's probability; None: the alert is not of friction
+
+    @property
+    def raised_by_service(self) -> bool:
+        """Whether the service raises the condition about itself, and clears it once somebody has acknowledged it."""
+        return self.joint is None and self.arm is None

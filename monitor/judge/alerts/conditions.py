@@ -1,0 +1,309 @@
+"""The alert conditions. A further condition is one more record in `CONDITIONS`: its rules, state, texts and advice stand in it."""
+
+import math
+from functools import partial
+
+import numpy as np
+from scipy.special import ndtr
+
+from monitor.judge.alerts.condition import (
+    AlertCondition,
+    AlertTier,
+    ArmSituation,
+    ConditionStatus,
+    JointSituation,
+    Rule,
+    repeated,
+    two_replays,
+)
+from monitor.judge.alerts.health import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC, Confirmations
+from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
+from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
+
+WEAR_RISING, SUDDEN_STEP, STORE_RESTORED = "wear_rising", "sudden_step", "store_restored"
+RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
+SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are in doubt
+HAS_RISEN = "has risen by more than the tier's rise"
+
+
+# --- friction of one joint ----------------------------------------------------------------------------------
+
+
+def _kind_of_rise(situation: JointSituation) -> str:
+    """The condition of a joint's risen friction: the active one; else a step where most of the wear came as one."""
+    belief, j = situation.belief, situation.j
+    for condition in RISES:
+        alert = situation.arm.alerts.get((j + 1, condition))
+        if alert is not None and alert.active:
+            return condition
+    return SUDDEN_STEP if belief.filter_state.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
+
+
+def _rising(name: str, situation: JointSituation, _: Confirmations) -> ConditionStatus | None:
+    """Friction of one joint above that of the beginning; None where its rise is the other one of `RISES`."""
+    if name != _kind_of_rise(situation):
+        return None
+    j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
+    change = math.expm1(evidence.excess[j])
+    confirmations = max(situation.health.rising, key=lambda each: each.replays)
+    return ConditionStatus(
+        raise_tier=int(evidence.raises[j]) if evidence.raises[j] >= 0 else None,
+        hold_tier=max((k for k in range(3) if change >= settings.clear_fraction * settings.rises[k]), default=None),
+        change=change,
+        probabilities=evidence.above[j],
+        text=partial(_friction_text, situation, confirmations),
+        attribution=situation.attribution,
+    )
+
+
+def _falling(situation: JointSituation, _: Confirmations) -> ConditionStatus:
+    """Friction of one joint below that of the beginning."""
+    j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
+    change = math.expm1(situation.belief.wear[j])
+    return ConditionStatus(
+        raise_tier=0 if evidence.falls[j] else None,
+        hold_tier=0 if change <= -settings.clear_fraction * settings.wear_rise else None,
+        change=change,
+        probabilities=evidence.below[[j, j, j]],
+        text=partial(_friction_text, situation, situation.health.falling),
+        attribution=situation.attribution,
+    )
+
+
+def _friction_text(situation: JointSituation, confirmations: Confirmations) -> str:
+    """Friction before and after, the replays that agree, and the causes of the change."""
+    belief, j, causes = situation.belief, situation.j, situation.attribution
+    level, wear = float(belief.level()[j]), belief.wear[j]
+    std = math.exp(wear) * belief.wear_std[j]
+    text = (
+        f"Joint {j + 1}: friction at {belief.reference_speed_rad_s:g} rad/s and {belief.reference_temperature_c[j]:.1f} °C went from "
+        f"{math.exp(level):.2f} to {math.exp(level + wear):.2f} N·m ({math.expm1(wear):+z.1%} ± {std:.1%}), temperature "
+        f"taken out ({belief.slope[j]:.2%}/K); {confirmations.replays} replays on {confirmations.days} days in a row agree."
+    )
+    if causes is None:
+        return text
+    return (
+        f"{text} Of the measured {math.expm1(causes.whole):+z.1%}, temperature makes {math.expm1(causes.temperature):+z.1%}, payload and "
+        f"context {math.expm1(causes.payload):+z.1%}, wear {math.expm1(causes.wear):+z.1%}, chance {math.expm1(causes.rest):+z.1%}."
+    )
+
+
+# --- friction of most joints together -----------------------------------------------------------------------
+
+
+def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus:
+    """Friction that rose, or fell, in most joints together."""
+    belief, evidence, settings = situation.belief, situation.evidence, situation.settings
+    together = evidence.common[0] + evidence.fallen[0]  # one of them is 0
+    change = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
+    rose, fell = change >= settings.clear_fraction * settings.advisory_rise, change <= -settings.clear_fraction * settings.wear_rise
+    # of the change itself: the probabilities of the single joints in `evidence` are of what is beyond the common change
+    beyond = belief.wear - math.log1p(settings.advisory_rise) if change >= 0 else math.log1p(-settings.wear_rise) - belief.wear
+    return ConditionStatus(
+        raise_tier=0 if evidence.together[0] else None,
+        hold_tier=0 if rose or fell else None,
+        change=change,
+        probabilities=np.full(3, float(np.median(ndtr(beyond / np.maximum(belief.wear_std, 1e-9))))),
+        text=partial(_common_text, change, situation.common),
+    )
+
+
+def _common_text(change: float, common: Confirmations) -> str:
+    direction, cause = ("risen", "the wear") if change >= 0 else ("fallen", "the grease")
+    return (
+        f"Friction has {direction} in most joints together, by about {change:+z.1%} in {common.replays} replays: not {cause} of one joint."
+    )
+
+
+# --- data and declarations ----------------------------------------------------------------------------------
+
+
+def _lacks_temperature(situation: JointSituation) -> bool:
+    """The joint's temperature is unknown, and that of another joint is known."""
+    T = situation.belief.temperature_c
+    return not math.isfinite(T[situation.j]) and bool(np.isfinite(T).any())
+
+
+def _arm_lacks_temperature(situation: ArmSituation) -> bool:
+    return not np.isfinite(situation.belief.temperature_c).any()
+
+
+def _in_doubt(situation: JointSituation) -> bool:
+    """The replay does not resolve the joint's friction, or replays scatter; an undeclared change of the arm is another condition."""
+    belief, j = situation.belief, situation.j
+    if situation.arm.undeclared.condition is not None:
+        return False
+    return belief.event[j] in {UNRESOLVED, OUTLIER} or bool(belief.filter_state.consistency[j] > SCATTER_RATIO)
+
+
+def outside_learnt_range(situation: JointSituation) -> bool:
+    """The joint's temperature is outside the temperatures learnt so far, and learning has ended."""
+    belief, j = situation.belief, situation.j
+    known = math.isfinite(belief.temperature_c[j])
+    return bool(known and not belief.inside_range[j] and belief.replays > situation.settings.learning_replays)
+
+
+def _joint_text(what: str, situation: JointSituation, confirmations: Confirmations) -> str:
+    T = situation.belief.temperature_c[situation.j]
+    return f"Joint {situation.j + 1} {what.format(T=T)}, in {confirmations.replays} replays in a row."
+
+
+def _undeclared(name: str) -> Rule[ArmSituation]:
+    """An undeclared change of one kind. Two replays that show it suffice: each of them contradicts the declaration by itself."""
+    return repeated(lambda situation: situation.undeclared.condition == name, lambda situation, _: situation.undeclared.text, two_replays)
+
+
+# --- the records --------------------------------------------------------------------------------------------
+
+CONDITIONS: dict[str, AlertCondition] = {
+    condition.name: condition
+    for condition in (
+        AlertCondition(
+            name=WEAR_RISING,
+            joint=Rule(partial(_rising, WEAR_RISING)),
+            probability_of=HAS_RISEN,
+            tiers={
+                "advisory": AlertTier(NORMAL, "Nothing yet: watch this joint.", "friction rose by 1 % or more, with sufficient evidence"),
+                "wear": AlertTier(
+                    MAINTENANCE_REQUIRED,
+                    "Plan an inspection of this joint: lubrication, backlash, noise.",
+                    "friction rose by 5 % or more",
+                ),
+                "limit": AlertTier(
+                    FAILURE,
+                    "Replace or overhaul this joint: friction has reached the configured limit.",
+                    "friction rose by 30 % or more",
+                ),
+            },
+        ),
+        AlertCondition(
+            name=SUDDEN_STEP,
+            joint=Rule(partial(_rising, SUDDEN_STEP)),
+            probability_of=HAS_RISEN,
+            tiers={
+                "advisory": AlertTier(
+                    NORMAL,
+                    "Ask what happened that day: a collision, a service, another load that was not declared.",
+                    "friction rose by 1 % or more, most of it at once",
+                ),
+                "wear": AlertTier(
+                    MAINTENANCE_REQUIRED,
+                    "Inspect this joint soon: friction does not jump by itself. Look for a collision, a brake that drags, a seal.",
+                    "friction rose by 5 % or more, most of it at once",
+                ),
+                "limit": AlertTier(
+                    FAILURE,
+                    "Stop using this joint until it is inspected: friction jumped beyond the configured limit.",
+                    "friction rose by 30 % or more, most of it at once",
+                ),
+            },
+        ),
+        AlertCondition(
+            name="friction_falling",
+            joint=Rule(_falling),
+            probability_of="has fallen by more than the wear tier's rise",
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Tell the monitor if the joint was greased or replaced; otherwise check its brake, current and temperature.",
+                    "friction fell by 5 % or more",
+                )
+            },
+        ),
+        AlertCondition(
+            name="common_mode",
+            arm=Rule(_common_mode),
+            probability_of=HAS_RISEN,
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Check what all joints share: temperature sensors, supply voltage, payload and mounting as configured.",
+                    "friction of most joints rose together, or fell together by 5 % or more",
+                )
+            },
+        ),
+        AlertCondition(
+            name=GAINS,
+            arm=_undeclared(GAINS),
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Was a drive replaced or recalibrated? Then declare it (another tool, serial or gains); nothing is learnt of wear "
+                    "until then.",
+                    "the torque per ampere of a joint changed, undeclared",
+                )
+            },
+        ),
+        AlertCondition(
+            name=MOUNTING,
+            arm=_undeclared(MOUNTING),
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Compare [robot] mounting with how the arm stands; nothing is learnt of wear until they agree.",
+                    "gravity points elsewhere than configured",
+                )
+            },
+        ),
+        AlertCondition(
+            name=PAYLOAD,
+            arm=_undeclared(PAYLOAD),
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Compare [robot] payload_kg with what the arm carries in the replay; nothing is learnt of wear until they agree.",
+                    "the arm carries another mass than before, undeclared",
+                )
+            },
+        ),
+        AlertCondition(
+            name="temperature_sensor",
+            joint=repeated(_lacks_temperature, partial(_joint_text, "tells no temperature, or none that can be believed")),
+            arm=repeated(
+                _arm_lacks_temperature,
+                lambda _, confirmations: (
+                    f"No joint's temperature is known in {confirmations.replays} replays in a row: of wear nothing is told until one is."
+                ),
+            ),
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Check the temperature reading: without it, or with a wrong one, cold looks like wear.",
+                    "three replays in a row without a temperature, or with one that stands still while the others move",
+                )
+            },
+        ),
+        AlertCondition(
+            name="data_quality",
+            joint=repeated(_in_doubt, partial(_joint_text, "is not resolved, or scatters more than the filter believes")),
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Look at the last recordings: torn rows, lost packets, a trajectory that does not move this joint.",
+                    "three replays in a row in which friction was not resolved",
+                )
+            },
+        ),
+        AlertCondition(
+            name="outside_range",
+            joint=repeated(outside_learnt_range, partial(_joint_text, "at {T:.1f} °C is outside the temperatures learnt so far")),
+            tiers={
+                "advisory": AlertTier(
+                    OFF_SPEC,
+                    "Nothing to repair: the monitor has not seen these temperatures yet; replays at them will teach it.",
+                    "three replays in a row outside the temperatures learnt so far",
+                )
+            },
+        ),
+        AlertCondition(
+            name=STORE_RESTORED,
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Look at the disk, and at what set-aside file and backups say; then acknowledge this.",
+                    "the history was damaged and the newest good backup replaced it, or it lost its newest entries",
+                )
+            },
+        ),
+    )
+}

@@ -1,0 +1,69 @@
+"""NE 107 states of the joints and of the arm after a replay: the gravest of everything that holds, and why."""
+
+import math
+from dataclasses import replace
+
+from monitor.judge.alerts.condition import ArmSituation, JointSituation
+from monitor.judge.alerts.conditions import CONDITIONS, outside_learnt_range
+from monitor.judge.alerts.health import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, Alert, JointHealth, State
+from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
+from monitor.recording import Array
+
+Reason = tuple[State, str]
+
+
+def joint_state(situation: JointSituation, wear: Array, wear_std: Array, alerts: tuple[Alert, ...]) -> JointHealth:
+    """The joint's health with its state after a replay.
+
+    wear, wear_std : (J,) logarithm of friction torque, as it is published; alerts : of the arm and all joints, after the replay.
+    """
+    joint, at = situation.health, situation.belief.at_unix_s
+    normal = f"friction {math.expm1(wear[situation.j]):+z.1%} ± {wear_std[situation.j]:.1%} since the beginning"
+    active = [alert for alert in alerts if alert.active and alert.joint == joint.joint]
+    reasons: list[Reason] = [(NORMAL, normal), *_of_replay(situation), *map(_of_alert, active)]
+    state, why = max(reasons, key=_precedence)
+    return replace(joint, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else at)
+
+
+def arm_state(situation: ArmSituation, joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...]) -> tuple[str, str]:
+    """The gravest state of the joints and of the arm's own alerts, and why."""
+    reasons = [(joint.state, f"joint {joint.joint}: {joint.why}") for joint in joints]
+    reasons += [(_state_of(alert), f"{alert.condition}: {alert.text}") for alert in alerts if alert.active and alert.joint is None]
+    if situation.undeclared.condition is not None:
+        reasons.insert(0, (CHECK_FUNCTION, situation.undeclared.text))
+    state, why = max(reasons, key=_precedence)
+    return (state, why) if state != NORMAL else (NORMAL, "all joints are as they were at the beginning")
+
+
+def _of_replay(situation: JointSituation) -> list[Reason]:
+    """What one replay says before any alert is raised."""
+    belief, j, undeclared = situation.belief, situation.j, situation.arm.undeclared
+    reasons: list[Reason] = []
+    if undeclared.condition is not None:
+        reasons.append((CHECK_FUNCTION, f"nothing is learnt of wear: {undeclared.text}"))
+    elif belief.event[j] == UNRESOLVED:
+        reasons.append((CHECK_FUNCTION, "the last replay does not resolve this joint's friction"))
+    if belief.event[j] == OUTLIER:
+        reasons.append((CHECK_FUNCTION, f"the last replay is {belief.filter_state.innovation[j]:+z.1%} off: waiting for the next"))
+    if outside_learnt_range(situation):
+        reasons.append((OFF_SPEC, f"{belief.temperature_c[j]:.1f} °C is outside the temperatures learnt so far"))
+    return reasons
+
+
+def _of_alert(alert: Alert) -> Reason:
+    """State and reason of a joint with an active alert."""
+    condition = CONDITIONS.get(alert.condition)
+    of_friction = condition is not None and condition.probability_of is not None
+    change = f": {alert.change:+z.1%}" if of_friction else ""  # the change of other conditions is 0
+    return _state_of(alert), f"{alert.condition} ({alert.tier}){change}"
+
+
+def _state_of(alert: Alert) -> State:
+    """An alert whose condition or tier this release does not know, for example one that a later release raised, is to be checked."""
+    condition = CONDITIONS.get(alert.condition)
+    return condition.tiers[alert.tier].state if condition is not None and alert.tier in condition.tiers else CHECK_FUNCTION
+
+
+def _precedence(reason: tuple[str, str]) -> int:
+    """The later in `STATES`, the graver; of equally grave reasons the first one is given."""
+    return STATES.index(reason[0])
