@@ -14,7 +14,7 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """The main job with nothing installed around it: a simulated UR5, weeks of replays, a joint that wears."""
-    from monitor.studies.demo import play
+    from monitor.studies.demo.play import play
 
     raise typer.Exit(play(seed=seed, keep=keep, as_json=as_json))
 

@@ -48,7 +48,7 @@ def design(
     from monitor.design.trajectory import Task
     from monitor.design.trajectory import design as design_trajectory
     from monitor.model.robot import Mounting, load_robot
-    from monitor.views.plots.identification import check_target
+    from monitor.views.plots.residuals import check_target
     from monitor.views.terminal.progress import search_progress
 
     if output.suffix.lower() != ".json" or not output.parent.is_dir():
@@ -98,7 +98,7 @@ def design(
     document = excitation.as_document()
     output.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
     if plot is not None:
-        from monitor.views.plots.design import design_plot
+        from monitor.views.plots.trajectory import design_plot
 
         design_plot(plot, arm, excitation)
     if as_json:

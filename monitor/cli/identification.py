@@ -70,7 +70,7 @@ def identify(
 
     arm = offline.arm(robot, urdf)
     if plot is not None:
-        from monitor.views.plots.identification import check_target
+        from monitor.views.plots.residuals import check_target
 
         check_target(plot)
     if export is not None:
@@ -112,7 +112,7 @@ def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recording
     from monitor.identify.signals.motion import motion
     from monitor.identify.signals.torque import joint_torque
     from monitor.identify.validate import predict_torque
-    from monitor.views.plots.identification import Residuals, residual_plot
+    from monitor.views.plots.residuals import Residuals, residual_plot
 
     shown = []
     for recording in recordings:

@@ -18,7 +18,7 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.recordings import write_recording
-from monitor.views.plots.identification import Residuals, residual_plot
+from monitor.views.plots.residuals import Residuals, residual_plot
 
 
 def ran(*arguments):

@@ -11,7 +11,7 @@ from monitor.design.clearance import surroundings
 from monitor.design.proof import cell_of
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
-from monitor.views.plots.identification import check_target
+from monitor.views.plots.residuals import check_target
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
