@@ -1,6 +1,6 @@
-"""The command port's requests: a JSON object a line, a JSON object a line back.
+"""The command port: every request and every reply is a line with one JSON object.
 
-Request {"do": name, …arguments}; reply {"ok": true, "result": …} or {"ok": false, "error": sentence, "kind": class of error}.
+A request is {"do": name, …arguments}. A reply is {"ok": true, "result": …} or {"ok": false, "error": sentence, "kind": class of error}.
 """
 
 import asyncio
@@ -10,7 +10,7 @@ import json
 import logging
 import math
 from collections.abc import Awaitable, Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -18,24 +18,34 @@ import numpy as np
 from monitor.errors import BadInput, MonitorError
 from monitor.model.fourier import excitation_from_document
 from monitor.recording import Array, Recording
-from monitor.simulate import faults, stepped
+from monitor.simulate import stepped
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.wire.ports import Ports
+from monitor.simulate.controller.truth import truth
+from monitor.simulate.wire.robot import ServedRobot
 
 log = logging.getLogger(__name__)
 
-LINE_MAX_BYTES = 32 << 20  # a torque question with some ten thousand rows
+LINE_MAX_BYTES = 32 << 20  # a request for torques with ROWS_MAX rows
 ROWS_MAX = 20_000
 HOURS_MAX = 24.0 * 366
 WEAR_MAX = 100.0
 
 
-class Commands:
-    """Answers requests about one robot."""
+@dataclass(slots=True)
+class TickCounts:
+    """How the server's timer keeps time."""
 
-    def __init__(self, ports: Ports, place: Callable[[], faults.Place], shut_down: Callable[[], None]) -> None:
-        self._ports, self._place, self._shut_down = ports, place, shut_down
-        self.ticks: dict[str, Any] = {}  # the server's figures of its timer
+    tick_s: float  # the control period
+    run: int = 0  # control periods computed
+    late: int = 0  # expirations that came after more than one period
+    dropped: int = 0  # control periods that were never computed
+
+
+class Commands:
+    """Answers requests about one robot. `stepping` tells whether a stepped replay is running."""
+
+    def __init__(self, robot: ServedRobot, ticks: TickCounts, shut_down: Callable[[], None]) -> None:
+        self._robot, self._ticks, self._shut_down = robot, ticks, shut_down
         self.stepping = False
         self._actions: dict[str, Callable[[dict[str, Any]], Awaitable[Any]]] = {
             "truth": self._truth,
@@ -50,17 +60,17 @@ class Commands:
 
     @property
     def _controller(self) -> Controller:
-        return self._ports.controller
+        return self._robot.controller
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One connection, until it ends."""
+        """Serve one connection until it ends."""
         try:
             while line := await reader.readline():
                 writer.write(json.dumps(await self._answer(line)).encode() + b"\n")
                 await writer.drain()
-        except (ValueError, ConnectionError) as wrong:  # a line beyond the limit, or a peer that went
+        except (ValueError, ConnectionError) as wrong:  # a line beyond the limit, or a client that went away
             log.info("command connection ended: %s", wrong)
-        except asyncio.CancelledError:  # the simulator ends, which is nothing to be told about
+        except asyncio.CancelledError:  # the simulator ends
             log.info("command connection ended with the simulator")
         finally:
             writer.close()
@@ -74,21 +84,21 @@ class Commands:
             return {"ok": True, "result": await self._actions[do](request)}
         except MonitorError as wrong:
             return {"ok": False, "error": str(wrong), "kind": type(wrong).__name__}
-        except (ValueError, RecursionError) as wrong:  # not JSON, or not numbers
+        except (ValueError, RecursionError) as wrong:  # no JSON, or no numbers
             return {"ok": False, "error": f"request: {wrong}", "kind": "BadInput"}
 
     async def _truth(self, _: dict[str, Any]) -> dict[str, Any]:
-        return {**self._controller.truth(), "ticks": self.ticks, "stepping": self.stepping}
+        return {**truth(self._controller), "ticks": asdict(self._ticks), "stepping": self.stepping}
 
     async def _advance(self, request: dict[str, Any]) -> dict[str, Any]:
         hours = _number(request, "hours", 0.0, HOURS_MAX)
         scenario = self._controller.settings.scenario
         duty = None if scenario and request.get("duty") is None else _number(request, "duty", 0.0, 1.0, default=0.0)
         ambient_c = None if request.get("ambient_c") is None else _number(request, "ambient_c", -20.0, 60.0)
-        why = self._controller.live(hours, ambient_c, duty)
-        if why:
-            raise BadInput(f"advance: {why}")
-        return {"clock_s": self._controller.clock_s, "lived_days": self._controller.life.lived_s / 86_400.0}
+        obstacle = self._controller.live(hours, ambient_c, duty)
+        if obstacle:
+            raise BadInput(f"advance: {obstacle}")
+        return {"clock_s": self._controller.clock.now_s, "lived_days": self._controller.scenario.lived_s / 86_400.0}
 
     async def _wear(self, request: dict[str, Any]) -> dict[str, Any]:
         wear, joints = self._controller.arm.wear, self._controller.robot.joints
@@ -141,7 +151,7 @@ class Commands:
 
     async def _fault(self, request: dict[str, Any]) -> str:
         given = {key: value for key, value in request.items() if key not in {"do", "name"}}
-        return faults.inject(str(request.get("name")), given, self._place())
+        return self._controller.inject(str(request.get("name")), given)
 
     async def _shutdown(self, _: dict[str, Any]) -> str:
         asyncio.get_running_loop().call_later(0.05, self._shut_down)  # after the reply
@@ -164,7 +174,7 @@ class Commands:
 
 
 def packed(recording: Recording) -> dict[str, Any]:
-    """A recording as JSON: signals as a base64 npz."""
+    """A recording as a JSON object; its signals are an npz file in base64."""
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **recording.signals)
     return {

@@ -4,31 +4,15 @@ import ipaddress
 import math
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
 
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, Robot, load_robot
-
-if TYPE_CHECKING:
-    from monitor.simulate.scenario import Scenario
+from monitor.simulate.polyscope import BUILD_DATE, DEFAULT_VERSION, Version
+from monitor.simulate.scenario import Scenario
 
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # fixed in ur-rtde
 DEFAULT_COMMAND_PORT = 30020
-# the newest of each generation that ur-rtde 1.6.5 handles with the small control recipe
-BUILD_DATE = {3: "Mar 10 2022", 5: "Mar 10 2021"}
-DEFAULT_VERSION = {"cb3": "3.15.8.106339", "e-series": "5.11.0.108249"}
-
-
-PAYLOAD_COM_MAX_M = 2.0
-
-
-class Version(NamedTuple):
-    """PolyScope's version as RTDE and the dashboard tell it."""
-
-    major: int
-    minor: int
-    bugfix: int
-    build: int
+PAYLOAD_COM_MAX_M = 2.0  # largest distance of a payload's centre of mass from the flange, along each axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +34,7 @@ class SimulateSettings:
     wear_per_revolution: tuple[float, ...] | None = None  # per joint, added to the wear factor at rated load; None: that of a healthy arm
     remote_control: bool = True  # dashboard's answer to `is in remote control`
     current_noise: float = 1.0  # times what the recorded arms show
-    scenario: "Scenario | None" = None  # what happens in this arm's life
+    scenario: Scenario | None = None  # what happens in this arm's life
     protective_runtime: str = "paused"  # runtime_state in a protective stop; a real controller's is not documented
 
     def __post_init__(self) -> None:

@@ -1,6 +1,6 @@
-"""A replay faster than real time: the same controller, servo, physics and sensors as on the wire, without the wire.
+"""Replays faster than real time, with the same controller, servo, physics and sensors as on the wire.
 
-Where a client would send a servoj packet every 8 ms, the player hands the target to the reference itself.
+A client on the wire sends a servoj packet every 8 ms. Here the replay gives the same targets to the reference directly.
 """
 
 from collections.abc import Generator
@@ -12,23 +12,22 @@ from monitor.model.fourier import Excitation
 from monitor.recording import Array, Context, Recording
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import SafetyMode
-from monitor.simulate.wire.variables import target_moment
 
 RATE_HZ = 125.0
-LOOKAHEAD_S, GAIN = 0.03, 500.0  # as the replays on the wire
+LOOKAHEAD_S, GAIN = 0.03, 500.0  # arguments of servoj, as in replays on the wire
 APPROACH_RAD_S, APPROACH_RAD_S2 = 0.5, 0.5
-THERE_RAD = 1e-3  # so near to the start no approach is made
-SETTLE_S = 0.3  # at standstill before the first sample
-YIELD_EVERY = 25  # rows
+THERE_RAD = 1e-3  # nearer to the start than this, the arm needs no approach
+SETTLE_S = 0.3  # time at standstill before the first sample
+YIELD_EVERY = 25  # rows between two yields
 
 JOINT_SIGNALS = ("q", "qd", "current", "temperature_c", "target_q", "target_qd", "target_qdd", "target_current", "target_moment")
 STATUS = ("t_s", "robot_mode", "safety_mode", "runtime_state", "speed_scaling")
 
 
 def stepped_replay(controller: Controller, excitation: Excitation, *, software: str | None = None) -> Recording:
-    """Approach, play all repetitions, and return what a client would have recorded.
+    """Approach the start, play all repetitions, and return what a client would have recorded.
 
-    Raises BadInput where the excitation is not for this arm or beyond its limits, ReplayAborted where the controller stopped it.
+    Raises BadInput if the excitation is for another arm or beyond its limits, ReplayAborted if the controller stopped the replay.
     """
     playing = play(controller, excitation, software=software)
     while True:
@@ -40,11 +39,11 @@ def stepped_replay(controller: Controller, excitation: Excitation, *, software: 
 
 
 def play(controller: Controller, excitation: Excitation, *, software: str | None = None) -> Generator[None, None, Recording]:
-    """`stepped_replay` in slices of `YIELD_EVERY` rows, for whoever has other things to do meanwhile."""
+    """`stepped_replay` as a generator that yields every `YIELD_EVERY` rows, so that the caller can do other work in between."""
     check(controller, excitation)
-    why = controller.begin_stepped()
-    if why:
-        raise BadInput(f"stepped replay: {why}")
+    obstacle = controller.programs.start_stepped()
+    if obstacle:
+        raise BadInput(f"stepped replay: {obstacle}")
     try:
         yield from _approach(controller, excitation.at(np.zeros(1)).q[0])
         rows = yield from _rows(controller, excitation)
@@ -54,7 +53,7 @@ def play(controller: Controller, excitation: Excitation, *, software: str | None
 
 
 def check(controller: Controller, excitation: Excitation) -> None:
-    """Raises BadInput naming what does not fit: robot, mounting, or the joint and limit."""
+    """Check an excitation. Raises BadInput with the robot, the mounting, or the joint and the limit that does not fit."""
     robot, settings = controller.robot, controller.settings
     if excitation.robot != robot.name:
         raise BadInput(f"excitation is for a {excitation.robot}; this arm is a {robot.name}")
@@ -75,7 +74,7 @@ def _approach(controller: Controller, start: Array) -> Generator[None, None, Non
     controller.reference.move(start, APPROACH_RAD_S, APPROACH_RAD_S2)
     settled = 0
     ticks = 0
-    while settled < SETTLE_S / controller.tick_s:
+    while settled < SETTLE_S / controller.clock.tick_s:
         controller.step()
         _still_playing(controller)
         settled = settled + 1 if controller.reference.at_rest else 0
@@ -86,20 +85,20 @@ def _approach(controller: Controller, start: Array) -> Generator[None, None, Non
 
 def _rows(controller: Controller, excitation: Excitation) -> Generator[None, None, dict[str, Array]]:
     _, path = excitation.sampled(RATE_HZ)
-    ticks = round(1.0 / RATE_HZ / controller.tick_s)
+    ticks = round(1.0 / RATE_HZ / controller.clock.tick_s)
     N, J = path.q.shape
     rows = {name: np.empty((N, J)) for name in JOINT_SIGNALS} | {name: np.empty(N) for name in STATUS}
-    reference, gain = controller.reference, controller.arm.gain_nm_per_a
+    reference, modes, gain = controller.reference, controller.modes, controller.arm.gain_nm_per_a
     for i in range(N):
         reference.follow([path.q[i].tolist()], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
         for _ in range(ticks):
             controller.step()
         _still_playing(controller)
-        moment = target_moment(controller)
-        values = (*controller.measured, reference.q, reference.qd, reference.qdd, moment / gain, moment)
+        moment = controller.installation.target_moment(reference)
+        values = (*controller.measurements.latest, reference.q, reference.qd, reference.qdd, moment / gain, moment)
         for name, value in zip(JOINT_SIGNALS, values, strict=True):
             rows[name][i] = value
-        status = (controller.clock_s, controller.robot_mode, controller.safety_mode, controller.runtime, 1.0)
+        status = (controller.clock.now_s, modes.robot, modes.safety, modes.runtime, 1.0)
         for name, number in zip(STATUS, status, strict=True):
             rows[name][i] = number
         if i % YIELD_EVERY == 0:
@@ -108,8 +107,8 @@ def _rows(controller: Controller, excitation: Excitation) -> Generator[None, Non
 
 
 def _still_playing(controller: Controller) -> None:
-    if controller.safety_mode != SafetyMode.NORMAL or controller.program is None:
-        stop = controller.stops[-1]
+    if controller.modes.safety != SafetyMode.NORMAL or controller.programs.current is None:
+        stop = controller.journal.stops[-1]
         raise ReplayAborted(f"{stop.kind}: {stop.reason}")
 
 

@@ -139,12 +139,12 @@ def on_the_wire(robot: str, hz: float) -> tuple[float, float, float, float]:
 def stepped(robot: str, *, moving: bool) -> float:
     """Times faster than real time, without a wire."""
     controller = Controller(SimulateSettings(robot=robot))
-    ticks, a_target = round(SECONDS / controller.tick_s), round(0.008 / controller.tick_s)
+    ticks, a_target = round(SECONDS / controller.clock.tick_s), round(0.008 / controller.clock.tick_s)
     home = controller.reference.q.copy()
     began = time.process_time()
     for k in range(ticks):
         if moving and k % a_target == 0:
-            t = k * controller.tick_s
+            t = k * controller.clock.tick_s
             controller.reference.follow([home + 0.3 * (1 - np.cos(2.0 * t))], 0.008, 0.03, 500.0)
         controller.step()
     return SECONDS / (time.process_time() - began)

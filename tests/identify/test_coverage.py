@@ -28,7 +28,7 @@ class ManySensors:
     """One replay measured by many sets of the simulator's own sensors, each with noise of its own; the controller sees the truth."""
 
     def __init__(self, controller, draws):
-        self.sets = [Sensors(controller.robot, seed, controller.tick_s) for seed in range(draws)]
+        self.sets = [Sensors(controller.robot, seed, controller.clock.tick_s) for seed in range(draws)]
         self.ticks = []
 
     def read(self, arm):
@@ -41,7 +41,7 @@ def replays(draws, repetitions, seed=0):
     """The noise-free recording, and as many noisy ones of the same motion."""
     document = json.loads((EXCITATIONS / "ur5-ground.json").read_text("utf-8"))
     controller = Controller(SimulateSettings(robot="ur5", seed=seed))
-    many = controller.sensors = ManySensors(controller, draws)
+    many = controller.measurements.sensors = ManySensors(controller, draws)
     quiet = stepped_replay(controller, replace(excitation_from_document(document), repetitions=repetitions))
     ticks = many.ticks[-quiet.samples :]
     np.testing.assert_array_equal([tick[0].q for tick in ticks], quiet.q)

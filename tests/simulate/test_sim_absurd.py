@@ -12,10 +12,10 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
 from monitor.simulate.controller.program.scripts import Refused, Steps, parse
 from monitor.simulate.controller.registers import INPUT_TYPES, recipe
-from monitor.simulate.faults import Place, inject
 from monitor.simulate.scenario import scenario_from_document
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.rtde import RtdeSession
+from monitor.simulate.wire.variables import output_variables
 
 PAYLOAD = recipe(["input_int_register_0", *DOUBLES[:4]], INPUT_TYPES)
 SIX = recipe(["input_int_register_0", *DOUBLES[:6]], INPUT_TYPES)
@@ -30,13 +30,13 @@ def pendant() -> Pendant:
 def test_a_register_takes_32_bits_and_a_script_with_more_is_refused(pendant):
     """Else nobody who reads the register would get another packet."""
     c = pendant.controller
-    session = RtdeSession(c, 1)
+    session = RtdeSession(c, output_variables(c), 1)
     names = b"output_int_register_1"
     session.feed(struct.pack(">HBd", 11 + len(names), 79, 125.0) + names + struct.pack(">HB", 3, 83))
     for value in (2**31, -(2**31) - 1):
         c.run_script(f"write_output_integer_register(1, {value})")
         pendant.run(0.05)
-        assert "32 bits" in c.refused_scripts[-1]
+        assert "32 bits" in c.journal.refused_scripts[-1]
         assert session.output(0, {}) == struct.pack(">HBBi", 8, 85, 1, 0)
     c.run_script(f"write_output_integer_register(1, {2**31 - 1})")
     pendant.run(0.05)
@@ -46,10 +46,10 @@ def test_a_register_takes_32_bits_and_a_script_with_more_is_refused(pendant):
 def test_a_secondary_program_runs_beside_the_one_that_plays(pendant):
     """It may take no time: with a move in it, it is refused."""
     c = pendant.controller
-    before = c.program
+    before = c.programs.current
     c.run_script("sec note():\n  write_output_integer_register(5, 7)\nend")
     pendant.run(0.05)
-    assert (c.program, c.runtime, c.output_ints[5]) == (before, Runtime.PLAYING, 7)
+    assert (c.programs.current, c.modes.runtime, c.registers.output_ints[5]) == (before, Runtime.PLAYING, 7)
     assert isinstance(parse("sec go():\n  movej([0,0,0,0,0,0])\nend"), Refused)
     assert isinstance(parse('sec hello():\n  textmsg("hello")\nend'), Steps)
 
@@ -68,7 +68,7 @@ def test_figures_that_cannot_be_meant_end_the_program(pendant, written, values, 
     """As a runtime exception; the arm stays where it is."""
     c = pendant.controller
     assert pendant.do(written, values) == -1
-    assert why in c.stops[-1].reason
+    assert why in c.journal.stops[-1].reason
     pendant.run(0.1)
     assert np.isfinite(c.arm.q).all()
 
@@ -79,7 +79,7 @@ def test_a_motion_that_becomes_nothing_is_a_protective_stop_and_the_arm_is_still
     with np.errstate(all="ignore"):
         c.write_inputs(SPEED, [10, *[1.7e308] * 6, 1e308, 0.0])
         pendant.run(1.0)
-    assert c.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert c.modes.safety == SafetyMode.PROTECTIVE_STOP
     assert np.isfinite(c.arm.q).all()
     assert np.isfinite(c.reference.q).all()
 
@@ -99,16 +99,16 @@ def test_a_moved_encoder_is_still_moved_after_a_restart():
     """And the arm does not jump by it when the brakes open."""
     c = Controller(SimulateSettings())
     c.step()
-    inject("encoder_offset", {"joint": 2, "value": 0.1}, Place(controller=c))
+    c.inject("encoder_offset", {"joint": 2, "value": 0.1})
     after = Controller(c.settings, before=c)
     stood = after.arm.q.copy()
-    assert after.power(RobotMode.IDLE)
-    assert after.power(RobotMode.RUNNING)
+    assert after.safety.power(RobotMode.IDLE)
+    assert after.safety.power(RobotMode.RUNNING)
     for _ in range(100):
         after.step()
     assert np.allclose(after.arm.q, stood, atol=1e-3)
-    assert after.safety_mode == SafetyMode.NORMAL
-    assert np.isclose(after.measured.q[1] - after.arm.q[1], 0.1, atol=1e-3)
+    assert after.modes.safety == SafetyMode.NORMAL
+    assert np.isclose(after.measurements.latest.q[1] - after.arm.q[1], 0.1, atol=1e-3)
 
 
 def test_a_restart_mends_no_sensor_and_forgets_no_installation():
@@ -116,22 +116,22 @@ def test_a_restart_mends_no_sensor_and_forgets_no_installation():
     told = [{"at_s": 0, "do": "mounting", "mounting": "ceiling", "told": True}, {"at_s": 0, "do": "payload", "kg": 2.0, "told": True}]
     c = Controller(SimulateSettings(scenario=scenario_from_document({"event": told}, "told", "told.toml")))
     c.step()
-    inject("current_stuck", {"joint": 1}, Place(controller=c))
-    c.declare(payload=(3.0, 0.0, 0.0, 0.0))
+    c.inject("current_stuck", {"joint": 1})
+    c.installation.declare(payload=(3.0, 0.0, 0.0, 0.0))
     after = Controller(c.settings, before=c)
     after.step()
-    assert after.declared_payload[0] == 2.0
-    assert np.allclose(after.declared_gravity, Mounting.parse("ceiling").gravity_in_base)
-    assert after.measured.current[0] == c.sensors.faults.stuck_a[0]
+    assert after.installation.payload[0] == 2.0
+    assert np.allclose(after.installation.gravity, Mounting.parse("ceiling").gravity_in_base)
+    assert after.measurements.latest.current[0] == c.measurements.sensors.faults.stuck_a[0]
 
 
 def test_an_arm_without_power_is_as_warm_as_its_room():
     """And three kelvins warmer with it, at rest."""
     c = Controller(SimulateSettings(ambient_c=20.0))
-    c.power(RobotMode.POWER_OFF)
+    c.safety.power(RobotMode.POWER_OFF)
     c.live(48.0)
     assert np.allclose(c.arm.temperatures.motor_c, 20.0, atol=0.1)
-    c.power(RobotMode.IDLE)
+    c.safety.power(RobotMode.IDLE)
     c.live(48.0)
     assert np.allclose(c.arm.temperatures.motor_c, 23.0, atol=0.1)
 
@@ -139,15 +139,14 @@ def test_an_arm_without_power_is_as_warm_as_its_room():
 def test_clear_brings_back_the_noise_that_the_arm_has_of_itself():
     """Also after none at all."""
     c = Controller(SimulateSettings(current_noise=4.0))
-    place = Place(controller=c)
 
     def loudness() -> float:
-        return float(np.std([(c.step(), c.measured.current)[1] for _ in range(600)], axis=0)[0])
+        return float(np.std([(c.step(), c.measurements.latest.current)[1] for _ in range(600)], axis=0)[0])
 
     usual = loudness()
-    inject("current_noise", {"factor": 0}, place)
+    c.inject("current_noise", {"factor": 0})
     assert loudness() < 0.1 * usual
-    inject("clear", {}, place)
+    c.inject("clear", {})
     assert 0.8 * usual < loudness() < 1.25 * usual
 
 

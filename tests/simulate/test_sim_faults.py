@@ -14,7 +14,7 @@ from test_sim_wire import DASHBOARD, result_of
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import Runtime, SafetyMode
-from monitor.simulate.faults import FAULTS, Place, inject, parse
+from monitor.simulate.faults import FAULTS, parse
 from monitor.simulate.settings import SimulateSettings
 
 PORTS = {"rtde": 30004, "dashboard": 29999, "primary": 30001, "secondary": 30002, "realtime": 30003}
@@ -48,13 +48,13 @@ def refused(host: str, port: int) -> bool:
 
 
 @pytest.fixture
-def place() -> Place:
+def controller() -> Controller:
     controller = Controller(SimulateSettings())
     controller.step()
-    return Place(controller=controller)
+    return controller
 
 
-def test_every_fault_says_what_it_takes_and_refuses_the_rest(place):
+def test_every_fault_says_what_it_takes_and_refuses_the_rest(controller):
     """An argument that nobody knows, one out of range, one missing, a fault of the wire without a wire."""
     for name, given, named in [
         ("earthquake", {}, "known are"),
@@ -73,33 +73,32 @@ def test_every_fault_says_what_it_takes_and_refuses_the_rest(place):
         ("restart", {}, "of the wire"),
     ]:
         with pytest.raises(BadInput, match=named):
-            inject(name, given, place)
+            controller.inject(name, given)
     with pytest.raises(BadInput, match="key=value"):
         parse("stall 2")
     assert parse("late seconds=0.02 share=0.5") == ("late", {"seconds": "0.02", "share": "0.5"})
     assert all(fault.about for fault in FAULTS.values())
 
 
-def test_frozen_temperatures_stay_and_clear_thaws_them(place):
+def test_frozen_temperatures_stay_and_clear_thaws_them(controller):
     """Even while the joint warms."""
-    controller = place.controller
-    inject("temperatures_frozen", {}, place)
-    before = controller.measured.temperature_c
+    controller.inject("temperatures_frozen", {})
+    before = controller.measurements.latest.temperature_c
     controller.live(1.0, 35.0, 1.0)
     controller.step()
-    assert np.array_equal(controller.measured.temperature_c, before)
-    inject("clear", {}, place)
+    assert np.array_equal(controller.measurements.latest.temperature_c, before)
+    controller.inject("clear", {})
     controller.step()
-    assert np.all(controller.measured.temperature_c > before + 1.0)
+    assert np.all(controller.measurements.latest.temperature_c > before + 1.0)
 
 
-def test_a_glitching_temperature_is_wrong_now_and_then(place):
+def test_a_glitching_temperature_is_wrong_now_and_then(controller):
     """One tick of 32, one joint."""
-    inject("temperature_glitch", {"joint": 2, "value": 0.0}, place)
+    controller.inject("temperature_glitch", {"joint": 2, "value": 0.0})
     seen = []
     for _ in range(64):
-        place.controller.step()
-        seen.append(place.controller.measured.temperature_c)
+        controller.step()
+        seen.append(controller.measurements.latest.temperature_c)
     wrong = np.array(seen) == 0.0
     assert wrong.sum(axis=0).tolist() == [0, 2, 0, 0, 0, 0]
 
@@ -107,46 +106,45 @@ def test_a_glitching_temperature_is_wrong_now_and_then(place):
 def test_a_stuck_current_sensor_goes_on_telling_the_same():
     """While the arm moves, and the others tell the truth."""
     pendant = Pendant()
-    inject("current_stuck", {"joint": 3}, Place(controller=pendant.controller))
+    pendant.controller.inject("current_stuck", {"joint": 3})
     currents = []
     for _ in range(10):
         pendant.stream(0.05)
-        currents.append(pendant.controller.measured.current)
+        currents.append(pendant.controller.measurements.latest.current)
     assert len(set(np.array(currents)[:, 2])) == 1
     assert len(set(np.array(currents)[:, 1])) > 5
 
 
-def test_an_encoder_offset_shifts_what_is_told_and_moves_nothing(place):
+def test_an_encoder_offset_shifts_what_is_told_and_moves_nothing(controller):
     """The arm stays; positions, the controller's own included, are told elsewhere; gravity acts where the arm is."""
-    controller = place.controller
-    true, told, moment = controller.arm.q.copy(), controller.measured.q, controller.arm.torque_nm.copy()
-    inject("encoder_offset", {"joint": 2, "value": 0.05}, place)
+    true, told, moment = controller.arm.q.copy(), controller.measurements.latest.q, controller.arm.torque_nm.copy()
+    controller.inject("encoder_offset", {"joint": 2, "value": 0.05})
     for _ in range(100):
         controller.step()
     assert np.allclose(controller.arm.q, true, atol=1e-5)
-    assert controller.measured.q[1] - told[1] == pytest.approx(0.05, abs=2e-4)
+    assert controller.measurements.latest.q[1] - told[1] == pytest.approx(0.05, abs=2e-4)
     assert controller.reference.q[1] - true[1] == pytest.approx(0.05, abs=1e-3)
     assert np.allclose(controller.arm.torque_nm, moment, atol=1.0)
-    assert controller.safety_mode == SafetyMode.NORMAL
-    inject("clear", {}, place)
+    assert controller.modes.safety == SafetyMode.NORMAL
+    controller.inject("clear", {})
     controller.step()
-    assert controller.measured.q[1] == pytest.approx(told[1], abs=2e-4)
+    assert controller.measurements.latest.q[1] == pytest.approx(told[1], abs=2e-4)
 
 
-def test_louder_currents_are_louder(place):
+def test_louder_currents_are_louder(controller):
     """Four times the standard deviation, and back."""
 
     def spread() -> float:
         values = []
         for _ in range(400):
-            place.controller.step()
-            values.append(place.controller.measured.current)
+            controller.step()
+            values.append(controller.measurements.latest.current)
         return float(np.std(values, axis=0)[0])
 
     usual = spread()
-    inject("current_noise", {"factor": 4.0}, place)
+    controller.inject("current_noise", {"factor": 4.0})
     assert spread() == pytest.approx(4.0 * usual, rel=0.2)  # 400 draws: 3.5 % each, correlated
-    inject("clear", {}, place)
+    controller.inject("clear", {})
     assert spread() == pytest.approx(usual, rel=0.2)
 
 
@@ -154,18 +152,18 @@ def test_louder_currents_are_louder(place):
 def test_a_protective_stop_comes_in_each_observed_variant(runtime, state):
     """Whatever the settings say."""
     pendant = Pendant()
-    inject("protective_stop", {"runtime": runtime}, Place(controller=pendant.controller))
+    pendant.controller.inject("protective_stop", {"runtime": runtime})
     pendant.run(0.2)
-    assert pendant.controller.safety_mode == SafetyMode.PROTECTIVE_STOP
-    assert pendant.controller.runtime == state
+    assert pendant.controller.modes.safety == SafetyMode.PROTECTIVE_STOP
+    assert pendant.controller.modes.runtime == state
 
 
-def test_somebody_else_stops_the_program(place):
+def test_somebody_else_stops_the_program(controller):
     """Says so if there is none."""
-    assert inject("program_stop", {}, place) == "no program was running"
+    assert controller.inject("program_stop", {}) == "no program was running"
     pendant = Pendant()
-    assert inject("program_stop", {}, Place(controller=pendant.controller)) == "program stopped"
-    assert pendant.controller.runtime == Runtime.STOPPED
+    assert pendant.controller.inject("program_stop", {}) == "program stopped"
+    assert pendant.controller.modes.runtime == Runtime.STOPPED
 
 
 # --- through the wire -----------------------------------------------------------------------------------------

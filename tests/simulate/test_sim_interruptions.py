@@ -39,7 +39,7 @@ def test_a_move_that_waits_for_the_stop_of_the_one_before_ends_with_its_program(
     pendant.run(1.0)
     stands = c.arm.q.copy()
     pendant.run(1.0)
-    assert c.standing
+    assert c.machine.standing
     assert np.allclose(c.arm.q, stands, atol=SETTLING_RAD)
 
 
@@ -51,12 +51,12 @@ def test_a_move_that_was_paused_goes_on_to_its_goal(pendant, straight):
     begin_move(pendant, THERE_IN_A_LINE, seconds=0.3, straight=straight)
     assert dashboard.reply(c, "pause") == "Pausing program"
     pendant.run(1.0)
-    assert c.standing
+    assert c.machine.standing
     assert dashboard.reply(c, "play") == "Starting program"
     pendant.run(0.1)
-    assert c.output_ints[0] == 1
+    assert c.registers.output_ints[0] == 1
     pendant.run(6.0)
-    assert c.output_ints[0] == 2
+    assert c.registers.output_ints[0] == 2
     assert np.allclose(c.arm.q, THERE_IN_A_LINE, atol=2e-3)
 
 
@@ -80,11 +80,11 @@ def test_after_a_protective_stop_the_move_goes_on_when_the_program_does(runtime)
     begin_move(pendant, THERE, seconds=0.5)
     c.protective_stop("test")
     pendant.run(5.5)
-    assert c.output_ints[0] == 1
-    assert c.unlock()
+    assert c.registers.output_ints[0] == 1
+    assert c.safety.unlock()
     assert dashboard.reply(c, "play") == ("Starting program" if runtime == "paused" else "Failed to execute: play")
     pendant.run(6.0)
-    assert c.output_ints[0] == 2
+    assert c.registers.output_ints[0] == 2
     assert np.allclose(c.arm.q, THERE, atol=2e-3)
 
 
@@ -100,7 +100,7 @@ def test_no_move_begins_in_a_protective_stop_in_which_the_program_plays_on():
         begin_move(pendant, BACK, seconds=0.1)
         stands = c.arm.q.copy()
         pendant.run(1.0)
-        assert (c.safety_mode, c.runtime) == (SafetyMode.PROTECTIVE_STOP, Runtime.PLAYING)
+        assert (c.modes.safety, c.modes.runtime) == (SafetyMode.PROTECTIVE_STOP, Runtime.PLAYING)
         assert np.allclose(c.arm.q, stands, atol=SETTLING_RAD)
 
 
@@ -112,7 +112,7 @@ def test_a_protective_stop_is_not_made_softer_by_the_program():
     c.protective_stop("test")
     c.write_inputs(ONE, [16, 0.01])
     pendant.run(0.5)
-    assert c.standing
+    assert c.machine.standing
 
 
 def test_a_brake_release_of_a_running_arm_disturbs_no_motion(pendant):
@@ -121,7 +121,7 @@ def test_a_brake_release_of_a_running_arm_disturbs_no_motion(pendant):
     begin_move(pendant, THERE, seconds=0.5)
     assert dashboard.reply(c, "brake release") == "Brake releasing"
     pendant.run(0.1)
-    assert c.output_ints[0] == 1
+    assert c.registers.output_ints[0] == 1
     pendant.run(3.0)
     assert np.allclose(c.arm.q, THERE, atol=2e-3)
 
@@ -136,7 +136,7 @@ def test_the_speed_slider_brings_no_jerk(pendant):
     for _ in range(75):
         before = c.reference.qd
         c.step()
-        largest = max(largest, float(np.abs(c.reference.qd - before).max()) / c.tick_s)
+        largest = max(largest, float(np.abs(c.reference.qd - before).max()) / c.clock.tick_s)
     assert float(np.abs(c.reference.qd).max()) < 0.1 * fast
     assert largest < 4.0  # the move's own 1.4 and 1 rad/s in half a second
     c.write_inputs(SLIDER, [1, 1.0])

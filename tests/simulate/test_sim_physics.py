@@ -312,7 +312,7 @@ def test_an_untold_payload_is_carried_but_not_reckoned_with():
     """2 kg at the flange: the drives give its weight, the controller's model does not know it."""
     arm = Arm(load_robot("ur5"), q=np.zeros(6))
     bare = arm.gravity_nm()
-    arm.carry(payload_kg=2.0, told=False)
+    arm.carry(payload_kg=2.0, declared=False)
     reach = 0.425 + 0.39225 + 0.0823  # the last joint's axis points sideways at zero
     assert arm.gravity_nm()[1] - bare[1] == pytest.approx(-2.0 * 9.80665 * (reach - 0.0823), rel=0.2)
     assert arm.believed is not arm.model

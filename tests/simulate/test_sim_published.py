@@ -8,6 +8,7 @@ import pytest
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.rtde import RtdeSession
+from monitor.simulate.wire.variables import output_variables
 
 # a line: type, first version on CB3 and on the e-Series (0: always, -: never), names; a..b are the numbers in place of #
 OUTPUTS = """
@@ -91,6 +92,10 @@ def pieces(names: list[str], size: int = 40) -> list[list[str]]:
     return [names[i : i + size] for i in range(0, len(names), size)]
 
 
+def session_of(controller: Controller) -> RtdeSession:
+    return RtdeSession(controller, output_variables(controller), 1)
+
+
 def request(kind: bytes, payload: bytes) -> bytes:
     return struct.pack(">H", 3 + len(payload)) + kind + payload
 
@@ -102,7 +107,7 @@ def test_every_output_has_its_published_type_from_its_version_on(version):
     """Asked in groups; then a packet of all that are there is as long as their types say."""
     controller = Controller(SimulateSettings(robot="ur5" if version[0] == "3" else "ur5e", version=version))
     expected = table(OUTPUTS, version)
-    session = RtdeSession(controller, 1)
+    session = session_of(controller)
     told = {}
     for names in pieces(list(expected)):
         reply = session.feed(request(b"O", struct.pack(">d", 500.0) + ",".join(names).encode()))
@@ -119,7 +124,7 @@ def test_every_output_has_its_published_type_from_its_version_on(version):
 @pytest.mark.parametrize("version", ["3.4.0", "3.15.8", "5.4.0", "5.22.0"])
 def test_every_input_has_its_published_type_from_its_version_on(version):
     """Each on its own: nothing is taken where one name is unknown."""
-    session = RtdeSession(Controller(SimulateSettings(robot="ur5" if version[0] == "3" else "ur5e", version=version)), 1)
+    session = session_of(Controller(SimulateSettings(robot="ur5" if version[0] == "3" else "ur5e", version=version)))
     expected = table(INPUTS, version)
     told = {name: session.feed(request(b"I", name.encode()))[4:].decode() for name in expected}
     assert told == expected
@@ -127,16 +132,16 @@ def test_every_input_has_its_published_type_from_its_version_on(version):
 
 def test_the_table_has_nothing_that_the_guide_has_not():
     """What any version answers is in the list above."""
-    assert set(Controller(SimulateSettings(robot="ur5e")).variables) <= set(table(OUTPUTS, "5.23.0"))
+    assert set(output_variables(Controller(SimulateSettings(robot="ur5e")))) <= set(table(OUTPUTS, "5.23.0"))
 
 
 def test_the_sensor_at_the_flange_shows_a_payload_that_nobody_told_of():
     """1.5 kg, 0.1 m out along the flange's x axis, which at home lies level: 14.7 N, 1.47 N·m."""
     c = Controller(SimulateSettings(robot="ur5e"))
-    assert c.variables["ft_raw_wrench"].read() == (0.0,) * 6
-    c.arm.carry(payload_kg=1.5, payload_com_m=(0.1, 0.0, 0.0), told=False)
-    wrench = np.array(c.variables["ft_raw_wrench"].read())
-    down = c.kinematics.flange(c.measured.q).rotation.T @ [0.0, 0.0, -1.0]
+    assert output_variables(c)["ft_raw_wrench"].read() == (0.0,) * 6
+    c.arm.carry(payload_kg=1.5, payload_com_m=(0.1, 0.0, 0.0), declared=False)
+    wrench = np.array(output_variables(c)["ft_raw_wrench"].read())
+    down = c.kinematics.flange(c.measurements.latest.q).rotation.T @ [0.0, 0.0, -1.0]
     assert np.allclose(wrench[:3], 1.5 * 9.81 * down, atol=0.01)  # g to three digits
     assert np.allclose(wrench[3:], np.cross([0.1, 0.0, 0.0], wrench[:3]))
     assert np.linalg.norm(wrench[:3]) == pytest.approx(14.7, abs=0.02)
@@ -146,11 +151,11 @@ def test_the_deviation_ratio_reaches_one_when_the_arm_is_protected():
     """A following error grows until the stop: below 1 before, at 1 with it."""
     c = Controller(SimulateSettings(robot="ur5e"))
     ratios = []
-    while c.safety_mode == 1:
+    while c.modes.safety == 1:
         c.reference.put(c.reference.q + np.array([0.004, 0, 0, 0, 0, 0]), c.reference.qd, c.reference.qdd)
         c.arm.q = np.array(SimulateSettings().home_rad)  # held by something
         c.step()
-        ratios.append(c.variables["joint_position_deviation_ratio"].read()[0])
+        ratios.append(output_variables(c)["joint_position_deviation_ratio"].read()[0])
     assert max(ratios[:-1]) < 1.0 <= ratios[-1]
 
 
@@ -158,9 +163,9 @@ def test_what_a_client_sets_is_told_back():
     """The tool's offset, and which analogue output gives volts."""
     c = Controller(SimulateSettings(robot="ur5e"))
     c.kinematics.tool = np.array([0.0, 0.0, 0.1, 0.0, 0.5, 0.0])
-    assert c.variables["tcp_offset"].read() == (0.0, 0.0, 0.1, 0.0, 0.5, 0.0)
-    session = RtdeSession(c, 1)
+    assert output_variables(c)["tcp_offset"].read() == (0.0, 0.0, 0.1, 0.0, 0.5, 0.0)
+    session = session_of(c)
     session.feed(request(b"I", b"standard_analog_output_mask,standard_analog_output_type,standard_analog_output_1"))
     session.feed(request(b"U", struct.pack(">BBBd", 1, 2, 2, 0.5)))
-    assert c.variables["standard_analog_output1"].read() == (5.0,)
-    assert c.variables["analog_io_types"].read() == (8,)
+    assert output_variables(c)["standard_analog_output1"].read() == (5.0,)
+    assert output_variables(c)["analog_io_types"].read() == (8,)

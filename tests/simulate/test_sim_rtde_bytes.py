@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.rtde import ProtocolError, RtdeSession
+from monitor.simulate.wire.variables import output_variables
 
 VERSION_REQUEST = bytes.fromhex("0005 56 0002")
 COMMAND_RECIPE = bytes.fromhex("0018 49") + b"input_int_register_0,"
@@ -17,9 +18,13 @@ def controller() -> Controller:
     return Controller(SimulateSettings())
 
 
+def session_of(controller: Controller, connection: int) -> RtdeSession:
+    return RtdeSession(controller, output_variables(controller), connection)
+
+
 @pytest.fixture
 def session(controller: Controller) -> RtdeSession:
-    return RtdeSession(controller, 1)
+    return session_of(controller, 1)
 
 
 def test_protocol_version_2_is_accepted_and_1_is_not(session):
@@ -37,13 +42,13 @@ def test_data_start_pause_and_the_first_packet(session, controller):
     """O, S, U, P: timestamp 1.0 after 125 ticks, robot mode 7."""
     request = bytes.fromhex("0020 4f 405f400000000000") + b"timestamp,robot_mode,"  # ur-rtde ends its lists with a comma
     assert session.feed(request) == bytes.fromhex("0010 4f 01") + b"DOUBLE,INT32"
-    assert session.output(controller.ticks, {}) is None  # not before START
+    assert session.output(controller.clock.ticks, {}) is None  # not before START
     assert session.feed(bytes.fromhex("0003 53")) == bytes.fromhex("0004 53 01")
     for _ in range(125):
         controller.step()
-    assert session.output(controller.ticks, {}) == bytes.fromhex("0010 55 01 3ff0000000000000 00000007")
+    assert session.output(controller.clock.ticks, {}) == bytes.fromhex("0010 55 01 3ff0000000000000 00000007")
     assert session.feed(bytes.fromhex("0003 50")) == bytes.fromhex("0004 50 01")
-    assert session.output(controller.ticks, {}) is None
+    assert session.output(controller.clock.ticks, {}) is None
 
 
 def test_an_unknown_output_is_not_found_and_start_is_refused(session):
@@ -57,16 +62,16 @@ def test_an_input_recipe_and_a_value_before_start(session, controller):
     """I, then U at once, as RTDEIO does: register 0 becomes 11."""
     assert session.feed(COMMAND_RECIPE) == bytes.fromhex("0009 49 01") + b"INT32"
     assert session.feed(bytes.fromhex("0008 55 01 0000000b")) == b""
-    assert controller.inputs.ints[0] == 11
+    assert controller.registers.inputs.ints[0] == 11
 
 
 def test_a_register_has_one_owner_until_its_connection_ends(session, controller):
     """The second connection hears IN_USE and gets nothing; after the first has gone it gets the register."""
-    other = RtdeSession(controller, 2)
+    other = session_of(controller, 2)
     session.feed(COMMAND_RECIPE)
     assert other.feed(COMMAND_RECIPE) == bytes.fromhex("000a 49 00") + b"IN_USE"
     other.feed(bytes.fromhex("0008 55 01 0000000b"))
-    assert controller.inputs.ints[0] == 0
+    assert controller.registers.inputs.ints[0] == 0
     session.close()
     assert other.feed(COMMAND_RECIPE) == bytes.fromhex("0009 49 01") + b"INT32"
 
@@ -77,8 +82,8 @@ def test_recipes_count_per_connection_and_may_share_a_variable(session, controll
     request = bytes.fromhex("002f 49") + b"input_int_register_0,input_double_register_0"
     assert session.feed(request) == bytes.fromhex("0010 49 02") + b"INT32,DOUBLE"
     session.feed(bytes.fromhex("0010 55 02 00000001 4000000000000000"))
-    assert controller.inputs.ints[0] == 1
-    assert controller.inputs.doubles[0] == 2.0
+    assert controller.registers.inputs.ints[0] == 1
+    assert controller.registers.inputs.doubles[0] == 2.0
 
 
 def test_odd_inputs_are_tolerated_and_counted(session, controller):
@@ -86,11 +91,11 @@ def test_odd_inputs_are_tolerated_and_counted(session, controller):
     session.feed(bytes.fromhex("0008 55 01 0000000b"))
     session.feed(COMMAND_RECIPE)
     session.feed(bytes.fromhex("0008 55 07 0000000b"))
-    assert controller.inputs.ints[0] == 0
+    assert controller.registers.inputs.ints[0] == 0
     session.feed(bytes.fromhex("0006 55 01 0000"))
     session.feed(bytes.fromhex("000c 55 01 00000005 ffffffff"))
-    assert controller.inputs.ints[0] == 5
-    assert controller.odd_inputs == 4
+    assert controller.registers.inputs.ints[0] == 5
+    assert controller.registers.odd_inputs == 4
 
 
 def test_a_text_message_needs_no_answer(session):
@@ -102,13 +107,13 @@ def test_packets_may_come_in_pieces_and_in_heaps(session):
     """One byte at a time, and all at once: the same answers."""
     talk = VERSION_REQUEST + bytes.fromhex("0003 76") + COMMAND_RECIPE
     piecewise = b"".join(session.feed(bytes([byte])) for byte in talk)
-    assert piecewise == RtdeSession(Controller(SimulateSettings()), 1).feed(talk)
+    assert piecewise == session_of(Controller(SimulateSettings()), 1).feed(talk)
 
 
 def test_the_rate_is_clamped_and_divides_the_tick(controller):
     """500 Hz on a CB3 gives every tick, 50 Hz every second of 125, NaN every tick, 0.001 Hz one a second."""
     for bits, expected in (("407f400000000000", 1), ("4049000000000000", 2), ("7ff8000000000000", 1), ("3f50624dd2f1a9fc", 125)):
-        session = RtdeSession(controller, 1)
+        session = session_of(controller, 1)
         session.feed(bytes.fromhex("0014 4f") + bytes.fromhex(bits) + b"timestamp")
         session.feed(bytes.fromhex("0003 53"))
         assert sum(session.output(tick, {}) is not None for tick in range(250)) == 250 // expected
@@ -117,7 +122,7 @@ def test_the_rate_is_clamped_and_divides_the_tick(controller):
 @given(junk=st.binary(max_size=400))
 def test_junk_is_refused_or_ignored_but_never_crashes(junk):
     """Any bytes: a ProtocolError at worst."""
-    session = RtdeSession(CONTROLLER, 9)
+    session = session_of(CONTROLLER, 9)
     try:
         session.feed(junk)
     except ProtocolError:

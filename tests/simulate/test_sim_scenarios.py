@@ -11,12 +11,13 @@ from monitor.errors import BadInput
 from monitor.model.robot import Mounting, load_robot, robot_names
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import SafetyMode
-from monitor.simulate.faults import Place
+from monitor.simulate.controller.truth import truth
 from monitor.simulate.launch import announcement, settings_from
 from monitor.simulate.scenario import DAY_S, HOUR_S, Event, Scenario, Work, load_scenario, scenario_from_document, scenario_names
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.simulate.wire.ports import Ports
+from monitor.simulate.wire.robot import ServedRobot
+from monitor.simulate.wire.variables import output_variables
 
 
 def living(name: str, **options) -> Controller:
@@ -67,7 +68,7 @@ def test_step_wear_comes_from_one_moment_to_the_next():
     live_days(controller, 0.02)
     assert controller.arm.wear.coulomb[1] == pytest.approx(1.25, abs=1e-3)
     assert controller.arm.wear.viscous[1] == pytest.approx(1.10, abs=1e-3)
-    assert controller.life.happened == ["day 14: wear_step joint=2 coulomb_factor=1.25 viscous_factor=1.1"]
+    assert controller.scenario.happened == ["day 14: wear_step joint=2 coulomb_factor=1.25 viscous_factor=1.1"]
 
 
 def test_monday_morning_is_colder_than_friday_evening():
@@ -99,7 +100,7 @@ def test_a_payload_comes_untold():
     before = controller.arm.rigid_torque(*stretched)[0][0, 1]
     live_days(controller, 2.0)
     assert controller.arm.rigid_torque(*stretched)[0][0, 1] - before == pytest.approx(-2.0 * 9.81 * 0.82, rel=0.05)
-    assert controller.variables["payload"].read() == (0.0,)
+    assert output_variables(controller)["payload"].read() == (0.0,)
     assert controller.arm.believed is not controller.arm.model
     recording = stepped_replay(controller, excitation())
     assert recording.samples == 501  # the servo copes
@@ -110,7 +111,7 @@ def test_the_arm_hangs_from_the_ceiling_and_the_controller_does_not_know():
     controller = living("remounted")
     live_days(controller, 10.5)
     assert controller.arm.mounting == Mounting.parse("ceiling")
-    assert np.allclose(controller.declared_gravity, [0.0, 0.0, -9.80665])
+    assert np.allclose(controller.installation.gravity, [0.0, 0.0, -9.80665])
     recording = stepped_replay(controller, excitation())
     load = (recording.current - recording.target_current) * controller.arm.gain_nm_per_a
     assert np.abs(load[:, 1]).max() > 20.0  # N·m that the controller's model does not explain
@@ -130,7 +131,7 @@ def test_a_replaced_joint_has_its_own_serial_and_friction():
     controller = living("joint-replaced")
     before, other = friction(controller, 2), friction(controller, 3)
     live_days(controller, 20.1)
-    assert controller.truth()["joint_serials"][1] == "20260200417"
+    assert truth(controller)["joint_serials"][1] == "20260200417"
     assert friction(controller, 2) == pytest.approx(0.88 * before, rel=1e-3)
     assert friction(controller, 3) == pytest.approx(other, rel=1e-3)
 
@@ -141,7 +142,7 @@ def test_noisy_currents_are_four_times_as_loud():
         currents = []
         for _ in range(500):
             controller.step()
-            currents.append(controller.measured.current)
+            currents.append(controller.measurements.latest.current)
         spreads.append(np.std(currents, axis=0))
     assert np.allclose(spreads[1] / spreads[0], 4.0, rtol=0.05)  # the same dice
 
@@ -161,7 +162,7 @@ def test_stepped_and_tick_by_tick_give_the_same_life():
     """A day's events and its room at the same moments whether leapt or lived; here an event after two seconds."""
     event = Event(at_s=2.0, do="wear_step", arguments={"joint": 1, "coulomb_factor": 1.5, "viscous_factor": 1.0})
     ticked, leapt = (Controller(SimulateSettings(scenario=Scenario(events=(event,)))) for _ in range(2))
-    for _ in range(round(3.0 / ticked.tick_s)):
+    for _ in range(round(3.0 / ticked.clock.tick_s)):
         ticked.step()
     leapt.live(3.0 / 3600.0)
     for controller in (ticked, leapt):
@@ -175,7 +176,7 @@ def test_a_fault_may_be_part_of_a_scenario():
     controller = Controller(settings_from(scenario_from_document(document, "mine", "mine.toml")))
     for _ in range(200):
         controller.step()
-    assert controller.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert controller.modes.safety == SafetyMode.PROTECTIVE_STOP
 
 
 @pytest.mark.parametrize("robot", robot_names())
@@ -192,7 +193,7 @@ def test_every_model_moves_on_any_mounting_with_a_payload(robot, mounting):
         controller.step()
         largest = np.maximum(largest, np.abs(controller.arm.torque_nm))
     pendant.run(0.3)
-    assert controller.safety_mode == SafetyMode.NORMAL
+    assert controller.modes.safety == SafetyMode.NORMAL
     assert np.allclose(controller.arm.q, goal, atol=2e-3)
     assert np.all(largest < controller.robot.max_torque_nm)
 
@@ -263,12 +264,10 @@ def test_a_fault_may_be_there_from_the_first_moment_on(fault):
     """With the controller whole, and its wire there."""
     event = {"at_s": 0, "do": "fault", **fault}
     scenario = scenario_from_document({"event": [event]}, "from-the-start", "from-the-start.toml")
-    controller = Controller(SimulateSettings(scenario=scenario))
-    ports = Ports(controller)
-    controller.place = lambda: Place(controller=controller, ports=ports)
-    controller.step()
-    assert ports.faults.text_at_connect or "actual_q" in controller.missing
-    assert len(controller.life.happened) == 1
+    robot = ServedRobot(SimulateSettings(scenario=scenario), {}, lambda: None)
+    robot.controller.step()
+    assert robot.ports.faults.text_at_connect or "actual_q" in robot.controller.identity.missing_outputs
+    assert len(robot.controller.scenario.happened) == 1
 
 
 @pytest.mark.parametrize(

@@ -5,16 +5,15 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
+from monitor.simulate.controller.moves import Move, StopMotion
 from monitor.simulate.controller.program.scripts import (
     SCRIPT_MAX_BYTES,
     ControlScript,
     Framer,
     Immediate,
-    Move,
-    Progress,
+    PathProgress,
     Refused,
     Steps,
-    StopMotion,
     Wait,
     Write,
     parse,
@@ -59,7 +58,7 @@ def test_an_injected_path_is_a_list_of_steps():
     path = parse(CONTROL.replace("# inject move path\n", "# inject move path\n" + lines))
     joint = Move((0.0,) * 6, pose=False, straight=False, speed=1.0, acceleration=1.4)
     tool = Move((0.3, 0.0, 0.2, 0.0, 3.0, 0.0), pose=True, straight=True, speed=0.25, acceleration=1.2)
-    assert path == ControlScript(0, 0, (Progress(0), joint, tool))
+    assert path == ControlScript(0, 0, (PathProgress(0), joint, tool))
     circle = parse(CONTROL.replace("# inject move path\n", "# inject move path\nmovec(p[0,0,0,0,0,0], p[1,0,0,0,0,0])\n"))
     assert isinstance(circle, Refused)
     assert "movec" in circle.reason

@@ -14,7 +14,7 @@ def standing(samples: int) -> dict[str, np.ndarray]:
     rows = []
     for _ in range(samples):
         controller.step()
-        rows.append(controller.measured)
+        rows.append(controller.measurements.latest)
     return {name: np.array([getattr(row, name) for row in rows]) for name in ("q", "qd", "current", "temperature_c")}
 
 
@@ -43,5 +43,5 @@ def test_equal_seeds_measure_equally_and_others_do_not():
     for controller in same:
         for _ in range(300):  # more than one block of noise
             controller.step()
-    assert np.array_equal(same[0].measured.current, same[1].measured.current)
-    assert not np.array_equal(same[0].measured.current, same[2].measured.current)
+    assert np.array_equal(same[0].measurements.latest.current, same[1].measurements.latest.current)
+    assert not np.array_equal(same[0].measurements.latest.current, same[2].measurements.latest.current)

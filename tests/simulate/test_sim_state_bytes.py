@@ -9,8 +9,11 @@ import pytest
 from test_sim_controller import Pendant
 
 from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage
+from monitor.simulate.controller.modes import SafetyMode
 from monitor.simulate.settings import SimulateSettings
-from monitor.simulate.wire import primary
+from monitor.simulate.wire import primary, realtime
+from monitor.simulate.wire.variables import output_variables
 
 
 @pytest.fixture
@@ -20,6 +23,10 @@ def ur5e() -> Controller:
     for _ in range(500):
         controller.step()
     return controller
+
+
+def realtime_packet(controller: Controller) -> bytes:
+    return realtime.packing(controller, output_variables(controller), controller.settings.polyscope)()
 
 
 def packages(message: bytes) -> dict[int, bytes]:
@@ -53,28 +60,31 @@ def test_joint_data_and_tool_pose_by_their_offsets(ur5e):
     for joint in range(6):
         q, target, qd = struct.unpack_from(">ddd", found[1], 41 * joint)
         current, voltage, motor, _ = struct.unpack_from(">ffff", found[1], 41 * joint + 24)
-        assert (q, target, qd) == (ur5e.measured.q[joint], ur5e.reference.q[joint], ur5e.measured.qd[joint])
-        assert current == pytest.approx(ur5e.measured.current[joint], abs=1e-6)
-        assert (voltage, motor) == (48.0, ur5e.measured.temperature_c[joint])
+        assert (q, target, qd) == (ur5e.measurements.latest.q[joint], ur5e.reference.q[joint], ur5e.measurements.latest.qd[joint])
+        assert current == pytest.approx(ur5e.measurements.latest.current[joint], abs=1e-6)
+        assert (voltage, motor) == (48.0, ur5e.measurements.latest.temperature_c[joint])
         assert found[1][41 * joint + 40] == 253
     pose = struct.unpack(">12d", found[4])
-    assert np.allclose(pose[:6], ur5e.variables["actual_TCP_pose"].read())
+    assert np.allclose(pose[:6], output_variables(ur5e)["actual_TCP_pose"].read())
     assert pose[6:] == (0.0,) * 6
 
 
 def test_the_version_message_byte_for_byte(ur5e):
     """Type 20, a million microseconds, from the controller, subtype 3: URControl 5.11, bugfix 0, build 108249, date."""
     told = bytes.fromhex("0000002e 14 00000000000f4240 07 03 09") + b"URControl" + bytes.fromhex("05 0b 00000000 0001a6d9") + b"Mar 10 2021"
-    assert primary.version(ur5e) == told
+    assert primary.version(ur5e.identity, ur5e.settings.build_date, ur5e.clock.now_s) == told
 
 
-def test_messages_of_safety_errors_keys_and_exceptions_byte_for_byte(ur5e):
+def test_messages_of_safety_errors_keys_and_exceptions_byte_for_byte():
     """The five heads, and what follows them."""
     head = "14 00000000000f4240 07"
-    assert primary.key(ur5e, "AB", "c") == bytes.fromhex(f"0000001b {head} 07 00000000 00000000 02") + b"ABc"
-    assert primary.safety(ur5e) == bytes.fromhex(f"00000020 {head} 05 00000000 00000000 01 00000000 00000000")
-    assert primary.error(ur5e, "x") == bytes.fromhex(f"00000024 {head} 06 00000099 00000000 00000003 00000000 00000000") + b"x"
-    assert primary.exception(ur5e, "y") == bytes.fromhex(f"00000018 {head} 0a 00000001 00000001") + b"y"
+    for message, expected in (
+        (ProgramMessage(1.0, "AB", "c"), bytes.fromhex(f"0000001b {head} 07 00000000 00000000 02") + b"ABc"),
+        (SafetyMessage(1.0, SafetyMode.NORMAL), bytes.fromhex(f"00000020 {head} 05 00000000 00000000 01 00000000 00000000")),
+        (ErrorMessage(1.0, "x"), bytes.fromhex(f"00000024 {head} 06 00000099 00000000 00000003 00000000 00000000") + b"x"),
+        (ExceptionMessage(1.0, "y"), bytes.fromhex(f"00000018 {head} 0a 00000001 00000001") + b"y"),
+    ):
+        assert primary.encoded(message) == expected
 
 
 REALTIME_5_10 = {  # offset in bytes → what the guide's table puts there
@@ -119,11 +129,11 @@ REALTIME_5_10 = {  # offset in bytes → what the guide's table puts there
 
 def test_a_realtime_packet_has_every_field_at_its_published_place(ur5e):
     """1220 bytes; each field where the table of RealTime 5.10 says."""
-    packet = ur5e.realtime()
+    packet = realtime_packet(ur5e)
     assert struct.unpack_from(">i", packet) == (1220,)
     assert len(packet) == 1220
     for offset, name in REALTIME_5_10.items():
-        values = tuple(map(float, ur5e.variables[name].read()))
+        values = tuple(map(float, output_variables(ur5e)[name].read()))
         assert struct.unpack_from(f">{len(values)}d", packet, offset) == values, name
     assert packet[:12] == bytes.fromhex("000004c4 3ff0000000000000")  # 1220, one second
 
@@ -141,7 +151,7 @@ def test_a_realtime_packet_has_every_field_at_its_published_place(ur5e):
 )
 def test_a_realtime_packet_is_as_long_as_its_version_says(robot, version, size):
     """The length field and the bytes."""
-    packet = Controller(SimulateSettings(robot=robot, version=version)).realtime()
+    packet = realtime_packet(Controller(SimulateSettings(robot=robot, version=version)))
     assert struct.unpack_from(">i", packet)[0] == len(packet) == size
 
 
@@ -206,7 +216,7 @@ def test_a_protective_stop_is_told_on_the_primary_port_and_not_on_the_secondary(
 def test_programs_are_told_on_the_primary_port():
     """A key message when one starts, one when it ends, a runtime exception instead where it raised one."""
     pendant = Pendant()
-    kinds = [message[14] for message in pendant.controller.messages]
-    assert kinds == [7]
+    messages = pendant.controller.journal.messages
+    assert [primary.encoded(message)[14] for message in messages] == [7]
     pendant.controller.stop_program("runtime exception: test")
-    assert [message[14] for message in pendant.controller.messages] == [7, 10]
+    assert [primary.encoded(message)[14] for message in messages] == [7, 10]

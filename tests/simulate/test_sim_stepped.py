@@ -130,4 +130,4 @@ def test_a_replay_that_the_controller_stops_is_aborted():
     controller.arm.set_wear(4, coulomb=40.0)
     with pytest.raises(ReplayAborted, match="protective_stop"):
         stepped_replay(controller, excitation())
-    assert controller.program is None
+    assert controller.programs.current is None

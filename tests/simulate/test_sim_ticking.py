@@ -18,8 +18,9 @@ def followed():
     here, there = socket.socketpair()
     selector.register(timer, 1)
     selector.register(here, 1)
-    selector.follow(timer)
-    yield selector, timer, here, there
+    streaming = []
+    selector.follow(timer, lambda: bool(streaming))
+    yield selector, timer, here, there, streaming
     selector.close()
     os.close(timer)
     here.close()
@@ -28,8 +29,8 @@ def followed():
 
 def test_what_comes_between_ticks_is_seen_with_the_next_and_before_it(followed):
     """One wake for both, the timer's own event last."""
-    selector, timer, here, there = followed
-    selector.ticking = lambda: True
+    selector, timer, here, there, streaming = followed
+    streaming.append(True)
     selector.select(1.0)
     expirations(timer)
     there.send(b"target")
@@ -38,7 +39,7 @@ def test_what_comes_between_ticks_is_seen_with_the_next_and_before_it(followed):
 
 def test_without_streams_everything_is_seen_at_once(followed):
     """A handshake does not wait for ticks."""
-    selector, timer, here, there = followed
+    selector, timer, here, there, _ = followed
     expirations(timer)
     there.send(b"hello")
     assert [key.fd for key, _ in selector.select(1.0)] == [here.fileno()]
@@ -46,8 +47,8 @@ def test_without_streams_everything_is_seen_at_once(followed):
 
 def test_a_timeout_that_ends_before_the_tick_is_kept(followed):
     """Faults that act after a while act then, not a tick later; no select spins."""
-    selector, timer, _, _ = followed
-    selector.ticking = lambda: True
+    selector, timer, _, _, streaming = followed
+    streaming.append(True)
     selector.select(1.0)
     expirations(timer)
     began = time.monotonic()
@@ -58,8 +59,8 @@ def test_a_timeout_that_ends_before_the_tick_is_kept(followed):
 
 def test_a_timer_that_is_gone_is_waited_for_no_longer(followed):
     """The end of the service is no tick."""
-    selector, _, here, there = followed
-    selector.ticking = lambda: True
+    selector, _, here, there, streaming = followed
+    streaming.append(True)
     selector.forget()
     there.send(b"shutdown")
     assert here.fileno() in [key.fd for key, _ in selector.select(1.0)]

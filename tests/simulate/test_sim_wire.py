@@ -429,10 +429,10 @@ def test_in_real_time_it_is_what_it_is_when_stepped(spawn):
         rows = [struct.unpack_from(">19d", rtde.packet()[1], 1) for _ in range(125)]
     stepped = Controller(SimulateSettings(seed=7))
     for row in rows:
-        while stepped.clock_s < row[0] - 1e-6:
+        while stepped.clock.now_s < row[0] - 1e-6:
             stepped.step()
-        measured = stepped.measured
-        assert row == (stepped.clock_s, *measured.q, *measured.current, *measured.temperature_c)
+        measured = stepped.measurements.latest
+        assert row == (stepped.clock.now_s, *measured.q, *measured.current, *measured.temperature_c)
 
 
 def test_several_arms_stand_side_by_side(spawn, client):

@@ -44,7 +44,7 @@ class Limits:
         """1 and more: the arm is protected."""
         return float(np.abs(wanted - seen).max()) / DEVIATION_MAX_RAD
 
-    def forget(self, seen: Array) -> None:
+    def reset(self, seen: Array) -> None:
         """A protective stop is over: the drives have their time again, and a joint beyond its range may go back, not further out."""
         self._saturated_s = 0.0
         self._way_back = np.maximum(self._limit, np.abs(seen) + WAY_BACK_RAD) if self.outside(seen) else None

@@ -95,7 +95,7 @@ class Arm:
         payload_kg: float | None = None,
         payload_com_m: tuple[float, ...] | None = None,
         *,
-        told: bool = True,
+        declared: bool = True,
     ) -> None:
         """Hang the arm otherwise, or give it another payload; untold, the servo goes on reckoning with what it was told last."""
         self.mounting = mounting or self.mounting
@@ -105,7 +105,7 @@ class Arm:
         self.flange = self.model.getFrameId(f"dh_{self.robot.joints}")
         self._data: pin.Data = self.model.createData()
         self._rest_of: Array | None = None  # the q at which the arm stands and M and n are known
-        if told:
+        if declared:
             self.believe(self.model)
         else:
             self._believed_differs = True

@@ -9,15 +9,13 @@ times as much as its size at rest, and 1.1 to 1.7 times as much above 0.7 rad/s 
 """
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from monitor.model.robot import Robot
 from monitor.recording import Array
-
-if TYPE_CHECKING:
-    from monitor.simulate.arm.physics import Arm
+from monitor.simulate.arm.physics import Arm
 
 STILL_CURRENT_A = ([12.0, 28.0, 56.0, 150.0, 330.0], [0.009, 0.011, 0.018, 0.030, 0.060])  # by the joint's maximum torque [N·m]
 RIPPLE_PER_RAD_S = 2.0  # current noise grows by this share per rad/s, up to RIPPLE_MAX
@@ -54,19 +52,20 @@ class SensorFaults:
     frozen_c: Array | None = None  # temperatures as they were when they froze
     glitch_c: dict[int, float] = field(default_factory=dict)  # joint (0 … J−1) → what its sensor says now and then
     stuck_a: dict[int, float] = field(default_factory=dict)  # joint → the current that its sensor goes on telling
-    noisy: float = 1.0  # factor on the noise of all currents
-    offset_rad: Array | None = None  # encoder minus truth
+    noise_factor: float = 1.0  # multiplies the noise of all currents
+    encoder_offset_rad: Array | None = None  # (J,) encoder position minus true position
 
     @property
     def any(self) -> bool:
         """Whether anything is wrong that `Sensors` does not see to when it draws its noise."""
-        return bool(self.glitch_c or self.stuck_a) or self.frozen_c is not None or self.offset_rad is not None
+        return bool(self.glitch_c or self.stuck_a) or self.frozen_c is not None or self.encoder_offset_rad is not None
 
 
 class Sensors:
     """Reads an arm; deterministic from the seed."""
 
-    def __init__(self, robot: Robot, seed: int, tick_s: float) -> None:
+    def __init__(self, robot: Robot, seed: int, tick_s: float, current_noise: float = 1.0) -> None:
+        """`current_noise` multiplies the noise of the currents of the recorded arms."""
         self._dice = np.random.default_rng(seed)
         self._joints = robot.joints
         self._still_a = np.interp(robot.max_torque_nm, *STILL_CURRENT_A)
@@ -76,9 +75,9 @@ class Sensors:
         self._ripple_max, self._standstill = np.full(robot.joints, RIPPLE_MAX), np.full(robot.joints, STANDSTILL_RAD_S)
         self._block = np.empty((0, 4, robot.joints))
         self._next = 0
-        self.faults = SensorFaults()
+        self.faults = SensorFaults(noise_factor=current_noise)
 
-    def read(self, arm: "Arm") -> Measured:
+    def read(self, arm: Arm) -> Measured:
         """One measurement of the present state."""
         if self._next >= len(self._block):
             self._draw()
@@ -105,13 +104,13 @@ class Sensors:
             slow[back:] += keep**back * slow[:-back].copy()
             back *= 2
         self._slow = slow[-1].copy()
-        on_current = self.faults.noisy * self._still_a * ((1.0 - SLOW_SHARE) ** 0.5 * white + SLOW_SHARE**0.5 * slow)
+        on_current = self.faults.noise_factor * self._still_a * ((1.0 - SLOW_SHARE) ** 0.5 * white + SLOW_SHARE**0.5 * slow)
         noise = (POSITION_NOISE_RAD * on_q, SPEED_NOISE_RAD_S * on_qd, on_current, TEMPERATURE_NOISE_K * on_temperature)
         self._block, self._next = np.stack(noise, axis=1), 0
 
-    def louder(self, factor: float) -> None:
-        """Currents with this many times the usual noise, from now on."""
-        before, self.faults.noisy = self.faults.noisy, factor
+    def set_current_noise(self, factor: float) -> None:
+        """Multiply the usual noise of the currents by this factor from now on."""
+        before, self.faults.noise_factor = self.faults.noise_factor, factor
         if before == 0.0:  # nothing there to be made louder: the rest of the block is drawn anew
             self._next = len(self._block)
             return
@@ -121,8 +120,8 @@ class Sensors:
     def _wrong(self, right: Measured) -> Measured:
         """What sensors with faults tell instead."""
         faults = self.faults
-        if faults.offset_rad is not None:
-            right = right._replace(q=right.q + faults.offset_rad)
+        if faults.encoder_offset_rad is not None:
+            right = right._replace(q=right.q + faults.encoder_offset_rad)
         if faults.frozen_c is not None:
             right = right._replace(temperature_c=faults.frozen_c)
         if faults.glitch_c and self._next % GLITCH_EVERY == 0:

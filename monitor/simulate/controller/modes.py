@@ -1,11 +1,12 @@
-"""Modes of a controller as RTDE numbers them, and what is kept of a stop."""
+"""The modes of a controller, numbered as RTDE numbers them, and who may change them for a program."""
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Protocol
 
 
 class RobotMode(IntEnum):
-    """As RTDE numbers them."""
+    """The robot's mode, with RTDE's numbers."""
 
     POWER_OFF = 3
     POWER_ON = 4
@@ -14,7 +15,7 @@ class RobotMode(IntEnum):
 
 
 class SafetyMode(IntEnum):
-    """As RTDE numbers them."""
+    """The safety mode, with RTDE's numbers."""
 
     NORMAL = 1
     PROTECTIVE_STOP = 3
@@ -22,7 +23,7 @@ class SafetyMode(IntEnum):
 
 
 class Runtime(IntEnum):
-    """As RTDE numbers them."""
+    """The state of the program, with RTDE's numbers."""
 
     STOPPED = 1
     PLAYING = 2
@@ -30,10 +31,36 @@ class Runtime(IntEnum):
 
 
 @dataclass(slots=True)
-class Stop:
-    """One stop of a program or of the arm, on the controller's clock."""
+class Modes:
+    """The present modes of one controller."""
 
-    at_s: float
-    kind: str  # "watchdog" | "protective_stop" | "emergency_stop" | "program_stop" | "program_end"
-    reason: str
-    stood_at_s: float | None = None  # when the arm had come to rest
+    robot: RobotMode = RobotMode.RUNNING
+    safety: SafetyMode = SafetyMode.NORMAL
+    runtime: Runtime = Runtime.STOPPED
+
+    @property
+    def powered(self) -> bool:
+        """Whether the arm has electric power."""
+        return self.robot > RobotMode.POWER_OFF
+
+    @property
+    def obstacle(self) -> str:
+        """The mode that keeps the arm from moving; an empty text if the arm may move."""
+        if self.safety != SafetyMode.NORMAL:
+            return f"safety mode is {self.safety.name}"
+        return "" if self.robot == RobotMode.RUNNING else f"robot mode is {self.robot.name}"
+
+    @property
+    def may_move(self) -> bool:
+        """Whether the drives are on and no safety stop is active."""
+        return not self.obstacle
+
+
+class Supervisor(Protocol):
+    """Stops the program or the arm. The controller does this for the parts that run on it."""
+
+    def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
+        """End the program. Returns False if no program was running."""
+
+    def protective_stop(self, reason: str) -> None:
+        """Halt the arm in a protective stop."""

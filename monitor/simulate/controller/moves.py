@@ -1,111 +1,143 @@
-"""Moves that a program asks for: checked against what the arm can do, then handed to the reference."""
+"""Moves that a program asks for: each is checked against the limits of the arm and then given to the reference."""
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
+from monitor.model.robot import Robot
 from monitor.recording import Array
 from monitor.simulate.arm import motions
-from monitor.simulate.arm.kinematics import se3
-from monitor.simulate.controller.program.scripts import Move, StopMotion
+from monitor.simulate.arm.kinematics import Kinematics, se3
+from monitor.simulate.arm.limits import Limits
+from monitor.simulate.arm.reference import Reference
+from monitor.simulate.controller.clock import Clock
+from monitor.simulate.controller.modes import Modes, Supervisor
 
-if TYPE_CHECKING:
-    import pinocchio as pin
+PROGRAM_STOP_RAD_S2 = 15.0  # deceleration when a program ends or pauses: an arm at 2 rad/s stops within 0.13 s
+SLOWEST = 1e-9  # smallest speed and acceleration of a move, so that their inverse is finite
+STOP_MAX_RAD_S2 = 40.0  # largest joint deceleration of a stopl; near an axis, a slow tool asks for more
 
-    from monitor.simulate.controller.controller import Controller
 
-PROGRAM_STOP_RAD_S2 = 15.0  # an arm at 2 rad/s stands after 0.13 s
-SLOWEST = 1e-9  # of speeds and accelerations: 1/v is still a number
-STOP_MAX_RAD_S2 = 40.0  # of a stopl with the tool near an axis
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A movej [rad, rad/s, rad/s²] or, if straight, a movel of the tool [m, m/s, m/s²]. The target is joint positions or a tool pose."""
+
+    target: tuple[float, ...]
+    pose: bool
+    straight: bool
+    speed: float
+    acceleration: float
+
+
+@dataclass(frozen=True, slots=True)
+class StopMotion:
+    """A stopj [rad/s²] or, if straight, a stopl [m/s²]."""
+
+    deceleration: float
+    straight: bool = False
 
 
 class Moves:
-    """Of one controller."""
+    """The moves of one controller."""
 
-    def __init__(self, controller: "Controller") -> None:
-        self._c = controller
-        self.waypoint: Array | None = None  # pose that the last move goes to
-        self.interrupted: Move | None = None  # by a pause or a protective stop: it goes on with the program
+    def __init__(
+        self,
+        *,
+        robot: Robot,
+        reference: Reference,
+        kinematics: Kinematics,
+        limits: Limits,
+        clock: Clock,
+        modes: Modes,
+        supervisor: Supervisor,
+    ) -> None:
+        self._robot, self._reference, self._kinematics, self._limits = robot, reference, kinematics, limits
+        self._clock, self._modes, self._supervisor = clock, modes, supervisor
+        self.waypoint: Array | None = None  # (6,) tool pose at the end of the last move
+        self.interrupted: Move | None = None  # the move that a pause or a protective stop interrupted; it continues with the program
         self._last: Move | None = None
-        self._servo_goal: Sequence[float] | None = None
-        self._servo_goal_at_s = 0.0
+        self._servo_target: Sequence[float] | None = None
+        self._servo_target_at_s = 0.0
 
     def start(self, move: Move) -> str:
-        """Movej or movel; says why it cannot be made, or nothing."""
+        """Start a movej or a movel. Returns why the arm cannot make it, or an empty text."""
         self._last, self.interrupted = move, None
         target = np.array(move.target)
-        if target.shape != self._c.arm.q.shape or not np.isfinite(target).all():
-            return f"the target is not {self._c.robot.joints} finite numbers"
+        if target.shape != self._reference.q.shape or not np.isfinite(target).all():
+            return f"the target is not {self._robot.joints} finite numbers"
         if not (SLOWEST < move.speed < math.inf and SLOWEST < move.acceleration < math.inf):
             return f"speed {move.speed:g} and acceleration {move.acceleration:g} must be positive"
         q = self.inverse(target) if move.pose else target
         if q is None:
             return f"no joint positions for the tool at {target.round(4).tolist()}"
-        why = self._c.limits.outside(q)
-        if why:
-            return why
-        goal = se3(target) if move.pose else self._c.kinematics.at(target)
+        obstacle = self._limits.outside(q)
+        if obstacle:
+            return obstacle
+        goal = se3(target) if move.pose else self._kinematics.at(target)
         if not move.straight:
-            self._c.reference.move(q, move.speed, move.acceleration)
-        elif self._c.reference.qd.any():  # a line begins at rest
-
-            def then() -> None:
-                wrong = self._line(goal, move)
-                if wrong:
-                    self._c.stop_program(f"runtime exception: movel: {wrong}")
-
-            self._c.reference.stop(PROGRAM_STOP_RAD_S2, then)
+            self._reference.move(q, move.speed, move.acceleration)
+        elif self._reference.qd.any():  # a line begins at rest
+            self._reference.stop(PROGRAM_STOP_RAD_S2, lambda: self._line_after_stop(goal, move))
         else:
-            why = self._line(goal, move)
-        self.waypoint = self._c.kinematics.pose(q)
-        return why
+            obstacle = self._line(goal, move)
+        self.waypoint = self._kinematics.pose(q)
+        return obstacle
+
+    def _line_after_stop(self, goal: "pin.SE3", move: Move) -> None:
+        obstacle = self._line(goal, move)
+        if obstacle:
+            self._supervisor.stop_program(f"runtime exception: movel: {obstacle}")
 
     def _line(self, goal: "pin.SE3", move: Move) -> str:
-        why = motions.line(self._c.reference, self._c.kinematics, goal, move.speed, move.acceleration, self._c.robot.max_speed_rad_s)
-        if why:
-            self._c.reference.hold()
-        return why
+        obstacle = motions.line(self._reference, self._kinematics, goal, move.speed, move.acceleration, self._robot.max_speed_rad_s)
+        if obstacle:
+            self._reference.hold()
+        return obstacle
 
     @property
     def over(self) -> bool:
-        """Whether what was asked for last has been done, to its end."""
-        return self._c.reference.at_rest and self.interrupted is None
+        """Whether the last motion has ended and no move waits for the program to continue."""
+        return self._reference.at_rest and self.interrupted is None
 
     def interrupt(self) -> None:
-        """The arm is about to be stopped, the program is not: its move is not done yet."""
-        if self._c.reference.mode in {"move", "line"} or self._c.reference.queued:
+        """Remember the present move: the arm is about to stop, and the move continues later."""
+        if self._reference.mode in {"move", "line"} or self._reference.queued:
             self.interrupted = self._last
 
     def resume(self) -> None:
-        """The program goes on, and with it the move, from where the arm stands."""
+        """Continue the interrupted move from where the arm stands."""
         move, self.interrupted = self.interrupted, None
-        why = "" if move is None else self.start(move)
-        if why:
-            self._c.stop_program(f"runtime exception: {why}")
+        obstacle = "" if move is None else self.start(move)
+        if obstacle:
+            self._supervisor.stop_program(f"runtime exception: {obstacle}")
 
     def stop(self, stop: StopMotion) -> None:
-        """stopj, or stopl: the joints decelerate together, so that the tool does it with this many m/s²."""
-        if not self._c.may_move:
-            return  # a safety stop is not made softer
+        """Make a stopj or a stopl. In a stopl the joints decelerate together, so that the tool has the given deceleration [m/s²]."""
+        if not self._modes.may_move:
+            return  # a program cannot make a safety stop softer
         self.interrupted = None
+        reference = self._reference
         deceleration = stop.deceleration
-        fastest = float(np.max(np.abs(self._c.reference.qd)))
+        fastest = float(np.max(np.abs(reference.qd)))
         if stop.straight and fastest > 0.0:
-            tool = float(np.linalg.norm(self._c.kinematics.speed(self._c.reference.q, self._c.reference.qd)[:3]))
+            tool = float(np.linalg.norm(self._kinematics.speed(reference.q, reference.qd)[:3]))
             deceleration = min(deceleration * fastest / max(tool, 1e-3), STOP_MAX_RAD_S2)
-        self._c.reference.stop(deceleration)
+        reference.stop(deceleration)
 
     def sudden(self, target: Sequence[float]) -> str:
-        """Whether a servoj target lies further from the last than the arm could have gone since; says which joint, or nothing."""
-        c, before = self._c, self._servo_goal
-        since_s = c.clock_s - self._servo_goal_at_s
-        if c.reference.mode != "servo" or before is None:
-            before, since_s = c.reference.q.tolist(), c.tick_s
-        self._servo_goal, self._servo_goal_at_s = target, c.clock_s
-        return c.limits.jump(target, before, since_s)
+        """Check whether a servoj target (J,) is farther from the last one than the arm can have moved.
+
+        Returns the joint and the distance, or an empty text.
+        """
+        before, since_s = self._servo_target, self._clock.now_s - self._servo_target_at_s
+        if self._reference.mode != "servo" or before is None:
+            before, since_s = self._reference.q.tolist(), self._clock.tick_s
+        self._servo_target, self._servo_target_at_s = target, self._clock.now_s
+        return self._limits.jump(target, before, since_s)
 
     def inverse(self, pose: Array, near: Array | None = None) -> Array | None:
-        """(J,) joint positions for the tool at a pose (6,), or None."""
-        return self._c.kinematics.inverse(se3(pose), self._c.reference.q if near is None else near)
+        """(J,) joint positions for a tool pose (6,), near the given positions or else near the present ones; None if there are none."""
+        return self._kinematics.inverse(se3(pose), self._reference.q if near is None else near)

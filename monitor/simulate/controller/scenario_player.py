@@ -1,118 +1,128 @@
-"""A scenario, lived: as the arm's life passes, its events happen and the room warms and cools; the same in real time and stepped."""
+"""Plays a scenario: as the arm grows older, its events happen and its room warms and cools, in real time and in stepped replays."""
 
 from collections import deque
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
 from monitor.model.robot import Mounting
-from monitor.simulate import faults
-from monitor.simulate.arm.friction import REFERENCE_C
+from monitor.simulate.arm.friction import REFERENCE_C, FrictionLaw
+from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.wear import VISCOUS_SHARE_OF_WEAR, rated_revolutions_an_hour
-from monitor.simulate.scenario import DAY_S, Event, Scenario
+from monitor.simulate.controller.clock import Clock
+from monitor.simulate.controller.faults import FaultTarget, inject
+from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.installation import Installation
+from monitor.simulate.scenario import DAY_S, Event, Scenario, Work
 
-if TYPE_CHECKING:
-    from monitor.simulate.controller.controller import Controller
-
-WEAR_QUOTED_AT_RAD_S = 1.0  # "5 % a month" is meant of the friction at this speed, at 25 °C without load
-LEAP_S = 600.0  # at once, when life is made to pass; the room hardly changes meanwhile
+WEAR_QUOTED_AT_RAD_S = 1.0  # `percent_a_month` refers to the friction at this speed, at 25 °C and without load
+LEAP_S = 600.0  # largest step of a leap in time; the temperature of the room hardly changes within it
 
 
-class Life:
-    """Where one arm is in its scenario. `pass_to` makes happen what is due."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScenarioTarget:
+    """What a scenario acts on: one arm and parts of its controller."""
+
+    arm: Arm
+    clock: Clock
+    identity: Identity
+    installation: Installation
+    faults: FaultTarget
+
+
+class ScenarioPlayer:
+    """The position of one arm in its scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.lived_s = 0.0
-        self.happened: list[str] = []
+        self.lived_s = 0.0  # age of the arm
+        self.happened: list[str] = []  # a line for each event
         self._due = deque(scenario.events)
 
-    def pass_to(self, lived_s: float, controller: "Controller", *, ambient_c: float | None = None) -> None:
-        """The arm has lived so long; a given room temperature outweighs the scenario's for now."""
+    def advance(self, lived_s: float, target: ScenarioTarget, *, ambient_c: float | None = None) -> None:
+        """Let the events up to this age happen, and set the temperature of the room. A given temperature replaces the scenario's."""
         self.lived_s = lived_s
-        for event in self._now(controller):
-            self.happened.append(f"day {event.at_s / DAY_S:g}: {event.do} {_said(event)}")
-            _happen(event, self.scenario, controller)
+        for event in self._due_now(target.clock):
+            self.happened.append(f"day {event.at_s / DAY_S:g}: {event.do} {_arguments(event)}")
+            _happen(event, self.scenario.work, target)
         room = self.scenario.room
         if ambient_c is not None:
-            controller.arm.ambient_c = ambient_c
+            target.arm.ambient_c = ambient_c
         elif room is not None:
-            controller.arm.ambient_c = room.at(self.scenario.started_s + lived_s)
+            target.arm.ambient_c = room.at(self.scenario.started_s + lived_s)
 
-    def _now(self, controller: "Controller") -> Iterator[Event]:
-        """What is due; the faults of a life's first moment wait for the first tick, when there is something that can fail."""
-        born: list[Event] = []
+    def _due_now(self, clock: Clock) -> Iterator[Event]:
+        """The events that are due. Faults at the age of zero wait for the first control period, when all parts exist."""
+        waiting: list[Event] = []
         while self._due and self._due[0].at_s <= self.lived_s:
             event = self._due.popleft()
-            if event.do == "fault" and controller.ticks == 0 and self.lived_s == 0.0:
-                born.append(event)
+            if event.do == "fault" and clock.ticks == 0 and self.lived_s == 0.0:
+                waiting.append(event)
             else:
                 yield event
-        self._due.extendleft(reversed(born))
+        self._due.extendleft(reversed(waiting))
 
-    def leap(self, controller: "Controller", seconds: float, ambient_c: float | None, duty: float | None) -> Iterator[float]:
-        """Let so much pass without motion, slice by slice, for the controller to count; what is not given is the scenario's."""
+    def leap(self, target: ScenarioTarget, seconds: float, ambient_c: float | None, duty: float | None) -> None:
+        """Let time pass without computing motion. None for the temperature or the duty means as in the scenario."""
+        arm, clock = target.arm, target.clock
         while seconds > 1e-6:
-            now_s = controller.lived_s
-            self.pass_to(now_s, controller, ambient_c=ambient_c)
+            now_s = clock.lived_s
+            self.advance(now_s, target, ambient_c=ambient_c)
             slice_s = min(LEAP_S, seconds, max(self.next_event_s - now_s, 1e-3))
-            arm = controller.arm
             arm.live(slice_s / 3600.0, arm.ambient_c, self.duty(now_s) if duty is None else duty)
-            yield slice_s
+            clock.leap(slice_s)
             seconds -= slice_s
-        self.pass_to(controller.lived_s, controller, ambient_c=ambient_c)
+        self.advance(clock.lived_s, target, ambient_c=ambient_c)
 
     def duty(self, lived_s: float) -> float:
-        """Of the job that the scenario describes, at this moment."""
+        """The share of time in which the arm moves, at this age."""
         return self.scenario.work.duty_at(self.scenario.started_s + lived_s, lived_s / DAY_S)
 
     @property
     def next_event_s(self) -> float:
-        """When something happens next, after the start; infinity when nothing does."""
+        """The age at the next event; infinity if there is none."""
         return self._due[0].at_s if self._due else float("inf")
 
 
-def _said(event: Event) -> str:
+def _arguments(event: Event) -> str:
     return " ".join(f"{key}={value}" for key, value in event.arguments.items())
 
 
-def _happen(event: Event, scenario: Scenario, controller: "Controller") -> None:
-    arm, a = controller.arm, event.arguments
-    joint = int(a.get("joint", 1)) - 1
+def _happen(event: Event, work: Work, target: ScenarioTarget) -> None:
+    arm, given, installation = target.arm, event.arguments, target.installation
+    joint = int(given.get("joint", 1)) - 1
     match event.do:
         case "wear":
-            arm.set_wear(joint, per_revolution=per_revolution(controller, scenario, joint, a["percent_a_month"] / 100.0))
+            arm.set_wear(joint, per_revolution=wear_per_revolution(arm.law, work, joint, given["percent_a_month"] / 100.0))
         case "wear_step":
-            arm.set_wear(
-                joint, coulomb=arm.wear.coulomb[joint] * a["coulomb_factor"], viscous=arm.wear.viscous[joint] * a["viscous_factor"]
-            )
+            coulomb, viscous = arm.wear.coulomb[joint] * given["coulomb_factor"], arm.wear.viscous[joint] * given["viscous_factor"]
+            arm.set_wear(joint, coulomb=coulomb, viscous=viscous)
         case "regrease":
-            arm.regrease(joint, a["recovery"])
+            arm.regrease(joint, given["recovery"])
         case "replace_joint":
-            arm.replace_joint(joint, a["friction_factor"])
-            controller.joint_serials[joint] = a["serial"]
+            arm.replace_joint(joint, given["friction_factor"])
+            target.identity.joint_serials[joint] = given["serial"]
         case "payload":
-            arm.carry(payload_kg=a["kg"], told=False)
-            if a["told"]:
-                controller.installed_payload = (a["kg"], *arm.payload_com_m)
-            controller.declare(payload=controller.installed_payload if a["told"] else None)
+            arm.carry(payload_kg=given["kg"], declared=False)
+            if given["told"]:
+                installation.installed_payload = (given["kg"], *arm.payload_com_m)
+            installation.declare(payload=installation.installed_payload if given["told"] else None)
         case "mounting":
-            mounting = Mounting.parse(a["mounting"])
-            arm.carry(mounting, told=False)
-            if a["told"]:
-                controller.installed_gravity = mounting.gravity_in_base
-            controller.declare(gravity=controller.installed_gravity if a["told"] else None)
+            mounting = Mounting.parse(given["mounting"])
+            arm.carry(mounting, declared=False)
+            if given["told"]:
+                installation.installed_gravity = mounting.gravity_in_base
+            installation.declare(gravity=installation.installed_gravity if given["told"] else None)
         case "fault":
-            place = faults.Place(controller=controller) if controller.place is None else controller.place()
-            faults.inject(a["fault"], dict(a["with"]), place)
+            inject(given["fault"], dict(given["with"]), target.faults)
 
 
-def per_revolution(controller: "Controller", scenario: Scenario, joint: int, growth_a_month: float) -> float:
-    """Wear of dry friction per revolution at rated load, so that a joint's friction grows by this share in a month of its work."""
-    law, none = controller.arm.law, np.zeros(controller.robot.joints)
+def wear_per_revolution(law: FrictionLaw, work: Work, joint: int, growth_a_month: float) -> float:
+    """Growth of dry friction per revolution at rated load, such that the joint's friction grows by this share in a month of the work."""
+    none = np.zeros(len(law.coulomb_nm))
     cool, one = none + REFERENCE_C, none + 1.0
     dry = law.dry(none, cool, one)[joint]
     viscous = (law.viscous_coefficient(none + WEAR_QUOTED_AT_RAD_S, cool, one) * WEAR_QUOTED_AT_RAD_S)[joint]
-    month = rated_revolutions_an_hour(1.0) * scenario.work.duty_hours_a_month
-    return float(growth_a_month * (dry + viscous) / (dry + VISCOUS_SHARE_OF_WEAR * viscous) / max(month, 1e-9))
+    revolutions_a_month = rated_revolutions_an_hour(1.0) * work.duty_hours_a_month
+    return float(growth_a_month * (dry + viscous) / (dry + VISCOUS_SHARE_OF_WEAR * viscous) / max(revolutions_a_month, 1e-9))

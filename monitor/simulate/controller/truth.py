@@ -1,30 +1,30 @@
-"""The truth about an arm and its controller: what tests compare with, and the terminal view shows."""
+"""The true state of an arm and its controller. Tests compare with it, and the terminal view shows it."""
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.controller import Controller
 
 
-def truth(c: "Controller") -> dict[str, Any]:
-    """Nothing of it is on the robot's own wire, but where that tells the same."""
-    arm, law = c.arm, c.arm.law
+def truth(controller: Controller) -> dict[str, Any]:
+    """The true state as JSON values. The robot's own wire publishes only a part of it, with noise."""
+    arm, law, modes, journal = controller.arm, controller.arm.law, controller.modes, controller.journal
+    program, watchdog = controller.programs.current, controller.machine.watchdog
     return {
-        "robot": c.robot.name,
-        "clock_s": c.clock_s,
+        "robot": controller.robot.name,
+        "clock_s": controller.clock.now_s,
         "q": arm.q.tolist(),
         "qd": arm.qd.tolist(),
         "torque_nm": arm.torque_nm.tolist(),
         "motor_temperature_c": arm.temperatures.motor_c.tolist(),
         "grease_temperature_c": arm.temperatures.grease_c.tolist(),
         "ambient_c": arm.ambient_c,
-        "lived_days": c.life.lived_s / 86_400.0,
-        "scenario": c.life.scenario.name,
-        "happened": c.life.happened[-50:],
-        "joint_serials": c.joint_serials,
+        "lived_days": controller.scenario.lived_s / 86_400.0,
+        "scenario": controller.scenario.scenario.name,
+        "happened": controller.scenario.happened[-50:],
+        "joint_serials": controller.identity.joint_serials,
         "mounting_rad": list(arm.mounting.angles_rad),
-        "declared_payload_kg": c.declared_payload[0],
+        "declared_payload_kg": controller.installation.payload[0],
         "wear_coulomb": arm.wear.coulomb.tolist(),
         "wear_viscous": arm.wear.viscous.tolist(),
         "wear_per_revolution": arm.wear.per_revolution.tolist(),
@@ -33,17 +33,17 @@ def truth(c: "Controller") -> dict[str, Any]:
         "drive_gain_nm_per_a": arm.gain_nm_per_a.tolist(),
         "rotor_kg_m2": arm.rotor_kg_m2.tolist(),
         "friction_law": {name: getattr(law, name).tolist() for name in law.__dataclass_fields__},
-        "robot_mode": int(c.robot_mode),
-        "safety_mode": int(c.safety_mode),
-        "runtime_state": int(c.runtime),
-        "reference_mode": c.reference.mode,
-        "standing": c.standing,
-        "program": type(c.program).__name__ if c.program else None,
-        "scripts_started": c.scripts_started,
-        "stops": [asdict(stop) for stop in c.stops],
-        "watchdog_trips": c.watchdog_trips,
-        "watchdog_s": c.watchdog_s,
-        "refused_commands": list(c.refused_commands),
-        "refused_scripts": list(c.refused_scripts),
-        "odd_inputs": c.odd_inputs,
+        "robot_mode": int(modes.robot),
+        "safety_mode": int(modes.safety),
+        "runtime_state": int(modes.runtime),
+        "reference_mode": controller.reference.mode,
+        "standing": controller.machine.standing,
+        "program": type(program).__name__ if program else None,
+        "scripts_started": journal.scripts_started,
+        "stops": [asdict(stop) for stop in journal.stops],
+        "watchdog_trips": journal.watchdog_trips,
+        "watchdog_s": None if watchdog.variable is None else watchdog.limit_s,
+        "refused_commands": list(journal.refused_commands),
+        "refused_scripts": list(journal.refused_scripts),
+        "odd_inputs": controller.registers.odd_inputs,
     }

@@ -1,80 +1,52 @@
-"""The dashboard's lines: one reply a command."""
+"""The dashboard server: one line of text in, one line out."""
 
 import re
 from collections.abc import Collection
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
-
-if TYPE_CHECKING:
-    from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.modes import Modes, RobotMode, Runtime, SafetyMode
+from monitor.simulate.controller.program.runner import Programs
+from monitor.simulate.controller.safety import Safety
+from monitor.simulate.settings import SimulateSettings
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX_BYTES = 4096
-QUIT, SHUTDOWN = "Disconnected", "Shutting down"  # after which the connection, or the controller, is gone
+QUIT, SHUTDOWN = "Disconnected", "Shutting down"  # replies after which the connection, or the whole controller, ends
 USER_ROLES, OPERATIONAL_MODES = {"PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"}, {"MANUAL", "AUTOMATIC"}
-PROGRAM = "rtde_control.urp"  # programs that come over a script port have no file; the dashboard needs a name
+PROGRAM = "rtde_control.urp"  # the file name that the dashboard reports for programs that came over a script port
 
 
-def reply(controller: "Controller", line: str) -> str:
-    """The answer to one line, without its newline."""
+class DashboardController(Protocol):
+    """What the dashboard uses of a controller."""
+
+    @property
+    def settings(self) -> SimulateSettings:
+        """The settings of the simulated arm."""
+
+    @property
+    def identity(self) -> Identity:
+        """What the controller reports about itself."""
+
+    @property
+    def modes(self) -> Modes:
+        """The present modes."""
+
+    @property
+    def programs(self) -> Programs:
+        """The program that runs."""
+
+    @property
+    def safety(self) -> Safety:
+        """Protective stop, emergency stop and power."""
+
+
+def reply(controller: DashboardController, line: str) -> str:
+    """The reply to one line, without a newline."""
     command = line.strip()
     word = command.lower()
-    settings = controller.settings
-    match word:
-        case "polyscopeversion":
-            return f"URSoftware {'.'.join(map(str, controller.reported_version))} ({settings.build_date})"
-        case "get serial number":
-            return settings.serial
-        case "get robot model":
-            return settings.robot.removesuffix("e").upper()
-        case "is in remote control":
-            return "true" if controller.remote_control else "false"
-        case "robotmode":
-            return f"Robotmode: {controller.robot_mode.name}"
-        case "safetymode":
-            return f"Safetymode: {controller.safety_mode.name}"
-        case "safetystatus":
-            return f"Safetystatus: {controller.safety_mode.name}"
-        case "running":
-            return f"Program running: {str(controller.runtime == Runtime.PLAYING).lower()}"
-        case "programstate":
-            return f"{controller.runtime.name} {PROGRAM}"
-        case "get loaded program":
-            return f"Loaded program: /programs/{PROGRAM}"
-        case "isprogramsaved":
-            return f"true {PROGRAM}"
-        case "stop":
-            controller.stop_program("dashboard: stop")
-            return "Stopped"  # also when nothing ran: ur-rtde's constructor asks for exactly this
-        case "play":
-            return "Starting program" if controller.play() else "Failed to execute: play"
-        case "pause":
-            return "Pausing program" if controller.pause() else "Failed to execute: pause"
-        case "power on":
-            return "Powering on" if controller.power(RobotMode.IDLE) else "Failed to execute: power on"
-        case "power off":
-            return "Powering off" if controller.power(RobotMode.POWER_OFF) else "Failed to execute: power off"
-        case "brake release":
-            return "Brake releasing" if controller.power(RobotMode.RUNNING) else "Failed to execute: brake release"
-        case "unlock protective stop":
-            early = "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
-            if controller.unlock() or controller.safety_mode != SafetyMode.PROTECTIVE_STOP:
-                return "Protective stop releasing"
-            return early
-        case "close safety popup":
-            return "closing safety popup"
-        case "close popup":
-            return "closing popup"
-        case "restart safety":
-            return "Restarting safety"
-        case "version":
-            return ".".join(map(str, controller.reported_version))
-        case "quit":
-            return QUIT
-        case "shutdown":
-            return SHUTDOWN
-    answer = _of_generation(controller, command)
+    answer = _about_the_robot(controller, word) or _about_programs(controller, word) or _about_safety(controller, word)
+    answer = answer or SIMPLE.get(word, "") or _of_generation(controller, command)
     if answer:
         return answer
     if word.startswith("popup "):
@@ -82,35 +54,105 @@ def reply(controller: "Controller", line: str) -> str:
     if word.startswith("addtolog "):
         return "Added log message"
     if word.startswith("load "):
-        named = command[18:] if word.startswith("load installation ") else command[5:]
-        return f"File not found: {_printable(named)}"  # there are no files here
+        file = command[18:] if word.startswith("load installation ") else command[5:]
+        return f"File not found: {_printable(file)}"  # this controller has no files
     return f"could not understand: {_printable(command)}"
 
 
-def _of_generation(controller: "Controller", command: str) -> str:
-    """What only CB3 or only the e-Series answers, or nothing: whoever may use the pendant, which this arm has not."""
-    word, _, given = command.rpartition(" ")
-    if controller.settings.polyscope.major < 5:
-        if command.lower() == "getuserrole":
-            return controller.user_role
-        if word.lower() == "setuserrole":
-            return _set(controller, "user_role", given, USER_ROLES)
-        return ""
-    if command.lower() == "get operational mode":
-        return controller.operational_mode
-    if command.lower() == "clear operational mode":
-        controller.operational_mode = "NONE"
-        return "operational mode is no longer controlled by Dashboard Server"
-    if word.lower() == "set operational mode":
-        return _set(controller, "operational_mode", given, OPERATIONAL_MODES)
+SIMPLE = {  # commands without an effect here
+    "close safety popup": "closing safety popup",
+    "close popup": "closing popup",
+    "restart safety": "Restarting safety",
+    "quit": QUIT,
+    "shutdown": SHUTDOWN,
+}
+
+
+def _about_the_robot(controller: DashboardController, word: str) -> str:
+    identity, settings, modes = controller.identity, controller.settings, controller.modes
+    version = ".".join(map(str, identity.reported_version))
+    match word:
+        case "polyscopeversion":
+            return f"URSoftware {version} ({settings.build_date})"
+        case "version":
+            return version
+        case "get serial number":
+            return settings.serial
+        case "get robot model":
+            return settings.robot.removesuffix("e").upper()
+        case "is in remote control":
+            return "true" if identity.remote_control else "false"
+        case "robotmode":
+            return f"Robotmode: {modes.robot.name}"
+        case "safetymode":
+            return f"Safetymode: {modes.safety.name}"
+        case "safetystatus":
+            return f"Safetystatus: {modes.safety.name}"
     return ""
 
 
-def _set(controller: "Controller", what: str, given: str, known: Collection[str]) -> str:
-    if given.upper() not in known:
-        return f"Failed setting {what.replace('_', ' ')}: {_printable(given)}"
-    setattr(controller, what, given.upper())
-    return f"Setting {what.replace('_', ' ')}: {given}"
+def _about_programs(controller: DashboardController, word: str) -> str:
+    programs, runtime = controller.programs, controller.modes.runtime
+    match word:
+        case "running":
+            return f"Program running: {str(runtime == Runtime.PLAYING).lower()}"
+        case "programstate":
+            return f"{runtime.name} {PROGRAM}"
+        case "get loaded program":
+            return f"Loaded program: /programs/{PROGRAM}"
+        case "isprogramsaved":
+            return f"true {PROGRAM}"
+        case "stop":
+            programs.stop("dashboard: stop")
+            return "Stopped"  # also when no program ran: ur-rtde's constructor asks for exactly this reply
+        case "play":
+            return "Starting program" if programs.play() else "Failed to execute: play"
+        case "pause":
+            return "Pausing program" if programs.pause() else "Failed to execute: pause"
+    return ""
+
+
+def _about_safety(controller: DashboardController, word: str) -> str:
+    safety, modes = controller.safety, controller.modes
+    match word:
+        case "power on":
+            return "Powering on" if safety.power(RobotMode.IDLE) else "Failed to execute: power on"
+        case "power off":
+            return "Powering off" if safety.power(RobotMode.POWER_OFF) else "Failed to execute: power off"
+        case "brake release":
+            return "Brake releasing" if safety.power(RobotMode.RUNNING) else "Failed to execute: brake release"
+        case "unlock protective stop":
+            if safety.unlock() or modes.safety != SafetyMode.PROTECTIVE_STOP:
+                return "Protective stop releasing"
+            return "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+    return ""
+
+
+def _of_generation(controller: DashboardController, command: str) -> str:
+    """The reply to a command that only CB3 or only the e-Series has: the role of the pendant's user, and the operational mode."""
+    identity, (word, _, value) = controller.identity, command.rpartition(" ")
+    if controller.settings.polyscope.major < 5:
+        if command.lower() == "getuserrole":
+            return identity.user_role
+        if word.lower() == "setuserrole":
+            return _set(identity, "user_role", value, USER_ROLES)
+        return ""
+    if command.lower() == "get operational mode":
+        return identity.operational_mode
+    if command.lower() == "clear operational mode":
+        identity.operational_mode = "NONE"
+        return "operational mode is no longer controlled by Dashboard Server"
+    if word.lower() == "set operational mode":
+        return _set(identity, "operational_mode", value, OPERATIONAL_MODES)
+    return ""
+
+
+def _set(identity: Identity, attribute: str, value: str, known: Collection[str]) -> str:
+    name = attribute.replace("_", " ")
+    if value.upper() not in known:
+        return f"Failed setting {name}: {_printable(value)}"
+    setattr(identity, attribute, value.upper())
+    return f"Setting {name}: {value}"
 
 
 def _printable(text: str) -> str:

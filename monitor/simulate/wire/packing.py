@@ -1,4 +1,4 @@
-"""Values of many variables at once: each packet's are gathered from few sources with few calls, then put in order by one."""
+"""Reads many variables at once: the values of a packet come from few sources with few calls, and one call puts them in order."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,101 +9,101 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate.controller.registers import FORMAT
+from monitor.simulate.controller.registers import width
 
 Values = Sequence[float]
 
 
-class Sort(Enum):
-    """How a source gives its numbers: those of one sort are fetched together."""
+class SourceKind(Enum):
+    """How a source gives its numbers. Sources of one kind are read together."""
 
     CONSTANT = auto()  # never changes
-    NUMBER = auto()  # at a path from the controller
-    ARRAY = auto()  # at a path from the controller
-    COMPUTED = auto()  # an array, by a call
-    LISTED = auto()  # a list or a tuple, by a call
+    NUMBER = auto()  # a number at a path of attributes
+    ARRAY = auto()  # an array at a path of attributes
+    COMPUTED = auto()  # a function that returns an array
+    LISTED = auto()  # a function that returns a list or a tuple
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """Gives so many numbers, maybe those of several variables."""
+    """Gives a fixed count of numbers, which may belong to several variables."""
 
-    sort: Sort
+    kind: SourceKind
     width: int
     get: Callable[[], Any]
-    path: str = ""
+    path: str = ""  # attributes from the root object of `reader` on, separated by dots
 
 
 class Variable(NamedTuple):
-    """RTDE's type name, and where in a source its values begin."""
+    """A variable: its RTDE type, its source, and the index of its first number in the source."""
 
-    kind: str
+    type: str
     source: Source
     at: int = 0
 
     @property
     def width(self) -> int:
-        """How many numbers it is."""
-        return int(FORMAT[self.kind][:-1] or 1)
+        """How many numbers the variable has."""
+        return width(self.type)
 
     def read(self) -> tuple[float, ...]:
-        """Its values now, alone."""
+        """The present value of this variable alone."""
         given = self.source.get()
-        if self.source.sort is Sort.NUMBER:
+        if self.source.kind is SourceKind.NUMBER:
             return (given,)
         values: Values = given.tolist() if isinstance(given, np.ndarray) else given
         return tuple(values[self.at : self.at + self.width])
 
 
-def constant(kind: str, *values: float) -> Variable:
-    """What never changes."""
-    return Variable(kind, Source(Sort.CONSTANT, len(values), lambda: values))
+def constant(*values: float) -> Source:
+    """Numbers that never change."""
+    return Source(SourceKind.CONSTANT, len(values), lambda: values)
 
 
-def number(kind: str, of: object, path: str) -> Variable:
-    """An attribute of the controller, or of what it has."""
+def number(root: object, path: str) -> Source:
+    """The number at a path of attributes from the root object on."""
     get = attrgetter(path)
-    return Variable(kind, Source(Sort.NUMBER, 1, lambda: get(of), path))
+    return Source(SourceKind.NUMBER, 1, lambda: get(root), path)
 
 
-def array(of: object, path: str) -> Variable:
-    """The same, (6,)."""
+def array(root: object, path: str) -> Source:
+    """The array (6,) at a path of attributes from the root object on."""
     get = attrgetter(path)
-    return Variable("VECTOR6D", Source(Sort.ARRAY, 6, lambda: get(of), path))
+    return Source(SourceKind.ARRAY, 6, lambda: get(root), path)
 
 
-def computed(kind: str, get: Callable[[], Array]) -> Variable:
-    """An array that is worked out."""
-    return Variable(kind, Source(Sort.COMPUTED, int(FORMAT[kind][:-1]), get))
+def computed(size: int, get: Callable[[], Array]) -> Source:
+    """An array of this size that a function computes."""
+    return Source(SourceKind.COMPUTED, size, get)
 
 
-def listed(kind: str, get: Callable[[], Values]) -> Variable:
-    """Numbers that are worked out."""
-    return Variable(kind, Source(Sort.LISTED, int(FORMAT[kind][:-1] or 1), get))
+def listed(size: int, get: Callable[[], Values]) -> Source:
+    """A list or tuple of this size that a function computes."""
+    return Source(SourceKind.LISTED, size, get)
 
 
-def reader(of: object, variables: Sequence[Variable], *first: float) -> Callable[[], tuple[float, ...]]:
-    """Reads all of these at once, in their order, after what always comes `first`; paths begin at `of`."""
+def reader(root: object, variables: Sequence[Variable], *first: float) -> Callable[[], tuple[float, ...]]:
+    """A function that reads these variables in their order, after the constant numbers `first`. Paths begin at the root object."""
     sources = list(dict.fromkeys(variable.source for variable in variables))
-    sorts = {sort: [source for source in sources if source.sort is sort] for sort in Sort}
+    by_kind = {kind: [source for source in sources if source.kind is kind] for kind in SourceKind}
     begins, end = {}, len(first)
-    for source in (source for sort in Sort for source in sorts[sort]):  # as `read` gathers them
+    for source in (source for kind in SourceKind for source in by_kind[kind]):  # in the order in which `read` appends them
         begins[source] = end
         end += source.width
-    places = [*range(len(first)), *(begins[v.source] + v.at + i for v in variables for i in range(v.width))]
-    pick: Callable[[list[float]], Any] = itemgetter(*places) if len(places) > 1 else lambda values: tuple(values[place] for place in places)
+    indices = [*range(len(first)), *(begins[v.source] + v.at + i for v in variables for i in range(v.width))]
+    pick: Callable[[list[float]], Any] = itemgetter(*indices) if len(indices) > 1 else lambda values: tuple(values[i] for i in indices)
 
-    fixed = [*first, *(value for source in sorts[Sort.CONSTANT] for value in source.get())]
-    numbers, arrays = _all_at(sorts[Sort.NUMBER]), _all_at(sorts[Sort.ARRAY])
-    by_call, by_list = [source.get for source in sorts[Sort.COMPUTED]], [source.get for source in sorts[Sort.LISTED]]
-    any_array = bool(sorts[Sort.ARRAY] or by_call)
+    fixed = [*first, *(value for source in by_kind[SourceKind.CONSTANT] for value in source.get())]
+    numbers, arrays = _all_at(by_kind[SourceKind.NUMBER]), _all_at(by_kind[SourceKind.ARRAY])
+    computing, listing = [source.get for source in by_kind[SourceKind.COMPUTED]], [source.get for source in by_kind[SourceKind.LISTED]]
+    any_array = bool(by_kind[SourceKind.ARRAY] or computing)
 
     def read() -> tuple[float, ...]:
         values = fixed.copy()
-        values += numbers(of)
+        values += numbers(root)
         if any_array:
-            values += np.concatenate((*arrays(of), *[get() for get in by_call])).tolist()
-        for get in by_list:
+            values += np.concatenate((*arrays(root), *[get() for get in computing])).tolist()
+        for get in listing:
             values += get()
         in_order: tuple[float, ...] = pick(values)
         return in_order
@@ -114,5 +114,5 @@ def reader(of: object, variables: Sequence[Variable], *first: float) -> Callable
 def _all_at(sources: list[Source]) -> Callable[[object], tuple[Any, ...]]:
     paths = [source.path for source in sources]
     if len(paths) > 1:
-        return attrgetter(*paths)  # all in C: there are a dozen of them in every packet
-    return lambda of: tuple(attrgetter(path)(of) for path in paths)
+        return attrgetter(*paths)  # one call in C: every packet has a dozen of them
+    return lambda root: tuple(attrgetter(path)(root) for path in paths)

@@ -1,4 +1,4 @@
-"""The robot's own ports as asyncio protocols: RTDE, dashboard, state and scripts. Every buffer is bounded."""
+"""The robot's own ports as asyncio protocols: RTDE, dashboard, state and scripts. Every buffer has a limit."""
 
 import asyncio
 import logging
@@ -6,65 +6,83 @@ import socket
 import struct
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.program.scripts import Framer
-from monitor.simulate.faults import SERVICES, WireFaults
-from monitor.simulate.wire import dashboard, primary
+from monitor.simulate.faults import SERVICES
+from monitor.simulate.wire import dashboard, primary, realtime
 from monitor.simulate.wire.rtde import ProtocolError, RtdeSession, text_message
-
-if TYPE_CHECKING:
-    from monitor.simulate.controller.controller import Controller
+from monitor.simulate.wire.variables import output_variables
 
 log = logging.getLogger(__name__)
 
-BACKLOG_MAX_BYTES = 256 * 1024  # unread by the client: newer packets are skipped, as documented for the real controller
-DEAF_AFTER_S = 10.0  # and a client that reads nothing for so long is dropped
+BACKLOG_MAX_BYTES = 256 * 1024  # when a client has left so much unread, newer packets are skipped, as documented for a real controller
+DEAF_AFTER_S = 10.0  # a client that reads nothing for so long is disconnected
 CONNECTIONS_MAX = 64  # per service
-SEND_BUFFER_BYTES = 64 * 1024  # of the kernel on the state ports: a client that never reads must not collect history
-LATE_MAX = 2500  # packets held back at most: as long as `late` may ask for, at 500 Hz
+SEND_BUFFER_BYTES = 64 * 1024  # the kernel's buffer of a state port: a client that does not read must not collect old states
+LATE_MAX = 2500  # packets that the fault `late` holds back at most: 5 s at 500 Hz
+
+
+@dataclass(slots=True)
+class WireFaults:
+    """The present faults of the wire."""
+
+    muted_until_s: float = 0.0  # on the event loop's clock: before this time no RTDE data packets are sent
+    mute: bool = False  # requests are read and not answered
+    late_s: float = 0.0  # delay of a late packet
+    late_share: float = 0.0  # this share of the packets is late, with all packets behind them
+    skip_share: float = 0.0  # this share of the control periods is never sent
+    text_at_connect: bool = False  # a new RTDE connection gets a text message first
 
 
 class Ports:
-    """All connections of one robot."""
+    """All connections of one robot. `dead` tells that the controller was killed: connections are then refused."""
 
-    def __init__(self, controller: "Controller") -> None:
-        self.controller = controller
+    def __init__(self, controller: Controller, shut_down: Callable[[], None]) -> None:
+        """`shut_down` ends the whole simulator."""
+        self.attach(controller)
+        self.shut_down = shut_down
         self.open: dict[str, set[Port]] = {service: set() for service in SERVICES}
         self.faults = WireFaults()
-        self.shut_down: Callable[[], None] = lambda: None  # the whole simulator
         self._dice = np.random.default_rng(controller.settings.seed)
         self._held_until_s = 0.0
-        self._state_every = max(1, round(primary.PERIOD_S / controller.tick_s))
+        self._state_every = max(1, round(primary.PERIOD_S / controller.clock.tick_s))
         self._numbers = 0
-        self.dead = False  # the controller is: who got through to it just before is reset
+        self.dead = False
 
-    def number(self) -> int:
-        """A new connection's number."""
+    def attach(self, controller: Controller) -> None:
+        """Serve this controller from now on."""
+        self.controller = controller
+        self._variables = output_variables(controller)
+        self._realtime = realtime.packing(controller, self._variables, controller.settings.polyscope)
+
+    def rtde_session(self) -> RtdeSession:
+        """A session for a new RTDE connection."""
         self._numbers += 1
-        return self._numbers
+        return RtdeSession(self.controller, self._variables, self._numbers)
 
     @property
     def streaming(self) -> bool:
-        """Whether clients only stream: some do over RTDE, and none is still introducing itself."""
+        """Whether there are RTDE clients and all of them have started their data packets."""
         for port in self.open["rtde"]:
             if not port.started:
                 return False
         return bool(self.open["rtde"])
 
     def publish(self, now_s: float) -> None:
-        """Send what is due in this tick to everyone who reads."""
+        """Send what is due in this control period to all clients that read."""
         controller, opened = self.controller, self.open
-        tick = controller.ticks
+        tick = controller.clock.ticks
         if opened["rtde"]:
             self._publish_rtde(tick, now_s)
         if opened["realtime"]:
-            _to_all(opened["realtime"], controller.realtime)
-        messages = controller.messages
+            _to_all(opened["realtime"], self._realtime)
+        messages = controller.journal.messages
         while messages:
-            message = messages.popleft()
+            message = primary.encoded(messages.popleft())
             _to_all(opened["primary"], lambda message=message: message)  # type: ignore[misc]
         if tick % self._state_every == 0 and (opened["primary"] or opened["secondary"]):
             state = primary.state(controller)
@@ -75,7 +93,7 @@ class Ports:
         if now_s < faults.muted_until_s or (faults.skip_share and self._dice.random() < faults.skip_share):
             return
         if self._held_until_s and now_s >= self._held_until_s:
-            self._held_until_s = 0.0  # what was held back goes now, before more is
+            self._held_until_s = 0.0  # the packets that were held back go out now, before others are held back
         elif faults.late_share and not self._held_until_s and self._dice.random() < faults.late_share:
             self._held_until_s = now_s + faults.late_s
         hold = now_s < self._held_until_s
@@ -84,7 +102,7 @@ class Ports:
             port.publish(tick, now_s, made, hold=hold)
 
     def drop(self, service: str, *, reset: bool) -> int:
-        """Close the connections of one service or of `all`, with FIN or RST; how many there were."""
+        """Close the connections of one service or of `all`, with FIN or RST. Returns their number."""
         dropped = [port for name, ports in self.open.items() if service in (name, "all") for port in ports]
         for port in dropped:
             port.drop(reset=reset)
@@ -92,7 +110,7 @@ class Ports:
 
 
 class Port(asyncio.Protocol):
-    """One connection to one service."""
+    """One connection to one service. `full` tells that too much is unread; `started` that RTDE's data packets are on."""
 
     service = ""
     backlog_bytes = BACKLOG_MAX_BYTES
@@ -101,12 +119,12 @@ class Port(asyncio.Protocol):
         self.ports = ports
         self.service = service or self.service
         self.transport: asyncio.Transport | None = None
-        self.full = False  # more waits to be read than may
-        self.started = False  # RTDE's data flow
-        self.skipped = 0  # packets
+        self.full = False
+        self.started = False
+        self.skipped = 0  # packets that were not sent, because the client did not read
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Accept, unless there are too many."""
+        """Accept the connection, unless there are too many."""
         assert isinstance(transport, asyncio.Transport)
         mine = self.ports.open[self.service]
         if len(mine) >= CONNECTIONS_MAX or self.ports.dead:
@@ -120,25 +138,25 @@ class Port(asyncio.Protocol):
         self.accepted(transport)
 
     def accepted(self, transport: asyncio.Transport) -> None:
-        """The connection is there."""
+        """Greet a new client."""
 
     def pause_writing(self) -> None:
-        """More waits to be read than may: asyncio's call."""
+        """Skip packets from now on: asyncio calls this when too much is unread."""
         self.full = True
 
     def resume_writing(self) -> None:
-        """The client has read."""
+        """Send packets again: asyncio calls this when the client has read."""
         self.full = False
 
     def publish(self, tick: int, now_s: float, made: dict[tuple[str, ...], bytes], *, hold: bool) -> None:
-        """What is due in this tick: RTDE's data."""
+        """Send the data packet of this control period. Only RTDE has one."""
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        """Forget it; RST is as normal an end as FIN."""
+        """Forget the connection. It may end with FIN or RST."""
         self.ports.open[self.service].discard(self)
 
     def drop(self, *, reset: bool) -> None:
-        """Close from this side."""
+        """Close the connection from this side."""
         if self.transport is None:
             return
         if reset:
@@ -161,22 +179,23 @@ class RtdePort(Port):
 
     def __init__(self, ports: Ports) -> None:
         super().__init__(ports)
-        self._session = RtdeSession(ports.controller, ports.number())
+        self._session = ports.rtde_session()
         self._deaf_since_s: float | None = None
         self._held: deque[bytes] = deque(maxlen=LATE_MAX)
 
     def accepted(self, transport: asyncio.Transport) -> None:
-        """Nothing is said first, unless a fault wants it."""
+        """Send nothing first, except if a fault asks for a text message."""
         self._wire = transport.get_extra_info("socket")
         if self.ports.faults.text_at_connect:
             transport.write(text_message("Safety setup has not been confirmed yet", "SafetySetup", 2))
 
     def data_received(self, data: bytes) -> None:
-        """Requests and inputs."""
+        """Handle requests and inputs."""
         transport = self.writable
         if transport is None:
             return
-        # acknowledge at once: ur-rtde's small writes wait for it (its TCP_NODELAY is lost), and would come in bunches; not lasting
+        # Acknowledge at once: ur-rtde's small writes wait for the acknowledgement (its TCP_NODELAY is lost) and would come in bunches.
+        # The kernel forgets this option after a while, so it is set again for every packet.
         self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         if self.ports.faults.mute:
             return
@@ -190,10 +209,10 @@ class RtdePort(Port):
             self.started = self._session.started
             transport.write(replies)
             if self.full:
-                transport.abort()  # asks and never reads
+                transport.abort()  # this client asks and does not read the replies
 
     def publish(self, tick: int, now_s: float, made: dict[tuple[str, ...], bytes], *, hold: bool) -> None:
-        """The data packet of this tick, or none while the client does not read."""
+        """Send the data packet of this control period, unless the client does not read."""
         transport = self.transport
         if transport is None or transport.is_closing():
             return
@@ -217,7 +236,7 @@ class RtdePort(Port):
             transport.write(packet)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Inputs become free."""
+        """End the session: its inputs become free."""
         self._session.close()
         super().connection_lost(exc)
 
@@ -232,11 +251,11 @@ class DashboardPort(Port):
         self._buffer = b""
 
     def accepted(self, transport: asyncio.Transport) -> None:
-        """Greet."""
+        """Send the greeting."""
         transport.write(dashboard.GREETING.encode() + b"\n")
 
     def data_received(self, data: bytes) -> None:
-        """One reply a line."""
+        """Reply to each line."""
         transport = self.writable
         if transport is None or self.ports.faults.mute:
             return
@@ -257,7 +276,7 @@ class DashboardPort(Port):
 
 
 class StatePort(Port):
-    """One connection to 30001, 30002 or 30003: state goes out and is never queued, scripts may come in."""
+    """One connection to port 30001, 30002 or 30003. It sends states, which are never queued, and receives scripts."""
 
     backlog_bytes = 0
 
@@ -266,19 +285,20 @@ class StatePort(Port):
         self._framer = Framer()
 
     def accepted(self, transport: asyncio.Transport) -> None:
-        """The version first, except on the real-time port."""
+        """Send the version first, except on the real-time port."""
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         if self.service != "realtime":
-            transport.write(primary.version(self.ports.controller))
+            controller = self.ports.controller
+            transport.write(primary.version(controller.identity, controller.settings.build_date, controller.clock.now_s))
 
     def data_received(self, data: bytes) -> None:
-        """Run what is complete."""
+        """Run the scripts that are complete."""
         for text in self._framer.feed(data):
             self.ports.controller.run_script(text)
 
 
 def _to_all(ports: set[Port], packet: Callable[[], bytes]) -> None:
-    """Built only where somebody reads: ur-rtde's control client never does."""
+    """Send a packet to all clients that read. It is built only if there is one: ur-rtde's control client never reads."""
     made: bytes | None = None
     for port in tuple(ports):
         transport = port.transport

@@ -1,19 +1,16 @@
-"""Port 30003: one packet a tick, int32 length and doubles, in the manufacturer's published layout.
+"""Port 30003: one packet in each control period, an int32 length and doubles, in the manufacturer's published layout.
 
-Lengths by version: 1108 bytes (3.5, 5.0), 1116 (3.10, 5.4), 1140 (3.14, 5.9), 1220 (3.15, 5.10). The e-Series figures are the
-manufacturer's; that CB3 grew in step is taken over from the paired releases and not compared with a real controller.
+Lengths by version: 1108 bytes (3.5, 5.0), 1116 (3.10, 5.4), 1140 (3.14, 5.9), 1220 (3.15, 5.10). The lengths of the e-Series are the
+manufacturer's. Those of CB3 follow from the releases that came at the same time and have not been compared with a real controller.
 """
 
 import struct
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
-from monitor.simulate.wire.packing import constant, reader
+from monitor.simulate.polyscope import Version
+from monitor.simulate.wire.packing import Variable, constant, reader
 
-if TYPE_CHECKING:
-    from monitor.simulate.controller.controller import Controller
-
-# doubles: their variable in RTDE's table, or how many are zero because they are the manufacturer's own or not modelled
+# Doubles: a variable of RTDE, or a count of zeros where the manufacturer keeps the meaning to itself or the value is not modelled.
 LAYOUT: tuple[str | int, ...] = (
     "timestamp",
     "target_q",
@@ -61,15 +58,15 @@ LENGTHS = {(3, 0): 1108, (3, 10): 1116, (3, 14): 1140, (3, 15): 1220, (5, 0): 11
 
 
 def length(major: int, minor: int) -> int:
-    """Bytes of one packet at this version."""
+    """The length of one packet of this version, in bytes."""
     return LENGTHS[max(since for since in LENGTHS if since[0] == major and since <= (major, minor))]
 
 
-def packing(c: "Controller") -> Callable[[], bytes]:
-    """Makes the packet of the present tick."""
-    size = length(c.settings.polyscope.major, c.settings.polyscope.minor)
-    zero = constant("DOUBLE", 0.0)
-    variables = [v for entry in LAYOUT for v in ([zero] * entry if isinstance(entry, int) else [c.variables[entry]])]
+def packing(root: object, variables: Mapping[str, Variable], version: Version) -> Callable[[], bytes]:
+    """A function that makes the packet of the present control period. The paths of the variables begin at the root object."""
+    size = length(version.major, version.minor)
+    zero = Variable("DOUBLE", constant(0.0))
+    chosen = [v for entry in LAYOUT for v in ([zero] * entry if isinstance(entry, int) else [variables[entry]])]
     doubles = (size - 4) // 8
-    layout, read = struct.Struct(f">i{doubles}d"), reader(c, variables, size)
+    layout, read = struct.Struct(f">i{doubles}d"), reader(root, chosen, size)
     return lambda: layout.pack(*read()[: 1 + doubles])

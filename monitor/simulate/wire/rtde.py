@@ -1,48 +1,67 @@
-"""One RTDE connection as bytes in, bytes out: protocol version 2, without a socket.
+"""One RTDE connection without a socket: bytes in, bytes out, protocol version 2.
 
-Nothing is ever sent unasked before the reply to START: ur-rtde reads one packet per request and takes it for the answer.
+Before the reply to START this controller sends nothing but replies: ur-rtde reads one packet after each request and takes it for the reply.
 """
 
 import logging
 import math
 import struct
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
-from monitor.simulate.controller.registers import Recipe, recipe
-from monitor.simulate.wire.packing import reader
-
-if TYPE_CHECKING:
-    from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.registers import Recipe, Registers, recipe
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.wire.packing import Variable, reader
 
 log = logging.getLogger(__name__)
 
-NAMES_MAX_BYTES = 2048  # of a list of names, as documented
+NAMES_MAX_BYTES = 2048  # documented limit of a list of names
 INPUT_RECIPES_MAX = 255
 HEAD = struct.Struct(">HB")  # length, type
 DATA_HEAD = struct.Struct(">HBB")  # length, type, recipe
 
 
 class ProtocolError(Exception):
-    """The peer does not speak RTDE: close the connection."""
+    """The client does not speak RTDE; its connection must be closed."""
+
+
+class RtdeController(Protocol):
+    """What an RTDE connection uses of a controller. It is also the root of the paths of the output variables."""
+
+    @property
+    def settings(self) -> SimulateSettings:
+        """The settings of the simulated arm."""
+
+    @property
+    def identity(self) -> Identity:
+        """What the controller reports about itself."""
+
+    @property
+    def registers(self) -> Registers:
+        """Registers, inputs and outputs."""
+
+    def write_inputs(self, written: Recipe, values: Sequence[float]) -> None:
+        """Take over one packet of inputs."""
 
 
 class RtdeSession:
-    """State of one connection."""
+    """The state of one connection. `started` tells whether the client has asked for data packets."""
 
-    def __init__(self, controller: "Controller", connection: int) -> None:
-        self._controller, self._connection = controller, connection
+    def __init__(self, controller: RtdeController, variables: Mapping[str, Variable], connection: int) -> None:
+        """`variables` are all outputs by name; `connection` is a number of its own for each connection."""
+        self._controller, self._variables, self._connection = controller, variables, connection
         self._buffer = b""
         self._output: Recipe | None = None
-        self._packet: Callable[[], bytes] = bytes  # of the present values: head, recipe 1, values
-        self._every = 1  # ticks per packet
+        self._packet: Callable[[], bytes] = bytes  # makes a data packet of the present values
+        self._every = 1  # control periods from one packet to the next
         self._inputs: list[Recipe] = []
         self.started = False
 
     def feed(self, data: bytes) -> bytes:
-        """Replies to whatever complete packets have arrived.
+        """Add bytes that arrived. Returns the replies to the packets that are now complete.
 
-        Raises ProtocolError where a header cannot be one.
+        Raises ProtocolError for an impossible header.
         """
         buffer, replies = self._buffer + data, b""
         while len(buffer) >= 3:
@@ -52,7 +71,7 @@ class RtdeSession:
             if len(buffer) < size:
                 break
             payload, buffer = buffer[3:size], buffer[size:]
-            if kind == 85:  # U, nearly always
+            if kind == 85:  # U, inputs: nearly all packets are
                 self._write_input(payload)
             else:
                 replies += self._answer(kind, payload)
@@ -60,7 +79,7 @@ class RtdeSession:
         return replies
 
     def output(self, tick: int, made: dict[tuple[str, ...], bytes]) -> bytes | None:
-        """The data packet due in this tick, if any; `made` holds what other connections have had made of this very tick."""
+        """The data packet of a control period, or None if none is due. `made` keeps the packets of this period for other connections."""
         if not self.started or self._output is None or tick % self._every:
             return None
         packet = made.get(self._output.names)
@@ -69,8 +88,8 @@ class RtdeSession:
         return packet
 
     def close(self) -> None:
-        """The connection ended: its inputs are free again."""
-        self._controller.inputs.release(self._connection)
+        """End the connection: its inputs become free."""
+        self._controller.registers.inputs.release(self._connection)
 
     def _answer(self, kind: int, payload: bytes) -> bytes:
         match kind:
@@ -78,7 +97,7 @@ class RtdeSession:
                 accepted = len(payload) == 2 and payload == b"\x00\x02"
                 return _packet(kind, bytes([accepted]))
             case 118:  # v
-                return _packet(kind, struct.pack(">4I", *self._controller.reported_version))
+                return _packet(kind, struct.pack(">4I", *self._controller.identity.reported_version))
             case 79:  # O
                 return _packet(kind, self._set_output(payload))
             case 73:  # I
@@ -100,14 +119,12 @@ class RtdeSession:
             raise ProtocolError("output recipe without a frequency")
         (frequency_hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        c = self._controller
-        variables = {name: variable for name, variable in c.variables.items() if c.knows(name) and name not in c.missing}
-        types = [variables[name].kind if name in variables else "NOT_FOUND" for name in names]
+        types = [self._variables[name].type if self._controller.identity.publishes(name) else "NOT_FOUND" for name in names]
         known = bool(names) and "NOT_FOUND" not in types
-        self._output = recipe(names, {name: variables[name].kind for name in names}) if known else None
+        self._output = recipe(names, dict(zip(names, types, strict=True))) if known else None
         if self._output is not None:
             layout = struct.Struct(DATA_HEAD.format + self._output.layout.format[1:])
-            read = reader(self._controller, [variables[name] for name in names], layout.size, 85, 1)
+            read = reader(self._controller, [self._variables[name] for name in names], layout.size, 85, 1)
             self._packet = lambda: layout.pack(*read())
         rate_hz = self._controller.settings.arm.rate_hz
         wanted_hz = min(max(frequency_hz, 1.0), rate_hz) if math.isfinite(frequency_hz) else rate_hz
@@ -116,7 +133,7 @@ class RtdeSession:
 
     def _add_input(self, payload: bytes) -> bytes:
         names = _names(payload)
-        types = self._controller.inputs.claim(names, self._connection)
+        types = self._controller.registers.inputs.claim(names, self._connection)
         good = bool(names) and not {"NOT_FOUND", "IN_USE"} & set(types) and len(self._inputs) < INPUT_RECIPES_MAX
         if good:
             self._inputs.append(recipe(names, dict(zip(names, types, strict=True))))
@@ -124,18 +141,18 @@ class RtdeSession:
 
     def _write_input(self, payload: bytes) -> None:
         if not payload or not 1 <= payload[0] <= len(self._inputs):
-            self._controller.odd_inputs += 1  # ur-rtde's reconnect really does send a recipe before it asks for it
+            self._controller.registers.odd_inputs += 1  # when ur-rtde reconnects, it writes to a recipe before it asks for it
             return
         written = self._inputs[payload[0] - 1]
         values = payload[1:]
         if len(values) != written.layout.size:
-            self._controller.odd_inputs += 1  # the client checks no lengths: a short vector shifts the rest
+            self._controller.registers.odd_inputs += 1  # ur-rtde checks no lengths: a short vector shifts the values behind it
             values = values[: written.layout.size].ljust(written.layout.size, b"\x00")
         self._controller.write_inputs(written, written.layout.unpack(values))
 
 
 def text_message(text: str, source: str, level: int) -> bytes:
-    """M as the controller sends it; level 0 exception, 1 error, 2 warning, 3 info."""
+    """A text message (M) of the controller. Levels: 0 exception, 1 error, 2 warning, 3 information."""
     message, name = text.encode()[:255], source.encode()[:255]
     return _packet(77, bytes([len(message)]) + message + bytes([len(name)]) + name + bytes([level]))
 

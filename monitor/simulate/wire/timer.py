@@ -1,4 +1,4 @@
-"""A timer that the event loop can wait for: 0.1 ms late at the median where asyncio.sleep is 0.7 ms."""
+"""A periodic timer that the event loop can wait for. Its median delay is 0.1 ms; that of asyncio.sleep is 0.7 ms."""
 
 import ctypes
 import os
@@ -13,9 +13,9 @@ class _Spec(ctypes.Structure):
 
 
 def periodic_timer(period_s: float) -> int:
-    """File descriptor that becomes readable every period (timerfd; os.timerfd_create exists from Python 3.13 only).
+    """A file descriptor that becomes readable every period: a timerfd. `os.timerfd_create` exists from Python 3.13 on.
 
-    Raises OSError where the kernel refuses.
+    Raises OSError if the kernel refuses.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     fd = libc.timerfd_create(CLOCK_MONOTONIC, NONBLOCK | CLOSE_ON_EXEC)
@@ -31,7 +31,7 @@ def periodic_timer(period_s: float) -> int:
 
 
 def expirations(fd: int) -> int:
-    """Periods that have ended since the last call."""
+    """The number of periods that have ended since the last call."""
     try:
         return int.from_bytes(os.read(fd, 8), sys.byteorder)
     except BlockingIOError:

@@ -1,293 +1,224 @@
-"""The register machine of ur-rtde's control script: one pass a tick, commands in, acknowledgements out.
+"""The register machine of ur-rtde's control script: it reads commands from input registers and writes replies to output registers.
 
-Command register I0; OI0 = 1 ready, 2 done; OI1 a result; OI2 the word of asynchronous motions; OD0… vectors. A command whose
-arguments the real controller would answer with a runtime exception ends the program, as there.
+Input integer 0 carries the command. Output integer 0 is 1 when the script is ready and 2 when a command is done. Output integer 1
+carries a result, output integer 2 the progress of an asynchronous motion, and the output doubles carry vectors. A command with
+arguments for which a real controller raises a runtime exception ends the program here too.
 """
 
 import logging
 import math
-from collections import deque
 from collections.abc import Callable
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate.arm import motions
+from monitor.simulate.controller.modes import Runtime
+from monitor.simulate.controller.moves import Move, StopMotion
 from monitor.simulate.controller.program import queries
-from monitor.simulate.controller.program.scripts import ControlScript, Move, Progress, Step, Steps, StopMotion, Wait, Write
-
-if TYPE_CHECKING:
-    from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.program.machine import Machine
+from monitor.simulate.controller.program.player import Player
+from monitor.simulate.controller.program.scripts import ControlScript
 
 log = logging.getLogger(__name__)
 
 READY, DONE = 1, 2
 SERVO_J, SERVO_L, SPEED_J, SPEED_L, END = 11, 24, 9, 10, 255
-MOTIONS = frozenset({1, 2, 3, 4, 45})  # wait for an arm that may move
-REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
-SERVO_TIME_MIN_S, SERVO_TIME_MAX_S = 1e-4, 10.0  # what a call of servoj may be told to last; shorter: a tick
-LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # servoj's documented ranges
+MOVES = frozenset({1, 2, 3, 4, 45})  # these commands wait until the arm may move
+REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})  # executed in every control period
+SERVO_TIME_MIN_S, SERVO_TIME_MAX_S = 1e-4, 10.0  # range of servoj's argument `time`; a shorter time means one control period
+LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # documented ranges of servoj's arguments
+PACKETS_MAX = 16  # servoj targets kept within one control period
 
 
 class ControlProgram:
-    """ur-rtde's script, running."""
+    """ur-rtde's control script, running."""
 
-    def __init__(self, script: ControlScript, controller: "Controller") -> None:
-        self._int, self._double = script.int_offset, script.double_offset
-        self.command_register = f"input_int_register_{self._int}"  # carries commands, and the watchdog listens to it
-        self._controller = controller
-        self._executing = False
-        self._busy: Callable[[], bool] | None = None  # a blocking motion keeps the loop busy
-        self._asynchronous: Callable[[], bool] | None = None
+    def __init__(self, script: ControlScript, machine: Machine) -> None:
+        self.command_register = f"input_int_register_{script.int_offset}"  # the watchdog listens to this register
+        self._machine, self._call = machine, queries.Call(machine, script.int_offset, script.double_offset)
         self._path = script.path
+        self._executing = False
+        self._blocking: Callable[[], bool] | None = None  # tells whether the motion is over that blocks the script
+        self._asynchronous: Callable[[], bool] | None = None  # tells whether the asynchronous motion is over
         self._writes = self._operation = 0
         self._last_refused = 0
-        self._packets: list[list[float]] = []
-        self._speed_l: Callable[[Array, float], None] | None = None
-        self._progress(-1)
-        self._set(0, READY)
+        self._packets: list[list[float]] = []  # servoj targets since the last control period
+        self._tool_speed: Callable[[Array, float], None] | None = None
+        self._write_progress(-1)
+        self._write(0, READY)
 
     # --- registers ----------------------------------------------------------------------------------------------
-    def _input(self, index: int) -> int:
-        return self._controller.inputs.ints[self._int + index]
+    def _write(self, index: int, value: int) -> None:
+        self._machine.registers.output_ints[self._call.int_offset + index] = value
 
-    def vector(self, index: int = 0, length: int = 6) -> list[float]:
-        """Input doubles from `index` on."""
-        at = self._double + index
-        return self._controller.inputs.doubles[at : at + length]
+    def _write_result(self, result: queries.Result) -> None:
+        if isinstance(result, bool | int):
+            self._write(1, int(result))
+        elif result is not None:
+            at = self._call.double_offset
+            self._machine.registers.output_doubles[at : at + len(result)] = [float(value) for value in result]
 
-    def _set(self, index: int, value: int) -> None:
-        self._controller.output_ints[self._int + index] = value
+    def _write_progress(self, value: int) -> None:
+        """Write output integer 2; −1 means that the motion has ended.
 
-    def _answer(self, values: Array) -> None:
-        self._controller.output_doubles[self._double : self._double + len(values)] = [float(value) for value in values]
-
-    def _progress(self, value: int) -> None:
-        """OI2: bits 0–14 progress, 15 running, 16–22 count of writes, 24–30 number of the operation; −1 means finished."""
+        Bits 0–14 hold the progress, bit 15 is set while the motion runs, bits 16–22 count the writes, bits 24–30 the operations.
+        """
         self._writes = (self._writes + 1) % 128
         if value == 0:
             self._operation = (self._operation + 1) % 128
         running = min(value, 32767) + 32768 if value >= 0 else 0
-        self._set(2, self._writes * 65536 + self._operation * 16777216 + running)
+        self._write(2, self._writes * 65536 + self._operation * 16777216 + running)
 
-    # --- life ---------------------------------------------------------------------------------------------------
+    # --- one pass of the loop -----------------------------------------------------------------------------------
     def received(self) -> None:
-        """A packet with the command register has come: every servoj target counts, not only the last of a tick."""
-        if self._input(0) == SERVO_J and len(self._packets) < 16:
-            self._packets.append(self.vector())
+        """Note that a packet with the command register arrived. Every servoj target counts, not only the last of a control period."""
+        if self._call.integer(0) == SERVO_J and len(self._packets) < PACKETS_MAX:
+            self._packets.append(self._call.vector())
 
     def step(self) -> bool:
-        """One pass of the loop. False when the script has ended."""
+        """Run one pass of the script's loop. Returns False when the script has ended."""
         packets, self._packets = self._packets, []
-        if self._busy is not None:
-            if not self._busy():
+        if self._blocking is not None:
+            if not self._blocking():
                 return True
-            self._busy = None
-            self._set(0, DONE)
+            self._blocking = None
+            self._write(0, DONE)
         if self._asynchronous is not None and self._asynchronous():
             self._asynchronous = None
-            self._progress(-1)
-        if self._controller.program is not self:  # a path has met something impossible
+            self._write_progress(-1)
+        if self._ended:  # by a step of a path that the arm cannot make
             return True
-        command = self._input(0)
+        command = self._call.integer(0)
         if command == END:
             return False
         if command in REALTIME:
             self._realtime(command, packets)
-            self._set(0, READY)
+            self._write(0, READY)
         elif command == 0:
             self._executing = False
-            self._set(0, READY)
-        elif not self._executing and (command not in MOTIONS or self._controller.may_move):
+            self._write(0, READY)
+        elif not self._executing and (command not in MOVES or self._machine.modes.may_move):
             self._executing = True
             self._once(command)
-            if self._busy is None and self._controller.program is self:  # a runtime exception ends the program: never done
-                self._set(0, DONE)
+            if self._blocking is None and not self._ended:  # a command that ends the program is never done
+                self._write(0, DONE)
         return True
 
-    def _raise(self, why: str) -> None:
-        self._controller.stop_program(f"runtime exception: {why}")
+    @property
+    def _ended(self) -> bool:
+        return self._machine.modes.runtime == Runtime.STOPPED
+
+    def _raise(self, reason: str) -> None:
+        self._machine.supervisor.stop_program(f"runtime exception: {reason}")
 
     # --- commands -----------------------------------------------------------------------------------------------
     def _realtime(self, command: int, packets: list[list[float]]) -> None:
-        controller, reference = self._controller, self._controller.reference
         if command in queries.REALTIME:
-            queries.REALTIME[command](self)
-        elif not controller.may_move:  # a protective stop in which the program plays on: the arm stands
+            self._write_result(queries.REALTIME[command](self._call))
+        elif not self._machine.modes.may_move:  # in a protective stop the program may play on, but the arm stands
             return
         elif command in (SERVO_J, SERVO_L):
-            time_s, lookahead_s, gain = self.vector(8, 3)
-            told = packets or ([self.vector()] if reference.mode != "servo" or command == SERVO_L else [])
-            if not all(map(math.isfinite, (*chain.from_iterable(told), time_s, lookahead_s, gain))):
-                controller.protective_stop("servoj with a target that is not a number")
+            if not self._servo(command, packets):
                 return
-            if command == SERVO_L:
-                found = controller.moves.inverse(np.array(told[-1]))
-                if found is None:
-                    controller.protective_stop("servol: no joint positions for the target")
-                    return
-                told = [found.tolist()]
-            why = controller.moves.sudden(told[-1]) if told else ""
-            if why:
-                controller.protective_stop(f"servoj: {why}")
-                return
-            time_s = min(time_s, SERVO_TIME_MAX_S) if time_s > SERVO_TIME_MIN_S else 0.0
-            lookahead_s, gain = min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1])
-            reference.follow(told, time_s, lookahead_s, gain)
         elif command in (SPEED_J, SPEED_L):
-            wanted, acceleration = np.array(self.vector()), self.vector(6, 1)[0]
-            if not (np.isfinite(wanted).all() and math.isfinite(acceleration)):
-                controller.protective_stop("speedj with a target that is not a number")
-            elif command == SPEED_J:
-                reference.speed(wanted, acceleration)
-            else:
-                if reference.mode != "speedl" or self._speed_l is None:
-                    self._speed_l = motions.tool_speed(controller.kinematics, reference, controller.robot.max_speed_rad_s)
-                self._speed_l(wanted, acceleration)
+            self._speed(command)
         elif command != self._last_refused:
             self._refuse(command)
         self._last_refused = command
 
+    def _servo(self, command: int, packets: list[list[float]]) -> bool:
+        """Give the targets of servoj or servol to the reference. Returns False if they lead to a protective stop."""
+        machine, reference = self._machine, self._machine.reference
+        time_s, lookahead_s, gain = self._call.vector(8, 3)
+        targets = packets or ([self._call.vector()] if reference.mode != "servo" or command == SERVO_L else [])
+        if not all(map(math.isfinite, (*chain.from_iterable(targets), time_s, lookahead_s, gain))):
+            machine.supervisor.protective_stop("servoj with a target that is not a number")
+            return False
+        if command == SERVO_L:
+            found = machine.moves.inverse(np.array(targets[-1]))
+            if found is None:
+                machine.supervisor.protective_stop("servol: no joint positions for the target")
+                return False
+            targets = [found.tolist()]
+        jump = machine.moves.sudden(targets[-1]) if targets else ""
+        if jump:
+            machine.supervisor.protective_stop(f"servoj: {jump}")
+            return False
+        time_s = min(time_s, SERVO_TIME_MAX_S) if time_s > SERVO_TIME_MIN_S else 0.0
+        lookahead_s, gain = min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1])
+        reference.follow(targets, time_s, lookahead_s, gain)
+        return True
+
+    def _speed(self, command: int) -> None:
+        """Give the speed of speedj or speedl to the reference."""
+        machine, reference = self._machine, self._machine.reference
+        wanted, acceleration = np.array(self._call.vector()), self._call.vector(6, 1)[0]
+        if not (np.isfinite(wanted).all() and math.isfinite(acceleration)):
+            machine.supervisor.protective_stop("speedj with a target that is not a number")
+        elif command == SPEED_J:
+            reference.speed(wanted, acceleration)
+        else:
+            if reference.mode != "speedl" or self._tool_speed is None:
+                self._tool_speed = motions.tool_speed(machine.kinematics, reference, machine.robot.max_speed_rad_s)
+            self._tool_speed(wanted, acceleration)
+
     def _once(self, command: int) -> None:
-        controller, reference = self._controller, self._controller.reference
-        first = self.vector(0, 1)[0]
+        machine, call = self._machine, self._call
+        first = call.vector(0, 1)[0]
         match command:
             case 1 | 2 | 3 | 4:  # moveJ, moveJ_IK, moveL, moveL_FK
-                speed, acceleration = self.vector(6, 2)
-                move = Move(
-                    tuple(self.vector()), pose=command in (2, 3), straight=command in (3, 4), speed=speed, acceleration=acceleration
-                )
-                why = controller.moves.start(move)
-                if why:
-                    self._raise(f"{'moveL' if move.straight else 'moveJ'}: {why}")
-                else:
-                    self._motion(lambda: controller.moves.over, asynchronous=self._input(1) == 1)
-            case 15 | 16:  # speedStop, servoStop; stopl of the latter is a joint deceleration here
-                straight = command == 15 and reference.mode == "speedl"
-                controller.moves.stop(StopMotion(first if math.isfinite(first) else 10.0, straight))
-                self._motion(lambda: controller.moves.over, asynchronous=False)
+                self._move(command)
+            case 15 | 16:  # speedStop, servoStop; the stopl inside servoStop is a joint deceleration here
+                straight = command == 15 and machine.reference.mode == "speedl"
+                machine.moves.stop(StopMotion(first if math.isfinite(first) else 10.0, straight))
+                self._motion(lambda: machine.moves.over, asynchronous=False)
             case 33 | 34:  # stopL, stopJ
-                controller.moves.stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
-                self._motion(lambda: controller.moves.over, asynchronous=self._input(1) == 1)
+                machine.moves.stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
+                self._motion(lambda: machine.moves.over, asynchronous=call.integer(1) == 1)
             case 45:  # movePath
-                playing = Player(self._path, controller, self._progress)
-                self._motion(playing.over, asynchronous=self._input(1) == 1)
-            case 8:  # zeroFtSensor: nothing touches the arm, its sensor shows zero already
+                self._motion(Player(self._path, machine, self._write_progress).over, asynchronous=call.integer(1) == 1)
+            case 8:  # zeroFtSensor: the sensor shows zero already, since nothing touches the arm
                 pass
-            case 31:
-                controller.protective_stop("asked for by the program")
+            case 31:  # triggerProtectiveStop
+                machine.supervisor.protective_stop("asked for by the program")
             case 35:  # setWatchdog
                 if math.isfinite(first) and first > 0.0:
-                    controller.arm_watchdog(self.command_register, first)
+                    machine.watchdog.watch(self.command_register, first)
                 else:
                     self._raise(f"rtde_set_watchdog: {first:g} Hz; expected more than 0")
             case _ if command in queries.ONCE:
                 try:
-                    result = queries.ONCE[command](self)
-                except queries.Impossible as wrong:
+                    result = queries.ONCE[command](call)
+                except queries.ImpossibleArguments as wrong:
                     self._raise(str(wrong))
                 else:
-                    self._tell(result)
+                    self._write_result(result)
             case _:
                 self._refuse(command)
 
-    def _tell(self, result: "queries.Result") -> None:
-        if isinstance(result, bool | int):
-            self._set(1, int(result))
-        elif result is not None:
-            self._answer(result)
-
-    @property
-    def controller(self) -> "Controller":
-        """Whose program it is."""
-        return self._controller
-
-    def whole(self, index: int) -> int:
-        """An input integer."""
-        return self._input(index)
-
-    def answer(self, result: "queries.Result") -> None:
-        """Into the output registers."""
-        self._tell(result)
+    def _move(self, command: int) -> None:
+        speed, acceleration = self._call.vector(6, 2)
+        move = Move(tuple(self._call.vector()), pose=command in (2, 3), straight=command in (3, 4), speed=speed, acceleration=acceleration)
+        obstacle = self._machine.moves.start(move)
+        if obstacle:
+            self._raise(f"{'moveL' if move.straight else 'moveJ'}: {obstacle}")
+        else:
+            self._motion(lambda: self._machine.moves.over, asynchronous=self._call.integer(1) == 1)
 
     def _motion(self, over: Callable[[], bool], *, asynchronous: bool) -> None:
+        """Wait for a motion that has started; `over` tells whether it has ended."""
         if self._asynchronous is not None:
-            self._progress(-1)
+            self._write_progress(-1)
         self._asynchronous = over if asynchronous else None
         if asynchronous:
-            self._progress(0)
+            self._write_progress(0)
         else:
-            self._busy = None if over() else over
+            self._blocking = None if over() else over
 
     def _refuse(self, command: int) -> None:
-        """Visibly: told in the log and in the truth, done with result 0."""
+        """Answer a command that is not simulated with result 0, and record it."""
         log.warning("command %d of the control script is not simulated: refused", command)
-        self._controller.refused_commands.append(command)
-        self._set(1, 0)
-
-
-class Player:
-    """Plays a list of steps, each to its end: moves come to rest at every waypoint, blend radii are not modelled."""
-
-    def __init__(self, steps: tuple[Step, ...], controller: "Controller", on_progress: Callable[[int], None] = lambda _: None) -> None:
-        self._left, self._controller, self._on_progress = deque(steps), controller, on_progress
-        self._until_s = -math.inf
-
-    def over(self) -> bool:
-        """Go on as far as possible; True when nothing is left."""
-        controller = self._controller
-        while controller.moves.over and controller.clock_s >= self._until_s:
-            if not self._left:
-                return True
-            if isinstance(self._left[0], Move) and not controller.may_move:
-                return False
-            match self._left.popleft():
-                case Move() as move:
-                    why = controller.moves.start(move)
-                    if why:
-                        self._left.clear()
-                        controller.stop_program(f"runtime exception: {why}")
-                        return False
-                case StopMotion() as stop:
-                    controller.moves.stop(stop)
-                case Write(register, value, whole):
-                    if whole:
-                        controller.output_ints[register] = int(value)
-                    else:
-                        controller.output_doubles[register] = value
-                case Progress(value):
-                    self._on_progress(value)
-                case Wait(seconds):
-                    self._until_s = controller.clock_s + seconds
-        return False
-
-
-class StepsProgram:
-    """A script that is a list of steps: ends after the last."""
-
-    command_register = ""
-
-    def __init__(self, script: Steps, controller: "Controller") -> None:
-        self._player = Player(script.steps, controller)
-
-    def received(self) -> None:
-        """Listens to nothing."""
-
-    def step(self) -> bool:
-        """False when nothing is left to do."""
-        return not self._player.over()
-
-
-class SteppedProgram:
-    """Stands for the player of `stepped.py`, which moves the reference itself, so that nobody else starts a program."""
-
-    command_register = ""
-
-    def received(self) -> None:
-        """Listens to nothing."""
-
-    def step(self) -> bool:
-        """Runs until it is stopped."""
-        return True
+        self._machine.journal.refused_commands.append(command)
+        self._write(1, 0)

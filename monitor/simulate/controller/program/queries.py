@@ -1,137 +1,151 @@
-"""What ur-rtde's control script answers at once: settings, kinematics, limits, dynamics; by the number of the command."""
+"""Commands of ur-rtde's control script that end at once: settings, kinematics, limits and dynamics, by the number of the command."""
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate.arm.kinematics import composed, pose_of
+from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.settings import PAYLOAD_COM_MAX_M
 
-if TYPE_CHECKING:
-    from monitor.simulate.controller.program.control import ControlProgram
-
-Result = bool | int | Array | None
-STEADY_RAD_S = 0.01
-TOOL_MAX = 10.0  # m, and rad of the rotation vector
+Result = bool | int | Array | None  # what a command writes to the output registers
+STEADY_RAD_S = 0.01  # measured joint speed below which the robot counts as steady
+TOOL_MAX = 10.0  # largest component of a tool: [m], and [rad] in the rotation vector
 
 
-class Impossible(Exception):
+class ImpossibleArguments(Exception):
     """The real controller would end the program with a runtime exception."""
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """The arguments of a command in the input registers, and the machine that executes it."""
+
+    machine: Machine
+    int_offset: int  # first integer register of the control script
+    double_offset: int  # first double register of the control script
+
+    def integer(self, index: int) -> int:
+        """One integer argument; the first is the number of the command."""
+        return self.machine.registers.inputs.ints[self.int_offset + index]
+
+    def vector(self, index: int = 0, length: int = 6) -> list[float]:
+        """Consecutive double arguments, from `index` on."""
+        at = self.double_offset + index
+        return self.machine.registers.inputs.doubles[at : at + length]
 
 
 def _finite(name: str, values: list[float]) -> Array:
     if not all(map(math.isfinite, values)):
-        raise Impossible(f"{name}: {values} is not finite")
+        raise ImpossibleArguments(f"{name}: {values} is not finite")
     return np.array(values)
 
 
-def _set_payload(p: "ControlProgram") -> Result:
-    mass, *com = _finite("set_payload", p.vector(0, 4))
-    controller = p.controller
-    if not 0.0 <= mass <= 2.0 * controller.robot.payload_max_kg:
-        raise Impossible(f"set_payload: {mass:g} kg; expected 0 … {2.0 * controller.robot.payload_max_kg:g}")
+def _set_payload(call: Call) -> Result:
+    mass, *com = _finite("set_payload", call.vector(0, 4))
+    machine, most_kg = call.machine, 2.0 * call.machine.robot.payload_max_kg
+    if not 0.0 <= mass <= most_kg:
+        raise ImpossibleArguments(f"set_payload: {mass:g} kg; expected 0 … {most_kg:g}")
     if max(map(abs, com)) > PAYLOAD_COM_MAX_M:
-        raise Impossible(f"set_payload: centre of mass {com}; expected within ±{PAYLOAD_COM_MAX_M:g} m of the flange")
-    # a centre of mass at the flange itself means "as before" from 5.0 on, says the script
-    before = controller.declared_payload[1:]
-    keep = not any(com) and controller.settings.polyscope.major >= 5
-    controller.declare(payload=(float(mass), *(before if keep else (float(x) for x in com))))
+        raise ImpossibleArguments(f"set_payload: centre of mass {com}; expected within ±{PAYLOAD_COM_MAX_M:g} m of the flange")
+    # from 5.0 on, a centre of mass at the flange itself keeps the present one: ur-rtde's script says so
+    keep = not any(com) and machine.settings.polyscope.major >= 5
+    machine.installation.declare(payload=(float(mass), *(machine.installation.payload[1:] if keep else (float(x) for x in com))))
     return None
 
 
-def _set_target_payload(p: "ControlProgram") -> Result:
-    inertia = _finite("set_target_payload", p.vector(4, 6))
-    _set_payload(p)
-    p.controller.declared_inertia = tuple(inertia.tolist())
+def _set_target_payload(call: Call) -> Result:
+    inertia = _finite("set_target_payload", call.vector(4, 6))
+    _set_payload(call)
+    call.machine.installation.inertia_kg_m2 = tuple(inertia.tolist())
     return None
 
 
-def _set_tcp(p: "ControlProgram") -> Result:
-    tool = _finite("set_tcp", p.vector())
+def _set_tcp(call: Call) -> Result:
+    tool = _finite("set_tcp", call.vector())
     if np.abs(tool).max() > TOOL_MAX:
-        raise Impossible(f"set_tcp: {tool.tolist()}; expected at most {TOOL_MAX:g} m and rad")
-    p.controller.kinematics.tool = tool
+        raise ImpossibleArguments(f"set_tcp: {tool.tolist()}; expected at most {TOOL_MAX:g} m and rad")
+    call.machine.kinematics.tool = tool
     return None
 
 
-def _set_gravity(p: "ControlProgram") -> Result:
-    direction = _finite("set_gravity", p.vector(0, 3))
+def _set_gravity(call: Call) -> Result:
+    direction = _finite("set_gravity", call.vector(0, 3))
     length = float(np.linalg.norm(direction))
     if not 1.0 < length < 20.0:
-        raise Impossible(f"set_gravity: {direction} is {length:g} m/s² long; expected about 9.82")
-    p.controller.declare(gravity=-direction)  # it is given as the acceleration that a sensor at rest would show, upwards
+        raise ImpossibleArguments(f"set_gravity: {direction} is {length:g} m/s² long; expected about 9.82")
+    call.machine.installation.declare(gravity=-direction)  # set_gravity takes what an accelerometer at rest shows, which points upwards
     return None
 
 
-def _pose_within(p: "ControlProgram") -> Result:
-    pose = np.array(p.vector())
-    return bool(np.isfinite(pose).all()) and p.controller.moves.inverse(pose) is not None
+def _pose_within(call: Call) -> Result:
+    pose = np.array(call.vector())
+    return bool(np.isfinite(pose).all()) and call.machine.moves.inverse(pose) is not None
 
 
-def _joints_within(p: "ControlProgram") -> Result:
-    q = np.array(p.vector())
-    return bool(np.isfinite(q).all()) and not p.controller.limits.outside(q)
+def _joints_within(call: Call) -> Result:
+    q = np.array(call.vector())
+    return bool(np.isfinite(q).all()) and not call.machine.limits.outside(q)
 
 
-def _steady(p: "ControlProgram") -> Result:
-    return p.controller.reference.at_rest and bool(np.all(np.abs(p.controller.measured.qd) < STEADY_RAD_S))
+def _steady(call: Call) -> Result:
+    return call.machine.reference.at_rest and bool(np.all(np.abs(call.machine.measurements.latest.qd) < STEADY_RAD_S))
 
 
-def _inverse(p: "ControlProgram", near: Array | None = None) -> Array:
-    pose = _finite("get_inverse_kin", p.vector())
-    found = p.controller.moves.inverse(pose, near)
+def _inverse(call: Call, near: Array | None = None) -> Array:
+    pose = _finite("get_inverse_kin", call.vector())
+    found = call.machine.moves.inverse(pose, near)
     if found is None:
-        raise Impossible(f"get_inverse_kin: no joint positions for {pose.round(4).tolist()}")
+        raise ImpossibleArguments(f"get_inverse_kin: no joint positions for {pose.round(4).tolist()}")
     return found
 
 
-def _inverse_near(p: "ControlProgram") -> Result:
-    return _inverse(p, _finite("get_inverse_kin", p.vector(6)))
+def _inverse_near(call: Call) -> Result:
+    return _inverse(call, _finite("get_inverse_kin", call.vector(6)))
 
 
-def _has_solution(p: "ControlProgram") -> Result:
+def _has_solution(call: Call) -> Result:
     try:
-        _inverse(p)
-    except Impossible:
+        _inverse(call)
+    except ImpossibleArguments:
         return False
     return True
 
 
-def _has_solution_near(p: "ControlProgram") -> Result:
+def _has_solution_near(call: Call) -> Result:
     try:
-        _inverse_near(p)
-    except Impossible:
+        _inverse_near(call)
+    except ImpossibleArguments:
         return False
     return True
 
 
-def _forward_of(p: "ControlProgram") -> Result:
-    q, tool = _finite("get_forward_kin", p.vector()), _finite("get_forward_kin", p.vector(6))
-    return p.controller.kinematics.pose(q, tool)
+def _forward_of(call: Call) -> Result:
+    q, tool = _finite("get_forward_kin", call.vector()), _finite("get_forward_kin", call.vector(6))
+    return call.machine.kinematics.pose(q, tool)
 
 
-def _forward(p: "ControlProgram") -> Result:
-    return p.controller.kinematics.pose(p.controller.measured.q)
+def _forward(call: Call) -> Result:
+    return call.machine.kinematics.pose(call.machine.measurements.latest.q)
 
 
-def _tcp_offset(p: "ControlProgram") -> Result:
-    return p.controller.kinematics.tool
+def _tcp_offset(call: Call) -> Result:
+    return call.machine.kinematics.tool
 
 
-def _waypoint(p: "ControlProgram") -> Result:
-    return (
-        p.controller.moves.waypoint if p.controller.moves.waypoint is not None else p.controller.kinematics.pose(p.controller.reference.q)
-    )
+def _waypoint(call: Call) -> Result:
+    machine = call.machine
+    return machine.moves.waypoint if machine.moves.waypoint is not None else machine.kinematics.pose(machine.reference.q)
 
 
-def _pose_trans(p: "ControlProgram") -> Result:
-    return composed(_finite("pose_trans", p.vector()), _finite("pose_trans", p.vector(6)))
+def _pose_trans(call: Call) -> Result:
+    return composed(_finite("pose_trans", call.vector()), _finite("pose_trans", call.vector(6)))
 
 
-ONCE: dict[int, Callable[["ControlProgram"], Result]] = {
+ONCE: dict[int, Callable[[Call], Result]] = {  # executed once
     17: _set_payload,
     28: _waypoint,
     29: _set_tcp,
@@ -151,32 +165,32 @@ ONCE: dict[int, Callable[["ControlProgram"], Result]] = {
 }
 
 
-def _step_time(p: "ControlProgram") -> None:
-    p.answer(np.array([p.controller.tick_s]))
+def _step_time(call: Call) -> Result:
+    return np.array([call.machine.clock.tick_s])
 
 
-def _history(p: "ControlProgram") -> None:
-    history = p.controller.history
-    back = min(max(p.whole(1), 0), len(history) - 1)
-    p.answer(history[-1 - back])
+def _history(call: Call) -> Result:
+    history = call.machine.measurements.history
+    back = min(max(call.integer(1), 0), len(history) - 1)
+    return history[-1 - back]
 
 
-def _external_torque(p: "ControlProgram") -> None:
-    """What neither the model of the arm nor friction explains: an untold payload shows here."""
-    controller = p.controller
-    arm, reference = controller.arm, controller.reference
-    p.answer(arm.torque_nm - controller.moments.at(reference.q, reference.qd, reference.qdd) - arm.friction_nm)
+def _external_torque(call: Call) -> Result:
+    """The torque that neither the model of the controller nor friction explains, for example that of an undeclared payload."""
+    arm = call.machine.arm
+    external: Array = arm.torque_nm - call.machine.installation.target_moment(call.machine.reference) - arm.friction_nm
+    return external
 
 
-def _flange(p: "ControlProgram") -> None:
-    p.answer(pose_of(p.controller.kinematics.flange(p.controller.measured.q)))
+def _flange(call: Call) -> Result:
+    return pose_of(call.machine.kinematics.flange(call.machine.measurements.latest.q))
 
 
-def _contact(p: "ControlProgram") -> None:
-    p.answer(0)  # nothing is ever touched
+def _contact(_: Call) -> Result:
+    return 0  # the arm never touches anything
 
 
-REALTIME: dict[int, Callable[["ControlProgram"], None]] = {
+REALTIME: dict[int, Callable[[Call], Result]] = {  # executed in every control period
     25: _contact,
     26: _step_time,
     27: _history,

@@ -1,8 +1,8 @@
-"""URScript as it arrives on a port: framing, and the little of the language that this controller understands.
+"""URScript as it arrives on a port: framing, and the part of the language that this controller understands.
 
-It is no interpreter: it recognises ur-rtde's control script and runs the register machine that the script describes
-(`program.py`), with the path of moves that ur-rtde injects into it; programs that are a plain list of moves, waits and register
-writes; single moves and the immediate commands. Everything else is refused by name.
+This is not an interpreter. It recognises four kinds of scripts: ur-rtde's control script with the path of moves that ur-rtde injects
+into it (`control.py` runs what that script describes); programs that are a list of moves, waits and register writes; single moves;
+and immediate commands. It refuses every other script and names the line.
 """
 
 import ast
@@ -11,36 +11,19 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from monitor.simulate.controller.moves import Move, StopMotion
+
 SCRIPT_MAX_BYTES = 1 << 20
 STEPS_MAX = 10_000
-INTEGER = 2**31  # and more do not fit a register
+INTEGER = 2**31  # an integer register holds −INTEGER … INTEGER − 1
 _CALL = re.compile(r"^(\w+)\s*\((.*)\)$")
 _POSE = re.compile(r"\bp(?=\[)")
 PATH_MARK = "# inject move path\n"
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
-    """One move: joints [rad, rad/s, rad/s²], or tool in a line [m, m/s, m/s²]; the target is joint angles or a pose."""
-
-    target: tuple[float, ...]
-    pose: bool
-    straight: bool
-    speed: float
-    acceleration: float
-
-
-@dataclass(frozen=True, slots=True)
-class StopMotion:
-    """stopj [rad/s²] or stopl [m/s²]."""
-
-    deceleration: float
-    straight: bool = False
-
-
-@dataclass(frozen=True, slots=True)
 class Write:
-    """write_output_integer_register or write_output_float_register."""
+    """A write_output_integer_register or a write_output_float_register."""
 
     register: int
     value: float
@@ -48,25 +31,25 @@ class Write:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
-    """signal_async_progress of ur-rtde's paths."""
+class PathProgress:
+    """A signal_async_progress, which ur-rtde inserts into its paths."""
 
     value: int
 
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """sleep."""
+    """A sleep."""
 
     seconds: float
 
 
-Step = Move | StopMotion | Write | Progress | Wait
+Step = Move | StopMotion | Write | PathProgress | Wait
 
 
 @dataclass(frozen=True, slots=True)
 class ControlScript:
-    """ur-rtde's script; registers start at these offsets (0 or 24); the path that was injected into it."""
+    """ur-rtde's control script: the offsets of its registers (0 or 24), and the path that ur-rtde injected into it."""
 
     int_offset: int = 0
     double_offset: int = 0
@@ -75,22 +58,22 @@ class ControlScript:
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """A program that is a list of steps: a custom script of ur-rtde, or a single line."""
+    """A program that is a list of steps: a custom script of ur-rtde or a single line."""
 
     steps: tuple[Step, ...]
-    beside: bool = False  # a secondary program: the one that runs goes on
+    secondary: bool = False  # a secondary program does not end the one that runs
 
 
 @dataclass(frozen=True, slots=True)
 class Immediate:
-    """A line that acts beside programs: `stop program`, `set unlock protective stop`."""
+    """A line that acts at once and is no program: `stop program`, `halt` or `set unlock protective stop`."""
 
     line: str
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A script that this controller does not understand, and why."""
+    """A script that this controller does not run, with the reason."""
 
     reason: str
 
@@ -99,7 +82,10 @@ Script = ControlScript | Steps | Immediate | Refused
 
 
 class Framer:
-    """Cuts a stream of bytes into scripts: from `def ` or `sec ` in column 0 to `end` in column 0; other lines alone."""
+    """Cuts a stream of bytes into scripts.
+
+    A script begins with `def ` or `sec ` in column 0 and ends with `end` in column 0. Every other line is a script of its own.
+    """
 
     def __init__(self) -> None:
         self._buffer = b""
@@ -107,7 +93,7 @@ class Framer:
         self._size = 0
 
     def feed(self, data: bytes) -> list[str]:
-        """Scripts that are complete now."""
+        """Add bytes to the stream. Returns the scripts that are now complete."""
         self._buffer += data
         *lines, self._buffer = self._buffer.split(b"\n")
         complete = []
@@ -125,18 +111,18 @@ class Framer:
                 self._size = 0
                 if line.strip():
                     complete.append(line.strip())
-        if self._size + len(self._buffer) > SCRIPT_MAX_BYTES:  # an unending script is dropped, not kept
+        if self._size + len(self._buffer) > SCRIPT_MAX_BYTES:  # a script without an end would fill the memory
             self._buffer, self._lines, self._size = b"", [], 0
             complete.append(f"more than {SCRIPT_MAX_BYTES} bytes without an end")
         return complete
 
 
-class _Unknown(Exception):
-    """A line that is not understood."""
+class _UnknownLine(Exception):
+    """The controller does not understand a line."""
 
 
 def parse(text: str) -> Script:
-    """What a complete script asks for."""
+    """Parse one complete script."""
     try:
         if text.startswith(("def rtde_control()", "def rtde_control ")) and "NODE_CONTROL_LOOP_BEGINS" in text:
             return _control_script(text)
@@ -146,8 +132,8 @@ def parse(text: str) -> Script:
                 steps = _steps(body[:-1])
                 if text.startswith("sec ") and not all(isinstance(step, Write) for step in steps):
                     return Refused(f"the secondary program {name[4:].rstrip(':')[:80]} moves or waits; it may take no time")
-                return Steps(steps, beside=text.startswith("sec "))
-            except _Unknown as wrong:
+                return Steps(steps, secondary=text.startswith("sec "))
+            except _UnknownLine as wrong:
                 return Refused(
                     f"the program {name[4:].rstrip(':')[:80]} is not ur-rtde's control script, and of others only lists of moves: {wrong}"
                 )
@@ -155,7 +141,7 @@ def parse(text: str) -> Script:
             return Immediate(text)
         steps = _steps([text])
         return Steps(steps) if steps else Refused(f"the line {text[:80]!r} does nothing")
-    except _Unknown as wrong:
+    except _UnknownLine as wrong:
         return Refused(str(wrong))
 
 
@@ -179,17 +165,17 @@ def _steps(lines: list[str]) -> tuple[Step, ...]:
             continue
         call = _CALL.match(line)
         if call is None:
-            raise _Unknown(f"the line {line[:80]!r} is not interpreted")
+            raise _UnknownLine(f"the line {line[:80]!r} is not interpreted")
         step = _step(call[1], call[2])
         if step is not None:
             steps.append(step)
         if len(steps) > STEPS_MAX:
-            raise _Unknown(f"more than {STEPS_MAX} steps")
+            raise _UnknownLine(f"more than {STEPS_MAX} steps")
     return tuple(steps)
 
 
 def _step(name: str, arguments: str) -> Step | None:
-    """One call; None for those that do nothing here. Raises _Unknown."""
+    """One call as a step; None if the call has no effect here. Raises _UnknownLine."""
     if name in {"textmsg", "sync"}:
         return None
     pose = _POSE.match(arguments.strip()) is not None
@@ -200,14 +186,14 @@ def _step(name: str, arguments: str) -> Step | None:
                 target = tuple(float(value) for value in args[0])
                 straight = name == "movel"
                 given = (*args[1:3], None, None)
-                acceleration = named.get("a", given[0] if given[0] is not None else 1.2 if straight else 1.4)  # URScript's defaults
+                acceleration = named.get("a", given[0] if given[0] is not None else 1.2 if straight else 1.4)  # the defaults of URScript
                 speed = named.get("v", given[1] if given[1] is not None else 0.25 if straight else 1.05)
                 step: Step = Move(target, pose, straight, float(speed), float(acceleration))
                 if float(named.get("t", args[3] if len(args) > 3 else 0.0)) != 0.0:
-                    raise _Unknown(f"{name}({arguments[:80]}): a time t is not interpreted; give speed and acceleration")
+                    raise _UnknownLine(f"{name}({arguments[:80]}): a time t is not interpreted; give speed and acceleration")
                 figures = [*target, float(speed), float(acceleration)]
                 if len(target) != 6 or min(figures[6:]) <= 0.0:
-                    raise _Unknown(f"{name}({arguments[:80]}): expected 6 finite figures and positive speed and acceleration")
+                    raise _UnknownLine(f"{name}({arguments[:80]}): expected 6 finite figures and positive speed and acceleration")
             case "stopj" | "stopl":
                 figures = [float(args[0] if args else named.get("a", 2.0))]
                 step = StopMotion(figures[0], name == "stopl")
@@ -215,25 +201,25 @@ def _step(name: str, arguments: str) -> Step | None:
                 register, figures = int(args[0]), [float(args[1])]
                 step = Write(register, figures[0], "integer" in name)
                 if not 0 <= register < 48:
-                    raise _Unknown(f"{name}: register {register}; expected 0 … 47")
+                    raise _UnknownLine(f"{name}: register {register}; expected 0 … 47")
                 if step.whole and not -INTEGER <= figures[0] < INTEGER:
-                    raise _Unknown(f"{name}: {figures[0]:g}; expected a whole number of 32 bits")
+                    raise _UnknownLine(f"{name}: {figures[0]:g}; expected a whole number of 32 bits")
             case "signal_async_progress":
-                step, figures = Progress(int(args[0])), []
+                step, figures = PathProgress(int(args[0])), []
             case "sleep":
                 figures = [float(args[0])]
                 step = Wait(figures[0])
             case _:
-                raise _Unknown(f"the line {name}({arguments[:80]}) is not interpreted")
+                raise _UnknownLine(f"the line {name}({arguments[:80]}) is not interpreted")
     except (SyntaxError, ValueError, TypeError, IndexError, KeyError, OverflowError, RecursionError, MemoryError):
-        raise _Unknown(f"the arguments of {name}({arguments[:80]}) are not interpreted") from None
+        raise _UnknownLine(f"the arguments of {name}({arguments[:80]}) are not interpreted") from None
     if not all(math.isfinite(figure) for figure in figures):
-        raise _Unknown(f"{name}({arguments[:80]}): expected finite figures")
+        raise _UnknownLine(f"{name}({arguments[:80]}): expected finite figures")
     return step
 
 
 def _arguments(text: str) -> tuple[list[Any], dict[str, float]]:
-    """Positional and named arguments; a sum of whole numbers is a number."""
+    """The positional and named arguments of a call. A sum of two numbers counts as a number, since ur-rtde writes `0 +24`."""
     call = ast.parse(f"f({text})", mode="eval").body
     if not isinstance(call, ast.Call):
         raise ValueError(text)

@@ -1,0 +1,101 @@
+"""The program that runs on a controller: what starts, pauses and ends it."""
+
+import logging
+
+from monitor.simulate.controller.modes import Runtime
+from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2
+from monitor.simulate.controller.program.control import ControlProgram
+from monitor.simulate.controller.program.machine import Machine
+from monitor.simulate.controller.program.player import SteppedProgram, StepsProgram
+from monitor.simulate.controller.program.scripts import ControlScript, Refused, Steps
+from monitor.simulate.controller.registers import Recipe
+
+log = logging.getLogger(__name__)
+
+PROGRAM_NAME = "rtde_control"
+
+Program = ControlProgram | StepsProgram | SteppedProgram
+
+
+class Programs:
+    """Runs at most one program at a time on one machine. `current` is the program, or None."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self.current: Program | None = None
+
+    def step(self) -> None:
+        """Run the program for one control period."""
+        machine = self._machine
+        if machine.watchdog.expired:
+            machine.journal.watchdog_trips += 1
+            self.stop(f"{machine.watchdog.variable} was not received for {machine.watchdog.limit_s:.3g} s", kind="watchdog")
+        if self.current is not None and machine.modes.runtime == Runtime.PLAYING and not self.current.step():
+            self.stop("the program ended", kind="program_end")
+
+    def received(self, written: Recipe) -> None:
+        """Note that a packet of inputs arrived."""
+        self._machine.watchdog.received(written.names)
+        if self.current is not None and self.current.command_register in written.names:
+            self.current.received()
+
+    def start(self, script: ControlScript | Steps | Refused) -> None:
+        """Start a program in place of the one that runs, or refuse it. A secondary program runs at once beside the other."""
+        machine = self._machine
+        reason = script.reason if isinstance(script, Refused) else machine.modes.obstacle
+        if reason or isinstance(script, Refused):
+            log.warning("script refused: %s", reason)
+            machine.journal.refused_scripts.append(reason)
+            return
+        if isinstance(script, Steps) and script.secondary:
+            StepsProgram(script, machine).step()
+            return
+        self.stop("replaced by another script")
+        machine.journal.scripts_started += 1
+        self.current = ControlProgram(script, machine) if isinstance(script, ControlScript) else StepsProgram(script, machine)
+        machine.modes.runtime = Runtime.PLAYING
+        machine.journal.program_message("PROGRAM_XXX_STARTED", PROGRAM_NAME)
+
+    def start_stepped(self) -> str:
+        """Reserve the arm for a stepped replay. Returns why this is not possible, or an empty text."""
+        obstacle = self._machine.modes.obstacle or ("a program is running" if self.current is not None else "")
+        if not obstacle:
+            self.current, self._machine.modes.runtime = SteppedProgram(), Runtime.PLAYING
+        return obstacle
+
+    def stop(self, reason: str, *, kind: str = "program_stop") -> bool:
+        """End the program; the arm decelerates to standstill. Returns False if no program was running."""
+        machine, reference = self._machine, self._machine.reference
+        if self.current is None:
+            return False
+        machine.journal.stop(kind, reason)
+        if reason.startswith("runtime exception"):
+            machine.journal.exception_message(reason)
+        else:
+            machine.journal.program_message("PROGRAM_XXX_STOPPED", PROGRAM_NAME)
+        self.current, machine.modes.runtime = None, Runtime.STOPPED
+        machine.watchdog.clear()
+        machine.moves.interrupted = None
+        if reference.mode != "stop" or reference.queued:
+            reference.stop(PROGRAM_STOP_RAD_S2)
+        return True
+
+    def pause(self) -> bool:
+        """Pause the program; the arm stops. Returns False if no program was playing."""
+        machine = self._machine
+        if machine.modes.runtime != Runtime.PLAYING:
+            return False
+        machine.modes.runtime = Runtime.PAUSED
+        machine.moves.interrupt()
+        machine.reference.stop(PROGRAM_STOP_RAD_S2)
+        return True
+
+    def play(self) -> bool:
+        """Continue a paused program. Returns False if there is none or the arm may not move."""
+        machine = self._machine
+        if machine.modes.runtime != Runtime.PAUSED or not machine.modes.may_move:
+            return False
+        machine.modes.runtime = Runtime.PLAYING
+        machine.watchdog.feed()
+        machine.moves.resume()
+        return True

@@ -1,0 +1,117 @@
+"""Safety and power of a controller: protective stop, emergency stop, power, and the supervision of the arm."""
+
+from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
+from monitor.simulate.controller.program.machine import Machine
+from monitor.simulate.controller.program.runner import Programs
+
+SAFETY_STOP_RAD_S2 = 25.0  # deceleration of protective and emergency stops
+UNLOCK_AFTER_S = 5.0  # a protective stop cannot be unlocked earlier; the dashboard's reply names this time
+
+
+class Safety:
+    """Supervises one machine."""
+
+    def __init__(self, machine: Machine, programs: Programs) -> None:
+        self._machine, self._programs = machine, programs
+        self._protected_at_s = 0.0  # when the last protective stop began
+
+    def supervise(self) -> None:
+        """Check the arm after a control period, and note when it has come to rest after a stop."""
+        machine, modes = self._machine, self._machine.modes
+        if modes.robot == RobotMode.RUNNING and modes.safety == SafetyMode.NORMAL:
+            reason = machine.limits.broken(machine.reference.q, machine.measurements.encoder_q, machine.arm.torque_nm)
+            if reason:
+                self.protective_stop(reason)
+        if machine.journal.has_open_stops and machine.standing:
+            machine.journal.close_stops()
+            if modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
+                self._power_off()
+
+    @property
+    def deviation_ratio(self) -> float:
+        """Following error divided by the one that leads to a protective stop."""
+        return self._machine.limits.deviation_ratio(self._machine.reference.q, self._machine.measurements.encoder_q)
+
+    def protective_stop(self, reason: str, *, runtime: str | None = None) -> None:
+        """Halt the arm. `runtime` says what becomes of the program: "paused", "stopped" or "playing"; None means as in the settings."""
+        machine, modes = self._machine, self._machine.modes
+        if modes.safety != SafetyMode.NORMAL:
+            return
+        modes.safety, self._protected_at_s = SafetyMode.PROTECTIVE_STOP, machine.clock.now_s
+        machine.journal.stop("protective_stop", reason)
+        machine.journal.safety_message(modes.safety)
+        machine.journal.error_message(reason)
+        if self._programs.current is not None:
+            runtime = runtime or machine.settings.protective_runtime
+            if runtime == "stopped":
+                self._programs.stop(reason, kind="protective_stop")
+            else:
+                machine.moves.interrupt()
+                if runtime == "paused":
+                    modes.runtime = Runtime.PAUSED
+        machine.reference.stop(SAFETY_STOP_RAD_S2)
+
+    def unlock(self) -> bool:
+        """End a protective stop. Returns False if there is none or it began too recently."""
+        machine, modes = self._machine, self._machine.modes
+        if modes.safety != SafetyMode.PROTECTIVE_STOP or machine.clock.now_s - self._protected_at_s < UNLOCK_AFTER_S:
+            return False
+        modes.safety = SafetyMode.NORMAL
+        machine.limits.reset(machine.measurements.encoder_q)
+        self._hold_where_the_arm_is()
+        if modes.runtime == Runtime.PLAYING:
+            machine.moves.resume()
+        return True
+
+    def emergency_stop(self) -> None:
+        """Halt the arm; the power goes off when it stands."""
+        machine, modes = self._machine, self._machine.modes
+        if modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
+            return
+        self._programs.stop("emergency stop", kind="emergency_stop")
+        machine.journal.stop("emergency_stop", "the button was pressed")
+        modes.safety = SafetyMode.ROBOT_EMERGENCY_STOP
+        machine.journal.safety_message(modes.safety)
+        machine.reference.stop(SAFETY_STOP_RAD_S2)
+
+    def release_emergency_stop(self) -> None:
+        """Pull the emergency stop button out again. The power stays off."""
+        modes = self._machine.modes
+        if modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
+            self._power_off()
+            modes.safety = SafetyMode.NORMAL
+
+    def power(self, mode: RobotMode) -> bool:
+        """Do what the dashboard's "power on" (IDLE), "brake release" (RUNNING) or "power off" (POWER_OFF) asks; False if impossible."""
+        modes = self._machine.modes
+        if mode == RobotMode.POWER_OFF:
+            self._programs.stop("power off")
+            self._power_off()
+        elif modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
+            return False
+        elif mode == RobotMode.RUNNING:
+            if modes.robot == RobotMode.POWER_OFF:
+                return False
+            if modes.robot == RobotMode.RUNNING:
+                return True  # the brakes are open: a motion goes on
+            self._hold_where_the_arm_is()
+            modes.robot = RobotMode.RUNNING
+        elif modes.robot == RobotMode.POWER_OFF:
+            modes.robot = RobotMode.IDLE
+            self._machine.arm.powered = True
+        return True
+
+    def start_without_power(self) -> None:
+        """Begin as a controller does that has just been started: brakes closed, power off."""
+        self._power_off()
+
+    def _power_off(self) -> None:
+        arm = self._machine.arm
+        arm.brake()
+        arm.powered = False
+        self._hold_where_the_arm_is()
+        self._machine.modes.robot = RobotMode.POWER_OFF
+
+    def _hold_where_the_arm_is(self) -> None:
+        machine = self._machine
+        machine.reference.reset(machine.arm.q + machine.measurements.encoder_offset_rad)
