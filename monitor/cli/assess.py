@@ -93,13 +93,13 @@ def rehearse(
             f"rehearse: the fleet has six joints an arm; {configuration.robot.model} has {configuration.robot_description.joints}"
         )
     if plot is not None:
-        from monitor.views.plots.residuals import check_target
+        from monitor.views.plots.picture import check_target
 
         check_target(plot)
     with status_line(f"{arms} arms live a year each, some of them wear"):
         document = play(configuration.assess, arms=arms, seed=seed, between_std=noise, robot=configuration.robot.model)
     if plot is not None:
-        from monitor.views.plots.residuals import rehearsal_plot
+        from monitor.views.plots.rehearsal import rehearsal_plot
 
         rehearsal_plot(plot, document)
     if as_json:

@@ -48,7 +48,7 @@ def design(
     from monitor.design.trajectory import Task
     from monitor.design.trajectory import design as design_trajectory
     from monitor.model.robot import Mounting, load_robot
-    from monitor.views.plots.residuals import check_target
+    from monitor.views.plots.picture import check_target
     from monitor.views.terminal.progress import search_progress
 
     if output.suffix.lower() != ".json" or not output.parent.is_dir():

@@ -70,7 +70,7 @@ def identify(
 
     arm = offline.arm(robot, urdf)
     if plot is not None:
-        from monitor.views.plots.residuals import check_target
+        from monitor.views.plots.picture import check_target
 
         check_target(plot)
     if export is not None:

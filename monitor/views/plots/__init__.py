@@ -1,1 +1,1 @@
-"""Pictures as PNG or self-contained HTML."""
+"""Pictures that commands draw with `--plot`, each written as a PNG or as one self-contained HTML file. I/O."""
