@@ -13,6 +13,8 @@ import numpy.typing as npt
 from monitor.errors import BadInput
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
 
 # RTDE's names of the columns that carry one value a joint, and the field of `Recording` that each becomes
 JOINT_COLUMNS = {

@@ -10,19 +10,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from monitor.design.cell import Cell, rotation
 from monitor.design.distance import between_segments, segment_to_box, segment_to_half_space
 from monitor.design.shapes import Capsules, arm_capsules
 from monitor.model.robot import Mounting, Robot
-from monitor.recording import Array
+from monitor.recording import Array, Indices, Mask
 
 # links with two joints between them that every UR may turn all the way round, as the manufacturer's meshes confirm (UR3, 5, 10: 0.3 mm
 # apart and more); our capsules, being larger, would touch for ever
 FREE_BY_DESIGN = ((3, 5), (4, 6))
 CHUNK = 512  # samples at once: the working set stays in the cache
-Indices = npt.NDArray[np.intp]
 
 
 class Gaps(NamedTuple):
@@ -138,7 +136,7 @@ class Surroundings:
         assert itself is not None  # N ≥ 1
         return Clearance(itself, around)
 
-    def doubtful(self, q: Array, bow_rad: Array | None = None) -> npt.NDArray[np.bool_]:
+    def doubtful(self, q: Array, bow_rad: Array | None = None) -> Mask:
         """(N−1,) between which samples the bound alone does not promise the cell's margins."""
         doubt = np.zeros(len(q), dtype=bool)
         for first, pairs, (cell, _, names) in self._bounds(q, bow_rad):

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from monitor.errors import BadInput
 from monitor.identify.identify import identify
+from monitor.identify.signals.checks import refuse_other_arm
 from monitor.identify.signals.motion import motion
-from monitor.identify.validate import refuse_other_arm
 from monitor.model.energy import BodyRegion, energy_document, flange_speed, kinetic_energy
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot

@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.fit.least_squares import WINDOW_STEPS, Factor, Rows, factors, jackknife_covariance, residual_rms, solve
+from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
+from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
+from monitor.identify.signals.checks import refuse_other_arm
 from monitor.identify.signals.motion import Motion, SignalSettings, motion
-from monitor.identify.validate import refuse_other_arm
 from monitor.model.base import base_parameters
 from monitor.model.friction import residual_law
 from monitor.model.regressor import friction_columns, regressor
@@ -218,7 +219,7 @@ def _best(joints: Sequence[Factor], weights: Array, log_gains: Array, typical: f
 
 
 def _rows(run: _Run, Y: Array, right: Array) -> Rows:
-    return Rows(Y, right, run.moved.moving(), run.moved.blocks(BLOCK_S / WINDOW_STEPS), run.moved.segments)
+    return Rows(Y, right, run.moved.moving(), block_steps(run.moved, BLOCK_S), run.moved.segments)
 
 
 def _noise(factor: Factor) -> float:

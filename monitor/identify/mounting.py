@@ -16,13 +16,13 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from monitor.identify.fit.least_squares import triangle
-from monitor.identify.signals.motion import STANDSTILL_SPEED_RAD_S, Indices, Mask, Motion
+from monitor.identify.signals.motion import STANDSTILL_SPEED_RAD_S, Motion
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import base_parameters
 from monitor.model.identifiable import mounting_with_up
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import PER_JOINT, Mounting, Robot
-from monitor.recording import Array
+from monitor.recording import Array, Indices, Mask
 
 CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordings the estimate is right to 0.3°
 SURE_STD = 5.0  # and the configured direction must explain the data worse by so much

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.fit.fit import layout_of
-from monitor.identify.fit.least_squares import WINDOW_STEPS, Rows, factors, jackknife_covariance, residual_rms, solve
+from monitor.identify.fit.equations import layout_of
+from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
+from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
 from monitor.identify.identification import Identification, IdentifySettings
+from monitor.identify.signals.checks import refuse_other_arm
 from monitor.identify.signals.motion import motion
 from monitor.identify.signals.torque import joint_torque
-from monitor.identify.validate import refuse_other_arm
 from monitor.identify.warnings import DataWarning
 from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
@@ -110,7 +111,7 @@ def identify_payload(
             columns[:, :, 0] = moved.direction
             target = rest - np.einsum("njk,jk->nj", columns, friction)
             used = moved.moving(settings.moving_rad_s)
-            rows.append(Rows(Y, target, used, moved.blocks(settings.block_s / WINDOW_STEPS), moved.segments))
+            rows.append(Rows(Y, target, used, block_steps(moved, settings.block_s), moved.segments))
         solution = solve(factors(rows), weights, np.zeros(INERTIAL))
         parameters = solution.values
     joints = factors(rows)

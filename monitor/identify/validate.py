@@ -6,13 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.fit.fit import layout_of
+from monitor.identify.fit.equations import layout_of
 from monitor.identify.identification import Identification, IdentifySettings
-from monitor.identify.signals.motion import Mask, motion
+from monitor.identify.signals.checks import refuse_other_arm
+from monitor.identify.signals.motion import motion
 from monitor.identify.signals.torque import joint_torque
 from monitor.model.regressor import regressor
 from monitor.model.robot import Robot
-from monitor.recording import Array, Recording
+from monitor.recording import Array, Mask, Recording
 
 
 class TorqueParts(NamedTuple):
@@ -84,13 +85,6 @@ def validate(
         nominal_rms_nm=nominal.rms_nm,
         nominal_normalised_error_nm=nominal.normalised_error_nm,
     )
-
-
-def refuse_other_arm(recording: Recording, robot: Robot) -> None:
-    """Raises BadInput where the recording itself says that another model made it."""
-    made_by = recording.context.robot
-    if made_by is not None and made_by != robot.name:
-        raise BadInput(f"{recording.source or 'recording'}: recorded on a {made_by}; the robot given is {robot.name}")
 
 
 class Errors(NamedTuple):

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.identify.fit.least_squares import Rows
-from monitor.identify.signals.motion import Mask, Motion
+from monitor.identify.signals.motion import Motion
 from monitor.model.robot import Robot
-from monitor.recording import Array, Recording
+from monitor.recording import Array, Mask, Recording
 
 MOVING_SHARE = 0.2  # of the samples: below it friction rests on a few seconds
 USEFUL_SPEED_RAD_S = 0.2  # slower throughout, fc and fv cannot be told apart

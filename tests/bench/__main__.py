@@ -21,7 +21,8 @@ def cases() -> dict[str, Callable[[], object]]:
     """What is timed, by name; a name after `vs` is what its ratio is quoted against."""
     import pinocchio as pin
 
-    from monitor.identify.fit.least_squares import WINDOW_STEPS, Rows, factors
+    from monitor.identify.fit.jackknife import block_steps
+    from monitor.identify.fit.least_squares import Rows, factors
     from monitor.identify.fit.physically_consistent import physically_consistent
     from monitor.identify.identify import identify, identify_motions
     from monitor.identify.signals.motion import motion
@@ -52,7 +53,7 @@ def cases() -> dict[str, Callable[[], object]]:
     fitted = identify_motions([moved], [torque], robot, mounting)
     base = base_parameters(robot, mounting)
     Y = regressor(robot, mounting, moved.q, moved.qd, moved.qdd)[:, :, list(base.columns)]
-    rows = Rows(Y, torque, moved.moving(), moved.blocks(0.8 / WINDOW_STEPS), moved.segments)
+    rows = Rows(Y, torque, moved.moving(), block_steps(moved, 0.8), moved.segments)
     factored = factors([rows])
     weights = 1.0 / fitted.rms_nm
     everything = {

@@ -8,7 +8,7 @@ import pytest
 from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, exact_motion, recording, rigid_torque, truth
 
 from monitor.errors import BadInput
-from monitor.identify.identify import identify, identify_motions
+from monitor.identify.identify import IdentifyOptions, identify, identify_motions
 from monitor.identify.payload import identify_payload
 from monitor.identify.validate import predict_torque, validate
 from monitor.model.friction import LAWS
@@ -50,7 +50,7 @@ def known():
 
 @pytest.fixture(scope="module")
 def rich(known):
-    return identify_motions([exact_motion(known)], [known.torque], UR5, GROUND, friction="concave")
+    return identify_motions([exact_motion(known)], [known.torque], UR5, GROUND, IdentifyOptions(friction="concave"))
 
 
 def test_without_noise_a_rich_law_comes_back(rich):

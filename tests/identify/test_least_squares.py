@@ -5,7 +5,8 @@ import pytest
 from oracle_arm import GROUND, truth
 from scipy.signal import lfilter
 
-from monitor.identify.fit.least_squares import Rows, factors, jackknife_covariance, merged, residual_rms, solve
+from monitor.identify.fit.jackknife import jackknife_covariance
+from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve, triangle
 from monitor.model.base import base_parameters
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import load_robot
@@ -67,7 +68,8 @@ def test_factors_merge_as_recordings_come():
         parts.append(Rows(Y, torque, rng.random((samples, 3)) < 0.8, np.arange(samples), np.zeros(samples, dtype=int)))
     running = factors(parts[:1])
     for part in parts[1:]:
-        running = merged(running, factors([part]))
+        pairs = zip(running, factors([part]), strict=True)
+        running = [Factor(triangle(np.concatenate([a.R, b.R])), a.samples + b.samples) for a, b in pairs]
         assert max(len(factor.R) for factor in running) <= 8
     together = factors(parts)
     weights = np.array([1.0, 5.0, 0.2])

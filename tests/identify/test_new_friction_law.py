@@ -52,7 +52,7 @@ def arm(seed=0):
 
 
 def test_identify_prints_and_validates_the_new_law(law, tmp_path):
-    """fq comes back to 5 % and 4 σ. On a motion that was not fitted, the error is less than half of the paper's. Help and `auto` know it."""
+    """fq comes back to 5 % and 4 σ. On a motion that was not fitted, the error is under half of the paper's. Help and `auto` name it."""
     for seed in (0, 1):
         write_recording(tmp_path / f"{seed}.parquet", recording(arm(seed), seed=seed))
     options = ["identify", str(tmp_path / "0.parquet"), "--robot", "ur5", "--json", "--validate", str(tmp_path / "1.parquet")]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from oracle_arm import COULOMB_NM, GROUND, VISCOUS, exact_motion, recording, truth
 
-from monitor.identify.identify import identify, identify_motions
+from monitor.identify.identify import IdentifyOptions, identify, identify_motions
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")
@@ -23,7 +23,7 @@ def test_five_percent_of_gross_outliers_do_not_move_a_robust_fit():
     torque = known.torque + 0.3 * rng.normal(size=known.torque.shape)
     wrong = rng.random(torque.shape) < 0.05
     torque = np.where(wrong, torque + 10.0 * (COULOMB_NM + VISCOUS) * np.sign(known.qd), torque)
-    found = identify_motions([exact_motion(known)], [torque], UR5, GROUND, method="robust")
+    found = identify_motions([exact_motion(known)], [torque], UR5, GROUND, IdentifyOptions(method="robust"))
     assert off(found) < 0.01
     assert off(identify_motions([exact_motion(known)], [torque], UR5, GROUND)) > 0.05
     told = [warning.text for warning in found.warnings if warning.code == "outliers"]
@@ -47,7 +47,7 @@ def test_spikes_and_a_push_are_survived_from_the_recording_on():
 def test_where_all_is_well_robust_agrees_with_wls():
     """Within half of the doubt about F(0.4), which differs by less than 40 %: Student's t gives up 6 % of efficiency."""
     sound = recording(truth(UR5))
-    robust, wls = identify([sound], UR5, GROUND, method="robust"), identify([sound], UR5, GROUND)
+    robust, wls = identify([sound], UR5, GROUND, IdentifyOptions(method="robust")), identify([sound], UR5, GROUND)
     (F, std), (F_wls, std_wls) = robust.friction_at(0.4), wls.friction_at(0.4)
     assert np.all(np.abs(F - F_wls) < 0.5 * std_wls)
     assert np.all(np.abs(std / std_wls - 1.0) < 0.4)

@@ -7,7 +7,7 @@ import pytest
 from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, Truth, exact_motion, excitation, recording, rigid_torque, truth
 
 from monitor.errors import BadInput
-from monitor.identify.identify import identify, identify_motions
+from monitor.identify.identify import IdentifyOptions, identify, identify_motions
 from monitor.identify.validate import predict_torque, validate
 from monitor.model.robot import PER_JOINT, Mounting, load_robot
 
@@ -31,7 +31,7 @@ def test_without_noise_the_arm_itself_comes_back(name, mounting, method):
     """Base parameters, fc and fv to 1e-8 of the largest: rounding times a condition number of some hundred, with room to spare."""
     robot, attitude = load_robot(name), Mounting.parse(mounting)
     known = truth(robot, attitude)
-    found = identify_motions([exact_motion(known)], [known.torque], robot, attitude, method=method)
+    found = identify_motions([exact_motion(known)], [known.torque], robot, attitude, IdentifyOptions(method=method))
     expected = true_base(robot, found)
     assert np.max(np.abs(found.values - expected)) <= 1e-8 * np.max(np.abs(expected))
     np.testing.assert_allclose(found.coulomb_nm, COULOMB_NM, rtol=1e-8)
@@ -51,7 +51,7 @@ def test_holding_torque_at_standstill_misleads_ls_and_not_wls():
     moved = Truth(known.t_s, q, qd, qdd, rigid + COULOMB_NM * np.tanh(qd / 0.001) + VISCOUS * qd + 3.0 * rest)
     errors = {}
     for method in ("ls", "wls"):
-        found = identify_motions([exact_motion(moved)], [moved.torque], UR5, GROUND, method=method)
+        found = identify_motions([exact_motion(moved)], [moved.torque], UR5, GROUND, IdentifyOptions(method=method))
         errors[method] = np.max(np.abs(np.append(found.coulomb_nm / COULOMB_NM, found.viscous_nm_s_per_rad / VISCOUS) - 1.0))
     assert errors["wls"] < 1e-8
     assert errors["ls"] > 0.01

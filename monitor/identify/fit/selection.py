@@ -1,37 +1,37 @@
-"""Which friction law: the simplest that predicts data left out as well as the best."""
+"""The choice `auto` of a friction law: the simplest law that predicts data left out as well as the best does."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit.fit import Equations, Layout, fit
+from monitor.identify.fit.equations import FitProblem
+from monitor.identify.fit.fit import fit
 from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
 from monitor.model.friction import PAPER, FrictionLaw, automatic_laws, law_of_every_term
 from monitor.recording import Array
 
-FOLDS = 10  # stretches of time, each far longer than residuals stay correlated (0.5 s)
+FOLDS = 10  # stretches of time, each far longer than the time over which residuals are correlated (0.5 s)
 
 
 class Choice(NamedTuple):
-    """A law, and the RMS of what every law leaves of data it was not fitted to, in units of the paper's residual."""
+    """A law, and the RMS residual of every law on data to which it was not fitted, in units of the residual of the paper's law."""
 
     law: FrictionLaw
     held_out: Mapping[str, float]
 
 
-def choose_law(equations: Sequence[Equations], layout: Layout, prior: Array, method: str) -> Choice:
+def choose_law(problem: FitProblem, method: str) -> Choice:
     """Cross-validation over stretches of time within the recordings.
 
-    Every law is fitted to the other stretches and judged on this one. A richer law is taken only where it is better than the simpler
-    one by more than the standard error of the difference over the stretches.
+    Every law is fitted to the other stretches and tested on this one. A richer law replaces a simpler one only where its error is smaller
+    by more than the standard error of the difference over the stretches.
     """
-    richest, laws = law_of_every_term(), automatic_laws()
-    rows = fit(equations, richest, layout, prior, method=method).rows
-    # one scale for all laws, or each would be its own judge
-    weights = fit(equations, PAPER, layout, prior, method=method).weights  # (J,)
+    prior, richest, laws = problem.prior, law_of_every_term(), automatic_laws()
+    rows = fit(problem, richest, method=method).rows
+    weights = fit(problem, PAPER, method=method).weights  # (J,) one scale, so that all laws are compared alike
     folds = [factors([_stretch(rec, k) for rec in rows]) for k in range(FOLDS)]
-    places = layout.of_law(richest)  # (J, K)
+    places = problem.layout.of_law(richest)  # (J, K)
     errors = {}
     for law in laws:
         own = places[:, [richest.terms.index(term) for term in law.extra_terms]].ravel()
@@ -54,7 +54,7 @@ def _stretch(rec: Rows, k: int) -> Rows:
 
 
 def _left_out(folds: Sequence[Sequence[Factor]], weights: Array, expected: Array) -> Array:
-    """(F,) mean square of what the fit to all other stretches leaves of each, in units of the weights."""
+    """(F,) mean square residual of each stretch, in units of the weights, after the fit to all other stretches."""
     errors = []
     for k, fold in enumerate(folds):
         others = [other for i, other in enumerate(folds) if i != k]

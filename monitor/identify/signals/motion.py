@@ -9,16 +9,12 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 from annotated_types import Interval
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair, cleaned
 from monitor.model.friction import smooth_sign
-from monitor.recording import Array, Recording
-
-Indices = npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
+from monitor.recording import Array, Indices, Mask, Recording
 
 STANDSTILL_SPEED_RAD_S = 0.02  # slower than this Coulomb friction is stiction and holding torque is history
 MAX_POSITION_RAD = 1000.0  # the last joint of some models turns without end, but not 160 turns in a row

@@ -1,0 +1,65 @@
+"""How sure a fit is: the covariance by noise alone, and by noise and misfit of the friction law together."""
+
+import numpy as np
+
+from monitor.identify.fit.equations import FitProblem, own_columns
+from monitor.identify.fit.fit import Fit, robust_inflation
+from monitor.identify.fit.jackknife import jackknife_covariances
+from monitor.identify.fit.least_squares import Solution, factors, residuals_of, solve
+from monitor.model.friction import PAPER, residual_law
+from monitor.recording import Array
+
+
+def covariances(problem: FitProblem, found: Fit, free: Solution) -> tuple[Array, Array]:
+    """Covariance (X, X) of the unknowns by noise alone, and by noise and misfit together.
+
+    found : the fit, perhaps moved to a physically consistent arm. free : its solution before that move.
+    A law that lacks something moves the rigid parameters in the same way at every replay, so this difference is added for them. The
+    friction parameters need no such term: they mean the best description by this law. Raises Unidentifiable as `jackknife_covariance`.
+    """
+    upright, noise = with_causes(problem, found)
+    alone, together = jackknife_covariances(found.rows, found.weights, found.solution, [noise, found.residuals])
+    inflation = robust_inflation(found) ** 2
+    leaning, B = np.zeros(len(free.values)), len(problem.prior)
+    leaning[:B] = np.where(problem.layout.rigid & upright.excited[:B], free.values[:B] - upright.values[:B], 0.0)
+    return alone * inflation, together * inflation + np.outer(leaning, leaning)
+
+
+def with_causes(problem: FitProblem, found: Fit) -> tuple[Solution, list[Array]]:
+    """The fit once more beside every repeatable cause that has a name: solution, base parameters first, and residuals (N, J) [N·m].
+
+    The causes are the law of the residual friction, the warming during the recording, and a delay of a fraction of a sample between
+    torque and motion. The error of a law returns at every replay at the same places, so it is no noise, although it fills the residual.
+    The residual also does not show how far that error moves the parameters: least squares has fitted the parameters to a part of it.
+    """
+    prior, law = problem.prior, residual_law()
+    rows = []
+    for eq, before in zip(problem.equations, found.rows, strict=True):
+        values = found.solution.values[: len(prior)]
+        rec = eq.rows(law, values, problem.layout, before.robust_weight)
+        qd, middle = eq.motion.qd, eq.motion.t_s - np.mean(eq.motion.t_s)
+        delay = np.gradient(before.Y @ found.solution.values, axis=0)  # (N, J) change of the fit's torque a sample
+        warming = middle[:, None, None] * PAPER.columns(qd)  # (N, J, 2)
+        causes = np.concatenate([delay[:, :, None], eq.motion.rounded(warming)], axis=2)
+        rows.append(rec._replace(Y=np.concatenate([rec.Y, own_columns(causes)], axis=2)))
+    unknowns = rows[0].Y.shape[2]
+    solution = solve(factors(rows), found.weights, np.append(prior, np.zeros(unknowns - len(prior))))
+    return solution, residuals_of(rows, solution.values)
+
+
+def mapped(M: Array, covariance: Array) -> Array:
+    """M C Mᵀ. Entries become NaN only where they depend on an unknown whose variance is NaN."""
+    unknown = np.isnan(np.diag(covariance))
+    mapped: Array = M @ np.where(unknown[:, None] | unknown, 0.0, covariance) @ M.T
+    lost = np.any(M[:, unknown] != 0.0, axis=1)
+    mapped[lost], mapped[:, lost] = np.nan, np.nan
+    return mapped
+
+
+def positive(covariance: Array) -> Array:
+    """The nearest covariance without negative variances. A matrix that holds NaN is returned as it is."""
+    if not np.all(np.isfinite(covariance)):
+        return covariance
+    variances, axes = np.linalg.eigh(covariance)
+    positive: Array = axes * np.maximum(variances, 0.0) @ axes.T
+    return positive
