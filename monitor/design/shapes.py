@@ -18,11 +18,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from monitor.errors import BadInput
 from monitor.model.robot import Robot, load_robot
-from monitor.recording import Array
+from monitor.recording import Array, Indices
 
 SLACK_M = 0.003
 FATTER = 1.1  # a capsule's radius by its cylinder's: fatter wastes room at the side, slimmer beyond the ends
@@ -76,7 +75,7 @@ class Capsules:
     """C capsules, each fixed to one DH frame; frame 0 is the base, which does not move."""
 
     names: tuple[str, ...]  # C
-    link: npt.NDArray[np.intp]  # (C,) frame it is fixed to
+    link: Indices  # (C,) frame it is fixed to
     ends_m: Array  # (C, 2, 3) of its axis, in that frame
     radius_m: Array  # (C,)
 

@@ -8,12 +8,11 @@ Joint j feels only the links from j outward: Y is upper block-triangular, and on
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from monitor.errors import BadInput
 from monitor.model.friction import PAPER
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
-from monitor.recording import Array
+from monitor.recording import Array, Indices
 
 ROUNDING = 1e-15  # of a sine: α = π/2 has a cosine of 6e-17
 COULOMB, VISCOUS, ROTOR = INERTIAL, INERTIAL + 1, INERTIAL + 2  # columns within a joint's block
@@ -25,7 +24,7 @@ def parameter_names(joints: int) -> tuple[str, ...]:
     return tuple(kind.format(joint) for joint in range(1, joints + 1) for kind in _KINDS)
 
 
-def friction_columns(joints: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def friction_columns(joints: int) -> tuple[Indices, Indices]:
     """Columns of fc and of fv among the 13·J, each (J,) of int."""
     first = PER_JOINT * np.arange(joints)
     return first + COULOMB, first + VISCOUS

@@ -47,7 +47,7 @@ def test_spikes_and_a_push_are_survived_from_the_recording_on():
 def test_where_all_is_well_robust_agrees_with_wls():
     """Within half of the doubt about F(0.4), which differs by less than 40 %: Student's t gives up 6 % of efficiency."""
     sound = recording(truth(UR5))
-    robust, wls = identify([sound], UR5, GROUND, IdentifyOptions(method="robust")), identify([sound], UR5, GROUND)
+    robust, wls = identify([sound], UR5, GROUND, method="robust"), identify([sound], UR5, GROUND)
     (F, std), (F_wls, std_wls) = robust.friction_at(0.4), wls.friction_at(0.4)
     assert np.all(np.abs(F - F_wls) < 0.5 * std_wls)
     assert np.all(np.abs(std / std_wls - 1.0) < 0.4)
