@@ -160,7 +160,7 @@ def allow(
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
     with Store.beside(configuration.state_directory) as store:
         waiting = store.stops.allow(by.strip(), why.strip(), time.time())
-    told = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.told} for stop in waiting]
+    told = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.text} for stop in waiting]
     if as_json:
         print_json({"robot": configuration.robot.id, "allowed": told, "by": by.strip(), "why": why.strip()})
         return
@@ -179,7 +179,7 @@ def _reached(configuration: "Configuration") -> list[dict[str, Any]]:
     bus, prefix = configuration.bus, configuration.key_prefix
     found = [reach(endpoint, prefix, who="daemon", zenoh_file=bus.zenoh, answers=False) for endpoint in bus.connect]
     found.append(reach((bus.connect or bus.listen)[0], prefix, who="commands", zenoh_file=bus.client_zenoh))
-    return [{"who": each.who, "endpoint": each.endpoint, "cause": each.cause, "told": each.told} for each in found]
+    return [{"who": each.who, "endpoint": each.endpoint, "cause": each.cause, "told": each.text} for each in found]
 
 
 @contextmanager

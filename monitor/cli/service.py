@@ -16,7 +16,7 @@ def run(
     now: Annotated[bool, typer.Option("--now", help="Replay once at the start, then as scheduled.")] = False,
 ) -> None:
     """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong."""
-    from monitor.service.daemon import serve
+    from monitor.service.run import serve
     from monitor.service.systemd import log_as_a_service
 
     try:

@@ -28,7 +28,7 @@ class Reloaded(NamedTuple):
     waiting: tuple[str, ...]  # keys that a restart will put in force
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """In words."""
         parts = [f"changed {', '.join(self.changed)}"] if self.changed else []
         parts += [f"waiting for a restart: {', '.join(self.waiting)}"] if self.waiting else []

@@ -127,6 +127,10 @@ class Bus:
             self._last[key] = (kind, payload)
         self._enqueue((key, kind, payload, True, None))
 
+    def answer(self, handlers: Mapping[str, QueryHandler]) -> None:
+        """Answer queries on these keys below the prefix from now on, besides those given at construction."""
+        self._answers = {**self._answers, **handlers}
+
     def last_values(self) -> dict[str, Any]:
         """What is answered to a plain `get`: documents by key below the prefix."""
         with self._lock:

@@ -30,12 +30,12 @@ _REFUSALS = {  # by the name of the TLS alert, RFC 8446 §6.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """How far one got. `cause` is `reached`, or the step that failed in a word; `told` says what was found, and what to do."""
+    """How far one got. `cause` is `reached`, or the step that failed in a word; `text` says what was found, and what to do."""
 
     who: str
     endpoint: str
     cause: str
-    told: str
+    text: str
 
     @property
     def reached(self) -> bool:
@@ -44,9 +44,9 @@ class Reach:
 
 
 class _Failed(Exception):
-    def __init__(self, cause: str, told: str) -> None:
-        super().__init__(told)
-        self.cause, self.told = cause, told
+    def __init__(self, cause: str, text: str) -> None:
+        super().__init__(text)
+        self.cause, self.text = cause, text
 
 
 def reach(endpoint: str, key_prefix: str, *, who: str, zenoh_file: str = "", answers: bool = True, timeout_s: float = 3.0) -> Reach:
@@ -63,10 +63,10 @@ def reach(endpoint: str, key_prefix: str, *, who: str, zenoh_file: str = "", ans
             _somebody_listens(host, port, timeout_s)
             if protocol == TLS:
                 _tls_both_ways(config, host, port, timeout_s)
-        told = _session(config, protocol, endpoint, key_prefix, answers=answers, timeout_s=timeout_s)
+        text = _session(config, protocol, endpoint, key_prefix, answers=answers, timeout_s=timeout_s)
     except _Failed as failed:
-        return Reach(who=who, endpoint=endpoint, cause=failed.cause, told=failed.told)
-    return Reach(who=who, endpoint=endpoint, cause="reached", told=told)
+        return Reach(who=who, endpoint=endpoint, cause=failed.cause, text=failed.text)
+    return Reach(who=who, endpoint=endpoint, cause="reached", text=text)
 
 
 def _address(address: str) -> tuple[str, int]:
@@ -158,7 +158,7 @@ def _session(config: zenoh.Config, protocol: str, endpoint: str, key_prefix: str
         if protocol == TCP and _speaks_tls(*_address(endpoint.partition("/")[2]), timeout_s):
             raise _Failed("is_tls", "it speaks TLS: the endpoint is tls/…, and a certificate may be asked for") from None
         if user:
-            raise _Failed("password", f"it does not let {user!r} in: user or password is wrong, or nobody told it of that user") from None
+            raise _Failed("password", f"it does not let {user!r} in: user or password is wrong, or nobody text it of that user") from None
         raise _Failed(
             "password", "somebody listens and does not let us in: it asks for a user and password, or it is no Zenoh; "
             "transport.auth.usrpwd in the file of [bus] client_zenoh"

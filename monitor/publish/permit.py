@@ -24,7 +24,7 @@ class PermitReply(NamedTuple):
     """What was answered."""
 
     allowed: bool
-    told: str
+    text: str
 
 
 def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:

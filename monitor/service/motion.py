@@ -52,7 +52,7 @@ def move(
 
     def play(played: Excitation, *, slowly: bool) -> Recording:
         waiting = store.stops.waiting()
-        told = waiting[-1].told if waiting else None
+        told = waiting[-1].text if waiting else None
         band = None
         if slowly:
             band = band_for(
@@ -89,7 +89,7 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
     try:
         with Store.reader(configuration.state_directory) as store:
             waiting = store.stops.waiting()
-            told = waiting[-1].told if waiting else None
+            told = waiting[-1].text if waiting else None
     except StoreError:
         if present(configuration.state_directory):
             raise  # a history that cannot be read is no empty one
@@ -108,7 +108,7 @@ def _permit(ask: AskAnswer) -> AskPermit:
         told = outside(dict(about))
         assert isinstance(told, dict)
         answer = ask(told, timeout_s)
-        return None if answer is None else Permit(answer.allowed, answer.told)
+        return None if answer is None else Permit(answer.allowed, answer.text)
 
     return asking
 

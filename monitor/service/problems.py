@@ -1,4 +1,4 @@
-"""What is wrong with the monitor itself: told once when it begins and once when it is over, and listed in between."""
+"""Problems of the monitor itself: logged once when one begins and once when it ends, and listed in between."""
 
 import logging
 import threading
@@ -10,7 +10,7 @@ log = logging.getLogger(__name__)
 
 
 class Problems:
-    """By name: disk, clock, store, arm, …"""
+    """The present problems by name: disk, clock, store, arm, … Any thread may call it."""
 
     def __init__(self, now: Callable[[], float], monotonic: Callable[[], float] = time.monotonic) -> None:
         self._now, self._monotonic = now, monotonic
@@ -18,8 +18,8 @@ class Problems:
         self._present: dict[str, tuple[float, str]] = {}
         self._found: dict[str, float] = {}  # when, by a clock that nobody sets
 
-    def found(self, name: str, text: str) -> None:
-        """It is so now; told when it is new."""
+    def report(self, name: str, text: str) -> None:
+        """The problem is present; logged when it is new."""
         with self._lock:
             since = self._present.get(name, (self._now(), ""))[0]
             new = name not in self._present
@@ -28,26 +28,26 @@ class Problems:
         if new:
             log.warning("trouble=%s: %s", name, text, extra={"trouble": name})
 
-    def over(self, name: str) -> None:
-        """It is not so, or not any more; told when it was."""
+    def clear(self, name: str) -> None:
+        """The problem is not present; logged when it was."""
         with self._lock:
             was, found = self._present.pop(name, None), self._found.pop(name, 0.0)
         if was is not None:
             log.info("trouble=%s is over, after %.0f s", name, self._monotonic() - found, extra={"trouble": name})
 
-    def said(self, name: str, text: str | None) -> None:
-        """Found where there is a text, over where there is none."""
+    def update(self, name: str, text: str | None) -> None:
+        """Report the problem where there is a text, clear it where there is none."""
         if text is None:
-            self.over(name)
+            self.clear(name)
         else:
-            self.found(name, text)
+            self.report(name, text)
 
     def __contains__(self, name: str) -> bool:
         with self._lock:
             return name in self._present
 
     def listed(self) -> list[dict[str, Any]]:
-        """Those that are present, the oldest first."""
+        """The present problems as plain JSON, the oldest first."""
         with self._lock:
             present = sorted(self._present.items(), key=lambda entry: entry[1][0])
         return [{"name": name, "since_unix_s": since, "text": text} for name, (since, text) in present]

@@ -6,7 +6,6 @@ What is due, `check_windows` says; what may move, the guards say; what happened,
 import json
 import logging
 import os
-import queue
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from monitor.config.load import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.service.problems import Problems
+from monitor.service.replay_requests import ReplayRequests
 from monitor.store.ledger import LedgerRow
 from monitor.store.store import Store
 
@@ -34,9 +34,11 @@ _FORWARD = "clock_was_set_forward"  # JSON: what it said before a jump that was 
 
 
 class Performer(Protocol):
-    """Who does what is due; the daemon."""
+    """What performs windows: the replay cycle."""
 
-    configuration: Configuration
+    @property
+    def configuration(self) -> Configuration:
+        """The settings in force."""
 
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
         """One replay with all that follows."""
@@ -63,13 +65,14 @@ class Clocks:
 
 
 class Scheduler:
-    """Call `tick` often, or `run` in a thread; `heard`, `want` and `evidence` from any."""
+    """Call `tick` often, or `run` in a thread of its own; `observe` and `reconsider` from any thread."""
 
-    def __init__(self, daemon: Performer, store: Store, problems: Problems, clocks: Clocks | None = None) -> None:
-        self._daemon, self._store, self._problems, self._clocks = daemon, store, problems, clocks or Clocks()
-        self._salt = daemon.configuration.key_prefix
-        self._wanted: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._wake = threading.Event()
+    def __init__(
+        self, monitor: Performer, store: Store, problems: Problems, requests: ReplayRequests, clocks: Clocks | None = None
+    ) -> None:
+        self._monitor, self._store, self._problems = monitor, store, problems
+        self._requests, self._clocks = requests, clocks or Clocks()
+        self._salt = monitor.configuration.key_prefix
         self._evidence_unix_s: float | None = None
         self._last: tuple[float, float] | None = None  # both clocks at the last tick
         self._doubt_until = 0.0  # monotonic
@@ -90,21 +93,11 @@ class Scheduler:
 
     # --- from other threads ----------------------------------------------------------------------
 
-    def want(self, why: str = "asked for") -> None:
-        """One replay as soon as may be, whatever the schedule says."""
-        self._wanted.put(why)
-        self._wake.set()
-
-    def evidence(self, unix_s: float) -> None:
-        """Production looked odd: the next replay may be pulled forward, to where the site allows it."""
-        self._evidence_unix_s = unix_s
-        self._next_look = 0.0
-
-    def heard(self, running: bool, temperature_c: tuple[float, ...] | None) -> None:
+    def observe(self, running: bool, temperature_c: tuple[float, ...] | None) -> None:
         """The arm now: whether it is ready to move, and how warm it is."""
         now = self._clocks.now()
         before = self._cold.at_unix_s
-        self._cold.observe(running, now, self._daemon.configuration.schedule.cold_start_after_h)
+        self._cold.observe(running, now, self._monitor.configuration.schedule.cold_start_after_h)
         if self._cold.at_unix_s != before:
             self._next_look = 0.0
         if temperature_c is not None:
@@ -113,7 +106,7 @@ class Scheduler:
     def reconsider(self) -> None:
         """The configuration has changed."""
         self._next_look = 0.0
-        self._wake.set()
+        self._requests.wake()
 
     # --- the thread ------------------------------------------------------------------------------
 
@@ -124,12 +117,11 @@ class Scheduler:
             try:
                 self.tick()
             except MonitorError as error:
-                self._problems.found("store", str(error))
+                self._problems.report("store", str(error))
             except Exception as error:  # the schedule must outlive one fault of ours; the stack says which
                 log.exception("the schedule met a fault")
-                self._problems.found("fault", f"{type(error).__name__}: {error}")
-            self._wake.wait(TICK_S)
-            self._wake.clear()
+                self._problems.report("fault", f"{type(error).__name__}: {error}")
+            self._requests.wait(TICK_S)
 
     def tick(self) -> None:
         """One look at the clocks; at the schedule, where it is time.
@@ -137,44 +129,49 @@ class Scheduler:
         Raises StoreError where the ledger cannot be written: then nothing has moved.
         """
         now, monotonic = self._clocks.now(), self._clocks.monotonic()
+        self._take_evidence()
         self._compare_clocks(now, monotonic)
         if "store" in self._problems or self._store.ledger.unfinished():
-            self._daemon.recover()
-            self._problems.over("store")
+            self._monitor.recover()
+            self._problems.clear("store")
         if now < EARLIEST_UNIX_S:
-            self._problems.found("clock", f"the clock says {rfc3339(now)}; nothing is replayed before it has been set right")
+            self._problems.report("clock", f"the clock says {rfc3339(now)}; nothing is replayed before it has been set right")
             return
-        if not self._wanted.empty():
-            while not self._wanted.empty():  # several who ask at once are served by one
-                self._wanted.get()
+        if self._requests.take_request():
             self._requested()
         if monotonic < self._doubt_until:
             return
-        self._problems.over("clock")
+        self._problems.clear("clock")
         if now < self._next_look and now - self._watched < LOOK_EVERY_S:
             return
         self._look(now)
         after = self._clocks.now()
         upcoming = self.coming(1, after)
         self._next_look = min(upcoming[0].opens_unix_s if upcoming else after + LOOK_EVERY_S, after + LOOK_EVERY_S)
-        self._daemon.next_due(upcoming[0].opens_unix_s if upcoming else None)
+        self._monitor.next_due(upcoming[0].opens_unix_s if upcoming else None)
         if monotonic - self._noted >= 10 * LOOK_EVERY_S or not self._noted:
             self._noted = monotonic
             self._store.notes.set(_WATCHED, repr(now))
             if self._cold.last_running_unix_s is not None:
                 self._store.notes.set(_RUNNING, repr(self._cold.last_running_unix_s))
 
+    def _take_evidence(self) -> None:
+        evidence_unix_s = self._requests.take_evidence()
+        if evidence_unix_s is not None:
+            self._evidence_unix_s = evidence_unix_s
+            self._next_look = 0.0
+
     def _requested(self) -> None:
-        short = too_little_room(self._store, self._daemon.configuration.store.least_free_mb)
+        short = too_little_room(self._store, self._monitor.configuration.store.least_free_mb)
         if short is None:
-            self._daemon.perform(self._clocks.now(), "requested")
+            self._monitor.perform(self._clocks.now(), "requested")
         else:
-            self._daemon.skip(self._clocks.now(), short, "requested")
+            self._monitor.skip(self._clocks.now(), short, "requested")
 
     def coming(self, count: int, now: float | None = None) -> list[Window]:
         """The next windows."""
         now = self._clocks.now() if now is None else now
-        settings, began = self._daemon.configuration.schedule, self._store.ledger.began_unix_s()
+        settings, began = self._monitor.configuration.schedule, self._store.ledger.began_unix_s()
         if now < EARLIEST_UNIX_S:
             return []
         known = self._store.ledger.windows(now - settings.jitter_s, now + 400 * 86_400.0)
@@ -183,7 +180,7 @@ class Scheduler:
         return [window for window in more if window.key_unix_s not in known][:count]
 
     def _look(self, now: float) -> None:
-        configuration = self._daemon.configuration
+        configuration = self._monitor.configuration
         since = min(self._watched, now)
         entered = self._store.ledger.windows(since - reach_back_s(configuration.schedule), now + 86_400.0)
         said = check_windows(
@@ -197,24 +194,24 @@ class Scheduler:
         )
         for window in said.missed:
             if window.opens_unix_s >= self._not_before:
-                self._daemon.skip(window.key_unix_s, self._why_missed(window))
+                self._monitor.skip(window.key_unix_s, self._why_missed(window))
         self._watched = now
         if said.due is None or said.due.opens_unix_s < self._not_before:
             return
         if configuration.schedule.after_warm_up and not self._warmth.steady(now, configuration.schedule.warm_k_per_10_min):
             return  # the window is still open; where it closes before they are, it was missed
         for window in said.merged:
-            self._daemon.skip(window.key_unix_s, f"one replay serves this window and that of {rfc3339(said.due.key_unix_s)}")
+            self._monitor.skip(window.key_unix_s, f"one replay serves this window and that of {rfc3339(said.due.key_unix_s)}")
         short = too_little_room(self._store, configuration.store.least_free_mb)
         if short is not None:
-            self._daemon.skip(said.due.key_unix_s, short)
+            self._monitor.skip(said.due.key_unix_s, short)
             return
         self.lag_s = now - said.due.opens_unix_s
         log.info("window=%s opens a replay: %s", rfc3339(said.due.key_unix_s), said.due.why, extra={"window": rfc3339(said.due.key_unix_s)})
-        self._daemon.perform(said.due.key_unix_s)
+        self._monitor.perform(said.due.key_unix_s)
 
     def _why_missed(self, window: Window) -> str:
-        if self._daemon.configuration.schedule.after_warm_up and self._last_seen_before(window):
+        if self._monitor.configuration.schedule.after_warm_up and self._last_seen_before(window):
             return "missed: the arm's temperatures were not steady while the window was open"
         return "missed: the monitor or its host was not running, or had another replay under way"
 
@@ -234,7 +231,7 @@ class Scheduler:
                     self._store.notes.set(_FORWARD, json.dumps([self._last[0], now]))
                     self._doubt_until = monotonic + DOUBT_S
                     told = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
-                    self._problems.found("clock", told)
+                    self._problems.report("clock", told)
                 elif jump < 0:
                     self._doubt_until = 0.0
         noted = self._store.notes.get(_FORWARD) if self._last is None or now < self._last[0] else None
@@ -248,10 +245,10 @@ class Scheduler:
         newest, lasted = max(watched, self._store.ledger.newest_unix_s() or 0.0), max(0.0, watched - after)
         if before + lasted - DOUBTED_JUMP_S <= now < newest - DOUBTED_JUMP_S:
             self._store.notes.set(_FORWARD, "")
-            if self._daemon.roll_back():
+            if self._monitor.roll_back():
                 log.warning("the clock is back from the future: what was learnt there is taken back")
             else:
-                self._problems.found("rewind", "replays dated in the future cannot be taken back: older recordings are gone")
+                self._problems.report("rewind", "replays dated in the future cannot be taken back: older recordings are gone")
 
 
 def too_little_room(store: Store, least_free_mb: float) -> str | None:

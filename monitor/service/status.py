@@ -17,7 +17,7 @@ from monitor.judge.torque.compensated_model import model_from_document
 from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
-from monitor.service.maintenance import said, silent_s
+from monitor.service.monitor_document import read_monitor_document, silent_s
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present
 from monitor.store.ledger import LedgerRow
@@ -36,7 +36,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
-    monitor = said(configuration.state_directory)
+    monitor = read_monitor_document(configuration.state_directory)
     document = {
         "robot": configuration.robot.id,
         "model_revision": state.revision if state else 0,

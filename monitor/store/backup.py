@@ -29,7 +29,7 @@ class Restored(NamedTuple):
     replaced: bool = True  # False: it is sound, and has lost its newest entries
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """In words."""
         if not self.replaced:
             return f"the history has lost its newest entries ({self.why}); those recordings are judged anew"

@@ -23,7 +23,7 @@ class Stop:
     allowed_why: str | None = None
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """In words."""
         which = "a replay by hand" if self.ledger_id is None else f"replay {self.ledger_id}"
         return f"{which} was ended by {self.cause}: {self.reason}"

@@ -84,7 +84,7 @@ class Store:
                 store.restored = Restored(why, None, None, time.time(), replaced=False)
             if store.restored is not None:
                 store.events.number_from(store.restored.at_unix_s)
-                store.notes.set(RESTORED, store.restored.told)
+                store.notes.set(RESTORED, store.restored.text)
             yield store
         finally:
             if connection is not None:

@@ -53,7 +53,7 @@ def answer(asked: Connection) -> None:
             Daemon(configuration, store, now=lambda: 1.0e9, play=play) as daemon,
             zenoh.open(session_config(mode="peer", listen=(EMPTY,), wait_for_peer=False)) as session,
         ):
-            row = daemon.perform(1.0e9)
+            row = daemon.monitor.perform(1.0e9)
             assert row is not None
             assert row.state == "assessed", row
 

@@ -333,4 +333,4 @@ def test_a_reload_takes_what_can_change_and_names_what_waits_for_a_restart(tmp_p
     assert merged.replay.allow_motion is True
     assert merged.assess.drift == dataclasses.replace(old.assess.drift, resolution=0.2)
     assert merged.state_directory == old.state_directory
-    assert reloaded(old, old).told == "nothing has changed"
+    assert reloaded(old, old).text == "nothing has changed"

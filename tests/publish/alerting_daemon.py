@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from monitor.config.load import from_document
-from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert
 from monitor.service.daemon import Daemon
 from monitor.simulate.controller.controller import Controller
@@ -40,7 +39,7 @@ def main() -> None:
         number = seen[1] if seen else 0
         with Daemon(configuration, store, now=lambda: 1.0e9 + number, play=play) as daemon:
             if store.assessments.state() is None:
-                daemon.perform(1.0e9)
+                daemon.monitor.perform(1.0e9)
             print("up", flush=True)
             while not stop.wait(None if sys.argv[3:] == ["quiet"] else PERIOD_S):
                 number += 1
@@ -49,14 +48,10 @@ def main() -> None:
                     joint=joint, condition="wear_rising", tier="wear", raised_at_unix_s=1.0e9, updated_at_unix_s=1.0e9 + number,
                     change=number / 1e6, probability=0.99, text=f"transition {number}", action="inspect",
                 )  # fmt: skip
-                others = tuple(other for other in daemon._health.alerts if other.joint != joint)
-                with daemon._judging:
-                    health = replace(daemon._health, alerts=(*others, alert))
-                    events = store.events.revise(health.as_document(), [{"kind": "updated", **alert_document(alert)}], 1.0e9 + number)
-                    daemon._health = health
-                    daemon._say_alert(alert)
-                    for event in events:
-                        daemon._say_event(event)
+                others = tuple(other for other in daemon.state.health.alerts if other.joint != joint)
+                with daemon.state.revising:
+                    health = replace(daemon.state.health, alerts=(*others, alert))
+                    daemon.alerts.keep(health, "updated", alert, 1.0e9 + number)
     print(f"down {number}", flush=True)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from monitor.config.load import from_document
 from monitor.service.daemon import Daemon
+from monitor.service.replay_requests import ReplayRequests
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -28,17 +29,16 @@ def main() -> None:
         "store": {"directory": str(directory)},
         "bus": {"listen": [endpoint]},
     }
-    wanted = []
+    requests = ReplayRequests()
     with (
         Store.open(directory) as store,
-        Daemon(from_document(document, directory / "cell.toml"), store, now=lambda: 1.0e9, play=play) as daemon,
+        Daemon(from_document(document, directory / "cell.toml"), store, now=lambda: 1.0e9, play=play, requests=requests) as daemon,
     ):
-        daemon.perform(1.0e9)
-        daemon.wanted = lambda: wanted.append(1)
+        daemon.monitor.perform(1.0e9)
         print("up", flush=True)
         sys.stdin.readline()
         seen = store.events.range()
-    print(f"down {seen[1] if seen else 0} {len(wanted)}", flush=True)
+    print(f"down {seen[1] if seen else 0} {int(requests.take_request())}", flush=True)
 
 
 main()

@@ -14,13 +14,16 @@ import numpy as np
 import zenoh
 
 from monitor.config.load import from_document
-from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
-from monitor.service.daemon import Daemon, _known
+from monitor.service.daemon import Daemon
+from monitor.service.main_loop import Workers, monitor_document
 from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
+from monitor.service.reload import Reloader
+from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Scheduler
 from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
@@ -60,21 +63,27 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
         zenoh.open(session_config(mode="client", connect=(ENDPOINT,))) as session,
     ):
         events = session.declare_subscriber(f"{PREFIX}/event", zenoh.handlers.FifoChannel(16))
-        daemon.perform(START_UNIX_S)
+        daemon.monitor.perform(START_UNIX_S)
         alert = Alert(
             joint=3, condition="wear_rising", tier="wear", raised_at_unix_s=START_UNIX_S, updated_at_unix_s=START_UNIX_S,
             change=0.06, probability=0.99, text="Joint 3: friction rose", action="inspect",
         )  # fmt: skip
-        daemon._health = replace(daemon._health, alerts=(alert,))
-        numbered = store.events.revise(daemon._health.as_document(), [{"kind": "raised", **alert_document(alert)}], START_UNIX_S)
-        daemon._say_alert(alert)
-        daemon._say_event(numbered[0])
-        daemon.live(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
-        daemon.say_health()
+        daemon.alerts.keep(replace(daemon.state.health, alerts=(alert,)), "raised", alert, START_UNIX_S)
+        daemon.live.sample(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
+        daemon.publisher.health()
         problems = Problems(lambda: START_UNIX_S)
-        maintenance = Maintenance(store, lambda: daemon.configuration.store, problems, lambda: START_UNIX_S)
-        listener = SimpleNamespace(reachable=True, trouble=None)
-        daemon.say_monitor(maintenance.document(_known(daemon, listener, Scheduler(daemon, store, problems), Heartbeats())))
+        maintenance = Maintenance(store, lambda: daemon.state.configuration.store, problems, lambda: START_UNIX_S)
+        link = SimpleNamespace(reachable=True, problem=None)
+        scheduler = Scheduler(daemon.monitor, store, problems, ReplayRequests())
+        workers = Workers(
+            scheduler=scheduler,
+            maintenance=maintenance,
+            document=MonitorDocument(store, problems, lambda: START_UNIX_S),
+            reloader=Reloader(daemon.monitor, scheduler),
+            problems=problems,
+            heartbeats=Heartbeats(),
+        )
+        daemon.publisher.say("monitor", monitor_document(daemon, link, workers))
         said.append(("event", events.recv()))
         said += [(str(reply.ok.key_expr).removeprefix(f"{PREFIX}/"), reply.ok) for reply in session.get(f"{PREFIX}/**", timeout=5.0)]
         for key, payload in ASKED.items():

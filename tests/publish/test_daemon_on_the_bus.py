@@ -22,10 +22,15 @@ from monitor.judge.alerts.health import Alert
 from monitor.publish.client import Client
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
-from monitor.service.daemon import Daemon, _watch
-from monitor.service.info import digest
+from monitor.service.bus.handlers import Handlers
+from monitor.service.bus.info import digest
+from monitor.service.daemon import Daemon
+from monitor.service.main_loop import MainLoop, Workers
 from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
+from monitor.service.reload import Reloader
+from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Scheduler
 from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
@@ -78,7 +83,7 @@ def history(tmp_path_factory, recording) -> Path:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     with Store.open(folder / "history") as store, Daemon(settled(folder, endpoint), store, now=arm.now, play=arm.play) as daemon:
         for _ in range(3):
-            assert daemon.perform(arm.clock_unix_s).state == "assessed"
+            assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
             arm.clock_unix_s += DAY_S
     return folder / "history"
 
@@ -91,7 +96,7 @@ def cell(tmp_path: Path, free_port: int, recording, history):
     shutil.copytree(history, tmp_path / "history")
     with (
         Store.open(tmp_path / "history") as store,
-        Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon,
+        Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play, requests=ReplayRequests()) as daemon,
     ):
         yield daemon, store, arm, endpoint
 
@@ -102,23 +107,17 @@ def raise_alert(daemon: Daemon, at_unix_s: float, joint: int | None = 3, conditi
         joint=joint, condition=condition, tier="wear", raised_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s,
         change=0.06, probability=0.99, text="Joint 3: friction rose", action="inspect",
     )  # fmt: skip
-    with daemon._judging:
-        health = replace(daemon._health, alerts=(*daemon._health.alerts, alert))
-        from monitor.judge.alerts.documents import alert_document
-
-        events = daemon._store.events.revise(health.as_document(), [{"kind": "raised", **alert_document(alert)}], at_unix_s)
-        daemon._health = health
-        daemon._say_alert(alert)
-        for event in events:
-            daemon._say_event(event)
+    with daemon.state.revising:
+        health = replace(daemon.state.health, alerts=(*daemon.state.health.alerts, alert))
+        daemon.alerts.keep(health, "raised", alert, at_unix_s)
 
 
 def test_everything_that_is_said_and_answered_is_what_its_schema_promises(cell):
     """Every last value by the kind its encoding names, every answer, and every error: all valid against the printed JSON Schema."""
     daemon, _, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
-    daemon.say_replay({"state": "announced", "replay": 4, "robot": "ur5", "moves_at_unix_s": arm.clock_unix_s, "duration_s": 10.0})
-    daemon.live(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
+    daemon.publisher.replay({"state": "announced", "replay": 4, "robot": "ur5", "moves_at_unix_s": arm.clock_unix_s, "duration_s": 10.0})
+    daemon.live.sample(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
     asked = {
         "torque": {"q": [0.1] * 6, "qd": [0.5] * 6},
         "cmd/ack": {"joint": 3, "condition": "wear_rising", "by": "ada"},
@@ -148,7 +147,7 @@ def test_a_client_reads_the_health_of_an_arm_with_an_alert(cell):
     """The alert stands in it whole, and nothing of the judge's running counts does."""
     daemon, _, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
-    daemon.say_health()
+    daemon.publisher.health()
     with Client(endpoint, "lab", "cell-1") as client:
         health = client.health()
     assert [(alert.joint, alert.active) for alert in health.alerts] == [(3, True)]
@@ -165,7 +164,7 @@ def test_info_says_which_settings_are_in_force_and_since_when(cell):
     assert info.mounting == "ground"
     assert {"python", "numpy", "ur-rtde", "eclipse-zenoh"} <= info.versions.keys()
     assert info.firmware == arm.recording.context.firmware
-    configuration = daemon.configuration
+    configuration = daemon.state.configuration
     assert info.configuration_digest == digest(configuration)
     assert digest(replace(configuration, path=Path("elsewhere.toml"))) == info.configuration_digest
     for changed in (
@@ -192,7 +191,7 @@ def test_an_alert_is_acknowledged_and_shelved_by_name_and_stays_so_through_a_res
         with pytest.raises(BadInput, match="no active alert 4/wear_rising; active: 3/wear_rising"):
             client.acknowledge(4, "wear_rising", by="Ada")
     daemon.__exit__(None, None, None)
-    with Daemon(daemon.configuration, store, now=arm.now, play=arm.play), Client(endpoint, "lab", "cell-1") as client:
+    with Daemon(daemon.state.configuration, store, now=arm.now, play=arm.play), Client(endpoint, "lab", "cell-1") as client:
         (alert,) = client.alerts()
         assert (alert.acknowledged_by, alert.shelved_by) == ("Ada", "Ada")
 
@@ -201,8 +200,6 @@ def test_an_alert_is_acknowledged_and_shelved_by_name_and_stays_so_through_a_res
 def test_a_wildcard_never_acknowledges_anything_nor_moves_an_arm(cell, selector):
     """Whatever it carries: no answer of a command, no change, no transition."""
     daemon, store, arm, endpoint = cell
-    wanted = threading.Event()
-    daemon.wanted = wanted.set
     raise_alert(daemon, arm.clock_unix_s)
     before = store.events.range()
     with Client(endpoint, "lab", "cell-1") as client:
@@ -210,7 +207,7 @@ def test_a_wildcard_never_acknowledges_anything_nor_moves_an_arm(cell, selector)
             assert not any(message.key.startswith("cmd") for message in client.get(selector, payload))
         assert client.alerts()[0].acknowledged_at is None
     assert store.events.range() == before
-    assert not wanted.is_set()
+    assert not daemon.requests.take_request()
 
 
 @pytest.mark.parametrize(
@@ -260,17 +257,19 @@ def test_history_comes_in_pages_of_whole_replays(cell):
 
 def test_a_replay_is_asked_for_by_name_and_refused_with_a_reason(cell):
     """Accepted where somebody schedules, refused while one is under way and where motion is not allowed."""
-    daemon, _, _, endpoint = cell
-    wanted = threading.Event()
+    daemon, store, _, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
+        daemon.bus.answer(Handlers(daemon.state, store, daemon.alerts, None).by_key())
         with pytest.raises(BadInput, match="schedules no replays"):
             client.request_replay(by="ada")
-        daemon.wanted = wanted.set
+        daemon.bus.answer(Handlers(daemon.state, store, daemon.alerts, daemon.requests).by_key())
         assert client.request_replay(by="ada", why="new tool") == "accepted"
-        assert wanted.is_set()
-        with daemon._one_at_a_time, pytest.raises(BadInput, match="a replay is under way"):
+        assert daemon.requests.take_request()
+        with daemon.state.replaying, pytest.raises(BadInput, match="a replay is under way"):
             client.request_replay(by="ada")
-        daemon.configuration = replace(daemon.configuration, replay=replace(daemon.configuration.replay, allow_motion=False))
+        daemon.state.configuration = replace(
+            daemon.state.configuration, replay=replace(daemon.state.configuration.replay, allow_motion=False)
+        )
         with pytest.raises(BadInput, match="allow_motion is false"):
             client.request_replay(by="ada")
 
@@ -298,8 +297,8 @@ def test_a_watcher_that_was_away_is_told_what_it_missed_once_and_in_order(cell, 
     raise_alert(daemon, arm.clock_unix_s, joint=1)
     daemon.__exit__(None, None, None)
     for joint in (2, 4):  # a crash between commit and publication leaves transitions like these
-        store.events.revise(daemon._health.as_document(), [{"kind": "raised", **_document(daemon, joint)}], arm.clock_unix_s)
-    with Daemon(daemon.configuration, store, now=arm.now, play=arm.play) as later:
+        store.events.revise(daemon.state.health.as_document(), [{"kind": "raised", **_document(daemon, joint)}], arm.clock_unix_s)
+    with Daemon(daemon.state.configuration, store, now=arm.now, play=arm.play) as later:
         enough.wait(3.0)
         raise_alert(later, arm.clock_unix_s, joint=5)
         enough.wait(20.0)
@@ -314,12 +313,12 @@ def test_live_torque_is_the_measured_one_beside_what_the_model_says(cell):
     Of a normal residual 90 % lie within 1.64 deviations; joint by joint at least 75 %, for a residual of a real law is not white.
     """
     daemon, _, arm, endpoint = cell
-    robot, recording = daemon.configuration.robot_description, arm.recording
+    robot, recording = daemon.state.configuration.robot_description, arm.recording
     moving = [n for n in range(100, recording.samples, 20) if min(abs(recording.qd[n])) > 0.05]
     told = []
     with Client(endpoint, "lab", "cell-1") as client:
         for n in moving:
-            daemon.live(recording.q[n], recording.qd[n], recording.target_qdd[n], recording.current[n], recording.temperature_c[n])
+            daemon.live.sample(recording.q[n], recording.qd[n], recording.target_qdd[n], recording.current[n], recording.temperature_c[n])
             told.append(daemon.bus.last_values()["torque/live"])
         assert client.get("torque/live")[0].document == told[-1]
     measured, predicted, residual, std = (
@@ -351,22 +350,30 @@ class Heard:
         return self._state
 
 
-def test_live_torque_comes_at_the_configured_rate(cell):
+def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
     """However often the controller speaks: two seconds of it, one sample more or less and a quarter for a busy machine."""
     daemon, store, arm, _ = cell
-    row, configuration = arm.recording, daemon.configuration
+    row, configuration = arm.recording, daemon.state.configuration
     names = ("q", "qd", "target_qdd", "current", "temperature_c")
     state = SimpleNamespace(robot_mode=7, **{name: getattr(row, name)[0] for name in names})
     problems = Problems(time.time)
     maintenance = Maintenance(store, lambda: configuration.store, problems, time.time)
-    parts = (Scheduler(daemon, store, problems), maintenance, problems, Heartbeats(), threading.Event())
+    scheduler = Scheduler(daemon.monitor, store, problems, daemon.requests)
+    workers = Workers(
+        scheduler=scheduler,
+        maintenance=maintenance,
+        document=MonitorDocument(store, problems, time.time),
+        reloader=Reloader(daemon.monitor, scheduler),
+        problems=problems,
+        heartbeats=Heartbeats(),
+    )
     for rate_hz, asked_hz in ((10.0, 10.0), (2.0, 10.0), (0.4, 1.0)):
-        daemon.configuration = replace(configuration, bus=replace(configuration.bus, live_rate_hz=rate_hz))
+        daemon.state.configuration = replace(configuration, bus=replace(configuration.bus, live_rate_hz=rate_hz))
         said: list[dict] = []
-        daemon.say_live = said.append
-        daemon.stopping.clear()
-        threading.Timer(2.0, daemon.stopping.set).start()
-        _watch(daemon, Heard(asked_hz, state), *parts)
+        monkeypatch.setattr(daemon.publisher, "live", said.append)
+        daemon.state.stopping.clear()
+        threading.Timer(2.0, daemon.state.stopping.set).start()
+        MainLoop(daemon, Heard(asked_hz, state), workers, threading.Event()).run()
         assert abs(len(said) - 2.0 * rate_hz) <= 0.25 * 2.0 * rate_hz + 1.0, rate_hz
 
 
@@ -375,17 +382,15 @@ def test_after_a_reload_info_tells_the_digest_of_what_is_in_force(cell):
     daemon, _, _, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
         before = client.info().configuration_digest
-        assert before == digest(daemon.configuration)
-        daemon.reconfigured(replace(daemon.configuration, schedule=ScheduleSettings(cron="0 4 * * *")))
-        daemon.say_health()
-        assert client.info().configuration_digest == digest(daemon.configuration) != before
+        assert before == digest(daemon.state.configuration)
+        daemon.monitor.reconfigure(replace(daemon.state.configuration, schedule=ScheduleSettings(cron="0 4 * * *")))
+        daemon.publisher.health()
+        assert client.info().configuration_digest == digest(daemon.state.configuration) != before
 
 
 def test_a_wildcard_anywhere_in_the_key_never_acts(cell):
     """Also from a plain session, above the robot's prefix, with a payload that would be valid."""
     daemon, store, arm, endpoint = cell
-    wanted = threading.Event()
-    daemon.wanted = wanted.set
     raise_alert(daemon, arm.clock_unix_s)
     before = store.events.range()
     keys = ("joint-monitor/**", "**", "joint-monitor/v1/*/*/cmd/ack", "joint-monitor/v1/lab/*/cmd/replay", f"{PREFIX}/cmd/re$*")
@@ -395,7 +400,7 @@ def test_a_wildcard_anywhere_in_the_key_never_acts(cell):
                 replies = list(session.get(key, payload=None if payload is None else json.dumps(payload), timeout=5.0))
                 assert all(reply.ok and "/cmd/" not in str(reply.ok.key_expr) for reply in replies)
     assert store.events.range() == before
-    assert not wanted.is_set()
+    assert not daemon.requests.take_request()
 
 
 def test_a_watcher_of_event_alone_is_told_transitions_and_nothing_else(cell):
@@ -415,7 +420,7 @@ def test_a_watcher_of_event_alone_is_told_transitions_and_nothing_else(cell):
 def _document(daemon: Daemon, joint: int) -> dict:
     from monitor.judge.alerts.documents import alert_document
 
-    return {**alert_document(daemon._health.alerts[0]), "joint": joint}
+    return {**alert_document(daemon.state.health.alerts[0]), "joint": joint}
 
 
 def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
@@ -426,13 +431,13 @@ def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
     daemon, _, arm, endpoint = cell
 
     def told(client):
-        daemon.say_health()
+        daemon.publisher.health()
         health = client.health()
         assert {joint.stale for joint in health.joints} == {health.stale}
         (gauge,) = (family for family in families(daemon.bus.last_values()) if family.name == "joint_monitor_stale")
         assert {sample.value for sample in gauge.samples} == {float(health.stale)}
         assert {sample.labels["joint"] for sample in gauge.samples} == {"arm", *"123456"}
-        assert ("STALE" in daemon.health_state) is health.stale
+        assert ("STALE" in daemon.monitor.health_state) is health.stale
         assert ("STALE" in line("health", health.model_dump(mode="json")).plain) is health.stale
         return health
 
@@ -447,18 +452,18 @@ def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
         assert old.state == fresh.state
         assert old.stale_why.startswith("STALE: all joints: nothing was learnt for 7 days")
         assert old.joints[0].learnt_at.timestamp() == pytest.approx(START_UNIX_S + 2 * DAY_S, abs=1.0)
-        assert daemon.perform(arm.clock_unix_s).state == "assessed"
+        assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
         assert told(client).stale is False
 
 
 def test_what_work_says_of_friction_is_told_with_health(cell):
     """A look that work has given: change, doubt, looks and probability of that joint, valid by the schema."""
-    from monitor.judge.torque.production_residual import unheard
+    from monitor.judge.torque.production_residual import initial
 
     daemon, _, _, endpoint = cell
     one = np.array([1.0, 0, 0, 0, 0, 0])
-    daemon.production._residuals = unheard(6, 1)._replace(later=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
-    daemon.say_health()
+    daemon.production._residuals = initial(6, 1)._replace(later=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
+    daemon.publisher.health()
     with Client(endpoint, "lab", "cell-1") as client:
         (each,) = client.health().production
     assert (each.joint, each.change, each.looks) == (1, 0.12, 4)

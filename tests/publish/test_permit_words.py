@@ -78,7 +78,7 @@ def test_what_somebody_says_stays_in_one_line_of_a_log(sessions):
     with answering(one, yes("parked\nWARNING forged \x1b[2J")):
         answer = asked(asking, PREFIX, {}, 1.0)
     assert answer is not None
-    assert answer.told.isprintable()
+    assert answer.text.isprintable()
 
 
 def test_a_bus_that_is_closed_gives_no_permit(free_port):
@@ -88,4 +88,4 @@ def test_a_bus_that_is_closed_gives_no_permit(free_port):
     answer = asked(session, PREFIX, {}, 0.2)
     assert answer is not None
     assert not answer.allowed
-    assert "cannot be asked" in answer.told
+    assert "cannot be asked" in answer.text

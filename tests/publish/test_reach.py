@@ -89,7 +89,7 @@ def test_no_router_no_host_no_name(free_port):
     """Nobody at the port; a name that nobody knows; an address that is none."""
     found = seen(f"tcp/127.0.0.1:{free_port}")
     assert found.cause == "nobody"
-    assert "joint-monitor run" in found.told
+    assert "joint-monitor run" in found.text
     assert seen("tcp/no-such-host.invalid:7447").cause == "no_address"
     assert seen("tcp/127.0.0.1").cause == "no_address"
 
@@ -101,7 +101,7 @@ def test_a_daemon_without_secrets_is_reached_and_may_be_acted_on(free_port):
         assert seen(endpoint).cause == "denied"  # a bus that says nothing at all is no daemon of this robot
         bus.publish("info", "info", {})
         found = seen(endpoint)
-    assert (found.cause, found.told) == ("reached", "connected, may look and act")
+    assert (found.cause, found.text) == ("reached", "connected, may look and act")
     assert called == []
 
 
@@ -115,8 +115,8 @@ def test_every_way_that_tls_fails_has_its_words(etc, free_port):
         def by(name: str):
             return seen(endpoint, zenoh_file=str(etc / f"{name}.json5"))
 
-        assert by("maintenance").told == "connected, may look and act"
-        assert by("viewer").told == "connected, may look, may not act (acknowledge, shelve, ask for a replay)"
+        assert by("maintenance").text == "connected, may look and act"
+        assert by("viewer").text == "connected, may look, may not act (acknowledge, shelve, ask for a replay)"
         for name, cause, word in (
             ("mistrustful", "their_certificate", "other-ca.pem"),
             ("forger", "own_certificate", "forger.pem"),
@@ -126,8 +126,8 @@ def test_every_way_that_tls_fails_has_its_words(etc, free_port):
             ("guest", "denied", "the name in our certificate"),
         ):
             found = by(name)
-            assert (name, found.cause) == (name, cause), found.told
-            assert word in found.told
+            assert (name, found.cause) == (name, cause), found.text
+            assert word in found.text
         assert seen(endpoint.replace("tls/", "tcp/")).cause == "is_tls"
         assert seen(endpoint.replace("127.0.0.1", "localhost"), zenoh_file=str(etc / "viewer.json5")).cause == "their_certificate"
     assert called == []
@@ -138,7 +138,7 @@ def test_tls_to_one_who_speaks_plain_tcp(etc, free_port, router):
     router(listen__endpoints=[f"tcp/127.0.0.1:{free_port}"])
     found = seen(f"tls/127.0.0.1:{free_port}", zenoh_file=str(etc / "viewer.json5"))
     assert found.cause == "no_tls"
-    assert "tcp/…" in found.told
+    assert "tcp/…" in found.text
 
 
 def test_user_and_password(tmp_path, free_port, router):
@@ -154,12 +154,12 @@ def test_user_and_password(tmp_path, free_port, router):
         return str(path)
 
     assert seen(endpoint).cause == "password"
-    assert "asks for a user and password" in seen(endpoint).told
+    assert "asks for a user and password" in seen(endpoint).text
     wrong = seen(endpoint, zenoh_file=as_ada("guessed"))
     assert wrong.cause == "password"
-    assert "'ada'" in wrong.told
+    assert "'ada'" in wrong.text
     assert seen(endpoint, zenoh_file=as_ada("secret")).cause == "nothing_said"  # no monitor is connected to that router
-    assert seen(endpoint, zenoh_file=as_ada("secret"), answers=False).told == "connected"
+    assert seen(endpoint, zenoh_file=as_ada("secret"), answers=False).text == "connected"
 
 
 def test_through_a_router(etc, free_port, router):
@@ -169,16 +169,16 @@ def test_through_a_router(etc, free_port, router):
     viewer, guest = (str(etc / f"{name}.json5") for name in ("viewer", "guest"))
     absent = seen(endpoint, zenoh_file=viewer)
     assert absent.cause == "nothing_said"
-    assert "not connected to that router" in absent.told
+    assert "not connected to that router" in absent.text
     settings = BusSettings(listen=(), connect=(endpoint,), zenoh=str(etc / "daemon.json5"))
     with Bus(settings, PREFIX, {"cmd/ack": QueryHandler("answer", lambda _: {})}) as bus:
         bus.publish("info", "info", {})
         for _ in range(10):
             if (found := seen(endpoint, zenoh_file=viewer)).reached:
                 break
-        assert found.reached, found.told
+        assert found.reached, found.text
         assert seen(endpoint, zenoh_file=guest).cause == "nothing_said"
-        assert seen(endpoint, zenoh_file=str(etc / "daemon.json5"), answers=False).told == "connected"
+        assert seen(endpoint, zenoh_file=str(etc / "daemon.json5"), answers=False).text == "connected"
 
 
 def test_a_configuration_that_is_none_is_a_mistake(tmp_path):

@@ -46,20 +46,20 @@ def test_a_restored_history_without_a_verdict_is_told_and_becomes_an_alert_with_
     endpoint, arm = f"tcp/127.0.0.1:{free_port}", Arm(recording)
     for _ in range(2):
         with Store.open(tmp_path / "history") as store, Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon:
-            assert "the history was damaged" in daemon.restored
-            daemon.clear_own()
-            assert daemon.restored  # told as trouble
+            assert "the history was damaged" in daemon.alerts.restored
+            daemon.alerts.clear_own()
+            assert daemon.alerts.restored  # told as trouble
     with (
         Store.open(tmp_path / "history") as store,
         Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon,
         Client(endpoint, "lab", "cell-1") as client,
     ):
-        assert daemon.perform(arm.clock_unix_s).state == "assessed"
-        daemon.clear_own()
-        assert daemon.restored is None
+        assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
+        daemon.alerts.clear_own()
+        assert daemon.alerts.restored is None
         assert "the history was damaged" in told(client).text
     with Store.open(tmp_path / "history") as store, Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon:
-        assert daemon.restored is None
+        assert daemon.alerts.restored is None
 
 
 def test_a_restored_history_is_an_alert_until_it_is_acknowledged(tmp_path: Path, free_port: int, recording, history):  # noqa: F811
@@ -92,11 +92,11 @@ def test_a_restored_history_is_an_alert_until_it_is_acknowledged(tmp_path: Path,
         Client(endpoint, "lab", "cell-1") as client,
     ):
         assert store.restored is None
-        daemon.clear_own()
-        assert daemon.perform(arm.clock_unix_s).state == "assessed"
-        daemon.clear_own()
+        daemon.alerts.clear_own()
+        assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
+        daemon.alerts.clear_own()
         assert [alert.condition for alert in client.alerts()].count(STORE_RESTORED) == 1
         client.acknowledge(None, STORE_RESTORED, by="Ada", why="the disk was replaced")
-        daemon.clear_own()
+        daemon.alerts.clear_own()
         assert STORE_RESTORED not in [alert.condition for alert in client.alerts()]
         assert [event.kind for event in client.events().events][-3:] == ["raised", "acknowledged", "cleared"]

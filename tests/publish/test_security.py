@@ -146,7 +146,7 @@ def test_a_replay_by_hand_asks_over_tls_as_well(etc, free_port):
     with Asker(settings, prefix("lab", "cell-1")) as asker, permitting(etc, endpoint, "cell", {"allow": False, "why": "door open"}):
         answer = eventually(lambda: asker.ask({}, 1.0))
     assert not answer.allowed
-    assert "door open" in answer.told
+    assert "door open" in answer.text
 
 
 @pytest.mark.parametrize("who", ["guest", "forger", "nobody"])

@@ -85,10 +85,10 @@ def test_ten_thousand_replays_leave_memory_where_it_was(tmp_path: Path, free_por
         began = time.monotonic()
         for n in range(REPLAYS):
             cell.clock_unix_s += APART_S
-            row = daemon.perform(cell.clock_unix_s)
+            row = daemon.monitor.perform(cell.clock_unix_s)
             assert row is not None
             assert row.state == "assessed", row.reason
-            states.append(daemon.health_state)
+            states.append(daemon.monitor.health_state)
             if n % UPKEEP_EVERY == UPKEEP_EVERY - 1:
                 store.retention.prune(days=30.0, most_bytes=0.0, at_unix_s=cell.clock_unix_s)
                 store.back_up(3)

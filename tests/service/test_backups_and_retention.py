@@ -59,7 +59,7 @@ def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_pla
         assert store.restored is not None
         assert store.restored.backup == good
         assert store.restored.set_aside.is_file()
-        assert "***" not in store.restored.told  # what is wrong, not which database
+        assert "***" not in store.restored.text  # what is wrong, not which database
         assert len(store.assessments.rows()) == 3
         commit(store, replayed(store, 9 * DAY))
         assert store.events.rows()[-1].seq > 1_000_000  # not a number that the damaged history may have given to something else
@@ -76,7 +76,7 @@ def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_ne
     (tmp_path / HISTORY).unlink()
     with Store.open(tmp_path) as store:
         assert store.restored is not None
-        assert "gone" in store.restored.told
+        assert "gone" in store.restored.text
         assert len(store.assessments.rows()) == 3
     for path in (tmp_path / "backups").iterdir():
         path.unlink()
@@ -100,7 +100,7 @@ def test_entries_that_a_torn_log_has_lost_are_missed_and_no_recording_is_written
     with Store.open(copy) as store:
         assert [row.id for row in store.ledger.rows()] == [1]
         assert store.restored is not None
-        assert "lost its newest entries (1 recordings from replay 2 on" in store.restored.told
+        assert "lost its newest entries (1 recordings from replay 2 on" in store.restored.text
         store.ledger.adopt(2, 2 * DAY, 3 * DAY)
         assert store.ledger.claim(3 * DAY, "scheduled", 3 * DAY) == 3
         store.ledger.end(3, "rejected", "a test", 3 * DAY)
@@ -115,7 +115,7 @@ def test_a_damaged_history_without_a_backup_begins_anew_and_keeps_what_it_was(tm
     with Store.open(tmp_path) as store:
         assert store.restored is not None
         assert store.restored.backup is None
-        assert "no good backup" in store.restored.told
+        assert "no good backup" in store.restored.text
         assert [number for number, _ in store.ledger.orphans()] == [1, 2, 3]
         assert store.ledger.rows() == []
 

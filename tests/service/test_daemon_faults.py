@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from test_scheduler import needs_root, small_disk  # noqa: F401 - a fixture
 
-import monitor.service.daemon
+import monitor.service.run
 from monitor.config.load import load
 from monitor.errors import StoreError, StoreUnavailable
 from monitor.service.daemon import Daemon
@@ -26,7 +26,7 @@ def test_a_fault_of_ours_during_a_replay_ends_the_window_and_waits_for_a_person(
         raise OSError(28, os.strerror(28))
 
     with Store.open(configuration.state_directory) as store, Daemon(configuration, store, now=lambda: 1e9, play=play) as daemon:
-        row = daemon.perform(1e9)
+        row = daemon.monitor.perform(1e9)
         assert row is not None
         assert row.state == "aborted"
         assert "No space left" in row.reason
@@ -47,15 +47,15 @@ def test_a_disk_without_room_at_the_start_is_waited_for(small_disk: Path, monkey
             pass
         filler.unlink(missing_ok=True)
 
-    monkeypatch.setattr(monitor.service.daemon, "notify", said.append)
-    monkeypatch.setattr(monitor.service.daemon.time, "sleep", pause)
-    monkeypatch.setattr(monitor.service.daemon, "WAIT_FOR_DISK_S", 1.0)
+    monkeypatch.setattr(monitor.service.run, "notify", said.append)
+    monkeypatch.setattr(monitor.service.run.time, "sleep", pause)
+    monkeypatch.setattr(monitor.service.run, "DISK_WAIT_S", 1.0)
     with ExitStack() as stack:
-        store = monitor.service.daemon._opened(small_disk / "history", stack)
+        store = monitor.service.run.open_store(small_disk / "history", stack)
         assert store.ledger.unfinished()
     assert any("waiting for the history" in each for each in said)
     with Store.open(small_disk / "history"), ExitStack() as stack, pytest.raises(StoreError, match="in use by another"):
-        monitor.service.daemon._opened(small_disk / "history", stack)
+        monitor.service.run.open_store(small_disk / "history", stack)
 
 
 def test_what_cannot_be_finished_at_the_start_is_finished_later(tmp_path: Path, free_port: int, monkeypatch: pytest.MonkeyPatch):
@@ -76,7 +76,7 @@ def test_what_cannot_be_finished_at_the_start_is_finished_later(tmp_path: Path, 
             daemon.__enter__()
         try:
             assert store.ledger.unfinished()
-            daemon.recover()
+            daemon.monitor.recover()
             assert not store.ledger.unfinished()
         finally:
             daemon.__exit__()

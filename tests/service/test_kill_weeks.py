@@ -23,6 +23,7 @@ import os, sys, time
 from dataclasses import replace
 from pathlib import Path
 from monitor.config.load import from_document
+from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
 from monitor.store.store import Store
 from monitor.service.problems import Problems
@@ -66,7 +67,7 @@ def live():
 
     with Store.open(folder) as store:
         arm = Arm(store)
-        scheduler = Scheduler(arm, store, Problems(now), Clocks(now=now, monotonic=same))
+        scheduler = Scheduler(arm, store, Problems(now), ReplayRequests(), Clocks(now=now, monotonic=same))
         arm.recover()
         if os.environ.get("BACK_UP"): store.back_up(3)
         while True:
@@ -126,7 +127,7 @@ def lies(folder: Path, said: set[int]) -> list[str]:
     found = [f"window {window} moved the arm {moved.count(window)} times" for window in set(moved) if moved.count(window) > 1]
     with Store.open(folder) as store:
         if store.restored is not None:
-            found.append(store.restored.told)
+            found.append(store.restored.text)
         rows = store.ledger.rows()
         assessed = {row.id for row in rows if row.state == "assessed"}
         found += [f"replay {number} was said to be safe and is not" for number in sorted(said - assessed)]

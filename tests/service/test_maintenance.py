@@ -13,7 +13,8 @@ from monitor.errors import StoreUnavailable
 from monitor.publish.metrics import families
 from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside
-from monitor.service.maintenance import Maintenance, said, silent_s
+from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument, read_monitor_document, silent_s
 from monitor.service.problems import Problems
 from monitor.store.backup import backups
 from monitor.store.store import Store
@@ -36,28 +37,32 @@ def maintenance(tmp_path: Path) -> Iterator[tuple[Maintenance, Store, Problems, 
         yield Maintenance(store, lambda: configuration(tmp_path).store, problems, lambda: clock[0]), store, problems, clock
 
 
+def document_of(store: Store, problems: Problems, clock: list[float]) -> MonitorDocument:
+    return MonitorDocument(store, problems, lambda: clock[0])
+
+
 def test_it_backs_up_at_the_start_and_not_at_every_start(maintenance):
     """A service that is started again and again makes one an hour."""
     maintenance, store, _, _ = maintenance
-    maintenance.look()
+    maintenance.check()
     made = backups(store.directory)
     assert len(made) == 1
-    maintenance.care()
+    maintenance.maintain()
     assert backups(store.directory) == made
     old = made[0].with_name("history-20260101T000000Z.sqlite")
     made[0].rename(old)
-    maintenance.care()
+    maintenance.maintain()
     assert len(backups(store.directory)) == 2
 
 
 def test_damage_that_is_found_while_it_runs_ends_the_service_and_spoils_no_backup(maintenance):
     """The next start restores; until then it is told."""
     maintenance, store, problems, _ = maintenance
-    maintenance.look()
+    maintenance.check()
     good = backups(store.directory)
     store.database.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     torn(store.directory / HISTORY)
-    maintenance.care()
+    maintenance.maintain()
     assert maintenance.damaged
     assert "store" in problems
     assert backups(store.directory) == good
@@ -67,10 +72,10 @@ def test_a_clock_behind_the_history_is_told_and_is_over_when_it_has_caught_up(ma
     """A year; then right again."""
     maintenance, _, problems, clock = maintenance
     clock[0] = 1.6e9 - 365 * DAY
-    maintenance.look()
+    maintenance.check()
     assert "set back" in problems.listed()[0]["text"]
     clock[0] = 1.7e9
-    maintenance.look()
+    maintenance.check()
     assert "clock_behind" not in problems
 
 
@@ -79,11 +84,11 @@ def test_what_was_taken_back_does_not_keep_the_clock_behind(maintenance):
     maintenance, store, problems, clock = maintenance
     commit(store, replayed(store, 1.9e9))
     clock[0] = 1.8e9
-    maintenance.look()
+    maintenance.check()
     assert "clock_behind" in problems
     store.ledger.end(replayed(store, 2.0e9), "rejected", "a test", 2.0e9)
     store.database.connection.execute("UPDATE ledger SET state = 'rejected' WHERE window_unix_s = 1.9e9")
-    maintenance.look()
+    maintenance.check()
     assert "clock_behind" not in problems
 
 
@@ -91,24 +96,24 @@ def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(mainte
     """Whoever asks how the monitor is learns that nothing moves, why, and what to do."""
     maintenance, store, problems, _ = maintenance
     store.stops.add("protective_stop", "the arm met something", 1.6e9)
-    maintenance.look()
+    maintenance.check()
     (trouble,) = [each for each in problems.listed() if each["name"] == "stop"]
     assert "the arm met something" in trouble["text"]
     assert "joint-monitor allow" in trouble["text"]
     store.stops.allow("Ada", "a box; it is gone", 1.6e9)
-    maintenance.look()
+    maintenance.check()
     assert "stop" not in problems
 
 
 def test_it_says_how_it_is_also_where_the_history_cannot_be_read(maintenance, monkeypatch: pytest.MonkeyPatch):
     """A disk that fails is a trouble among others, and no reason to be silent, or to seem dead to the watchdog."""
-    maintenance, store, _, _ = maintenance
+    _, store, problems, clock = maintenance
 
     def failing(*_: object, **__: object) -> None:
         raise StoreUnavailable("disk I/O error")
 
     monkeypatch.setattr(store.ledger, "rows", failing)
-    document = outside(maintenance.document(MORE))
+    document = outside(document_of(store, problems, clock).collect(None, MORE))
     jsonschema.validate(document, schema("monitor"), format_checker=jsonschema.FormatChecker())
     assert document["last_replay"] is None
     assert [trouble["name"] for trouble in document["troubles"]] == ["store"]
@@ -116,9 +121,9 @@ def test_it_says_how_it_is_also_where_the_history_cannot_be_read(maintenance, mo
 
 def test_status_says_where_nobody_speaks_any_more(maintenance, capsys: pytest.CaptureFixture[str]):
     """A monitor that ended weeks ago must not look like one that runs."""
-    maintenance, _, _, clock = maintenance
+    _, store, problems, clock = maintenance
     clock[0] = 1.7e9
-    document = outside(maintenance.document(MORE))
+    document = outside(document_of(store, problems, clock).collect(None, MORE))
     assert silent_s(document, 1.7e9 + 30.0) is None
     assert silent_s(document, 1.7e9 + 3 * DAY) == 3 * DAY
     told = {"robot": "cell-1", "model_revision": 0, "health": None, "friction": [], "ledger": [], "monitor": document}
@@ -130,24 +135,24 @@ def test_status_says_where_nobody_speaks_any_more(maintenance, capsys: pytest.Ca
 
 def test_what_it_says_is_what_its_schema_promises_and_what_status_reads(maintenance):
     """With everything known, and with nothing."""
-    maintenance, store, problems, _ = maintenance
-    problems.found("disk", "full")
-    document = outside(maintenance.document(MORE))
+    _, store, problems, clock = maintenance
+    problems.report("disk", "full")
+    document = outside(document_of(store, problems, clock).collect(None, MORE))
     jsonschema.validate(document, schema("monitor"), format_checker=jsonschema.FormatChecker())
     assert document["last_replay"]["state"] == "assessed"
-    maintenance.write(maintenance.document(MORE))
-    written = said(store.directory)
+    document_of(store, problems, clock).write(document_of(store, problems, clock).collect(None, MORE))
+    written = read_monitor_document(store.directory)
     same = ("version", "started_at", "last_replay", "troubles", "next_replay_due", "arm", "bus", "reload")
     assert {name: written[name] for name in same} == {name: document[name] for name in same}
-    assert said(store.directory / "nowhere") is None
+    assert read_monitor_document(store.directory / "nowhere") is None
 
 
 def test_it_is_metrics_too(maintenance):
     """Every figure that is known, by name; a trouble by its name."""
-    maintenance, _, problems, _ = maintenance
-    maintenance.look()
-    problems.found("backup", "no room")
-    last = {"info": {"robot": {"site": "lab", "id": "cell-1"}}, "monitor": outside(maintenance.document(MORE))}
+    maintenance, store, problems, clock = maintenance
+    maintenance.check()
+    problems.report("backup", "no room")
+    last = {"info": {"robot": {"site": "lab", "id": "cell-1"}}, "monitor": outside(document_of(store, problems, clock).collect(None, MORE))}
     samples = {sample.name: sample for family in families(last) for sample in family.samples}
     assert samples["joint_monitor_arm_heard"].value == 1.0
     assert samples["joint_monitor_documents_dropped"].value == 3.0

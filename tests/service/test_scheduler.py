@@ -16,6 +16,7 @@ from monitor.recording import Recording
 from monitor.service.assess_and_store import EstimatorState, load_state
 from monitor.service.problems import Problems
 from monitor.service.recompute import roll_back
+from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler, too_little_room
 from monitor.store.ledger import LedgerRow
 from monitor.store.store import Store
@@ -35,10 +36,11 @@ class Arm:
         self.due: float | None = None
         self.mended = self.rewound = 0
         self.fails: Exception | None = None
+        self.requests = ReplayRequests()
         self.scheduler = self.started()
 
     def started(self) -> Scheduler:
-        return Scheduler(self, self.store, self.problems, Clocks(now=lambda: self.clock[0], monotonic=lambda: self.clock[1]))
+        return Scheduler(self, self.store, self.problems, self.requests, Clocks(now=lambda: self.clock[0], monotonic=lambda: self.clock[1]))
 
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
         if self.fails is not None:
@@ -219,7 +221,7 @@ def test_a_window_waits_for_a_warm_arm_and_is_told_where_it_did_not_become_so(tm
             for minute in range(120):
                 for _ in range(6):
                     arm.passes(10.0)
-                    arm.scheduler.heard(True, (30.0 + kelvin_a_minute * minute,) * 6)
+                    arm.scheduler.observe(True, (30.0 + kelvin_a_minute * minute,) * 6)
 
         night(0.0)
         assert len(arm.replayed) == 1
@@ -235,18 +237,18 @@ def test_evidence_and_a_cold_start_bring_a_replay_forward_once(tmp_path: Path):
         arm = Arm(tmp_path / "history", store, cron="", evidence_windows=("22:00-05:00",), cold_start_after_h=4.0, grace_s=900.0)
         arm.passes(12 * 3600.0)
         for _ in range(3):
-            arm.scheduler.evidence(arm.clock[0])
+            arm.requests.evidence(arm.clock[0])
             arm.passes(60.0)
         assert arm.replayed == []
         arm.passes(12 * 3600.0)
         assert len(arm.replayed) == 1
-        arm.scheduler.heard(True, None)
+        arm.scheduler.observe(True, None)
         for _ in range(6):
             arm.passes(3600.0, 3600.0)
-            arm.scheduler.heard(False, None)
-        arm.scheduler.heard(True, None)
+            arm.scheduler.observe(False, None)
+        arm.scheduler.observe(True, None)
         arm.passes(60.0)
-        arm.scheduler.heard(True, None)
+        arm.scheduler.observe(True, None)
         arm.passes(3600.0)
         assert len(arm.replayed) == 2
 
@@ -254,7 +256,7 @@ def test_evidence_and_a_cold_start_bring_a_replay_forward_once(tmp_path: Path):
 def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
     """Its window is the moment."""
     arm.passes(60.0)
-    arm.scheduler.want("a person")
+    arm.requests.request("a person")
     arm.passes(60.0)
     assert len(arm.replayed) == 1
     assert arm.store.ledger.rows()[0].kind == "requested"
@@ -262,12 +264,12 @@ def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
 
 def test_who_asks_twice_gets_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
     """Nothing moves that could not be recorded, whoever wants it; that it was wanted is told."""
-    arm.scheduler.want()
-    arm.scheduler.want()
+    arm.requests.request()
+    arm.requests.request()
     arm.passes(240.0)
     assert len(arm.replayed) == 1
     arm.configuration = replace(arm.configuration, store=replace(arm.configuration.store, least_free_mb=1e12))
-    arm.scheduler.want()
+    arm.requests.request()
     arm.passes(240.0)
     assert len(arm.replayed) == 1
     (_, row) = arm.store.ledger.rows()
@@ -299,7 +301,7 @@ def test_before_the_clock_has_been_set_nothing_is_replayed(tmp_path: Path):
         arm = Arm(tmp_path / "history", store, cron="*/10 * * * *", grace_s=600.0)
         arm.clock[0] = 100.0
         arm.scheduler = arm.started()
-        arm.scheduler.want()
+        arm.requests.request()
         arm.passes(3600.0)
         assert arm.replayed == []
         assert "1970" in arm.problems.listed()[0]["text"]

@@ -103,12 +103,12 @@ def test_a_trouble_is_told_when_it_begins_and_when_it_is_over(caplog):
     clock, elapsed = [100.0], [0.0]
     problems = Problems(lambda: clock[0], lambda: elapsed[0])
     for _ in range(5):
-        problems.found("disk", f"full since {clock[0]:.0f}")
+        problems.report("disk", f"full since {clock[0]:.0f}")
         clock[0] += 1.0
         elapsed[0] += 1.0
     clock[0] -= 365 * 86_400.0  # set back meanwhile: how long it lasted is still true
-    problems.over("clock")
+    problems.clear("clock")
     assert problems.listed() == [{"name": "disk", "since_unix_s": 100.0, "text": "full since 104"}]
-    problems.said("disk", None)
+    problems.update("disk", None)
     assert [record.message for record in caplog.records] == ["trouble=disk: full since 100", "trouble=disk is over, after 5 s"]
     assert problems.listed() == []

@@ -127,7 +127,7 @@ def monitor(directory, days=45, settings=None, moving=True, before=None, later_d
             before(store)
         clock = [FIRST_UNIX_S + (max(days, 1) + later_days) * DAY_S]
         daemon = stack.enter_context(Daemon(settings, store, now=lambda: clock[0], play=no_arm))
-        daemon.next_due(clock[0] + DAY_S)
+        daemon.monitor.next_due(clock[0] + DAY_S)
         served = stack.enter_context(page(settings, daemon.bus, store, now=lambda: clock[0]))
         if moving:
             done = threading.Event()
@@ -140,7 +140,7 @@ def monitor(directory, days=45, settings=None, moving=True, before=None, later_d
 
 def _move(daemon, clock, done):
     """An arm at work, as the listener would tell of it."""
-    excitation = daemon.configuration.excitation
+    excitation = daemon.state.configuration.excitation
     gains = load_robot("ur5").drive_gain_nm_per_a
     rng = np.random.default_rng(1)
     began = time.monotonic()
@@ -149,10 +149,10 @@ def _move(daemon, clock, done):
         clock[0] += 0.2
         q, qd, qdd = (row[0] for row in excitation.at(np.array([t % excitation.period_s])))
         temperature = np.array([28.0, 28.5, 29.0, 30.0, 29.5, 30.5])
-        if daemon.torque_model is None:
+        if daemon.state.torque_model is None:
             continue
-        torque = predict_torque(daemon.torque_model, load_robot("ur5"), q[None], qd[None], qdd[None], temperature[None]).torque[0]
-        daemon.live(q, qd, qdd, (torque + rng.normal(0.0, 0.3, 6)) / gains, temperature)
+        torque = predict_torque(daemon.state.torque_model, load_robot("ur5"), q[None], qd[None], qdd[None], temperature[None]).torque[0]
+        daemon.live.sample(q, qd, qdd, (torque + rng.normal(0.0, 0.3, 6)) / gains, temperature)
 
 
 if __name__ == "__main__":

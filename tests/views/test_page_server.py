@@ -118,7 +118,7 @@ def test_what_is_live_is_what_the_bus_says(served):
 
     last = daemon.bus.last_values()
     assert dict(next_value() for _ in last) == last
-    daemon.next_due(1.9e9)
+    daemon.monitor.next_due(1.9e9)
     key, document = next_value()
     assert key == "health"
     assert document["next_replay_due"] == "2030-03-17T17:46:40Z"

@@ -159,7 +159,7 @@ def play(*, seed: int = 0, keep: Path | None = None, as_json: bool = False) -> i
         with on_screen:
             for day in range(DAYS):
                 _live_a_day(remote, diary, day)
-                row = daemon.perform(diary.clock_unix_s)
+                row = daemon.monitor.perform(diary.clock_unix_s)
                 assert row is not None
                 live = day in LIVE_DAYS
                 diary.live_replays += live
@@ -287,7 +287,7 @@ def _listen(daemon: Daemon, host: str, done: threading.Event) -> None:
     try:
         while not done.wait(0.1):
             for state in listener.poll()[-1:]:
-                daemon.live(state.q, state.qd, state.target_qdd, state.current, state.temperature_c)
+                daemon.live.sample(state.q, state.qd, state.target_qdd, state.current, state.temperature_c)
             daemon.bus.robot_alive(listener.reachable)
     finally:
         listener.stop()

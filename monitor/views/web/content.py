@@ -101,7 +101,7 @@ class Content:
             "history_mb": round(history.stat().st_size / 1e6, 2) if history.is_file() else None,
             "documents_dropped": self.bus.dropped,
             "last_windows": counts,
-            "stops": [stop.told for stop in self.past.stops.waiting()],
+            "stops": [stop.text for stop in self.past.stops.waiting()],
         }
 
 

@@ -1,0 +1,1 @@
+"""What the daemon publishes on the bus, and how it answers queries. I/O."""

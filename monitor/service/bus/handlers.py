@@ -1,0 +1,97 @@
+"""The answers to queries on the bus: torque, history, transitions, and the commands of people."""
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from monitor.errors import BadInput
+from monitor.judge.alerts.health import Health
+from monitor.judge.alerts.life_cycle import acknowledge, shelve
+from monitor.publish.bus import QueryHandler, handler
+from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
+from monitor.publish.queries import MOST_EVENTS, events_after, history_question, request
+from monitor.publish.timestamps import rfc3339
+from monitor.publish.torque_query import torque_answer
+from monitor.service.alert_changes import AlertChanges
+from monitor.service.bus.publisher import event_document
+from monitor.service.replay_requests import ReplayRequests
+from monitor.service.shared_state import SharedState
+from monitor.store.store import Store
+
+log = logging.getLogger(__name__)
+
+
+class Handlers:
+    """Each method answers one key; it raises BadInput with the text of the error reply."""
+
+    def __init__(self, state: SharedState, store: Store, alerts: AlertChanges, requests: ReplayRequests | None) -> None:
+        """`requests` is None where no scheduler serves requests for a replay."""
+        self._state, self._store, self._alerts, self._requests = state, store, alerts, requests
+
+    def by_key(self) -> dict[str, QueryHandler]:
+        """All of them, by key below the robot's prefix."""
+        answers = {
+            "torque": self.torque,
+            "history": self.history,
+            "event": self.events,
+            "cmd/ack": self.acknowledge,
+            "cmd/shelve": self.shelve,
+            "cmd/replay": self.replay,
+        }
+        return {key: handler(key, about) for key, about in answers.items()}
+
+    def torque(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """Temperature-corrected torque of the samples asked for."""
+        model = self._state.torque_model  # one read: a replay may put another in its place meanwhile
+        if model is None:
+            raise BadInput("torque: there is no model yet; it comes with the first replay that is assessed")
+        return torque_answer(model, self._state.robot, self._state.temperature_c, payload)
+
+    def history(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """One page of past estimates."""
+        question = history_question(parameters, self._state.robot.joints)
+        rows, following = self._store.assessments.history(
+            joint=question.joint, from_unix_s=question.from_unix_s, to_unix_s=question.to_unix_s, after=question.after, limit=question.limit
+        )
+        for row in rows:  # their one time; five years of them are asked for at once
+            row["recorded_at"] = rfc3339(row.pop("recorded_at_unix_s"))
+        return {"rows": rows, "next": following}
+
+    def events(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """The newest transitions after a number."""
+        after = events_after(parameters)
+        kept = self._store.events.range()
+        events = [event_document(event) for event in self._store.events.rows(after=after, limit=MOST_EVENTS)]
+        return {"events": events, "first_kept": kept[0] if kept else None, "last": kept[1] if kept else None}
+
+    def acknowledge(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person has seen an alert."""
+        command = request(AckRequest, payload)
+
+        def change(health: Health, at: float) -> Health:
+            return acknowledge(health, command.joint, command.condition, by=command.by, why=command.why, at_unix_s=at)
+
+        return self._alerts.by_person("acknowledged", command, change)
+
+    def shelve(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person does not want to be shown an alert for some hours."""
+        command = request(ShelveRequest, payload)
+
+        def change(health: Health, at: float) -> Health:
+            until = at + 3600.0 * command.hours
+            return shelve(health, command.joint, command.condition, by=command.by, why=command.why, until_unix_s=until, at_unix_s=at)
+
+        return self._alerts.by_person("shelved", command, change)
+
+    def replay(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person asks for a replay; conditions, guard and permit decide as for any other."""
+        command = request(ReplayRequest, payload)
+        if self._state.configuration.replay.allow_motion is not True:
+            raise BadInput("cmd/replay: refused: motion is not allowed here (allow_motion is false)")
+        if self._requests is None:
+            raise BadInput("cmd/replay: refused: this monitor schedules no replays")
+        if self._state.replaying.locked():
+            raise BadInput("cmd/replay: refused: a replay is under way")
+        self._requests.request()
+        log.info("replay wanted by=%r why=%r", command.by, command.why)
+        return {"done": "accepted"}

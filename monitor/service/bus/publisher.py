@@ -1,0 +1,92 @@
+"""The daemon's documents on the bus: who publishes what, in the words of the registry."""
+
+from collections.abc import Callable
+from typing import Any
+
+from monitor.assess import JointFriction
+from monitor.judge.alerts.documents import alert_document
+from monitor.judge.alerts.health import Alert
+from monitor.judge.document import plain
+from monitor.publish.bus import Bus
+from monitor.publish.health_document import health_told
+from monitor.publish.timestamps import outside
+from monitor.service.bus.info import info
+from monitor.service.production import Production
+from monitor.service.shared_state import SharedState
+from monitor.store.events import AlertEvent
+from monitor.store.store import Store
+
+
+class Publisher:
+    """Publishes what the shared state and the history hold. Any thread may call it; nothing in it blocks for long."""
+
+    def __init__(self, bus: Bus, state: SharedState, store: Store, production: Production, now: Callable[[], float]) -> None:
+        self._bus, self._state, self._store, self._production, self._now = bus, state, store, production, now
+        self._started_at_unix_s = now()
+
+    def say(self, kind: str, document: dict[str, Any], *, done: Callable[[], None] | None = None, **parts: Any) -> None:
+        """Publish one document of a registered kind, its times as text. `parts` fill in its key; `done` runs once it is sent."""
+        published = outside(document)
+        assert isinstance(published, dict)
+        self._bus.say(kind, published, done=done, **parts)
+
+    def everything(self) -> None:
+        """Publish every last value that is known at a start."""
+        self.info()
+        for document in self._store.assessments.friction(limit=self._state.robot.joints):
+            self.say("friction", {key: value for key, value in document.items() if key != "replay"}, joint=document["joint"])
+        self.judgement()
+
+    def info(self) -> None:
+        """Publish who watches which arm, with what, and since when."""
+        belief = self._state.estimator.belief
+        context = belief.context if belief else None
+        self.say("info", info(self._state.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
+
+    def health(self) -> None:
+        """Publish the states of arm and joints and whether they are too old; also before the first assessment."""
+        now = self._now()
+        self.say(
+            "health",
+            {
+                **health_told(self._state.health, now, self._state.configuration.assess.health),
+                "production": [plain(each) for each in self._production.evidence()],
+                "next_replay_due_unix_s": self._state.next_due_unix_s,
+                "said_at_unix_s": now,
+            },
+        )
+
+    def judgement(self) -> None:
+        """Publish health, model and alerts as they are after the last assessment."""
+        self.health()
+        if self._state.torque_model is not None:
+            self.say("model", self._state.torque_model.as_document())
+        for alert in self._state.health.alerts if self._state.health else ():
+            self.alert(alert)
+
+    def friction(self, joint: JointFriction) -> None:
+        """Publish one joint after one replay."""
+        self.say("friction", plain(joint), joint=joint.joint)
+
+    def alert(self, alert: Alert) -> None:
+        """Publish the present state of one alert."""
+        self.say("alert", alert_document(alert), where="arm" if alert.joint is None else f"j{alert.joint}", condition=alert.condition)
+
+    def event(self, event: AlertEvent) -> None:
+        """Publish one transition; the history marks it as published once it is sent."""
+        self._bus.say("event", event_document(event), done=lambda: self._store.events.mark_published(event.seq))
+
+    def replay(self, document: dict[str, Any]) -> None:
+        """Publish what is going to happen to the arm, or has happened: for the cell's own programs."""
+        self.say("replay", {**document, "said_at_unix_s": self._now()})
+
+    def live(self, document: dict[str, Any]) -> None:
+        """Publish one sample of predicted against measured torque; its time is text already."""
+        self._bus.say("torque-live", document)
+
+
+def event_document(event: AlertEvent) -> dict[str, Any]:
+    """One transition as it is published."""
+    document = outside({"seq": event.seq, "at_unix_s": event.at_unix_s, **event.document})
+    assert isinstance(document, dict)
+    return document

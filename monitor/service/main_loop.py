@@ -1,0 +1,142 @@
+"""The main thread's loop: live comparison, the arm's state for the scheduler, periodic documents, reload, watchdog."""
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from monitor.acquire.listen import LiveState
+from monitor.acquire.state import ROBOT_MODE_RUNNING
+from monitor.errors import StoreError
+from monitor.service.daemon import Daemon
+from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument, status_line
+from monitor.service.problems import Problems
+from monitor.service.reload import Reloader
+from monitor.service.scheduler import Scheduler
+from monitor.service.systemd import Heartbeats, Watchdog, notify
+
+LONGEST_PAUSE_S = 0.5  # the link to the arm is checked so often, however seldom live torque is published
+WORKER_PATIENCE_S = 90.0  # a worker is late after this: an upload, a permit, an assessment on a busy machine take less
+MONITOR_PERIOD_S = 10.0  # between two documents `monitor`
+
+
+class ArmLink(Protocol):
+    """The arm's state as it is received between replays."""
+
+    @property
+    def reachable(self) -> bool:
+        """Whether the controller answers."""
+
+    @property
+    def problem(self) -> str | None:
+        """Why it does not; None where it does."""
+
+    def poll(self) -> Sequence[LiveState]:
+        """The states received since the last call, oldest first."""
+
+    def latest(self) -> LiveState | None:
+        """The newest state; None before the first."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Workers:
+    """The parts that the loop looks after, and the problems and heartbeats that they share."""
+
+    scheduler: Scheduler
+    maintenance: Maintenance
+    document: MonitorDocument
+    reloader: Reloader
+    problems: Problems
+    heartbeats: Heartbeats
+
+
+class MainLoop:
+    """Runs until the daemon stops or the history is found damaged."""
+
+    def __init__(self, daemon: Daemon, link: ArmLink, workers: Workers, hangup: threading.Event) -> None:
+        """`hangup` is set to request a reload."""
+        self._daemon, self._link, self._workers, self._hangup = daemon, link, workers, hangup
+        self._watchdog = Watchdog(workers.heartbeats)
+        self._live_due = 0.0  # monotonic, as the two below
+        self._health_at = self._monitor_at = 0.0  # 0: not yet
+
+    def run(self) -> None:
+        """Until `stopping` is set, or maintenance finds damage."""
+        state = self._daemon.state
+        while not state.stopping.wait(self._pause_s()) and self._workers.maintenance.damaged is None:
+            self._compare()
+            self._observe()
+            if self._hangup.is_set():
+                self._hangup.clear()
+                self._workers.reloader.reload()
+            now = time.monotonic()
+            if now - self._health_at >= state.configuration.bus.health_period_s or not self._health_at:
+                self._health_at = now
+                self._publish_health()
+            if now - self._monitor_at >= MONITOR_PERIOD_S or not self._monitor_at:
+                self._monitor_at = now
+                self._publish_monitor()
+            self._watchdog.look()
+
+    def _pause_s(self) -> float:
+        return min(0.5 / self._daemon.state.configuration.bus.live_rate_hz, LONGEST_PAUSE_S)
+
+    def _compare(self) -> None:
+        """Compare the newest sample with the model, at the configured rate."""
+        period_s = 1.0 / self._daemon.state.configuration.bus.live_rate_hz
+        fresh = self._link.poll()
+        # a row may come a little early, and is not left out for it
+        if fresh and (now := time.monotonic()) >= self._live_due - 0.25 * period_s:
+            self._live_due = max(self._live_due + period_s, now)
+            newest = fresh[-1]
+            self._daemon.live.sample(newest.q, newest.qd, newest.target_qdd, newest.current, newest.temperature_c)
+
+    def _observe(self) -> None:
+        """Hand the arm's state to whoever needs it: liveliness, scheduler, problems."""
+        link, problems = self._link, self._workers.problems
+        self._daemon.bus.robot_alive(link.reachable)
+        newest = link.latest()
+        self._workers.scheduler.observe(
+            link.reachable and newest is not None and newest.robot_mode == ROBOT_MODE_RUNNING,
+            None if newest is None or not link.reachable else tuple(newest.temperature_c.tolist()),
+        )
+        problems.update("arm", link.problem)
+        problems.update("restored", self._daemon.alerts.restored)
+
+    def _publish_health(self) -> None:
+        try:
+            self._daemon.alerts.clear_own()
+        except StoreError as error:  # the next round tries again
+            self._workers.problems.report("store", str(error))
+        self._daemon.publisher.health()
+
+    def _publish_monitor(self) -> None:
+        workers, bus = self._workers, self._daemon.bus
+        workers.problems.update("router", bus.without_router())
+        document = monitor_document(self._daemon, self._link, workers)
+        # the sender's heartbeat is that this document leaves, whatever the history does
+        self._daemon.publisher.say("monitor", document, done=lambda: workers.heartbeats.beat("bus", WORKER_PATIENCE_S))
+        workers.document.write(document)
+        notify(f"STATUS={status_line(self._daemon.monitor.health_state, document)}")
+
+
+def monitor_document(daemon: Daemon, link: ArmLink, workers: Workers) -> dict[str, Any]:
+    """The document `monitor`, its times not yet text."""
+    try:
+        upcoming = workers.scheduler.coming(1)
+    except StoreError:  # reported as a problem by those who need more of it than this
+        upcoming = []
+    return workers.document.collect(
+        workers.reloader.outcome,
+        {
+            "next_replay_due_unix_s": upcoming[0].opens_unix_s if upcoming else None,
+            "next_replay_why": upcoming[0].why if upcoming else None,
+            "lag_s": workers.scheduler.lag_s,
+            "arm": {"heard": link.reachable, "trouble": link.problem},
+            "bus": daemon.bus.lengths(),
+            "workers": workers.heartbeats.ages_s(),
+            "overrides": list(daemon.state.configuration.overrides),
+        },
+    )

@@ -1,0 +1,185 @@
+"""The replay cycle: claim a window, replay, record, assess, store, publish. What the figures mean is judged elsewhere."""
+
+import dataclasses
+import logging
+from collections.abc import Callable
+from typing import Protocol
+
+from monitor.assess import Rejected
+from monitor.config.load import Configuration
+from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreError
+from monitor.judge.alerts.staleness import stale_joints
+from monitor.model.fourier import Excitation
+from monitor.recording import Context, Recording
+from monitor.service.assess_and_store import assess_stored, state_after
+from monitor.service.bus.publisher import Publisher
+from monitor.service.production import Production
+from monitor.service.recompute import roll_back
+from monitor.service.shared_state import SharedState, last_recording
+from monitor.store.ledger import LedgerRow
+from monitor.store.recordings import write_recording
+from monitor.store.store import Store
+
+log = logging.getLogger(__name__)
+
+
+class Replay(Protocol):
+    """How a recording is made: over RTDE in the service, from a simulation in a study."""
+
+    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], /) -> Recording:
+        """One replay. Raises MotionRefused, RobotUnreachable and ReplayAborted."""
+
+
+class Monitor:
+    """Performs windows one at a time. Its methods may be called from any thread."""
+
+    def __init__(
+        self,
+        state: SharedState,
+        store: Store,
+        publisher: Publisher,
+        production: Production,
+        *,
+        now: Callable[[], float],
+        play: Replay,
+        alive: Callable[[], None],
+    ) -> None:
+        """`alive` is called often while a replay or an assessment is under way."""
+        self._state, self._store, self._publisher, self._production = state, store, publisher, production
+        self._now, self._play, self._alive = now, play, alive
+
+    @property
+    def configuration(self) -> Configuration:
+        """The settings in force."""
+        return self._state.configuration
+
+    @property
+    def health_state(self) -> str | None:
+        """NE 107 state of the arm, with STALE where it is too old; None until a replay has been assessed."""
+        health = self._state.health  # one read: a replay may put another in its place meanwhile
+        if health is None:
+            return None
+        return f"{health.state} (STALE)" if any(stale_joints(health, self._now(), self.configuration.assess.health)) else health.state
+
+    def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
+        """One window: claim it, replay, record, assess, publish. Returns its row; None where the ledger has the window already.
+
+        Raises nothing for what a robot may do: the row says how the window ended, and why. Raises StoreError.
+        """
+        with self._state.replaying:
+            ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
+            if ledger_id is None:
+                return None
+            for waiting in self._store.ledger.repair(self._now(), but=ledger_id):
+                self._assess_stored(waiting.id)  # in time order: an older one could not be learnt from afterwards
+            self._perform(ledger_id)
+            row = self._store.ledger.row(ledger_id)
+            self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
+            self._log_end(row)
+            return row
+
+    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
+        """Enter a missed window as skipped; it is never replayed later. Raises StoreError."""
+        with self._state.replaying:
+            ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
+            if ledger_id is not None:
+                self._store.ledger.end(ledger_id, "skipped", reason, self._now())
+                log.warning("window=%.0f verdict=skipped reason=%r", window_unix_s, reason)
+
+    def recover(self, at_most: int | None = None) -> None:
+        """Finish what a crash or a full disk left half-way: each such window is aborted, or assessed now. Raises StoreError.
+
+        at_most : recordings that are assessed now; the others wait for the next call.
+        """
+        with self._state.replaying:
+            before = {row.id for row in self._store.ledger.rows(states=("started",))}
+            waiting = self._store.ledger.repair(self._now())
+            for row in self._store.ledger.rows(states=("aborted",), limit=len(before) + 1) if before else ():
+                if row.id in before:
+                    log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason, extra={"replay": row.id, "verdict": "aborted"})
+            for row in waiting[:at_most]:
+                self._assess_stored(row.id)
+                self._alive()
+
+    def roll_back(self) -> bool:
+        """Take back what was learnt from replays dated in the future; False where the recordings that this needs are gone."""
+        with self._state.replaying, self._state.revising:
+            known = roll_back(self._store, self._now())
+            if known is not None:
+                self._state.take(known, last_recording(self._store))
+        if known is not None:
+            self._publisher.everything()
+        return known is not None
+
+    def next_due(self, unix_s: float | None) -> None:
+        """Note when the schedule will replay next, and publish it with `health`."""
+        self._state.next_due_unix_s = unix_s
+        self._publisher.health()
+
+    def reconfigure(self, configuration: Configuration) -> None:
+        """Take other settings from now on; `info` is published with their digest."""
+        self._state.configuration = configuration
+        self._production.use(configuration.assess.residual)
+        with self._state.revising:
+            self._state.prepare_live(last_recording(self._store))
+        self._publisher.info()
+        self._publisher.health()
+
+    def _log_end(self, row: LedgerRow) -> None:
+        fields = {"replay": row.id, "verdict": row.state}
+        health = self._state.health
+        if row.state == "assessed" and health is not None:
+            log.info("replay=%d verdict=assessed health=%s why=%r", row.id, health.state, health.why, extra=fields)
+        else:
+            log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason, extra=fields)
+
+    def _perform(self, ledger_id: int) -> None:
+        try:
+            recording = self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
+        except (MotionRefused, RobotUnreachable) as error:
+            self._store.ledger.end(ledger_id, "skipped", str(error), self._now())
+            return
+        except ReplayAborted as error:
+            stop = error.cause if error.needs_a_person else None
+            self._store.ledger.end(ledger_id, "aborted", str(error), self._now(), stop=stop)
+            return
+        except Exception as error:  # an error of this program: the child is dead and the arm was stopped; the row says what happened
+            log.exception("replay=%d ended by a fault of the monitor's own", ledger_id)
+            self._store.ledger.end(ledger_id, "aborted", f"internal: {type(error).__name__}: {error}", self._now(), stop="internal")
+            return
+        # the host's clock, not the controller's, dates a recording; a study's clock is its host's
+        now = self._now()
+        context = dataclasses.replace(recording.context, recorded_at_unix_s=now, revolutions=self._production.revolutions(now))
+        recording = dataclasses.replace(recording, context=context)
+        path = self._store.recordings.path(ledger_id)
+        try:
+            write_recording(path, dataclasses.replace(recording, source=path.name))
+        except StoreError as error:
+            self._store.ledger.end(ledger_id, "aborted", str(error), self._now())
+            return
+        self._store.ledger.mark_recorded(ledger_id)
+        self._assess_stored(ledger_id)  # what was written, not what was measured: so a recomputation sees the very same
+
+    def _assess_stored(self, ledger_id: int) -> None:
+        with self._state.revising:
+            entry = assess_stored(self._store, self.configuration, self._state.estimator, ledger_id, self._now)
+            if isinstance(entry.outcome, Rejected):
+                return
+            belief = self._state.estimator.belief
+            known = belief.context if belief else None
+            self._state.take(state_after(self._state.estimator, entry), entry.recording)
+        self._alive()
+        if entry.outcome.identification.temperature_c is not None:
+            self._state.temperature_c = entry.outcome.identification.temperature_c
+        context = entry.outcome.belief.context
+        if known is None or (known.serial, known.firmware) != (context.serial, context.firmware):
+            self._publisher.info()
+        for joint in entry.outcome.friction:
+            self._publisher.friction(joint)
+        self._publisher.judgement()
+        for event in entry.events:
+            self._publisher.event(event)
+
+    def _should_stop(self) -> bool:
+        self._alive()
+        return self._state.stopping.is_set()

@@ -1,0 +1,131 @@
+"""The document `monitor`: how the monitor itself is, for the bus, for metrics and for `joint-monitor status`."""
+
+import json
+import os
+import resource
+import sqlite3
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from monitor import __version__
+from monitor.errors import StoreError
+from monitor.publish.timestamps import outside, rfc3339
+from monitor.service.problems import Problems
+from monitor.store.backup import HISTORY, backups, made_at_unix_s
+from monitor.store.ledger import LedgerRow
+from monitor.store.provenance import provenance
+from monitor.store.store import Store
+
+FILE = "monitor.json"
+SILENT_S = 60.0  # the document is written every ten seconds; an older one is from a monitor that no longer runs
+
+
+class MonitorDocument:
+    """Collects the document from the history, the process and the problems."""
+
+    def __init__(self, store: Store, problems: Problems, now: Callable[[], float]) -> None:
+        self._store, self._problems, self._now = store, problems, now
+        self._began_unix_s = now()
+        self._began = time.monotonic()
+
+    def collect(self, reload: dict[str, Any] | None, more: dict[str, Any]) -> dict[str, Any]:
+        """The document before its times become text. `reload`: the outcome of the last one; `more`: what other parts know."""
+        store = self._store
+        last: LedgerRow | None = None
+        try:
+            last = next(iter(store.ledger.rows(limit=1)), None)
+        except StoreError as error:  # the other fields are all the more useful
+            self._problems.report("store", str(error))
+        return {
+            "version": __version__,
+            "programs": provenance(),
+            "started_at_unix_s": self._began_unix_s,
+            "uptime_s": round(time.monotonic() - self._began, 1),
+            "said_at_unix_s": self._now(),
+            "troubles": self._problems.listed(),
+            "last_replay": None if last is None else _last_replay(last),
+            "store": _store(store.directory),
+            "process": _process(),
+            "reload": reload,
+            **more,
+        }
+
+    def write(self, document: dict[str, Any]) -> None:
+        """Write the file for `joint-monitor status`, whole or not at all; where the disk refuses, the old one stays."""
+        path = self._store.directory / FILE
+        temporary = path.with_suffix(".tmp")
+        with suppress(OSError):  # maintenance reports a full or read-only disk
+            temporary.write_text(json.dumps(outside(document)), "utf-8")
+            os.replace(temporary, path)
+
+
+def read_monitor_document(directory: Path) -> dict[str, Any] | None:
+    """The document that the daemon of a state directory wrote last; None where there is none."""
+    try:
+        document: dict[str, Any] = json.loads((directory / FILE).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    return document
+
+
+def silent_s(document: dict[str, Any], now_unix_s: float) -> float | None:
+    """For how long a monitor has written no document [s]; None where it runs."""
+    age_s = now_unix_s - datetime.fromisoformat(document["said_at"]).timestamp()
+    return age_s if abs(age_s) > SILENT_S else None
+
+
+def status_line(health: str | None, document: dict[str, Any]) -> str:
+    """The line that `systemctl status` shows."""
+    last, due = document["last_replay"], document["next_replay_due_unix_s"]
+    parts = [
+        health or "no replay assessed yet",
+        f"last replay {last['replay']} {last['state']}" if last else "no replay yet",
+        f"next {rfc3339(due)}" if due else "none scheduled",
+        "arm heard" if document["arm"]["heard"] else "arm not heard",
+    ]
+    parts += [f"{problem['name']}: {problem['text']}" for problem in document["troubles"] if problem["name"] != "arm"]
+    return "; ".join(parts).replace("\n", " ")[:500]
+
+
+def _last_replay(row: LedgerRow) -> dict[str, Any]:
+    return {
+        "replay": row.id,
+        "window_unix_s": row.window_unix_s,
+        "state": row.state,
+        "reason": row.reason,
+        "ended_at_unix_s": row.ended_at_unix_s,
+    }
+
+
+def _store(directory: Path) -> dict[str, Any]:
+    newest = next(iter(backups(directory)), None)
+    free = None
+    with suppress(OSError):
+        about = os.statvfs(directory)
+        free = about.f_bavail * about.f_frsize
+    history = directory / HISTORY
+    files = [each for each in (history, history.with_name(f"{history.name}-wal")) if each.is_file()]
+    return {
+        "history_bytes": sum(each.stat().st_size for each in files),
+        "last_backup_at_unix_s": None if newest is None else made_at_unix_s(newest),
+        "free_bytes": free,
+        "sqlite": sqlite3.sqlite_version,
+    }
+
+
+def _process() -> dict[str, Any]:
+    """Memory, processor time with that of ended children, and threads of this process."""
+    usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    resident = None
+    with suppress(OSError):  # /proc is Linux's, proc_pid_statm(5)
+        resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    return {
+        "resident_bytes": resident,
+        "cpu_s": round(sum(each.ru_utime + each.ru_stime for each in usage), 1),
+        "threads": threading.active_count(),
+    }

@@ -1,0 +1,155 @@
+"""The process of `joint-monitor run`: signals, the history, the bus, worker threads, and the main loop. I/O."""
+
+import importlib
+import logging
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from monitor.acquire.listen import Listener, ListenSettings
+from monitor.config.load import Configuration
+from monitor.errors import StoreError, StoreUnavailable
+from monitor.model.fourier import Excitation
+from monitor.publish.metrics import MetricsServer
+from monitor.publish.session import log_refusals
+from monitor.publish.timestamps import rfc3339
+from monitor.recording import Context, Recording
+from monitor.service.daemon import Daemon
+from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
+from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument
+from monitor.service.motion import move
+from monitor.service.page import page
+from monitor.service.problems import Problems
+from monitor.service.reload import Reloader
+from monitor.service.replay_requests import ReplayRequests
+from monitor.service.scheduler import Scheduler
+from monitor.service.systemd import Heartbeats, Watchdog, notify
+from monitor.store.store import Store
+
+log = logging.getLogger(__name__)
+
+DISK_WAIT_S = 5.0  # between two attempts to open a history whose disk is full or read-only
+
+
+def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
+    """Run until SIGTERM or SIGINT; SIGHUP reads the configuration again. A moving arm is stopped first.
+
+    `replay_now` requests one replay at the start, whatever the schedule says.
+
+    Raises StoreError or BusError where the daemon cannot start, StoreError where the history was found damaged while it ran.
+    """
+    log_refusals(configuration.bus)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until there is something that could be reloaded
+    for heavy in ("filterpy.kalman", "scipy.signal"):  # now, and not while somebody waits for the first verdict
+        importlib.import_module(heavy)
+    with ExitStack() as stack:
+        store = open_store(configuration.state_directory, stack)
+        requests, heartbeats, problems = ReplayRequests(), Heartbeats(), Problems(time.time)
+        if replay_now:
+            requests.request()
+
+        def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool], /) -> Recording:
+            return _replay_over_rtde(daemon, store, excitation, context, should_stop)
+
+        def alive() -> None:
+            heartbeats.beat("replays", WORKER_PATIENCE_S)
+
+        daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play, requests=requests, alive=alive))
+        if configuration.metrics.listen:
+            stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
+        stack.enter_context(page(configuration, daemon.bus, store))
+        hangup = _handle_signals(daemon.state.stopping)
+        heartbeats.beat("bus", WORKER_PATIENCE_S)  # one that never sends its first document is missed as well
+        scheduler = Scheduler(daemon.monitor, store, problems, requests)
+        workers = Workers(
+            scheduler=scheduler,
+            maintenance=Maintenance(store, lambda: daemon.state.configuration.store, problems, time.time),
+            document=MonitorDocument(store, problems, time.time),
+            reloader=Reloader(daemon.monitor, scheduler),
+            problems=problems,
+            heartbeats=heartbeats,
+        )
+        _start_threads(daemon.state.stopping, workers, alive, stack)
+        _watch(daemon, configuration, workers, hangup, stack)
+        log.info("stopping")
+        if workers.maintenance.damaged is not None:
+            raise StoreError(f"{store.directory}: the history was found damaged: {workers.maintenance.damaged}; the next start restores it")
+
+
+def open_store(directory: Path, stack: ExitStack) -> Store:
+    """The history, as soon as its disk takes it. A full or read-only disk is reported and waited for: nobody may be there to restart us.
+
+    Raises StoreError where waiting would change nothing.
+    """
+    watchdog, reported = Watchdog(Heartbeats()), ""
+    while True:
+        try:
+            return stack.enter_context(Store.open(directory))
+        except StoreUnavailable as error:
+            if str(error) != reported:
+                reported = str(error)
+                log.error("trouble=store: %s; waiting for it", reported, extra={"trouble": "store"})
+            notify(f"READY=1\nSTATUS=waiting for the history, nothing is watched: {reported}")
+            for _ in range(int(DISK_WAIT_S)):
+                watchdog.look()
+                time.sleep(1.0)
+
+
+def _replay_over_rtde(daemon: Daemon, store: Store, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
+    """The replay of the window that the ledger has claimed last."""
+    (row,) = store.ledger.rows(limit=1)
+    return move(
+        daemon.state.configuration,
+        store,
+        excitation,
+        context,
+        should_stop=should_stop,
+        first_pass_path=store.recordings.first_pass_path(row.id),
+        ask=daemon.bus.ask_permit,
+        announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": row.id, **about}),
+        model=daemon.state.torque_model,
+    )
+
+
+def _handle_signals(stopping: threading.Event) -> threading.Event:
+    """SIGTERM and SIGINT set `stopping`; returns the event that SIGHUP sets."""
+    hangup = threading.Event()
+    for number, event in ((signal.SIGTERM, stopping), (signal.SIGINT, stopping), (signal.SIGHUP, hangup)):
+        # from another thread: the main one may hold the event's own lock at the moment of the signal
+        signal.signal(number, lambda *_, event=event: threading.Thread(target=event.set, daemon=True).start())
+    return hangup
+
+
+def _start_threads(stopping: threading.Event, workers: Workers, alive: Callable[[], None], stack: ExitStack) -> None:
+    """Start the scheduler's and maintenance's threads; leaving the stack stops and joins them."""
+
+    def maintained() -> None:
+        workers.heartbeats.beat("upkeep", 10 * WORKER_PATIENCE_S)
+
+    threads = [
+        # one thread that lives as long as the service: a replay's child must not outlive the thread that started it
+        threading.Thread(target=workers.scheduler.run, args=(stopping, alive), name="replays"),
+        threading.Thread(target=workers.maintenance.run, args=(stopping, maintained), name="upkeep"),
+    ]
+    for thread in threads:
+        thread.start()
+        stack.callback(thread.join)
+    stack.callback(stopping.set)
+
+
+def _watch(daemon: Daemon, configuration: Configuration, workers: Workers, hangup: threading.Event, stack: ExitStack) -> None:
+    """Start receiving the arm's state, report that the service is ready, and run the main loop."""
+    rate_hz = max(configuration.robot.listen_hz, configuration.bus.live_rate_hz)
+    listener = Listener(ListenSettings(host=configuration.robot.host, rate_hz=rate_hz))
+    listener.start()
+    stack.callback(listener.stop)
+    notify("READY=1")
+    upcoming = workers.scheduler.coming(1)
+    following = rfc3339(upcoming[0].opens_unix_s) if upcoming else "never"
+    log.info("watching robot=%s host=%s next=%s", configuration.robot.id, configuration.robot.host, following)
+    stack.callback(notify, "STOPPING=1\nSTATUS=stopping")
+    MainLoop(daemon, listener, workers, hangup).run()

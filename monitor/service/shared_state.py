@@ -1,0 +1,70 @@
+"""The state that the threads of one daemon share: settings in force, the estimator, the newest temperatures, and two locks."""
+
+import dataclasses
+import logging
+import threading
+
+from monitor.config.load import Configuration
+from monitor.errors import BadInput
+from monitor.judge.alerts.health import Health
+from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.publish.live_torque import LiveTorque
+from monitor.recording import Array, Recording
+from monitor.service.assess_and_store import EstimatorState
+from monitor.store.recordings import read_recording
+from monitor.store.store import Store
+
+log = logging.getLogger(__name__)
+
+
+class SharedState:
+    """Each value in it is frozen and is replaced as a whole: a reader sees the value before a change or the one after it.
+
+    replaying : held during one window, so that windows come one after the other. revising : held while the estimator's state changes,
+    by an assessment or by what a person does to an alert.
+    """
+
+    def __init__(self, configuration: Configuration) -> None:
+        self.configuration = configuration
+        self.robot = configuration.robot_description  # a change of it needs a restart
+        self.estimator = EstimatorState()
+        self.live_torque: LiveTorque | None = None
+        self.temperature_c: Array | None = None  # (J,) the newest known, from a replay or from the arm's state
+        self.next_due_unix_s: float | None = None
+        self.stopping = threading.Event()
+        self.replaying = threading.Lock()
+        self.revising = threading.Lock()
+
+    @property
+    def health(self) -> Health | None:
+        """Of arm and joints; None before the first assessment."""
+        return self.estimator.health
+
+    @property
+    def torque_model(self) -> CompensatedModel | None:
+        """The temperature-compensated torque model; None before the first assessment."""
+        return self.estimator.model
+
+    def take(self, estimator: EstimatorState, recording: Recording | None) -> None:
+        """Replace the estimator's state. `recording`: the replay that it was updated with last, where it is still kept."""
+        self.estimator = estimator
+        self.prepare_live(recording)
+
+    def take_health(self, health: Health) -> None:
+        """Replace the health alone: an alert has changed without a replay."""
+        self.estimator = dataclasses.replace(self.estimator, health=health)
+
+    def prepare_live(self, recording: Recording | None) -> None:
+        """Prepare live predictions for the present model, so that no query waits for that."""
+        if self.torque_model is not None:
+            self.live_torque = LiveTorque(self.torque_model, self.robot, self.configuration.gains_nm_per_a, recording)
+
+
+def last_recording(store: Store) -> Recording | None:
+    """The recording of the last assessed replay; None where it is no longer kept."""
+    assessed = store.ledger.rows(states=("assessed",), limit=1)
+    try:
+        return read_recording(store.recordings.path(assessed[0].id)) if assessed else None
+    except BadInput as error:
+        log.warning("live torque: its noise is not known until the next replay: %s", error)
+        return None
