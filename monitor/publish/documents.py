@@ -5,16 +5,17 @@ from the beginning. Times are UTC, RFC 3339; units stand in the names; null mean
 """
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from monitor.judge.alerts.ne107 import State
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Joint = Annotated[int, Field(ge=1, le=8, description="counted from the base, from 1")]
 Number = FiniteFloat
 Maybe = FiniteFloat | None
 Rows = list[Number] | list[list[Number]]
-State = Literal["NORMAL", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED", "FAILURE"]
 Who = Annotated[str, Field(min_length=1, max_length=200, pattern=r"\S", description="name of the person or program that acts")]
 Why = Annotated[str, Field(max_length=2000)]
 

@@ -14,10 +14,10 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from monitor.errors import BadInput, BusError
+from monitor.judge.alerts.ne107 import STATES
 
 log = logging.getLogger(__name__)
 
-STATES = ("NORMAL", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED", "FAILURE")
 _FRICTION = (
     ("coulomb_nm", "joint_monitor_coulomb_friction_newton_metres", "Coulomb friction of the last replay"),
     ("coulomb_std_nm", "joint_monitor_coulomb_friction_std_newton_metres", "its standard deviation"),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.config.load import Configuration
+from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.store.store import Store
 from monitor.views.web.content import Ask, Content
 
@@ -31,7 +32,7 @@ def page(
 
 
 def about(configuration: Configuration) -> dict[str, Any]:
-    """Names, alert levels and the arm's geometry, which the page draws."""
+    """Names, alert levels and conditions, and the arm's geometry, which the page draws."""
     who, arm, health = configuration.robot, configuration.robot_description, configuration.assess.health
     prognosis = configuration.assess.prognosis
     return {
@@ -48,6 +49,10 @@ def about(configuration: Configuration) -> dict[str, Any]:
             {"name": "wear tier", "rise": health.wear_rise, "state": "MAINTENANCE_REQUIRED"},
             {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},
         ],
+        "conditions": {
+            name: {"states": {tier: of.state for tier, of in condition.tiers.items()}, "probability_of": condition.probability_of}
+            for name, condition in CONDITIONS.items()
+        },
         "life": {"limit_rise": prognosis.limit_rise, "service_days": prognosis.service_days},
         "arm": {
             "links": list(arm.link_names),

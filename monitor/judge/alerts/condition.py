@@ -8,7 +8,8 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from monitor.judge.alerts.evidence import Evidence
-from monitor.judge.alerts.health import Alert, Attribution, Confirmations, JointHealth, State
+from monitor.judge.alerts.health import Alert, Attribution, Confirmations, JointHealth
+from monitor.judge.alerts.ne107 import State
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.undeclared_change import UndeclaredChange

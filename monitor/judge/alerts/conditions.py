@@ -16,7 +16,8 @@ from monitor.judge.alerts.condition import (
     repeated,
     two_replays,
 )
-from monitor.judge.alerts.health import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC, Confirmations
+from monitor.judge.alerts.health import Confirmations
+from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
 

@@ -5,17 +5,11 @@ and its condition is gone. Acknowledged and shelved are independent of active (I
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
+from monitor.judge.alerts.ne107 import NORMAL
 from monitor.judge.document import plain
 
-State = Literal["NORMAL", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED", "FAILURE"]
-STATES: tuple[State, ...] = get_args(State)  # in ascending order of precedence: the last one of several states wins
-NORMAL: State = "NORMAL"
-CHECK_FUNCTION: State = "CHECK_FUNCTION"  # the data are in doubt; the joint itself may be sound
-OFF_SPEC: State = "OFF_SPEC"  # outside the temperatures learnt so far
-MAINTENANCE_REQUIRED: State = "MAINTENANCE_REQUIRED"
-FAILURE: State = "FAILURE"  # the configured end of life is reached
 TIERS = ("advisory", "wear", "limit")  # how grave an alert is, in ascending order
 SEVERITY = {"advisory": "low", "wear": "medium", "limit": "high"}
 

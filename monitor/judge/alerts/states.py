@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from monitor.judge.alerts.condition import ArmSituation, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, outside_learnt_range
-from monitor.judge.alerts.health import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, Alert, JointHealth, State
+from monitor.judge.alerts.health import Alert, JointHealth
+from monitor.judge.alerts.ne107 import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, State
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.recording import Array
 

@@ -5,7 +5,6 @@ const STATES = {
   NORMAL: ["✓", "Normal"], CHECK_FUNCTION: ["C", "Check function"], OFF_SPEC: ["S", "Out of specification"],
   MAINTENANCE_REQUIRED: ["M", "Maintenance required"], FAILURE: ["F", "Failure"], null: ["?", "Not known yet"],
 };
-const RISES = ["wear_rising", "sudden_step"];
 const SILENT_MS = 20000;  // the monitor says its time every 5 s
 const UNHEARD_MS = 15000;  // torque comes every 10 s at the least where the arm is heard
 const TOKEN = document.querySelector('meta[name="page-token"]').content;
@@ -141,8 +140,8 @@ function split(parts) {
 // as the monitor itself judges: an advisory of wear leaves its joint NORMAL
 function stateOfAlert(alert) {
   if (!alert.active) return "null";
-  if (RISES.includes(alert.condition)) return { wear: "MAINTENANCE_REQUIRED", limit: "FAILURE" }[alert.tier] || "advice";
-  return alert.condition === "outside_range" ? "OFF_SPEC" : "CHECK_FUNCTION";
+  const condition = about.conditions[alert.condition], state = condition ? condition.states[alert.tier] : null;
+  return state === "NORMAL" ? "advice" : state || "CHECK_FUNCTION";
 }
 const keyOf = (alert) => `${alert.joint}/${alert.condition}`;
 const shelved = (alert) => Boolean(alert.shelved_until) && Date.parse(alert.shelved_until) > now();
@@ -150,8 +149,7 @@ const waits = (alert) => !alert.acknowledged_at && !shelved(alert);
 
 // what the alert's figure is the probability of; conditions of the data have none
 function sure(alert) {
-  const what = RISES.includes(alert.condition) || alert.condition === "common_mode" ? "has risen by more than the tier's rise"
-    : alert.condition === "friction_falling" ? "has fallen by more than the wear tier's rise" : null;
+  const condition = about.conditions[alert.condition], what = condition ? condition.probability_of : null;
   const chance = alert.probability > 0.9999 ? "more than 99.99" : number(100 * alert.probability, 2);  // no evidence makes it 100 %
   return what && `Probability that friction ${what}: ${chance} %. Change ${percent(alert.change)}.`;
 }
