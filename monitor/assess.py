@@ -16,8 +16,9 @@ from monitor.judge.alerts.health import Health, Transition
 from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life
 from monitor.judge.alerts.rules import judge
 from monitor.judge.alerts.settings import HealthSettings
-from monitor.judge.belief import Belief, differences, with_lasting_declarations
+from monitor.judge.belief import Belief
 from monitor.judge.document import plain
+from monitor.judge.drift.contexts import differences, with_lasting_declarations
 from monitor.judge.drift.learn import begin, learn
 from monitor.judge.drift.observation import DriftSettings, observe
 from monitor.judge.drift.single_replay import single_torque_nm

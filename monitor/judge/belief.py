@@ -1,16 +1,16 @@
 """Belief: everything `assess` remembers of one arm, as a value that a JSON object carries exactly."""
 
-import math
-import re
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.document import array, entry, key_of, plain
+from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState
 from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.step import DriftState
 from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_from_document
 from monitor.judge.drift.undetected_change import undetected_change
 from monitor.judge.drift.usage import Usage, usage_from_document
@@ -21,18 +21,6 @@ from monitor.judge.torque.prediction_error import PredictionErrorStatistics, sta
 from monitor.recording import Array, Context
 
 SCHEMA_VERSION = 4
-COMPARABLE = ("serial", "joint_serials", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest", "maintenance")
-LASTING = ("joint_serials", "maintenance")  # of these, silence is no change
-_VERSION = re.compile(r"\d+(?:\.\d+)+")
-
-
-class OpenedContext(NamedTuple):
-    """One context of the ledger: when its baseline began, how many replays it has, and where its level is kept."""
-
-    context: Context
-    opened_at_unix_s: float
-    replays: int
-    slot: int | None = 0  # None: others have taken its place; should it come again, its baseline is learnt anew
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,6 +65,23 @@ class Belief:
     def slot(self) -> Array:
         """(J,) where the level of the context in force is kept."""
         return np.full(self.joints, self.contexts[-1].slot or 0)
+
+    @property
+    def drift_state(self) -> DriftState:
+        """The part that the filter step carries from one replay to the next."""
+        return DriftState(
+            joints_per_arm=self.joints,
+            filter_state=self.filter_state,
+            usage=self.usage,
+            slot=self.slot,
+            sensors=self.sensors,
+            reference_temperature_c=self.reference_temperature_c,
+            settled=np.full(self.joints, float(self.replays)),
+            viscous=self.viscous,
+            coulomb=self.coulomb,
+            first_log_torque=self.first_log_torque,
+            first_temperature_c=self.first_temperature_c,
+        )
 
     @property
     def wear(self) -> Array:
@@ -141,49 +146,6 @@ class Belief:
         """Plain JSON; `belief_from_document` is its exact inverse."""
         document: dict[str, Any] = plain(self)
         return document
-
-
-def comparable(context: Context) -> Context:
-    """Only what must be equal for two replays to be compared."""
-    return Context(robot=context.robot, **{key: getattr(context, key) for key in COMPARABLE})
-
-
-def with_lasting_declarations(before: Context | None, after: Context) -> Context:
-    """The context after, where it is silent of past work and of the joints' serials: a joint once greased stays greased.
-
-    Said once, both hold until something else is said: silence would take up the baseline from before the work.
-    """
-    if before is None:
-        return after
-    return replace(after, **{key: getattr(before, key) for key in LASTING if getattr(after, key) is None})
-
-
-def differences(before: Context, after: Context) -> list[str]:
-    """The names of what changed, in words.
-
-    Payloads are equal to a gram, angles to a hundredth of a degree, words whatever their case and blanks, firmware by its version.
-    """
-
-    def same(key: str, a: object, b: object) -> bool:
-        if isinstance(a, tuple) and isinstance(b, tuple):
-            return len(a) == len(b) and all(same(key, x, y) for x, y in zip(a, b, strict=True))
-        if isinstance(a, int | float) and isinstance(b, int | float):
-            return math.isclose(a, b, rel_tol=0.0, abs_tol=tolerance.get(key, 0.0))
-        if isinstance(a, str) and isinstance(b, str):
-            return _told_apart(key, a) == _told_apart(key, b)
-        return a == b
-
-    tolerance = {"payload_kg": 1e-3, "mounting_rad": math.radians(0.01)}
-    pairs = [(key, getattr(before, key), getattr(after, key)) for key in COMPARABLE]
-    return [f"{key} {old!r} → {new!r}" for key, old, new in pairs if not same(key, old, new)]
-
-
-def _told_apart(key: str, word: str) -> str:
-    """What of a word tells one context from another."""
-    version = _VERSION.search(word) if key == "firmware" else None
-    if version:
-        return ".".join(str(int(part)) for part in version.group().split("."))
-    return " ".join(word.split()).casefold()
 
 
 def belief_from_document(document: Any) -> Belief:

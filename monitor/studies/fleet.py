@@ -157,12 +157,15 @@ class Fleet:
         measured = np.where(blind, np.nan, measured)
         warming = np.where(blind, np.nan, warming)
         viscous = self._viscous_share(grease)
+        torque = np.exp(y)
         seen = Observation(
             log_torque=np.where(lost, np.nan, y).ravel(),
             variance=(within**2).ravel(),
             temperature_c=measured.ravel(),
             viscous_share=viscous.ravel(),
             warming_k_per_min=warming.ravel(),
+            coulomb_nm=((1.0 - viscous) * torque).ravel(),
+            viscous_nm_s_per_rad=(viscous * torque / s.reference_speed_rad_s).ravel(),
         )
         return Day(
             replayed=replayed,

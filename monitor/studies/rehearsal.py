@@ -14,20 +14,9 @@ import numpy as np
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Counts, Evidence, WearAfterReplay, nothing_counted, weigh_evidence
 from monitor.judge.alerts.remaining_life import remaining_life
-from monitor.judge.drift.change_detection import update_filter
-from monitor.judge.drift.filter_state import (
-    RATE,
-    WEAR,
-    FilterState,
-    initial_filter,
-    leave_context,
-    open_slot,
-    predict_filter,
-    rescale_rate,
-    update_interval,
-)
+from monitor.judge.drift.filter_state import RATE, WEAR, FilterState
+from monitor.judge.drift.step import DriftState, Replay, initial_state, step
 from monitor.judge.drift.undetected_change import undetected_change
-from monitor.judge.drift.usage import Usage, no_usage, update_usage
 from monitor.recording import Array
 from monitor.studies.figures import NINETY, Figure, Rate, Share, over_arms
 from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
@@ -56,14 +45,14 @@ class Played:
     covered: Array  # (A,) share of days and joints whose 90 % interval of friction at T0 held the truth
     covered_worn: float  # the same of joints that wear, after the onset; NaN where none does
     slope_error_per_k: Array  # (A, J) what temperature still does to friction after it was taken out
-    filter_state: FilterState
+    state: DriftState  # after the last day
 
 
 Each = Callable[[Callable[[Any], Any], list[Any]], Iterable[Any]]
 """`map`, or that of a pool of processes."""
 
-Watcher = Callable[[int, Day, FilterState, Usage], None]
-"""Called after each day's replays: day, what happened, what is believed, how much was worked."""
+Watcher = Callable[[int, Day, DriftState], None]
+"""Called after each day's replays with the day, what happened in it, and the state of all joints."""
 
 
 def play(
@@ -80,45 +69,31 @@ def play(
     A, J = fleet.arms, fleet.joints
     N = A * J
     drift, laws = assess.drift, assess.temperature
-    filter_state: FilterState | None = None
+    state: DriftState | None = None
     counts: Counts = nothing_counted(N, A)
-    last, slots = np.zeros(A), np.zeros(N, dtype=int)
+    last = np.zeros(A)
     tier_day, falling_day, common_day = np.full((N, 3), np.nan), np.full(N, np.nan), np.full(A, np.nan)
-    low, high, T0, settled = np.full(N, np.nan), np.full(N, np.nan), np.zeros(N), np.zeros(N)
     covered, asked, worn_covered, worn_asked = np.zeros(N), np.zeros(N), 0.0, 0.0
     sums = np.zeros((N, 5))
-    usage = no_usage(N)
     early = np.zeros(N + A, dtype=bool)
     for day in range(settings.days):
         now = fleet.morning(day)
-        seen, slot = now.seen, np.repeat(now.slot, J)
         here = np.repeat(now.replayed, J)
-        if filter_state is None:
-            fall, std = laws.viscous_fall_per_k, laws.viscous_fall_std_per_k
-            filter_state = initial_filter(seen, drift, fall_per_k=fall, fall_std_per_k=std, coulomb_std_per_k=laws.coulomb_fall_std_per_k)
-            T0 = filter_state.origin_c.copy()
-        slot = np.where(here, slot, slots)
-        opened = np.repeat(now.opened, J)
-        if day and opened.any():
-            filter_state = open_slot(filter_state, slot, opened)
-        if np.any(slot != slots):
-            filter_state = leave_context(filter_state, slot != slots)
-        slots = slot
-        days = np.repeat(np.where(now.replayed, day - last, 0.0), J)
+        if state is None:
+            state = initial_state(now.seen, J, drift, laws)
+        replay = Replay(
+            observation=now.seen,
+            days=day - last,
+            replayed=now.replayed,
+            slot=now.slot,
+            opened=now.opened & (day > 0),  # the initial state knows no level yet
+            revolutions=now.revolutions.ravel() if count_use else None,
+        )
         last = np.where(now.replayed, day, last)
-        counted = np.where(here, now.revolutions.ravel(), np.nan) if count_use else np.full(N, np.nan)
-        done = update_usage(usage, counted, days)
-        usage = done.usage
-        filter_state = predict_filter(rescale_rate(filter_state, done.factor), days, J, drift, done.usual_days)
-        filter_state = update_filter(update_interval(filter_state, days), seen, slot, J, drift)
-
-        T = seen.temperature_c
-        inside = (low - laws.margin_k <= T) & (high + laws.margin_k >= T)
+        result = step(state, replay, drift, laws, settle_on_learnt=True)
+        state, filter_state = result.state, result.state.filter_state
+        T, inside, T0, slot = now.seen.temperature_c, result.inside_range, state.reference_temperature_c, state.slot
         known = filter_state.learnt_from & np.isfinite(T)
-        low, high = np.where(known, np.fmin(low, T), low), np.where(known, np.fmax(high, T), high)
-        settling = known & (settled < drift.settle_replays)
-        T0 = np.where(settling, T0 + (np.where(known, T, T0) - T0) / (settled + 1.0), T0)
-        settled = settled + settling
         after = WearAfterReplay(
             wear=filter_state.wear,
             wear_std=filter_state.wear_std,
@@ -151,8 +126,8 @@ def play(
             x, y = np.where(use, T - T0, 0.0), np.where(use, left, 0.0)
             sums += np.stack([use, x, y, x * x, x * y], axis=1)
         if watch:
-            watch(day, now, filter_state, usage)
-    assert filter_state is not None
+            watch(day, now, state)
+    assert state is not None
     n, sx, sy, sxx, sxy = sums.T
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = (n * sxy - sx * sy) / (n * sxx - sx * sx)
@@ -166,7 +141,7 @@ def play(
         covered=covered.reshape(A, J).sum(axis=1) / np.maximum(asked.reshape(A, J).sum(axis=1), 1.0),
         covered_worn=worn_covered / worn_asked if worn_asked else float("nan"),
         slope_error_per_k=slope.reshape(A, J),
-        filter_state=filter_state,
+        state=state,
     )
 
 
@@ -307,7 +282,8 @@ def _lives(pace: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSe
     answers: list[tuple[bool, bool | None]] = []
     asked = np.zeros(arms, dtype=bool)
 
-    def watch(_: int, now: Day, filter_state: FilterState, usage: Usage) -> None:
+    def watch(_: int, now: Day, state: DriftState) -> None:
+        filter_state, usage = state.filter_state, state.usage
         worn = now.used_days * pace
         for arm in np.flatnonzero(now.replayed & ~asked & (worn >= 0.5 * rise)):
             asked[arm] = True

@@ -13,8 +13,21 @@ from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief, belief_from_document
-from monitor.judge.drift.filter_state import LEVELS, LOG_RISE, NOISE, OUTLIER, RATE, SLOPE, STATES, STEP, UNRESOLVED, WEAR
-from monitor.judge.drift.learn import begin, learn, predict_belief
+from monitor.judge.drift.filter_state import (
+    LEVELS,
+    LOG_RISE,
+    NOISE,
+    OUTLIER,
+    RATE,
+    SLOPE,
+    STATES,
+    STEP,
+    UNRESOLVED,
+    WEAR,
+    FilterState,
+    predict_filter,
+)
+from monitor.judge.drift.learn import begin, learn
 from monitor.judge.drift.observation import DriftSettings, observe
 from monitor.judge.temperature.laws import TemperatureSettings
 
@@ -23,6 +36,11 @@ LAWS = TemperatureSettings()
 
 def fresh(settings: DriftSettings | None = None, temperature_c: float = 30.0) -> Belief:
     return begin("ur5", CONTEXT, Arm().replay(temperature_c), START_S, settings=settings or DriftSettings(), laws=LAWS)
+
+
+def predicted(state: FilterState, days: float) -> FilterState:
+    """The filter of six joints so many days later, where nobody counts revolutions."""
+    return predict_filter(state, np.full(6, days), 6, DriftSettings())
 
 
 @st.composite
@@ -51,7 +69,7 @@ def moved(days: float, rho_held: float) -> np.ndarray:
 @given(belief=beliefs(), days=st.floats(0.0, 1000.0))
 def test_silence_never_makes_us_surer(belief, days):
     """Ageing adds to the variance of every combination of states; level, slopes and rate stay, wear goes on, noise fades."""
-    after = predict_belief(belief, belief.at_unix_s + days * DAY_S, DriftSettings())
+    after = predicted(belief.filter_state, days)
     # the autocorrelation before it is learnt; the same rise every day is less and less of its logarithm
     F = np.array([moved(days, 0.5**days)] * belief.joints)  # (J, S, S)
     grown = np.exp(np.clip(belief.wear, *LOG_RISE))
@@ -59,17 +77,17 @@ def test_silence_never_makes_us_surer(belief, days):
     F[:, WEAR, RATE], F[:, WEAR, WEAR] = days / later, grown / later
     before = F @ belief.filter_state.cov @ np.swapaxes(F, 1, 2)  # what certain motion alone would do
     rounding = 1e-9 * np.max(np.abs(before), initial=1e-12)
-    assert np.all(np.linalg.eigvalsh(after.filter_state.cov - before) >= -rounding)
+    assert np.all(np.linalg.eigvalsh(after.cov - before) >= -rounding)
     expected = np.einsum("jab,jb->ja", F, belief.filter_state.mean)
     expected[:, WEAR] = np.log(later)
-    assert np.allclose(after.filter_state.mean, expected, rtol=1e-9, atol=1e-12)
+    assert np.allclose(after.mean, expected, rtol=1e-9, atol=1e-12)
 
 
 @given(belief=beliefs(), seed=st.integers(0, 1000), days=st.floats(0.01, 30.0))
 def test_looking_never_makes_us_less_sure_unless_something_jumped(belief, seed, days):
     """An ordinary update shrinks every variance; the covariance stays symmetric and positive semi-definite whatever comes."""
     at = belief.at_unix_s + days * DAY_S
-    before = predict_belief(belief, at, DriftSettings()).filter_state
+    before = predicted(belief.filter_state, (at - belief.at_unix_s) / DAY_S)
     after = learn(
         belief, Arm(seed=seed).replay(31.0, 0.1 * (seed % 7)), CONTEXT, at, settings=DriftSettings(settle_replays=0), laws=LAWS
     ).belief.filter_state
@@ -83,11 +101,8 @@ def test_looking_never_makes_us_less_sure_unless_something_jumped(belief, seed, 
 @given(belief=beliefs(), split=st.floats(0.05, 0.95))
 def test_a_month_is_its_two_halves(belief, split):
     """Ageing composes: the noise of a wandering rate is integrated, not added a step."""
-    end = belief.at_unix_s + 30 * DAY_S
-    once = predict_belief(belief, end, DriftSettings()).filter_state
-    twice = predict_belief(
-        predict_belief(belief, belief.at_unix_s + split * 30 * DAY_S, DriftSettings()), end, DriftSettings()
-    ).filter_state
+    once = predicted(belief.filter_state, 30.0)
+    twice = predicted(predicted(belief.filter_state, split * 30.0), (1.0 - split) * 30.0)
     scale = np.sqrt(np.einsum("jaa,jbb->jab", once.cov, once.cov)) + 1e-30
     assert np.allclose(once.cov / scale, twice.cov / scale, atol=1e-9)  # rounding
     assert np.allclose(once.mean, twice.mean, rtol=1e-9, atol=1e-12)
@@ -168,8 +183,8 @@ def test_a_month_of_silence_moves_only_the_doubt():
     for day in range(40):
         history.add(day, Arm(seed=day).replay(30.0))
     before = history.last.belief
-    after = predict_belief(before, before.at_unix_s + 30 * DAY_S, DriftSettings())
-    assert np.array_equal(after.filter_state.mean[:, LEVELS], before.filter_state.mean[:, LEVELS])
+    after = predicted(before.filter_state, 30.0)
+    assert np.array_equal(after.mean[:, LEVELS], before.filter_state.mean[:, LEVELS])
     assert np.allclose(after.wear, before.wear + 30 * before.filter_state.mean[:, RATE], atol=1e-15)  # goes on at its rate
     assert np.all(after.wear_std**2 > 1.3 * before.wear_std**2)
 
@@ -177,7 +192,7 @@ def test_a_month_of_silence_moves_only_the_doubt():
 def test_a_belief_cannot_be_aged_backwards():
     """Time before the belief's is a broken promise, and said so."""
     with pytest.raises(BadInput, match="before it"):
-        predict_belief(fresh(), START_S - 1.0, DriftSettings())
+        learn(fresh(), Arm().replay(30.0), CONTEXT, START_S - 1.0, settings=DriftSettings(), laws=LAWS)
 
 
 def test_one_wild_replay_teaches_nothing_and_is_told():
@@ -188,9 +203,7 @@ def test_one_wild_replay_teaches_nothing_and_is_told():
     before = history.last.belief
     wild = history.add(20, Arm(seed=99).replay(30.0, np.array([0, 0.4, 0, 0, 0, 0])))
     assert wild.belief.event[1] == OUTLIER
-    assert np.allclose(
-        wild.belief.filter_state.mean[1], predict_belief(before, wild.belief.at_unix_s, DriftSettings()).filter_state.mean[1]
-    )
+    assert np.allclose(wild.belief.filter_state.mean[1], predicted(before.filter_state, 1.0).mean[1])
     assert any(warning.code == "outlier" and "joint 2" in warning.text for warning in wild.warnings)
     assert wild.health.joints[1].state == "CHECK_FUNCTION"
     calm = history.add(21, Arm(seed=21).replay(30.0))
@@ -293,9 +306,7 @@ def test_a_joint_that_says_nothing_is_left_as_it_was():
     slow = replace(Arm(seed=5).replay(30.0), max_speed_rad_s=np.array([2.0, 2.0, 2.0, 0.1, 2.0, 2.0]))
     after = history.add(5, slow)
     assert after.belief.event[3] == UNRESOLVED
-    assert np.array_equal(
-        after.belief.filter_state.mean[3], predict_belief(before, after.belief.at_unix_s, DriftSettings()).filter_state.mean[3]
-    )
+    assert np.array_equal(after.belief.filter_state.mean[3], predicted(before.filter_state, 1.0).mean[3])
     assert after.health.joints[3].state == "CHECK_FUNCTION"
 
 

@@ -95,7 +95,7 @@ def test_a_new_context_keeps_the_slope_and_learns_the_level_anew():
     T = np.linspace(20, 40, 30)
     law = law_of(T, 10.0 - 0.10 * (T - 30.0))
     slope = fit_law(law, 30.0 * ONE, SETTINGS).slope[0]
-    anew = update_law(reopen_law(law, SETTINGS), 30.0 * ONE, 13.0 * ONE)
+    anew = update_law(reopen_law(law, np.ones(1, dtype=bool), SETTINGS), 30.0 * ONE, 13.0 * ONE)
     line = fit_law(anew, 30.0 * ONE, SETTINGS)
     assert line.intercept[0] == pytest.approx(13.0)
     assert line.slope[0] == pytest.approx(slope)
@@ -146,11 +146,11 @@ def test_a_sensor_that_moves_again_is_believed_again():
     others = [25.0, 26.0, 28.0, 27.0, 25.5]
     sensors = None
     for median in others:
-        sensors = update_sensors(sensors, np.array([median, median, 31.0, median, median, np.nan]))
+        sensors = update_sensors(sensors, np.array([median, median, 31.0, median, median, np.nan]), 6)
     assert stuck_sensors(sensors).tolist() == [False, False, True, False, False, False]
-    assert not stuck_sensors(update_sensors(sensors, np.array([25.0, 25.0, 31.1, 25.0, 25.0, np.nan]))).any()
+    assert not stuck_sensors(update_sensors(sensors, np.array([25.0, 25.0, 31.1, 25.0, 25.0, np.nan]), 6)).any()
     for _ in range(20):
-        sensors = update_sensors(sensors, np.full(6, 30.0))
+        sensors = update_sensors(sensors, np.full(6, 30.0), 6)
     assert not stuck_sensors(sensors).any()
 
 

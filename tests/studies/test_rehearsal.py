@@ -6,11 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import kstest
+from synthetic_arm import CONTEXT, START_S, Arm
 
 import monitor.studies.rehearsal as rehearse_module
 from monitor.assess import AssessSettings
 from monitor.identify.identify import identify
-from monitor.judge.drift.observation import DriftSettings, observe
+from monitor.judge.drift.learn import begin, learn
+from monitor.judge.drift.observation import DriftSettings, Observation, observe
+from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.figures import Rate, Share
 from monitor.studies.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
@@ -46,7 +49,7 @@ def test_wear_is_not_taken_for_noise():
     """
     wear = Wear(joint=np.arange(24) % 6.0, onset_day=np.full(24, 40.0), step=np.zeros(24), per_day=np.full(24, 0.6 / 365.0))
     played = play(FleetSettings(arms=24, days=160, seed=4, scenarios=("steady", "seasons", "warm_ups")), FREE, wear)
-    std = np.sqrt(played.filter_state.noise_var(6, FREE.drift).reshape(24, 6))
+    std = np.sqrt(played.state.filter_state.noise_var(6, FREE.drift).reshape(24, 6))
     worn = np.zeros((24, 6), dtype=bool)
     worn[np.arange(24), wear.joint.astype(int)] = True
     assert np.mean(std[worn]) == pytest.approx(0.02, rel=0.035)
@@ -64,18 +67,11 @@ def test_what_is_not_found_yet_is_in_the_interval_and_raises_nothing():
 
 
 def test_the_fleets_filter_is_the_daemons():
-    """The same observations one by one through the belief and all at once through the fleet's track: the same wear to rounding."""
-    from synthetic_arm import CONTEXT, START_S, Arm
-
-    from monitor.judge.drift.change_detection import update_filter
-    from monitor.judge.drift.filter_state import initial_filter, predict_filter, update_interval
-    from monitor.judge.drift.learn import begin, learn
-
+    """The same replays of four arms, one arm at a time through the belief and all at once through the step: the same state to rounding."""
     drift, laws = ASSESS.drift, ASSESS.temperature
     arms = [Arm(seed=seed) for seed in range(4)]
     beliefs: list = [None] * 4
-    filter_state = None
-    slot = np.zeros(24, dtype=int)
+    state = None
     for day in range(40):
         replays = [arm.replay(28.0 + (day % 7), np.array([0, 0, 0.1 * (day >= 25), 0, 0, 0])) for arm in arms]
         for k, seen in enumerate(replays):
@@ -83,15 +79,20 @@ def test_the_fleets_filter_is_the_daemons():
             beliefs[k] = beliefs[k] or begin("ur5", CONTEXT, seen, at, settings=drift, laws=laws)
             beliefs[k] = learn(beliefs[k], seen, CONTEXT, at, settings=drift, laws=laws).belief
         rows = [observe(seen, drift) for seen in replays]
-        together = type(rows[0])(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
-        if filter_state is None:
-            fall, std, dry = laws.viscous_fall_per_k, laws.viscous_fall_std_per_k, laws.coulomb_fall_std_per_k
-            filter_state = initial_filter(together, drift, fall_per_k=fall, fall_std_per_k=std, coulomb_std_per_k=dry)
-        days = np.full(24, float(day > 0))
-        filter_state = update_filter(update_interval(predict_filter(filter_state, days, 6, drift), days), together, slot, 6, drift)
-    one_by_one = np.concatenate([belief.wear for belief in beliefs])
-    assert np.allclose(filter_state.wear, one_by_one, atol=1e-9)
-    assert np.max(one_by_one) > 0.05
+        together = Observation(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+        state = state or initial_state(together, 6, drift, laws)
+        result = step(state, Replay(observation=together, days=np.full(4, float(day > 0))), drift, laws)
+        state = result.state
+
+    def of_beliefs(value):
+        return np.concatenate([value(belief) for belief in beliefs])
+
+    assert np.allclose(state.filter_state.wear, of_beliefs(lambda belief: belief.wear), atol=1e-9)
+    assert np.max(state.filter_state.wear) > 0.05
+    assert np.array_equal(state.reference_temperature_c, of_beliefs(lambda belief: belief.reference_temperature_c))
+    assert np.array_equal(result.inside_range, of_beliefs(lambda belief: belief.inside_range) > 0)
+    assert np.array_equal(state.first_log_torque, of_beliefs(lambda belief: belief.first_log_torque))
+    assert np.allclose(state.viscous.sums, of_beliefs(lambda belief: belief.viscous.sums), rtol=1e-9)
 
 
 def test_the_same_seed_is_the_same_fleet():

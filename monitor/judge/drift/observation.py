@@ -93,6 +93,8 @@ class Observation(NamedTuple):
     temperature_c: Array  # NaN where unknown
     viscous_share: Array  # of the torque at the reference speed
     warming_k_per_min: Array  # NaN where unknown
+    coulomb_nm: Array  # fc of the fit, at the replay's temperature; NaN where unknown: the temperature laws learn from it
+    viscous_nm_s_per_rad: Array  # fv, likewise
 
 
 def observe(identification: Identification, settings: DriftSettings) -> Observation:
@@ -114,4 +116,6 @@ def observe(identification: Identification, settings: DriftSettings) -> Observat
         if identification.warming_k_per_min is None
         else np.where(believable, identification.warming_k_per_min, np.nan),
         viscous_share=np.clip(np.where(resolved, identification.viscous_nm_s_per_rad * v / F, 0.4), 0.05, 0.95),
+        coulomb_nm=identification.coulomb_nm,
+        viscous_nm_s_per_rad=identification.viscous_nm_s_per_rad,
     )

@@ -7,7 +7,7 @@ joints begin to wear: mostly nothing; now and then, before an alert, half a susp
 
 import numpy as np
 
-from monitor.judge.drift.change_detection import PACES_A_STEP
+from monitor.judge.drift.change_detection import RATES_PER_STEP
 from monitor.judge.drift.filter_state import KINDS, WINDOW, FilterState
 from monitor.judge.drift.observation import DriftSettings
 from monitor.recording import Array
@@ -23,7 +23,7 @@ def undetected_change(state: FilterState, H: Array, settings: DriftSettings) -> 
     """
     N = state.joints
     usual = np.repeat([settings.unseen_step_std, settings.unseen_pace_std_per_day], WINDOW)  # (M,)
-    kind = np.repeat([1.0, PACES_A_STEP], WINDOW) / (1.0 + PACES_A_STEP)
+    kind = np.repeat([1.0, RATES_PER_STEP], WINDOW) / (1.0 + RATES_PER_STEP)
     # one candidate stands for all starts up to the next older one
     span = np.tile(np.diff(state.ages, axis=1, append=state.ages[:, -1:] + 1.0), KINDS) * state.interval_days[:, None]  # (N, M) [d]
     begins = settings.onsets_per_year / 365.0 * kind * span

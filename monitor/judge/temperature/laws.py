@@ -189,7 +189,13 @@ def update_law(law: Law, temperature_c: Array, value: Array) -> Law:
 
 
 def fit_law(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
-    """The line that the replays so far and the prior support, referred to a temperature (J,)."""
+    """The line that the replays so far and the prior support, referred to a temperature (J,); with the curve where that errs less."""
+    line = fit_line(law, reference_c, settings)
+    return replace(line, curve=choose_curve(law.bins, reference_c, line.scatter))
+
+
+def fit_line(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
+    """The straight line alone, as in `fit_law`."""
     n, St, Stt, Sy, Sty, Syy = law.sums.T  # (J,) each
     scatter = law.scatter_prior
     level, slope, cov = _posterior(law, scatter)
@@ -210,20 +216,20 @@ def fit_law(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line
         scatter=scatter,
         range_c=law.range_c,
         margin_k=settings.margin_k,
-        curve=choose_curve(law.bins, reference_c, scatter),
     )
 
 
-def reopen_law(law: Law, settings: TemperatureSettings) -> Law:
-    """The law in a new context: the level is to be learnt again, the slope stays as the prior, less sure."""
-    line = fit_law(law, law.origin_c, settings)
+def reopen_law(law: Law, moved: np.ndarray, settings: TemperatureSettings) -> Law:
+    """The law after the joints in `moved` (J,) entered another context: their level is unknown, their slope is a less certain prior."""
+    line = fit_line(law, law.origin_c, settings)
+    less_certain = np.hypot(np.sqrt(line.cov[:, 1, 1]), 0.25 * np.abs(line.slope))  # another load shifts the share of viscous friction
     return replace(
         law,
-        origin_value=np.full_like(law.origin_value, np.nan),
-        slope_prior=line.slope,
-        slope_prior_std=np.hypot(np.sqrt(line.cov[:, 1, 1]), 0.25 * np.abs(line.slope)),  # another load shifts the shares
-        sums=np.zeros_like(law.sums),
-        bins=no_bins(len(law.bins)),
+        origin_value=np.where(moved, np.nan, law.origin_value),
+        slope_prior=np.where(moved, line.slope, law.slope_prior),
+        slope_prior_std=np.where(moved, less_certain, law.slope_prior_std),
+        sums=np.where(moved[:, None], 0.0, law.sums),
+        bins=np.where(moved[:, None, None], 0.0, law.bins),
     )
 
 

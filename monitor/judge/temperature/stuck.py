@@ -24,14 +24,14 @@ class Sensors(NamedTuple):
     others_high_c: Array
 
 
-def update_sensors(before: Sensors | None, temperature_c: Array) -> Sensors:
-    """After one more replay. A sensor that tells nothing is left as it was."""
+def update_sensors(before: Sensors | None, temperature_c: Array, joints_per_arm: int) -> Sensors:
+    """The history after one more replay at temperatures (N,) [°C]. A sensor without a value keeps its history."""
     T = temperature_c
-    J = len(T)
-    unknown = np.full(J, np.nan)
-    was = before or Sensors(unknown, np.zeros(J), unknown, unknown)
+    N = len(T)
+    unknown = np.full(N, np.nan)
+    was = before or Sensors(unknown, np.zeros(N), unknown, unknown)
     known = np.isfinite(T)
-    others = np.array([_median(np.delete(T, j)) for j in range(J)])
+    others = median_of_others(T, joints_per_arm)
     same = known & (np.abs(T - was.told_c) < SAME_K)
     return Sensors(
         told_c=np.where(known & ~same, T, was.told_c),
@@ -53,6 +53,14 @@ def sensors_from_document(document: Any, J: int) -> Sensors | None:
     return None if document is None else Sensors(**arrays(document, Sensors._fields, (J,), where="belief: sensors"))
 
 
-def _median(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) >= 2 else float("nan")
+def median_of_others(values: Array, joints_per_arm: int) -> Array:
+    """(N,) for each joint, the median of the finite values (N,) of the arm's other joints; NaN where fewer than two are finite."""
+    J = joints_per_arm
+    if J < 3:
+        return np.full(len(values), np.nan)
+    others = np.array([[k for k in range(J) if k != j] for j in range(J)])  # (J, J − 1)
+    known = np.where(np.isfinite(values), values, np.nan).reshape(-1, J)[:, others]
+    ordered = np.sort(known, axis=-1)  # (A, J, J − 1), NaN last
+    count = np.isfinite(ordered).sum(axis=-1, keepdims=True)
+    lower, upper = (np.take_along_axis(ordered, np.maximum(k, 0), axis=-1) for k in ((count - 1) // 2, count // 2))
+    return np.where(count >= 2, (lower + upper) / 2.0, np.nan).ravel()

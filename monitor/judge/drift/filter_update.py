@@ -1,0 +1,101 @@
+"""The filter's update by one replay: gate it, look for sudden changes, update the state, estimate the noise."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.judge.drift.change_detection import advance_bank, detect_change
+from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, STEP, UNRESOLVED, FilterState
+from monitor.judge.drift.innovation import Gate, Innovation, gate_outliers, innovate
+from monitor.judge.drift.kalman import update
+from monitor.judge.drift.observation import DriftSettings, Observation
+from monitor.recording import Array
+
+OFTEN, FEWEST = 0.1, 3  # share and number of outliers from which they are the joint's noise, and no longer left out of it
+CONSISTENCY_REPLAYS = 20.0  # memory of the mean of normalised innovations squared
+CLIPPED = 3.0  # [σ] one replay changes the noise estimate by no more than a residual of this size
+
+
+def update_filter(state: FilterState, observation: Observation, slot: Array, joints_per_arm: int, settings: DriftSettings) -> FilterState:
+    """The state after a replay, from the state predicted to its time.
+
+    slot : (N,) in which the level of the replay's context is kept. Joints without a resolved torque keep their mean and covariance.
+    """
+    innovation = innovate(state, observation, slot, joints_per_arm, settings)
+    gate = gate_outliers(state, innovation, settings)
+    bank = advance_bank(state, innovation, gate)
+    change = detect_change(state, bank, innovation, gate, slot, settings)
+    event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
+    learnt = event <= STEP
+
+    new_mean, new_cov = update(change.mean, change.cov, innovation.log_torque, innovation.within_var, innovation.row)
+    # responses to a change follow the gain of the filter that knew of no change
+    K = np.where(learnt[:, None], innovation.state_cov / innovation.var[:, None], 0.0)
+    found = change.of_baseline | change.of_wear
+    after = bank.after_update(K, restarted=found)
+    z = innovation.normalised
+    consistency = state.consistency + (z**2 - state.consistency) / CONSISTENCY_REPLAYS
+    return replace(
+        update_noise(state, innovation, event, joints_per_arm, settings),
+        mean=np.where(learnt[:, None], new_mean, change.mean),
+        cov=np.where(learnt[:, None, None], new_cov, change.cov),
+        replays=state.replays + learnt,
+        consistency=np.where(event == ORDINARY, consistency, state.consistency),
+        innovation=np.where(innovation.resolved, innovation.value, np.nan),
+        normalised=np.where(innovation.resolved, z, np.nan),
+        event=event,
+        gate_run=np.where(found, 0.0, gate.run),
+        outliers=state.outliers + (event == OUTLIER),
+        ages=after.ages,
+        responses=after.responses,
+        glr_scores=after.scores_now,
+        raw_glr_scores=after.raw_scores_now,
+        glr_informations=after.informations_now,
+        agreeing=change.agreeing,
+        stepped=state.stepped + change.stepped,
+    )
+
+
+def classify(innovation: Innovation, gate: Gate, *, of_baseline: np.ndarray, of_wear: np.ndarray) -> Array:
+    """(N,) ORDINARY, SETTLING, STEP, OUTLIER or UNRESOLVED: what the replay is to each joint.
+
+    of_baseline, of_wear : (N,) joints with a sudden change that belongs to the baseline, or to wear.
+    """
+    settling = innovation.settling
+    event = np.where(of_wear, STEP, np.where(gate.gated, OUTLIER, np.where(settling, SETTLING, ORDINARY))).astype(float)
+    event[(gate.gated & settling & ~(of_baseline | of_wear)) | of_baseline] = SETTLING
+    event[~innovation.resolved] = UNRESOLVED
+    return event
+
+
+def update_noise(state: FilterState, innovation: Innovation, event: Array, joints_per_arm: int, settings: DriftSettings) -> FilterState:
+    """The state with the noise between replays as two successive replays show it.
+
+    Residuals r are taken against the predicted level, which was estimated from similar residuals and is uncertain itself. With its
+    variance L and its covariance C with the noise, as the filter has them (`shared`), and with white innovations:
+
+        E[r²] = σ² + R + L + 2C,   E[rₖ·rₖ₋₁] = ρ·(σ² + C).
+
+    Without these terms the uncertainty of level and wear rate would count as noise: in a joint that wears, as much as a sixth of σ².
+    Outliers and replays without a temperature are left out, because one of them would weigh as much as a hundred others. Outliers count
+    where they are so frequent that the noise must be larger than assumed.
+    """
+    shared, within = innovation.shared, innovation.within_var
+    rho = state.autocorrelation(joints_per_arm, settings)
+    now = innovation.value + state.mean[:, NOISE]  # residuals are compared against a prediction without noise
+    often = state.outliers >= np.maximum(OFTEN * (state.replays + state.outliers), FEWEST)
+    informative = ((event == ORDINARY) | ((event == OUTLIER) & often)) & innovation.sensed
+    usable = informative & np.isfinite(state.residual)
+    before = np.where(usable, state.residual, 0.0)
+    n = np.where(usable, np.minimum(state.noise_weight + 1.0, settings.memory_replays), state.noise_weight)
+    limit = CLIPPED * np.sqrt(np.maximum(state.step_var + state.product, 0.0) + within)
+    clipped, clipped_before = np.clip(now, -limit, limit), np.clip(before, -limit, limit)
+    half = 0.5 * (clipped - clipped_before) ** 2 - within - np.maximum(innovation.level_var + (2.0 - rho) * shared, 0.0)
+    step_var = np.where(usable, state.step_var + (half - state.step_var) / n, state.step_var)
+    alike = clipped * clipped_before - rho * np.minimum(shared, 0.0)
+    product = np.where(usable, state.product + (alike - state.product) / n, state.product)
+    # the replays before and after a silent one are still compared with each other
+    silent = (event == UNRESOLVED) | ((event == ORDINARY) & ~innovation.sensed)
+    residual = np.where(silent, state.residual, np.where(informative, now, np.nan))
+    floor = settings.between_floor**2
+    return replace(state, step_var=np.maximum(step_var, floor), product=product, noise_weight=n, residual=residual)

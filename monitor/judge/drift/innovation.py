@@ -1,0 +1,81 @@
+"""The innovation of one replay: how far it is from the filter's prediction of it, and whether it is an outlier."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.judge.drift.filter_state import LAG, NOISE, SLOPE, FilterState
+from monitor.judge.drift.observation import DriftSettings, Observation
+from monitor.recording import Array
+
+SETTLING_SHARE = 2.0  # the level's variance over that of noise, above which an innovation is no evidence of noise or of changes
+
+
+class Innovation(NamedTuple):
+    """One replay against its prediction, (N,) each unless a comment says otherwise."""
+
+    resolved: np.ndarray  # whether the replay has a friction torque of the joint; where not, the other fields mean nothing
+    sensed: np.ndarray  # whether its temperature is known
+    row: Array  # (N, S) H
+    log_torque: Array  # y
+    within_var: Array  # R: variance of y within the replay, with what temperature leaves uncertain
+    value: Array  # ν = y − H·x
+    state_cov: Array  # (N, S) P·Hᵀ
+    var: Array  # S = H·P·Hᵀ + R
+    normalised: Array  # ν/√S
+    level_var: Array  # variance of the predicted level, without the noise
+    shared: Array  # covariance of the predicted level and the noise
+    settling: np.ndarray  # whether the level is so uncertain that ν is no evidence of noise or of changes
+
+
+class Gate(NamedTuple):
+    """Which joints' innovations are outliers, (N,) each."""
+
+    gated: np.ndarray  # |ν| exceeds `gate_sigma` of its standard deviation
+    run: Array  # signed count of gated replays in a row on one side, this one included
+    in_a_row: np.ndarray  # as many of them as a step needs
+
+
+def innovate(state: FilterState, observation: Observation, slot: Array, joints_per_arm: int, settings: DriftSettings) -> Innovation:
+    """The innovation of a replay, by the state predicted to its time. slot : (N,) of the replay's context."""
+    resolved = np.isfinite(observation.log_torque)
+    sensed = np.isfinite(observation.temperature_c)
+    t = np.where(sensed, observation.temperature_c - state.origin_c, 0.0)
+    warming = np.where(np.isfinite(observation.warming_k_per_min), observation.warming_k_per_min, 0.0)
+    blind = (state.mean[:, SLOPE] ** 2 + state.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
+    # a joint that warms fast has no single temperature: the lag that the filter estimates is wrong by a third at most
+    uneven = (settings.uneven_share * state.mean[:, LAG] * warming) ** 2
+    within = np.where(resolved, observation.variance + settings.between_floor**2 + uneven + np.where(sensed, 0.0, blind), 1.0)
+    y = np.where(resolved, observation.log_torque, 0.0)
+
+    H = state.row(t, warming, slot)
+    nu = y - np.einsum("na,na->n", H, state.mean)
+    PH = np.einsum("nab,nb->na", state.cov, H)
+    S = np.einsum("na,na->n", H, PH) + within
+    quiet = state.noise_var(joints_per_arm, settings) + within
+    shared = PH[:, NOISE] - state.cov[:, NOISE, NOISE]
+    level_var = S - within - 2.0 * shared - state.cov[:, NOISE, NOISE]
+    return Innovation(
+        resolved=resolved,
+        sensed=sensed,
+        row=H,
+        log_torque=y,
+        within_var=within,
+        value=nu,
+        state_cov=PH,
+        var=S,
+        normalised=nu / np.sqrt(S),
+        level_var=level_var,
+        shared=shared,
+        settling=level_var > SETTLING_SHARE * quiet,
+    )
+
+
+def gate_outliers(state: FilterState, innovation: Innovation, settings: DriftSettings) -> Gate:
+    """Which innovations are outliers, and how many in a row there are on the same side."""
+    z, resolved = innovation.normalised, innovation.resolved
+    gated = np.abs(z) > settings.gate_sigma
+    side = np.where(z >= 0, 1.0, -1.0)
+    longer = np.where(state.gate_run * side > 0, state.gate_run + side, side)
+    run = np.where(gated & resolved, longer, np.where(resolved, 0.0, state.gate_run))
+    return Gate(gated, run, gated & (np.abs(run) >= settings.gate_run))

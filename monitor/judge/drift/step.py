@@ -1,0 +1,294 @@
+"""One replay's step of the drift filter, over the joints of any number of arms. The order of its stages exists only here.
+
+`learn` steps one arm, `rehearse` and the performance card step simulated fleets, and `step` documents how to judge a fleet of your own.
+Each stage is a public function of this module, or of the module that it is imported from.
+
+Shapes: A arms, J joints per arm, N = A·J joints in the order arm by arm.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.judge.drift.filter_state import (
+    FilterState,
+    initial_filter,
+    leave_context,
+    open_slot,
+    predict_filter,
+    replace_joints,
+    rescale_rate,
+    update_interval,
+)
+from monitor.judge.drift.filter_update import update_filter
+from monitor.judge.drift.observation import DriftSettings, Observation
+from monitor.judge.drift.usage import Usage, no_usage, update_usage
+from monitor.judge.temperature.laws import Law, TemperatureSettings, initial_law, inside_range, reopen_law, update_law
+from monitor.judge.temperature.stuck import Sensors, stuck_sensors, update_sensors
+from monitor.recording import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DriftState:
+    """Everything that the step carries from one replay to the next."""
+
+    joints_per_arm: int  # J
+    filter_state: FilterState
+    usage: Usage
+    slot: Array  # (N,) in which slot of the filter the level of the context in force is kept
+    sensors: Sensors | None  # history of the temperature sensors; None before the first replay
+    reference_temperature_c: Array  # (N,) T0 [°C]
+    settled: Array  # (N,) number of replays that T0 is the mean of
+    viscous: Law
+    coulomb: Law
+    first_log_torque: Array  # (N,) mean log torque of the first replays, uncorrected; NaN before
+    first_temperature_c: Array  # (N,) mean temperature of the same replays [°C]; NaN before
+
+    @property
+    def joints(self) -> int:
+        """N, the number of joints of all arms."""
+        return self.filter_state.joints
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Replay:
+    """One replay of every arm, or of those arms that `replayed` names. None of an optional field means what its comment says."""
+
+    observation: Observation  # (N,) each; what it says of an arm that did not replay is ignored
+    days: Array  # (A,) since the arm's last replay; 0 for its first one
+    replayed: np.ndarray | None = None  # (A,) which arms replayed; None: all
+    slot: Array | None = None  # (A,) slot of the replay's context, 0 … SLOTS − 1; None: that of the last replay
+    opened: np.ndarray | None = None  # (A,) whether the slot's level is unknown, as in a context never seen before; None: no arm's
+    replaced: np.ndarray | None = None  # (N,) joints that were replaced since the last replay; None: none
+    undeclared: np.ndarray | None = None  # (A,) whether the recording contradicts its declared context; None: no arm's
+    revolutions: Array | None = None  # (N,) total count at the replay, NaN where it is unknown; None: nobody counts
+
+
+class StepResult(NamedTuple):
+    """The state after a replay, and what the step found out about the replay itself."""
+
+    state: DriftState
+    observation: Observation  # (N,) each, as the filter used it: NaN where a value was withheld
+    inside_range: np.ndarray  # (N,) whether the temperature lies in the range that was learnt before this replay
+    stuck: np.ndarray  # (N,) whether the temperature sensor is stuck, so that its value was withheld
+
+
+class JointReplay(NamedTuple):
+    """A `Replay` with every field filled in and expanded to joints, (N,) each."""
+
+    observation: Observation
+    days: Array
+    replayed: np.ndarray
+    slot: Array
+    opened: np.ndarray
+    replaced: np.ndarray
+    undeclared: np.ndarray
+    revolutions: Array
+
+
+def initial_state(observation: Observation, joints_per_arm: int, drift: DriftSettings, temperature: TemperatureSettings) -> DriftState:
+    """The state before the first replay: no wear, unknown levels, the temperature slopes of the robot family.
+
+    Only T0 and the size of the slopes are taken from the observation (N,); `step` then learns from it as from any other.
+    """
+    fall, fall_std = temperature.viscous_fall_per_k, temperature.viscous_fall_std_per_k
+    coulomb_std = temperature.coulomb_fall_std_per_k
+    state = initial_filter(observation, drift, fall_per_k=fall, fall_std_per_k=fall_std, coulomb_std_per_k=coulomb_std)
+    T0, N, scatter = state.origin_c, state.joints, temperature.scatter
+    unknown = np.full(N, np.nan)
+    return DriftState(
+        joints_per_arm=joints_per_arm,
+        filter_state=state,
+        usage=no_usage(N),
+        slot=np.zeros(N, dtype=int),
+        sensors=None,
+        reference_temperature_c=T0,
+        settled=np.zeros(N),
+        viscous=initial_law(T0, observation.viscous_nm_s_per_rad, fall_per_k=fall, fall_std_per_k=fall_std, scatter=scatter),
+        coulomb=initial_law(T0, observation.coulomb_nm, fall_per_k=0.0, fall_std_per_k=coulomb_std, scatter=scatter),
+        first_log_torque=unknown,
+        first_temperature_c=unknown,
+    )
+
+
+def step(
+    state: DriftState, replay: Replay, drift: DriftSettings, temperature: TemperatureSettings, *, settle_on_learnt: bool = False
+) -> StepResult:
+    """One replay of every arm: the state after it.
+
+    settle_on_learnt : which replays T0 is the mean temperature of. False, as the monitor does it: the arm's first `settle_replays` replays;
+    a joint without a temperature keeps its T0 in such a replay. True, as `rehearse` does it: for each joint, the first `settle_replays`
+    replays that taught the filter something of that joint and had a temperature.
+
+    Judging your own fleet, here three arms of which joint 2 of arm 2 steps by 20 % on day 40. `weigh_evidence` turns the state
+    into tiers, as the daemon does it; 1 is the wear tier.
+
+    >>> import numpy as np
+    >>> from monitor.judge.alerts.evidence import WearAfterReplay, nothing_counted, weigh_evidence
+    >>> from monitor.judge.alerts.settings import HealthSettings
+    >>> from monitor.judge.drift.observation import DriftSettings, Observation
+    >>> from monitor.judge.drift.step import Replay, initial_state, step
+    >>> from monitor.judge.temperature.laws import TemperatureSettings
+    >>> drift, temperature, health = DriftSettings(), TemperatureSettings(), HealthSettings()
+    >>> A, J = 3, 6
+    >>> N, dice = A * J, np.random.default_rng(1)
+    >>> state, counts = None, nothing_counted(N, A)
+    >>> for day in range(50):
+    ...     torque = 10.0 * np.exp(0.02 * dice.normal(size=N))  # friction torque at drift.reference_speed_rad_s [N·m]
+    ...     torque[J + 1] *= 1.2 if day >= 40 else 1.0
+    ...     observation = Observation(
+    ...         log_torque=np.log(torque),
+    ...         variance=np.full(N, 0.005**2),  # of log_torque, from the fit of the replay
+    ...         temperature_c=30.0 + dice.normal(size=N),
+    ...         viscous_share=np.full(N, 0.4),
+    ...         warming_k_per_min=np.zeros(N),
+    ...         coulomb_nm=0.6 * torque,
+    ...         viscous_nm_s_per_rad=0.4 * torque / drift.reference_speed_rad_s,
+    ...     )
+    ...     if state is None:
+    ...         state = initial_state(observation, J, drift, temperature)
+    ...     result = step(state, Replay(observation=observation, days=np.full(A, float(day > 0))), drift, temperature)
+    ...     state, joints = result.state, result.state.filter_state
+    ...     after = WearAfterReplay(
+    ...         wear=joints.wear,
+    ...         wear_std=joints.wear_std,
+    ...         known=joints.replays > 0,
+    ...         usable=joints.learnt_from & result.inside_range,
+    ...         day=np.full(N, float(day)),
+    ...         agreeing=joints.agreeing,
+    ...         interval_days=joints.interval_days,
+    ...     )
+    ...     evidence = weigh_evidence(after, counts, J, health)
+    ...     counts = evidence.counts
+    >>> evidence.raises.reshape(A, J)[1].tolist()
+    [-1, 1, -1, -1, -1, -1]
+    >>> bool(abs(joints.wear[J + 1] - np.log(1.2)) < 3.0 * joints.wear_std[J + 1])
+    True
+    """
+    joint = per_joint(state, replay)
+    state, stuck = check_sensors(state, joint)
+    observation = withhold(joint, stuck)
+    state = enter_context(state, joint, drift, temperature)
+    state = age(state, joint.days, joint.revolutions, drift)
+    inside = inside_range(state.viscous.range_c, observation.temperature_c, temperature.margin_k)  # the range before this replay
+    state = remember_baseline(state, observation, drift)
+    state = replace(state, filter_state=update_filter(state.filter_state, observation, state.slot, state.joints_per_arm, drift))
+    counted = state.filter_state.learnt_from & np.isfinite(observation.temperature_c) if settle_on_learnt else joint.replayed
+    state = settle_reference(state, observation.temperature_c, counted, drift)
+    return StepResult(learn_laws(state, observation), observation, inside, stuck)
+
+
+def per_joint(state: DriftState, replay: Replay) -> JointReplay:
+    """The replay over joints. An arm that did not replay keeps its slot, and its days and count are as if no time had passed."""
+    N, J = state.joints, state.joints_per_arm
+
+    def of_arms(mask: np.ndarray | None, absent: bool) -> np.ndarray:
+        return np.full(N, absent) if mask is None else np.repeat(mask, J)
+
+    here = of_arms(replay.replayed, True)
+    seen = replay.observation
+    return JointReplay(
+        observation=seen._replace(log_torque=np.where(here, seen.log_torque, np.nan)),
+        days=np.where(here, np.repeat(replay.days, J), 0.0),
+        replayed=here,
+        slot=state.slot if replay.slot is None else np.where(here, np.repeat(replay.slot, J), state.slot),
+        opened=here & of_arms(replay.opened, False),
+        replaced=here & (np.zeros(N, dtype=bool) if replay.replaced is None else replay.replaced),
+        undeclared=of_arms(replay.undeclared, False),
+        revolutions=np.full(N, np.nan) if replay.revolutions is None else np.where(here, replay.revolutions, np.nan),
+    )
+
+
+def check_sensors(state: DriftState, joint: JointReplay) -> tuple[DriftState, np.ndarray]:
+    """The state with the sensors' history after this replay, and which joints' temperature sensors are stuck (N,)."""
+    measured = np.where(joint.replayed, joint.observation.temperature_c, np.nan)
+    sensors = update_sensors(state.sensors, measured, state.joints_per_arm)
+    return replace(state, sensors=sensors), stuck_sensors(sensors)
+
+
+def withhold(joint: JointReplay, stuck: np.ndarray) -> Observation:
+    """The observation as the filter may use it: no temperature of a stuck sensor, no friction under an undeclared change."""
+    seen = joint.observation
+    return seen._replace(
+        temperature_c=np.where(stuck, np.nan, seen.temperature_c),
+        log_torque=np.where(joint.undeclared, np.nan, seen.log_torque),
+    )
+
+
+def enter_context(state: DriftState, joint: JointReplay, drift: DriftSettings, temperature: TemperatureSettings) -> DriftState:
+    """The state in the contexts of this replay.
+
+    A context that was seen before has the level that it had. In a new one the level is unknown, and wear and its rate are kept with their
+    uncertainty: wear that coincides with the change cannot be seen. In either case the temperature laws' levels are learnt anew. A joint
+    that was replaced starts without wear, and its levels are unknown in every slot.
+    """
+    moved = joint.slot != state.slot
+    if joint.opened.any():
+        state = replace(state, filter_state=open_slot(state.filter_state, joint.slot, joint.opened))
+    if moved.any():
+        state = replace(
+            state,
+            slot=joint.slot,
+            filter_state=leave_context(state.filter_state, moved),
+            viscous=reopen_law(state.viscous, moved, temperature),
+            coulomb=reopen_law(state.coulomb, moved, temperature),
+        )
+    if joint.replaced.any():
+        state = replace(
+            state,
+            filter_state=replace_joints(state.filter_state, joint.replaced, drift),
+            first_log_torque=np.where(joint.replaced, np.nan, state.first_log_torque),
+            first_temperature_c=np.where(joint.replaced, np.nan, state.first_temperature_c),
+        )
+    return state
+
+
+def age(state: DriftState, days: Array, revolutions: Array, drift: DriftSettings) -> DriftState:
+    """The state `days` (N,) later, at a count of `revolutions` (N,), NaN where nobody counts: wear grows at its rate, uncertainty grows.
+
+    A new usual amount of work per day rescales the wear rate, which is a rate per usual day; then the filter predicts over the work done.
+    """
+    work = update_usage(state.usage, revolutions, days)
+    rescaled = rescale_rate(state.filter_state, work.factor)
+    predicted = predict_filter(rescaled, days, state.joints_per_arm, drift, work.usual_days)
+    return replace(state, usage=work.usage, filter_state=update_interval(predicted, days))
+
+
+def remember_baseline(state: DriftState, observation: Observation, drift: DriftSettings) -> DriftState:
+    """The state with the means of the first `baseline_replays` replays, before the filter has learnt from this one."""
+    n = state.filter_state.replays
+    more = (n < drift.baseline_replays) & np.isfinite(observation.log_torque)
+
+    def mean(old: Array, new: Array) -> Array:
+        usable = more & np.isfinite(new)
+        before = np.where(np.isfinite(old), old, new)
+        return np.where(usable, before + (new - before) / (n + 1.0), old)
+
+    return replace(
+        state,
+        first_log_torque=mean(state.first_log_torque, observation.log_torque),
+        first_temperature_c=mean(state.first_temperature_c, observation.temperature_c),
+    )
+
+
+def settle_reference(state: DriftState, temperature_c: Array, counted: np.ndarray, drift: DriftSettings) -> DriftState:
+    """The state with T0 as the mean temperature of the first `settle_replays` replays among those `counted` (N,).
+
+    temperature_c : (N,) NaN where it is unknown: T0 then stays, and the replay counts.
+    """
+    settling = counted & (state.settled < drift.settle_replays)
+    T0 = state.reference_temperature_c
+    moved = T0 + (np.where(np.isfinite(temperature_c), temperature_c, T0) - T0) / (state.settled + 1.0)
+    return replace(state, reference_temperature_c=np.where(settling, moved, T0), settled=state.settled + settling)
+
+
+def learn_laws(state: DriftState, observation: Observation) -> DriftState:
+    """The state with the temperature laws after this replay, wear divided out. Joints that the filter did not learn from are left out."""
+    unworn = np.where(state.filter_state.learnt_from, np.exp(-state.filter_state.wear), np.nan)
+    T = observation.temperature_c
+    return replace(
+        state,
+        viscous=update_law(state.viscous, T, observation.viscous_nm_s_per_rad * unworn),
+        coulomb=update_law(state.coulomb, T, observation.coulomb_nm * unworn),
+    )

@@ -1,0 +1,193 @@
+"""The filter step: its documented example, and that the daemon and the fleet both go through every one of its stages."""
+
+import doctest
+import hashlib
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from synthetic_arm import CONTEXT, Arm, History, weather
+
+from monitor.assess import AssessSettings
+from monitor.identify.warnings import DataWarning
+from monitor.judge.drift import filter_update, step
+from monitor.judge.drift.filter_state import RATE, WEAR
+from monitor.studies.fleet import FleetSettings, Wear
+from monitor.studies.rehearsal import play
+
+ASSESS = AssessSettings()
+DAYS, JUMP_DAY = 26, 14
+DAMAGES = {}  # stage → (module in which it is looked up, its name, the damaged stage)
+
+
+def damaged(module, name):
+    """Register the decorated function, of the sound stage and its arguments, in place of a stage."""
+
+    def register(damage):
+        DAMAGES[name] = (module, name, damage)
+        return damage
+
+    return register
+
+
+@damaged(step, "check_sensors")
+def every_third_sensor_is_stuck(sound, *args):
+    state, stuck = sound(*args)
+    return state, np.arange(len(stuck)) % 3 == 0
+
+
+@damaged(step, "withhold")
+def everything_of_joint_2_is_withheld(sound, *args):
+    seen = sound(*args)
+    return seen._replace(log_torque=np.where(np.arange(len(seen.log_torque)) % 6 == 1, np.nan, seen.log_torque))
+
+
+@damaged(step, "enter_context")
+def contexts_are_not_told_apart(sound, state, *args):
+    return state
+
+
+@damaged(step, "age")
+def time_stands_still(sound, state, days, revolutions, drift):
+    return sound(state, 0.0 * days, revolutions, drift)
+
+
+@damaged(step, "update_usage")
+def every_day_is_two_days_of_work(sound, *args):
+    work = sound(*args)
+    return work._replace(usual_days=2.0 * work.usual_days)
+
+
+@damaged(step, "rescale_rate")
+def the_wear_rate_is_halved(sound, state, factor):
+    return sound(state, 0.5 * factor)
+
+
+@damaged(step, "predict_filter")
+def wear_does_not_go_on(sound, state, *args):
+    return replace(sound(state, *args), mean=state.mean)
+
+
+@damaged(step, "update_interval")
+def the_interval_is_not_learnt(sound, state, days):
+    return replace(state, interval_days=state.interval_days + 1.0)
+
+
+@damaged(step, "inside_range")
+def every_temperature_is_out_of_range(sound, range_c, temperature_c, margin_k):
+    return np.zeros(len(temperature_c), dtype=bool)
+
+
+@damaged(step, "remember_baseline")
+def the_first_replays_are_forgotten(sound, state, *args):
+    return state
+
+
+@damaged(step, "settle_reference")
+def the_reference_temperature_stays_the_first_one(sound, state, *args):
+    return state
+
+
+@damaged(step, "learn_laws")
+def the_laws_do_not_learn(sound, state, *args):
+    return state
+
+
+@damaged(filter_update, "innovate")
+def the_innovation_has_the_wrong_sign(sound, *args):
+    innovation = sound(*args)
+    return innovation._replace(value=-innovation.value, normalised=-innovation.normalised)
+
+
+@damaged(filter_update, "gate_outliers")
+def nothing_is_an_outlier(sound, *args):
+    gate = sound(*args)
+    return gate._replace(gated=np.zeros_like(gate.gated), in_a_row=np.zeros_like(gate.in_a_row))
+
+
+@damaged(filter_update, "advance_bank")
+def a_change_has_no_evidence(sound, *args):
+    bank = sound(*args)
+    return replace(bank, scores_now=0.0 * bank.scores_now)
+
+
+@damaged(filter_update, "detect_change")
+def no_change_is_found(sound, state, *args):
+    change = sound(state, *args)
+    none = np.zeros_like(change.of_wear)
+    return change._replace(mean=state.mean, cov=state.cov, of_baseline=none, of_wear=none)
+
+
+@damaged(filter_update, "classify")
+def every_replay_is_ordinary(sound, *args, **kwargs):
+    return 0.0 * sound(*args, **kwargs)
+
+
+@damaged(filter_update, "update")
+def the_measurement_is_ignored(sound, mean, cov, *args):
+    return mean, cov
+
+
+@damaged(filter_update, "update_noise")
+def the_noise_is_not_learnt(sound, state, *args):
+    return state
+
+
+def verdict() -> str:
+    """What the daemon says over a series: alerts, and the last assessment with its belief."""
+    history, arm, dice = History(ASSESS), Arm(seed=3, autocorrelation=0.5), np.random.default_rng(3)
+    for day in range(DAYS):
+        seen = arm.replay(weather(day, dice) + 0.3 * np.arange(6), np.array([0, 0.4 * (day >= JUMP_DAY), 0, 0, 0, 0]))
+        if day == 8:
+            seen = replace(seen, warnings=(DataWarning("mounting_contradiction", "gravity is 90° off"),))
+        worked = 4000.0 * (day - day // 7)
+        history.add(day, seen, replace(CONTEXT, revolutions=(worked,) * 6, payload_kg=2.0 if day in {18, 19} else 0.0))
+    last = history.last
+    return json.dumps([history.told, last.as_document(), last.belief.as_document(), last.health.as_document()])
+
+
+def figures() -> str:
+    """What the fleet's life comes to: every figure of `play`, and the state at its end."""
+    A = 8
+    joint = np.arange(A) % 6.0
+    wear = Wear(joint=joint, onset_day=np.full(A, float(JUMP_DAY)), step=np.full(A, 0.4), per_day=np.full(A, 0.001))
+    played = play(FleetSettings(arms=A, days=DAYS, seed=3), ASSESS, wear, learning=6)
+    state = played.state
+    arrays = [played.tier_day, played.falling_day, played.common_day, played.covered, played.slope_error_per_k]
+    arrays += [state.reference_temperature_c, state.first_log_torque, state.viscous.range_c, state.filter_state.mean[:, [WEAR, RATE]]]
+    return " ".join(hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() for array in arrays)
+
+
+@cache
+def sound() -> tuple[str, str]:
+    """Of undamaged stages."""
+    return verdict(), figures()
+
+
+def test_the_example_of_the_step_runs():
+    """The documented way to judge a fleet of one's own says what its text promises."""
+    finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner()
+    [example] = finder.find(step.step, "step", globs={})
+    runner.run(example)
+    assert runner.tries > 10
+    assert runner.failures == 0
+
+
+def test_without_a_damage_verdict_and_figures_are_what_they_were():
+    """Neither depends on anything but its seed; the sabotage below is not seen by chance."""
+    again, before = (verdict(), figures()), sound()
+    assert again == before
+    assert '"sudden_step"' in before[0]
+
+
+@pytest.mark.parametrize("stage", DAMAGES)
+def test_a_damaged_stage_changes_the_daemons_verdict_and_the_fleets_figures(stage, monkeypatch):
+    """Both go through the one step: there is no copy of it that could be left behind."""
+    before = sound()
+    module, name, damage = DAMAGES[stage]
+    whole = getattr(module, name)
+    monkeypatch.setattr(module, name, lambda *args, **kwargs: damage(whole, *args, **kwargs))
+    assert verdict() != before[0]
+    assert figures() != before[1]
