@@ -19,9 +19,9 @@ from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain
 from monitor.judge.drift.contexts import differences, with_lasting_declarations
-from monitor.judge.drift.learn import begin, learn
 from monitor.judge.drift.observation import DriftSettings, observe
 from monitor.judge.drift.single_replay import single_torque_nm
+from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line, TemperatureSettings
 from monitor.judge.torque import prediction_error

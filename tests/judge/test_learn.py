@@ -27,8 +27,8 @@ from monitor.judge.drift.filter_state import (
     FilterState,
     predict_filter,
 )
-from monitor.judge.drift.learn import begin, learn
 from monitor.judge.drift.observation import DriftSettings, observe
+from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 
 LAWS = TemperatureSettings()
