@@ -1,18 +1,24 @@
-"""One snapshot of the controller, as far as the guards ask, and what its numbers are called."""
+"""What a robot says of itself: who it is, and one snapshot of its state.
+
+The numbers of the modes are those of Universal Robots, because recordings and published documents carry them. The driver of another make
+translates its own modes into these numbers.
+"""
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from monitor.acquire.rows import COLUMN
 from monitor.recording import Array
 
 ROBOT_MODE_RUNNING = 7
 SAFETY_MODE_NORMAL = 1
-SAFETY_BITS_NORMAL = 0b1  # bit 0 alone; any other bit is reduced mode, a stop or a fault
+SAFETY_BITS_NORMAL = 0b1  # bit 0 alone; every other bit means reduced mode, a stop or a fault
 RUNTIME_STOPPED = 1
 RUNTIME_PLAYING = 2
 
-STANDSTILL_RAD_S = 0.02  # speed noise of an arm at rest stays below
+FULL_SPEED = 0.999  # share: 100 % on the slider, with rounding
+STANDSTILL_RAD_S = 0.02  # the measured speed of an arm at rest stays below this noise level
 
 RUNTIME_STATES = {0: "stopping", 1: "stopped", 2: "playing", 3: "pausing", 4: "paused", 5: "resuming"}
 ROBOT_MODES = {
@@ -40,9 +46,18 @@ SAFETY_MODES = {
 }
 
 
+class Identity(NamedTuple):
+    """Who the controller says it is; None where it does not say."""
+
+    model: str | None  # for example "UR5"
+    serial: str | None
+    firmware: str | None  # for example "3.15.8.106339"
+    remote_control: bool | None  # whether the controller takes commands over the network
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmState:
-    """One snapshot of the controller, as far as the conditions ask; NaN is what it does not report."""
+    """One snapshot of the controller, with what the conditions need. NaN stands for a value that the controller does not report."""
 
     robot_mode: int
     safety_mode: int
@@ -53,22 +68,27 @@ class ArmState:
     target_q: Array  # (J,) [rad]
     target_qd: Array  # (J,) [rad/s]
     temperature_c: Array  # (J,)
-    speed_scaling: float = math.nan  # of the trajectory limiter
-    speed_fraction: float = math.nan  # the slider's
+    speed_scaling: float = math.nan  # share of full speed that the controller's trajectory limiter allows
+    speed_fraction: float = math.nan  # share of full speed at which the operator's slider stands
     payload_kg: float = math.nan
-    accelerometer_m_s2: tuple[float, float, float] = (math.nan, math.nan, math.nan)  # of the flange, in its frame
-    digital_inputs: float = math.nan  # bits
+    accelerometer_m_s2: tuple[float, float, float] = (math.nan, math.nan, math.nan)  # of the flange, in the flange's frame
+    digital_inputs: float = math.nan  # a bit for each input, as a number
 
     @property
     def speed(self) -> float:
         """Share of full speed at which a program plays: limiter times slider; NaN where neither is reported."""
-        told = [share for share in (self.speed_scaling, self.speed_fraction) if not math.isnan(share)]
-        return math.prod(told) if told else math.nan
+        reported = [share for share in (self.speed_scaling, self.speed_fraction) if not math.isnan(share)]
+        return math.prod(reported) if reported else math.nan
+
+    @property
+    def at_full_speed(self) -> bool:
+        """Whether that share is 100 %, with rounding; False where it is not reported."""
+        return FULL_SPEED <= self.speed <= 2.0 - FULL_SPEED
 
 
 def arm_state(row: Array) -> ArmState:
-    """The same from one row (WIDTH,)."""
-    of = {name: row[place] for name, place in COLUMN.items()}
+    """The state that one row (WIDTH,) reports."""
+    of = {name: row[column] for name, column in COLUMN.items()}
     x, y, z = of["actual_tool_accelerometer"]
     return ArmState(
         robot_mode=int(of["robot_mode"][0]),

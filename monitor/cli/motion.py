@@ -15,7 +15,7 @@ from monitor.errors import BadInput, ReplayAborted, StoreError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from monitor.acquire.replay import ReplayProgress
+    from monitor.acquire.watch import ReplayProgress
     from monitor.config.load import Configuration
     from monitor.recording import Recording
 

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from monitor.acquire.check import check as look_at
-from monitor.acquire.replay import ReplayProgress, replay
+from monitor.acquire.replay import replay
 from monitor.acquire.safety.conditions import ConditionResult, Permit
 from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.safety.gate import Announce, AskPermit
+from monitor.acquire.watch import ReplayProgress
 from monitor.config.load import Configuration
 from monitor.errors import ReplayAborted, StoreError
 from monitor.judge.torque.compensated_model import CompensatedModel

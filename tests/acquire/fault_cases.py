@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from processes import children
 
-from monitor.acquire.replay import ReplayProgress, replay
+from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.dashboard import Dashboard
+from monitor.acquire.watch import ReplayProgress
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,9 @@ import pytest
 
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.acquire.ur.arm import REMEMBERED, Arm, StreamFailure, following_failure, state_failure
+from monitor.acquire.ur.arm import RECENT_TARGETS
+from monitor.acquire.ur.failures import StreamFailure, following_failure, state_failure
+from monitor.acquire.ur.gaps import CycleGaps
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
 WELL = ArmState(
@@ -59,11 +60,11 @@ def test_lag_is_not_straying_and_standing_still_is():
     """At 2.5 rad/s an arm 50 ms behind is inside the band; one that stopped is found within a quarter of a second."""
     t = np.arange(0.0, 1.0, 0.008)
     sent = np.outer(t, [0.0, 2.5, 0.0, 0.0, 0.0, 0.0])  # (N, J)
-    for i in range(REMEMBERED, len(t)):
+    for i in range(RECENT_TARGETS, len(t)):
         behind = sent[i] - 0.05 * np.array([0.0, 2.5, 0.0, 0.0, 0.0, 0.0])
-        assert following_failure(behind, sent[i - REMEMBERED : i], 0.05) is None
+        assert following_failure(behind, sent[i - RECENT_TARGETS : i], 0.05) is None
     stopped = sent[40]
-    found = next(i for i in range(41, len(t)) if following_failure(stopped, sent[i - REMEMBERED : i], 0.05))
+    found = next(i for i in range(41, len(t)) if following_failure(stopped, sent[i - RECENT_TARGETS : i], 0.05))
     # out of the band's memory after 0.2 s, beyond 0.05 rad of its edge 0.02 s later
     assert t[found] - t[40] < 0.2 + 0.02 + 2 * 0.008
 
@@ -73,13 +74,6 @@ def test_the_joint_that_strayed_is_named():
     failure = following_failure(np.array([0, 0, 0, 0.1, 0, 0]), np.zeros((3, 6)), 0.05)
     assert failure is not None
     assert "joint 4 is 0.100 rad" in str(failure)
-
-
-class Cycles:
-    """What `Arm.named` looks at, without connections."""
-
-    def __init__(self, gap_s, ago_s):
-        self.settings, self.tick_s, self.gap_s, self.gap_at = SETTINGS, 0.008, gap_s, time.monotonic() - ago_s
 
 
 @pytest.mark.parametrize(
@@ -96,15 +90,17 @@ class Cycles:
 )
 def test_what_late_targets_can_cause_is_laid_at_their_door_and_nothing_else(cause, gap_s, ago_s, named):
     """The cause that an operator reads is the one to act on."""
-    failure = Arm.named(Cycles(gap_s, ago_s), StreamFailure(cause, "…"))
+    gaps, now_s = CycleGaps(), 1000.0
+    gaps.add(now_s - ago_s, gap_s)
+    failure = gaps.explain(StreamFailure(cause, "…"), now_s, tick_s=0.008, watchdog_s=1.0 / SETTINGS.watchdog_hz)
     assert failure.cause == named
     assert named == cause or cause in str(failure)
 
 
 def test_real_time_priority_is_taken_where_it_is_permitted_and_reported_where_not():
     """In a process of its own: asked for, it has it or says False; its threads inherit it."""
-    code = "import os, threading\nfrom monitor.acquire.ur.child import real_time\n" + (
-        "got = real_time()\nhas = []\nt = threading.Thread(target=lambda: has.append(os.sched_getscheduler(0) == os.SCHED_FIFO))\n"
+    code = "import os, threading\nfrom monitor.acquire.ur.child import request_real_time\n" + (
+        "got = request_real_time()\nhas = []\nt = threading.Thread(target=lambda: has.append(os.sched_getscheduler(0) == os.SCHED_FIFO))\n"
         "t.start(); t.join()\nprint(got, has[0])"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

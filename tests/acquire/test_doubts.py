@@ -14,13 +14,14 @@ from test_arm import SETTINGS, WELL
 from test_guard import NOON, SIMULATED, facts, nudged, well
 
 from monitor.acquire.replay import replay
-from monitor.acquire.rows import COLUMN, SIGNALS, WIDTH, snapshot
+from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.conditions import ConditionInputs, ConditionResult, conditions
 from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream
-from monitor.acquire.ur.arm import StreamFailure, state_failure
+from monitor.acquire.ur.failures import StreamFailure, state_failure
+from monitor.acquire.ur.receive import SIGNALS, read_row
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.remote import Remote
@@ -31,7 +32,7 @@ def named(known: ConditionInputs) -> dict[str, ConditionResult]:
 
 
 class Told:
-    """What `snapshot` reads of a controller that reports everything: ones, but for what is given."""
+    """What `read_row` reads of a controller that reports everything: ones, but for what is given."""
 
     def __init__(self, **values: object) -> None:
         self._of = {signal.getter: values.get(signal.variable, 1.0 if signal.width == 1 else [1.0] * signal.width) for signal in SIGNALS}
@@ -56,7 +57,7 @@ class Told:
 )
 def test_a_value_that_is_reported_and_is_garbage_does_not_pass_for_one_that_is_not_reported(variable, value, condition):
     """As the child reads it and as the parent judges it; only what is absent is "not checked"."""
-    row, _ = snapshot(Told(**{variable: value}))
+    row, _ = read_row(Told(**{variable: value}))
     state = arm_state(row)
     heard = replace(
         well(), speed_scaling=state.speed_scaling, speed_fraction=state.speed_fraction, payload_kg=state.payload_kg
@@ -66,7 +67,7 @@ def test_a_value_that_is_reported_and_is_garbage_does_not_pass_for_one_that_is_n
     found = named(facts(heard))
     assert [name for name, each in found.items() if not each.holds] == [condition]
     without = tuple(signal for signal in SIGNALS if signal.variable != variable)
-    absent, _ = snapshot(Told(), without)
+    absent, _ = read_row(Told(), without)
     assert np.all(np.isnan(absent[COLUMN[variable]]))
 
 
@@ -101,6 +102,9 @@ class Uploaded:
 
     def message(self, kind: str, **_: object) -> None:
         """Nobody listens."""
+
+    def held_up(self) -> None:
+        """The clock does not matter here."""
 
     def next_row(self) -> np.ndarray:
         return self._row

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from monitor.acquire.safety import guard
 from monitor.acquire.safety.conditions import CHECKS, ConditionInputs, Permit, conditions, tilt_deg
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import ArmState
-from monitor.acquire.ur.dashboard import Identity
+from monitor.acquire.state import ArmState, Identity
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.robot import Mounting, load_robot

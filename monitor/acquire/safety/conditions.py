@@ -26,8 +26,8 @@ from monitor.acquire.state import (
     SAFETY_MODES,
     STANDSTILL_RAD_S,
     ArmState,
+    Identity,
 )
-from monitor.acquire.ur.dashboard import Identity
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
 from monitor.model.fourier import Excitation
@@ -37,7 +37,6 @@ from monitor.recording import Array, Context
 HOLD_ERROR_RAD = 0.05  # an arm that holds its pose has its target within this of its position
 ACCELEROMETER_ERROR_M_S2 = 1.5  # a real arm's reads 9.28 at rest; further off it is broken, or the arm does not stand
 PRIVATE_NETWORKS = tuple(ipaddress.IPv4Network(network) for network in ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16"))  # RFC 1918
-FULL_SPEED = 0.999  # the slider's 100 %, with rounding
 
 
 class Permit(NamedTuple):
@@ -271,17 +270,12 @@ def _stationary(facts: ConditionInputs) -> str:
 
 
 def _speed_scaling(facts: ConditionInputs) -> str:
-    scaling = _heard(facts).speed
-    if math.isnan(scaling):
+    state = _heard(facts)
+    if math.isnan(state.speed):
         raise Unreported("not reported: a slider below 100 % would show as a following error")
-    if not is_full_speed(scaling):
-        raise MotionRefused(f"the speed slider is at {100.0 * scaling:.0f} %; expected 100 %: at less the arm plays another trajectory")
+    if not state.at_full_speed:
+        raise MotionRefused(f"the speed slider is at {100.0 * state.speed:.0f} %; expected 100 %: at less the arm plays another trajectory")
     return "100 %"
-
-
-def is_full_speed(share: float) -> bool:
-    """100 %, with rounding; what is no number is not."""
-    return FULL_SPEED <= share <= 2.0 - FULL_SPEED
 
 
 def _payload(facts: ConditionInputs) -> str:

@@ -1,216 +1,153 @@
-"""The arm as the child process holds it: both ur-rtde connections, and the discipline of one cycle.
+"""The arm as the streaming process holds it: both ur-rtde connections, and the fixed order of one cycle.
 
-One row a tick, complete and fresh; a look at everything that may be wrong; one target. What is wrong is raised as a
-`StreamFailure` with its cause; whoever catches it must not call ur-rtde again.
+A cycle takes one complete, new row, checks everything that may be wrong, and sends one target. What is wrong is raised as a
+`StreamFailure` with its cause; after that nobody may call ur-rtde again.
 """
 
-import math
 import time
 from collections import deque
-from typing import Any
 
 import numpy as np
 from rtde_control import RTDEControlInterface
 
-from monitor.acquire import state as names
-from monitor.acquire.rows import COLUMN, Torn, connect_receiver, snapshot
-from monitor.acquire.safety.conditions import is_full_speed
-from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import ArmState, arm_state
+from monitor.acquire.driver import ReplayTask
+from monitor.acquire.rows import COLUMN
+from monitor.acquire.state import arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
+from monitor.acquire.ur.failures import StreamFailure, following_failure, state_failure
+from monitor.acquire.ur.gaps import CycleGaps
 from monitor.acquire.ur.pacing import POLL_S, Pace
+from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 from monitor.recording import Array
 
-REMEMBERED = 25  # targets: 0.2 s at 125 Hz, longer than lookahead and servo lag together
-HEARTBEAT_S = 0.1
-REMEMBERED_S = 0.5  # what goes wrong so soon after targets came late is laid at their door
-ODD_TICKS = 2.5  # between two rows: one tick left out is made good, more is a gap in the stream of targets
-WATCHDOG_SHARE = 0.5  # of the watchdog's patience: after a gap of more, it may be our lateness that it stopped
-
-
-class StreamFailure(Exception):
-    """The stream must end now."""
-
-    def __init__(self, cause: str, text: str) -> None:
-        super().__init__(text)
-        self.cause = cause
-
-
-def state_failure(state: ArmState, settings: ReplaySettings, payload_kg: float | None = None) -> StreamFailure | None:
-    """Why the stream may not go on, from the controller's own words; None if all is well. `payload_kg`: as configured."""
-    if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
-        bits = state.safety_bits
-        if state.safety_mode in {6, 7} or bits & 0b1110_0000:
-            cause = "emergency_stop"
-        elif state.safety_mode == 3 or bits & 0b100:
-            cause = "protective_stop"
-        elif state.safety_mode == 5 or bits & 0b1_0000:
-            cause = "safeguard_stop"
-        else:
-            cause = "safety"
-        name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
-        return StreamFailure(cause, f"safety mode {state.safety_mode} ({name}), bits {bits:#x}")
-    if state.robot_mode != names.ROBOT_MODE_RUNNING:
-        return StreamFailure("robot_mode", f"robot mode {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})")
-    if state.runtime_state != names.RUNTIME_PLAYING:
-        name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
-        return StreamFailure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
-    if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
-        return StreamFailure("bad_data", "the controller reports positions that are not finite")
-    if not (math.isnan(state.speed) or is_full_speed(state.speed)):
-        return StreamFailure("speed_scaling", f"the speed slider went to {100.0 * state.speed:.0f} %: the arm plays another trajectory")
-    if payload_kg is not None and abs(state.payload_kg - payload_kg) > settings.max_payload_error_kg:  # NaN: not reported
-        return StreamFailure(
-            "payload", f"the controller reckons with {state.payload_kg:.3f} kg now, the configuration says {payload_kg:.3f} kg"
-        )
-    coldest, hottest = settings.joint_temperature_range_c
-    if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
-        return StreamFailure(
-            "joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}"
-        )
-    return None
-
-
-def following_failure(q: Array, targets: Array, limit_rad: float) -> StreamFailure | None:
-    """Is any joint of q (J,) outside the band of the last targets (n, J) by more than the limit?
-
-    A servo's lag stays inside the band; an arm that stands while its targets go on does not.
-    """
-    outside = np.maximum(targets.min(axis=0) - q, q - targets.max(axis=0))  # (J,)
-    j = int(np.argmax(outside))
-    if outside[j] <= limit_rad:
-        return None
-    return StreamFailure("following_error", f"joint {j + 1} is {outside[j]:.3f} rad from where it was sent")
+RECENT_TARGETS = 25  # 0.2 s at 125 Hz: longer than servoJ's lookahead and the servo's lag together
+HEARTBEAT_S = 0.1  # the parent hears from this process at least so often while the arm moves
+SUSPECT_SHARE = 0.8  # of the largest age of a row: from here on a stall is suspected
+TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one before: a cycle advances by at most two ticks
+LONGEST_STEP_S = 10.0  # of the controller's clock between two rows; more means that the controller was restarted
+REASON_LOOKS, REASON_PAUSE_S = 4, 0.005  # how often and how far apart the state is read after a target was refused: two ticks and more
 
 
 class Arm:
-    """Both connections to the controller, and the discipline of one cycle."""
+    """Both connections to the controller, and what one cycle does with them."""
 
-    def __init__(self, job: dict[str, Any], outbox: Outbox, lifeline: Lifeline) -> None:
-        self.settings = ReplaySettings(**job["settings"])
-        self.max_speed = np.array(job["max_speed_rad_s"])  # (J,)
-        self.max_position = np.array(job["max_position_rad"])  # (J,)
-        self.payload_kg: float | None = job["context"]["payload_kg"]
-        self.proved_q: Array | None = None  # (J,) [rad] where the way to the start was proved from
+    def __init__(self, task: ReplayTask, outbox: Outbox, lifeline: Lifeline) -> None:
+        """Connect the receiver. Raises RuntimeError as ur-rtde does."""
+        self.settings, self.robot = task.settings, task.robot
+        self.payload_kg = task.context.payload_kg
+        self.proved_q: Array | None = None  # (J,) [rad] the position from which the way to the start was proved clear
         self.tick_s = 1.0 / self.settings.rate_hz
         self.outbox, self.lifeline = outbox, lifeline
         self.receive, self.signals = connect_receiver(self.settings.host, self.settings.rate_hz)
         self.control: RTDEControlInterface | None = None
-        self.seen_at = self.looked_at = time.monotonic()
-        self.gap_at, self.gap_s, self.longest_gap_s = -1e9, 0.0, 0.0  # the worst of late: between two looks at the controller, or two rows
-        self.told_at = 0.0
-        self.timestamp_s = self.receive.getTimestamp()
-        self.pace = Pace(timestamp_s=self.timestamp_s, offset_s=time.monotonic() - self.timestamp_s)
-        self.step_s = 0.0  # robot time between the last two rows
-        self.recent: deque[Array] = deque(maxlen=REMEMBERED)
-        self.asked_to_stop: str | None = None  # the cause, once somebody asked
+        self.seen_at = self._looked_at = time.monotonic()  # [s] when the last row was read, and when the next look was due
+        self.gaps = CycleGaps()
+        self._reported_at = 0.0
+        self._timestamp_s = self.receive.getTimestamp()
+        self._pace = Pace(timestamp_s=self._timestamp_s, offset_s=self.seen_at - self._timestamp_s)
+        self.step_s = 0.0  # controller's time between the last two rows
+        self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
+        self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
         self.may_go = False
         self.missed = self.torn = 0
         self.slipped_s = 0.0
 
-    def next_row(self) -> Array:
-        """(WIDTH,) the next tick's row, waiting for it.
+    def held_up(self) -> None:
+        """Note that this process was busy with something else: the age of the last row says nothing about the controller."""
+        self.seen_at = self._looked_at = time.monotonic()
 
-        Raises StreamFailure where none comes, or where a connection or the parent is gone.
+    def next_row(self) -> Array:
+        """The next tick's row (WIDTH,), waiting for it.
+
+        Raises StreamFailure where none comes, or where the connection is lost. Leaves the process where the parent is gone.
         """
         age_limit_s = self.settings.max_timestamp_age_s
         suspected_at = None
         while True:
             now = time.monotonic()
-            self._gap(now, now - self.looked_at)
-            self.looked_at = now
+            self.gaps.add(now, now - self._looked_at)
+            self._looked_at = now
             if not self.receive.isConnected() or (self.control is not None and not self.control.isConnected()):
                 raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
-            if self.receive.getTimestamp() != self.timestamp_s:
+            if self.receive.getTimestamp() != self._timestamp_s:
                 break
-            if now - self.seen_at > 0.8 * age_limit_s:
-                # perhaps it was this process that slept: give ur-rtde's own thread a moment to decode what has come
+            if now - self.seen_at > SUSPECT_SHARE * age_limit_s:
+                # perhaps this process slept: give ur-rtde's own thread a moment to decode what has arrived
                 suspected_at = suspected_at or now
-                if now - self.seen_at > age_limit_s and now - suspected_at > 0.2 * age_limit_s:
+                if now - self.seen_at > age_limit_s and now - suspected_at > (1.0 - SUSPECT_SHARE) * age_limit_s:
                     raise StreamFailure("stalled", f"no new data from the controller for {1000 * (now - self.seen_at):.0f} ms")
             self._listen_to_parent()
             self._sleep()
         try:
-            row, again = snapshot(self.receive, self.signals)
-        except (Torn, RuntimeError) as error:
+            row, again = read_row(self.receive, self.signals)
+        except (TornRow, RuntimeError) as error:
             raise StreamFailure("connection_lost", f"the RTDE data broke off: {error}") from None
         self.torn += again
         row[COLUMN["host_monotonic_s"]] = self.seen_at = time.monotonic()
         timestamp_s = float(row[0])
-        self.pace = self.pace.arrived(timestamp_s, self.looked_at)
-        self.step_s = timestamp_s - self.timestamp_s
-        self.timestamp_s = timestamp_s
-        self._gap(self.seen_at, self.step_s)
-        if not 0.0 < self.step_s < 10.0:
+        self._pace = self._pace.arrived(timestamp_s, self._looked_at)
+        self.step_s = timestamp_s - self._timestamp_s
+        self._timestamp_s = timestamp_s
+        self.gaps.add(self.seen_at, self.step_s)
+        if not 0.0 < self.step_s < LONGEST_STEP_S:
             raise StreamFailure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
         return row
 
     def _sleep(self) -> None:
-        """Sleep until shortly before the next packet is expected. The planned part of the sleep is no gap between two looks."""
-        began_s = time.monotonic()
-        planned_s = self.pace.sleep_s(began_s, self.tick_s)
+        """Sleep until shortly before the next packet is expected. The part that was planned beyond one poll is no gap."""
+        began = time.monotonic()
+        planned_s = self._pace.sleep_s(began, self.tick_s)
         time.sleep(planned_s)
-        self.pace = self.pace.woke(time.monotonic() - began_s - planned_s)
-        self.looked_at += planned_s - POLL_S
+        self._pace = self._pace.woke(time.monotonic() - began - planned_s)
+        self._looked_at += planned_s - POLL_S
 
     def cycle(self, target: Array, row: Array) -> None:
-        """Check the row, and send the target (J,) for it."""
+        """Check the row (WIDTH,), send the target (J,) for it, and enter the target in the row.
+
+        Raises StreamFailure where anything is wrong; the target is not sent then.
+        """
         self._listen_to_parent()
         settings = self.settings
         failure = state_failure(arm_state(row), settings, self.payload_kg)
         failure = failure or following_failure(row[COLUMN["actual_q"]], np.array(self.recent), settings.max_following_error_rad)
         if failure:
             raise failure
-        wanted = settings.permit_input
-        if (
-            wanted is not None
-            and self.asked_to_stop is None
-            and not int(np.nan_to_num(row[COLUMN["actual_digital_input_bits"]][0])) >> wanted & 1
-        ):
+        if self.asked_to_stop is None and not self._permitted(row):
             self.asked_to_stop = "permit_withdrawn"
         last = self.recent[-1]
-        allowed = self.max_speed * 2.2 * self.tick_s + 1e-6  # a target moves on by at most two ticks a cycle
-        if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.max_position)):
+        allowed = self.robot.max_speed_rad_s * TARGET_TICKS * self.tick_s + 1e-6  # (J,) [rad], with rounding
+        if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.robot.max_position_rad)):
             raise StreamFailure(
                 "bad_target", f"target {np.round(target, 4)} after {np.round(last, 4)}: not finite, too far, or out of range"
             )
         assert self.control is not None
         if not self.control.servoJ(target, 0.0, 0.0, self.tick_s, settings.lookahead_s, settings.gain):
-            raise self.why_refused()
+            raise self.refusal()
         self.recent.append(target)
         row[COLUMN["commanded_q"]] = target
 
-    def tell(self) -> None:
-        """A sign of life, now and then."""
-        if self.seen_at - self.told_at > HEARTBEAT_S:
-            self.told_at = self.seen_at
+    def _permitted(self, row: Array) -> bool:
+        """Whether the digital input that gives the permit is on; True where none is configured, False where it is not reported."""
+        number = self.settings.permit_input
+        return number is None or bool(int(np.nan_to_num(row[COLUMN["actual_digital_input_bits"]][0])) >> number & 1)
+
+    def report_alive(self) -> None:
+        """Tell the parent every HEARTBEAT_S that this process lives; for phases that send no rows."""
+        if self.seen_at - self._reported_at > HEARTBEAT_S:
+            self._reported_at = self.seen_at
             self.outbox.message("alive")
 
-    def _gap(self, now: float, gap_s: float) -> None:
-        """Remember the longest of the last half second, and of all."""
-        if gap_s >= self.gap_s or now - self.gap_at > REMEMBERED_S:
-            self.gap_at, self.gap_s = now, gap_s
-        self.longest_gap_s = max(self.longest_gap_s, gap_s)
+    def explained(self, failure: StreamFailure) -> StreamFailure:
+        """The failure by its true cause: `late` where targets came late just before it, because of this process or the network."""
+        return self.gaps.explain(failure, time.monotonic(), tick_s=self.tick_s, watchdog_s=1.0 / self.settings.watchdog_hz)
 
-    def named(self, failure: StreamFailure) -> StreamFailure:
-        """The failure by its cause: where targets came late just before, because of this process or the network, that is it."""
-        enough_s = {
-            "following_error": ODD_TICKS * self.tick_s,
-            "bad_target": ODD_TICKS * self.tick_s,
-            "program_stopped": WATCHDOG_SHARE / self.settings.watchdog_hz,
-            "servo_refused": WATCHDOG_SHARE / self.settings.watchdog_hz,
-        }.get(failure.cause)
-        if enough_s is None or self.gap_s < enough_s or time.monotonic() - self.gap_at > REMEMBERED_S:
-            return failure
-        return StreamFailure("late", f"targets came late, {1000 * self.gap_s:.0f} ms between two cycles; then {failure.cause}: {failure}")
-
-    def why_refused(self) -> StreamFailure:
-        """ServoJ said no. The next rows say why; reading what has been received is no call to the controller."""
-        for _ in range(4):
-            time.sleep(0.005)
+    def refusal(self) -> StreamFailure:
+        """Why a command was refused. The next rows say so; reading what was received sends nothing to the controller."""
+        for _ in range(REASON_LOOKS):
+            time.sleep(REASON_PAUSE_S)
             try:
-                row, _ = snapshot(self.receive, self.signals)
-            except (Torn, RuntimeError):
+                row, _ = read_row(self.receive, self.signals)
+            except (TornRow, RuntimeError):
                 break
             if failure := state_failure(arm_state(row), self.settings, self.payload_kg):
                 return failure

@@ -1,24 +1,27 @@
-"""The controller's dashboard over a plain socket: who it is, and the one command that stops a program in any state.
+"""The controller's dashboard server over a plain socket: who the controller is, and the command that stops a program in any state.
 
-Not ur-rtde's client: that one lives in the process that may be killed, this one must still work then.
+ur-rtde has a dashboard client too, but it lives in the process that may be killed; this one works also after that.
 """
 
 import re
 import socket
 import time
-from typing import NamedTuple, Self
+from typing import Self
 
+from monitor.acquire.driver import SafetyStop
+from monitor.acquire.state import Identity
 from monitor.errors import RobotUnreachable
 
 PORT = 29999
-LONGEST_LINE = 4096
-STOP_WITHIN_S = 1.6  # the caller must be told within 2 s, also of a controller that is gone; its own watchdog stops it meanwhile
+LONGEST_LINE = 4096  # bytes; a dashboard's answer is far shorter
+STOP_WITHIN_S = 1.6  # a replay must report its end within 2 s, also where the controller is gone; the controller's watchdog stops the arm
+QUIET_PAUSE_S = 0.15  # between two checks that no program runs: a script that ur-rtde sent just before it was killed may arrive late
 
 
 class Dashboard:
-    """One conversation: a line, an answer.
+    """One conversation: for each line sent, one line is answered.
 
-    Raises RobotUnreachable where the controller does not answer in time or not in lines.
+    Every method raises RobotUnreachable where the controller does not answer in time or not in lines.
     """
 
     def __init__(self, host: str, timeout_s: float = 2.0) -> None:
@@ -64,17 +67,8 @@ class Dashboard:
         return line.decode(errors="replace").strip()
 
 
-class Identity(NamedTuple):
-    """Who the controller says it is; None where it does not say."""
-
-    model: str | None  # "UR5"
-    serial: str | None
-    firmware: str | None  # "3.15.8.106339"
-    remote_control: bool | None
-
-
 def identity(host: str, timeout_s: float = 2.0) -> Identity:
-    """Model, serial number, software version, and whether it takes commands from afar."""
+    """Model, serial number, software version, and whether the controller takes commands over the network."""
     with Dashboard(host, timeout_s) as dashboard:
         model = re.fullmatch(r"UR\d+e?", dashboard.ask("get robot model"), re.IGNORECASE)
         serial = re.fullmatch(r"\d+", dashboard.ask("get serial number"))
@@ -88,7 +82,7 @@ def identity(host: str, timeout_s: float = 2.0) -> Identity:
     )
 
 
-SAFETY_CAUSES = {
+SAFETY_CAUSES = {  # dashboard's safety mode → cause of a replay's end
     "PROTECTIVE_STOP": "protective_stop",
     "SAFEGUARD_STOP": "safeguard_stop",
     "SYSTEM_EMERGENCY_STOP": "emergency_stop",
@@ -96,23 +90,22 @@ SAFETY_CAUSES = {
 }
 
 
-def safety_stop(host: str, timeout_s: float = 0.4) -> tuple[str, str] | None:
-    """Cause and text where the controller says that its safety stopped the arm; None where all is normal, or nothing is heard."""
+def safety_stop(host: str, timeout_s: float = 0.4) -> SafetyStop | None:
+    """The stop that the controller's safety system holds; None where there is none, or where the controller does not answer."""
     try:
         with Dashboard(host, timeout_s) as dashboard:
-            said = dashboard.ask("safetymode")
+            answer = dashboard.ask("safetymode")
     except RobotUnreachable:
         return None
-    match = re.fullmatch(r"safetymode:\s*(\w+)", said, re.IGNORECASE)
+    match = re.fullmatch(r"safetymode:\s*(\w+)", answer, re.IGNORECASE)
     mode = match[1].upper() if match else "NORMAL"
-    return None if mode == "NORMAL" else (SAFETY_CAUSES.get(mode, "safety"), f"the controller's safety mode is {mode}")
+    return None if mode == "NORMAL" else SafetyStop(SAFETY_CAUSES.get(mode, "safety"), f"the controller's safety mode is {mode}")
 
 
 def stop_program(host: str, within_s: float = STOP_WITHIN_S) -> bool:
-    """Stop whatever program runs, and see that none runs afterwards.
+    """Stop whatever program runs, until two checks one after the other, QUIET_PAUSE_S apart, find that none runs.
 
-    Twice quiet, 0.15 s apart: a script that ur-rtde had sent again just before it was killed may arrive late.
-    Returns False where the controller could not be reached or a program still runs after within_s.
+    Returns False where the controller could not be reached, or where a program still runs after within_s.
     """
     until = time.monotonic() + within_s
     quiet = 0
@@ -124,7 +117,7 @@ def stop_program(host: str, within_s: float = STOP_WITHIN_S) -> bool:
                     quiet = quiet + 1 if dashboard.ask("running").lower() == "program running: false" else 0
                     if quiet == 2:
                         return True
-                    time.sleep(0.15)
+                    time.sleep(QUIET_PAUSE_S)
         except RobotUnreachable:
             quiet = 0
             time.sleep(0.1)

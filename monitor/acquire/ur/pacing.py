@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 POLL_S = 0.0003  # between two looks around the expected arrival; shorter sleeps take more processor time and hardly gain precision
 MARGIN_S = 0.0005  # the cycle wakes so much earlier than the packet is expected: for the jitter of the network and of the search
 LARGEST_MARGIN_SHARE = 0.6  # of a tick: on a machine that wakes sleepers very late the cycle still sleeps for a part of each tick
+LONGEST_SLEEP_S = 0.008  # one tick at 125 Hz: so often, also at lower rates, the parent's words and the connection are looked at
 OFFSET_RISE = 2e-3  # s per s: twenty times the largest drift of two clocks; a packet that came 1 ms early is forgotten within 0.5 s
 MEAN_WEIGHT, DEVIATION_WEIGHT = 1 / 8, 1 / 4  # of the newest delay; Jacobson's estimator as in RFC 6298, section 2
 DEVIATIONS = 2.0  # added to the mean delay: then nine wake-ups of ten come in time
@@ -41,10 +42,10 @@ class Pace:
         )
 
     def sleep_s(self, now_s: float, tick_s: float) -> float:
-        """How long to sleep now, on the host's clock: until shortly before the next packet; at least POLL_S, at most one tick.
+        """How long to sleep now, on the host's clock: until shortly before the next packet; at least POLL_S, at most LONGEST_SLEEP_S.
 
         Once the packet is due or overdue the answer is POLL_S.
         """
         margin_s = min(MARGIN_S + self.late_s + DEVIATIONS * self.late_deviation_s, LARGEST_MARGIN_SHARE * tick_s)
         expected_s = self.timestamp_s + tick_s + self.offset_s
-        return min(max(expected_s - margin_s - now_s, POLL_S), tick_s)
+        return min(max(expected_s - margin_s - now_s, POLL_S), LONGEST_SLEEP_S)

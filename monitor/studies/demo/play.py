@@ -28,7 +28,8 @@ from rich.table import Table
 from rich.text import Text
 
 from monitor.acquire.listen import Listener, ListenSettings
-from monitor.acquire.replay import ReplayProgress, replay
+from monitor.acquire.replay import replay
+from monitor.acquire.watch import ReplayProgress
 from monitor.config.load import Configuration, from_document
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.identify.signals.quality import quality_problem

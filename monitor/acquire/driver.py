@@ -1,0 +1,87 @@
+"""What a robot must be able to do so that this room can replay on it, check it and listen to it. `ur/` is the one implementation.
+
+Everything that depends on the make of the robot lies behind `Driver`. A connection is held by a process of its own, a `Session`, because
+the libraries of the makers may crash or hang; the session's process may be killed at any moment.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState, Identity
+from monitor.errors import MonitorError
+from monitor.model.fourier import Excitation
+from monitor.model.robot import Robot
+from monitor.recording import Array, Context
+
+
+class SessionEnded(MonitorError):
+    """The session's process has ended, and everything that it sent has been delivered."""
+
+
+class SafetyStop(NamedTuple):
+    """A stop by the robot's own safety system."""
+
+    cause: str  # protective_stop, safeguard_stop, emergency_stop or safety
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReplayTask:
+    """What the streaming process needs to know of one replay."""
+
+    settings: ReplaySettings
+    excitation: Excitation
+    robot: Robot
+    context: Context
+
+
+class Session(Protocol):
+    """A process that holds the connection to one robot. The thread that starts it must outlive it."""
+
+    @property
+    def printed(self) -> str:
+        """The end of what the process printed, for a message after a crash."""
+
+    def send(self, word: str) -> None:
+        """Send one word to the process; without effect where it has ended."""
+
+    def frames(self, timeout_s: float) -> Iterator[Array | dict[str, Any]]:
+        """Rows (WIDTH,) and messages that have come, oldest first, after waiting up to timeout_s for the first.
+
+        A message is a dictionary with a `kind`. Raises SessionEnded once everything has been delivered.
+        """
+
+    def end(self, patience_s: float = 0.0) -> int:
+        """End the process, by force unless it ends by itself within patience_s. Returns its exit code, or minus the signal's number."""
+
+
+class Driver(Protocol):
+    """One make of robots. Every method names the robot by its host, a literal IPv4 address."""
+
+    def identity(self, host: str) -> Identity:
+        """Who the robot says it is. Raises RobotUnreachable."""
+
+    def state(self, host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
+        """The robot's state now, by receiving only; None where no data comes within timeout_s."""
+
+    def listen(self, host: str, rate_hz: float, *, every_tick: bool) -> Session:
+        """A session that receives only and sends rows. With `every_tick` no row may be lost; otherwise the newest row counts.
+
+        Its one message is `lost` with a `text`, after which it ends. Raises SessionEnded where no process can be started.
+        """
+
+    def stream(self, task: ReplayTask) -> Session:
+        """A session that plays one replay: connect, ready, control, approach, settle, play, return, settle, finish.
+
+        It sends the rows of the play, and these messages: `phase` with `phase` and `duration_s`; `state` with a `row` while it waits in
+        the phase `ready`; `alive`; and a last one: `done`, `failed` with `cause` and `text`, `refused` or `unreachable` with a `text`.
+        It takes the words `go`, without which nothing moves, and `stop`. Raises SessionEnded where no process can be started.
+        """
+
+    def safety_stop(self, host: str) -> SafetyStop | None:
+        """The stop that the robot's safety system holds; None where there is none, or where the robot does not answer."""
+
+    def stop_program(self, host: str) -> bool:
+        """Stop whatever program runs on the robot, without any session. False where the robot did not confirm that none runs."""

@@ -1,0 +1,52 @@
+"""Universal Robots behind the room's `Driver`: ur-rtde in child processes, and the dashboard server over a plain socket."""
+
+import time
+
+from monitor.acquire.driver import ReplayTask, SafetyStop, Session, SessionEnded
+from monitor.acquire.state import ArmState, Identity, arm_state
+from monitor.acquire.ur import dashboard
+from monitor.acquire.ur.job import job_document
+from monitor.acquire.ur.process import Child
+
+POLL_S = 0.05  # between two looks for the observing process's answer
+
+
+class UniversalRobots:
+    """Arms of the CB3 and e-Series generations. It holds no state: every method names the arm by its host."""
+
+    def identity(self, host: str) -> Identity:
+        """Who the controller says it is, from its dashboard server. Raises RobotUnreachable."""
+        return dashboard.identity(host)
+
+    def state(self, host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
+        """The arm's state now, by receiving only; None where no RTDE data comes within timeout_s."""
+        child = Child("monitor.acquire.ur.observe", {"host": host, "rate_hz": rate_hz})
+        until = time.monotonic() + timeout_s
+        try:
+            while time.monotonic() < until:
+                for frame in child.frames(POLL_S):
+                    return None if isinstance(frame, dict) else arm_state(frame)
+        except SessionEnded:
+            return None
+        finally:
+            child.end()
+        return None
+
+    def listen(self, host: str, rate_hz: float, *, every_tick: bool) -> Session:
+        """A process that receives only and sends rows."""
+        return Child("monitor.acquire.ur.listen", {"host": host, "rate_hz": rate_hz, "every_tick": every_tick})
+
+    def stream(self, task: ReplayTask) -> Session:
+        """A process that plays one replay once it is told `go`."""
+        return Child("monitor.acquire.ur.stream", job_document(task))
+
+    def safety_stop(self, host: str) -> SafetyStop | None:
+        """The stop that the controller's safety system holds; None where there is none, or where the controller does not answer."""
+        return dashboard.safety_stop(host)
+
+    def stop_program(self, host: str) -> bool:
+        """Stop whatever program runs. False where the controller did not confirm that none runs."""
+        return dashboard.stop_program(host)
+
+
+UNIVERSAL_ROBOTS = UniversalRobots()

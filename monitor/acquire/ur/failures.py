@@ -1,0 +1,73 @@
+"""What ends a stream of targets: a failure with its cause, found in the controller's state or in the arm's position. Values only."""
+
+import math
+
+import numpy as np
+
+from monitor.acquire import state as names
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState
+from monitor.recording import Array
+
+EMERGENCY_MODES = {6, 7}  # safety modes: system and robot emergency stop
+PROTECTIVE_MODE, SAFEGUARD_MODE = 3, 5
+EMERGENCY_BITS, PROTECTIVE_BIT, SAFEGUARD_BIT = 0b1110_0000, 0b100, 0b1_0000  # of the RTDE variable safety_status_bits
+
+
+class StreamFailure(Exception):
+    """The stream must end now, for this cause."""
+
+    def __init__(self, cause: str, text: str) -> None:
+        super().__init__(text)
+        self.cause = cause
+
+
+def state_failure(state: ArmState, settings: ReplaySettings, payload_kg: float | None = None) -> StreamFailure | None:
+    """Why the stream must end, as the controller's state says; None while everything is in order.
+
+    `payload_kg` is the configured payload; None skips its comparison. The most telling cause comes first where several hold.
+    """
+    if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
+        name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
+        return StreamFailure(_safety_cause(state), f"safety mode {state.safety_mode} ({name}), bits {state.safety_bits:#x}")
+    if state.robot_mode != names.ROBOT_MODE_RUNNING:
+        return StreamFailure("robot_mode", f"robot mode {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})")
+    if state.runtime_state != names.RUNTIME_PLAYING:
+        name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
+        return StreamFailure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
+    if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
+        return StreamFailure("bad_data", "the controller reports positions that are not finite")
+    if not (math.isnan(state.speed) or state.at_full_speed):
+        return StreamFailure("speed_scaling", f"the speed slider went to {100.0 * state.speed:.0f} %: the arm plays another trajectory")
+    if payload_kg is not None and abs(state.payload_kg - payload_kg) > settings.max_payload_error_kg:  # False for NaN: not reported
+        return StreamFailure(
+            "payload", f"the controller reckons with {state.payload_kg:.3f} kg now, the configuration says {payload_kg:.3f} kg"
+        )
+    coldest, hottest = settings.joint_temperature_range_c
+    if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
+        return StreamFailure(
+            "joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}"
+        )
+    return None
+
+
+def _safety_cause(state: ArmState) -> str:
+    if state.safety_mode in EMERGENCY_MODES or state.safety_bits & EMERGENCY_BITS:
+        return "emergency_stop"
+    if state.safety_mode == PROTECTIVE_MODE or state.safety_bits & PROTECTIVE_BIT:
+        return "protective_stop"
+    if state.safety_mode == SAFEGUARD_MODE or state.safety_bits & SAFEGUARD_BIT:
+        return "safeguard_stop"
+    return "safety"
+
+
+def following_failure(q: Array, targets: Array, limit_rad: float) -> StreamFailure | None:
+    """The failure where a joint of q (J,) is outside the range of the last targets (n, J) by more than limit_rad; else None.
+
+    A servo that lags stays within the range; an arm that stands while its targets go on leaves it.
+    """
+    outside = np.maximum(targets.min(axis=0) - q, q - targets.max(axis=0))  # (J,)
+    j = int(np.argmax(outside))
+    if outside[j] <= limit_rad:
+        return None
+    return StreamFailure("following_error", f"joint {j + 1} is {outside[j]:.3f} rad from where it was sent")

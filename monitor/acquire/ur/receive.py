@@ -1,0 +1,91 @@
+"""What ur-rtde is asked for, and how one tick becomes a row. Import this module only in a child process.
+
+Only variables that ur-rtde decodes are asked for: a variable that it does not know would shift every later one without an error.
+"""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from rtde_receive import RTDEReceiveInterface
+
+from monitor.acquire.rows import COLUMN, WIDTH, WIDTHS
+from monitor.recording import Array
+
+
+class Signal(NamedTuple):
+    """One RTDE variable and the getter of ur-rtde that reads it."""
+
+    variable: str  # its name in a row
+    getter: str
+    optional: bool = False  # controllers of some generations do not report it; the row holds NaN then
+
+    @property
+    def width(self) -> int:
+        """Values a tick."""
+        return WIDTHS[self.variable]
+
+
+SIGNALS: tuple[Signal, ...] = (
+    Signal("timestamp", "getTimestamp"),
+    Signal("actual_q", "getActualQ"),
+    Signal("actual_qd", "getActualQd"),
+    Signal("actual_current", "getActualCurrent"),
+    Signal("joint_temperatures", "getJointTemperatures"),
+    Signal("target_q", "getTargetQ"),
+    Signal("target_qd", "getTargetQd"),
+    Signal("target_qdd", "getTargetQdd"),
+    Signal("target_current", "getTargetCurrent"),
+    Signal("target_moment", "getTargetMoment"),
+    Signal("robot_mode", "getRobotMode"),
+    Signal("safety_mode", "getSafetyMode"),
+    Signal("runtime_state", "getRuntimeState"),
+    Signal("safety_status_bits", "getSafetyStatusBits"),
+    Signal("speed_scaling", "getSpeedScaling", optional=True),
+    Signal("target_speed_fraction", "getTargetSpeedFraction", optional=True),
+    Signal("payload", "getPayload", optional=True),  # from software 3.11 and 5.6 on
+    Signal("payload_cog", "getPayloadCog", optional=True),
+    Signal("actual_tool_accelerometer", "getActualToolAccelerometer", optional=True),
+    Signal("actual_digital_input_bits", "getActualDigitalInputBits", optional=True),
+)
+
+
+class TornRow(Exception):
+    """A getter did not deliver what its variable holds, because the connection was lost while the row was read."""
+
+
+def connect_receiver(host: str, rate_hz: float) -> tuple[RTDEReceiveInterface, tuple[Signal, ...]]:
+    """A receiving connection, and those of SIGNALS that this controller reports.
+
+    A controller that lacks a variable refuses the whole request and names the variable; if it is optional, the request is repeated
+    without it. Raises RuntimeError as ur-rtde does.
+    """
+    signals = SIGNALS
+    while True:
+        try:
+            return RTDEReceiveInterface(host, rate_hz, [signal.variable for signal in signals]), signals
+        except RuntimeError as error:
+            words = set(re.findall(r"\w+", str(error)))
+            fewer = tuple(signal for signal in signals if not (signal.optional and signal.variable in words))
+            if len(fewer) == len(signals):
+                raise
+            signals = fewer
+
+
+def read_row(receive: RTDEReceiveInterface, signals: tuple[Signal, ...] = SIGNALS, attempts: int = 5) -> tuple[Array, int]:
+    """One complete row (WIDTH,) of one tick, and how often it had to be read again.
+
+    ur-rtde's getters are not atomic together: a row counts only if the timestamp is the same before and after.
+    Raises TornRow where a getter returns nothing, or where a new tick came during every attempt.
+    """
+    row = np.full(WIDTH, np.nan)
+    for attempt in range(attempts):
+        for signal in signals:
+            value = getattr(receive, signal.getter)()
+            if signal.width > 1 and len(value) != signal.width:
+                raise TornRow(f"{signal.variable} has {len(value)} values; expected {signal.width}")
+            # NaN means "not reported", so a NaN that is reported becomes inf: no check takes inf for a missing value
+            row[COLUMN[signal.variable]] = np.where(np.isnan(value), np.inf, value) if signal.optional else value
+        if receive.getTimestamp() == row[0]:
+            return row, attempt
+    raise TornRow(f"no row was complete within {attempts} readings")

@@ -1,0 +1,148 @@
+"""The parent's view of one replay's session: what has come from it, for how long to wait for more, and when to say `go` or `stop`."""
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.acquire.driver import Session, SessionEnded
+from monitor.acquire.safety.gate import Gate
+from monitor.acquire.safety.torque_band import TorqueBand
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState, arm_state
+from monitor.recording import Array
+
+POLL_S = 0.05  # how often the caller is asked whether to stop
+PROGRESS_EVERY_S = 0.1  # how often the caller is shown the progress
+STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come to rest, end the program
+
+
+class ReplayProgress(NamedTuple):
+    """Where a replay is, for a display."""
+
+    phase: str  # start, connect, ready, control, approach, settle, play, return or finish
+    elapsed_s: float  # in this phase
+    duration_s: float  # of this phase; 0 where it is not known
+    rows: int
+
+
+class Interruption(NamedTuple):
+    """Why the parent gave the session up."""
+
+    cause: str
+    text: str
+
+
+class Watch:
+    """Follows one session, and remembers what it sent."""
+
+    def __init__(
+        self,
+        settings: ReplaySettings,
+        gate: Gate,
+        on_progress: Callable[[ReplayProgress], None] | None,
+        should_stop: Callable[[], bool] | None,
+        band: TorqueBand | None,
+    ) -> None:
+        self.settings, self.gate, self.on_progress, self.should_stop, self.band = settings, gate, on_progress, should_stop, band
+        self.state: ArmState | None = None  # the latest before the arm moved
+        self.rows: list[Array] = []
+        self.first_row_unix_s: float | None = None
+        self.in_control = False  # the session may have a program of ours running
+        self.last_message: dict[str, Any] | None = None  # the message after which the session ends
+        self.interruption: Interruption | None = None
+        self.phase, self.duration_s = "start", 0.0
+        self._gone = False  # the session was told `go`
+        self._phase_at = self._heard_at = time.monotonic()
+        self._asked_at: float | None = None  # when a stop was asked for
+
+    @property
+    def done(self) -> bool:
+        """The arm is back, the control program has ended, and every row is here."""
+        return self.last_message is not None and self.last_message["kind"] == "done"
+
+    @property
+    def may_move(self) -> bool:
+        """A program of ours may still run: control was taken, and the session has neither ended the program nor been refused control."""
+        return self.in_control and (self.last_message is None or self.last_message["kind"] == "failed")
+
+    def follow(self, session: Session) -> None:
+        """Follow the session until its last message, its death, or a reason to give it up.
+
+        Raises MotionRefused where the gate refuses the motion.
+        """
+        shown_at = 0.0
+        while self.last_message is None:
+            try:
+                for frame in session.frames(POLL_S):
+                    self._take(frame)
+            except SessionEnded:
+                return
+            now = time.monotonic()
+            if self.on_progress and now - shown_at >= PROGRESS_EVERY_S:
+                shown_at = now
+                self.on_progress(ReplayProgress(self.phase, now - self._phase_at, self.duration_s, len(self.rows)))
+            if self._asked_at is None and self.should_stop and self.should_stop():
+                self._asked_at = now
+                if not self.in_control:  # nothing moves yet
+                    self.interruption = Interruption("parent_asked_to_stop", "stopped on request before the arm moved")
+                    return
+                session.send("stop")
+            if self.last_message is None and self.phase == "ready" and self.state is not None and not self._gone:
+                self._gone = self.gate.step(self.state, now)
+                if self._gone:
+                    session.send("go")
+                    self._phase_at = time.monotonic()  # now the session proves its way to the start, and takes control
+            if self.last_message is None and self._out_of_patience(now):
+                return
+
+    def _take(self, frame: Array | dict[str, Any]) -> None:
+        self._heard_at = time.monotonic()
+        if not isinstance(frame, dict):
+            if self.first_row_unix_s is None:
+                self.first_row_unix_s = time.time()
+            self.rows.append(frame)
+            if self.band is not None and self.interruption is None and (outside := self.band.outside(frame)):
+                self.interruption = Interruption(*outside)
+        elif frame["kind"] == "phase":
+            self.phase, self.duration_s, self._phase_at = frame["phase"], frame["duration_s"], self._heard_at
+            self.in_control = self.in_control or self.phase == "control"
+        elif frame["kind"] == "state":
+            self.state = arm_state(np.array(frame["row"], dtype=float))
+        elif frame["kind"] != "alive":
+            self.last_message = frame
+
+    def _out_of_patience(self, now: float) -> bool:
+        """Whether there is a reason to give the session up; it is remembered as the interruption."""
+        if self.interruption is not None:
+            return True
+        settings = self.settings
+        if now - self._phase_at > (limit_s := self._phase_limit_s()):
+            self.interruption = Interruption("timeout", f"the phase {self.phase!r} took longer than {limit_s:.1f} s")
+        elif self._moving and now - self._heard_at > settings.silence_timeout_s:
+            text = f"the child process said nothing for {now - self._heard_at:.1f} s in the phase {self.phase!r}"
+            self.interruption = Interruption("timeout", text)
+        elif self._asked_at is not None and now - self._asked_at > STOP_PATIENCE_S:
+            text = f"the arm did not come to rest by itself within {STOP_PATIENCE_S:g} s of the request"
+            self.interruption = Interruption("parent_asked_to_stop", text)
+        return self.interruption is not None
+
+    @property
+    def _moving(self) -> bool:
+        return self.phase not in {"start", "connect", "ready", "control", "finish"}
+
+    def _phase_limit_s(self) -> float:
+        """How long the present phase may last."""
+        settings = self.settings
+        match self.phase:
+            case "start" | "connect":
+                return settings.startup_timeout_s
+            case "ready":
+                return settings.startup_timeout_s + (0.0 if self._gone else self.gate.patience_s)
+            case "control":
+                return settings.control_timeout_s
+            case "finish":
+                return settings.finish_timeout_s
+            case _:
+                return self.duration_s + settings.phase_grace_s
