@@ -1,7 +1,7 @@
-"""What is wrong with a whole recording and can be put right: its units, and a clock that was set.
+"""Errors of a whole recording that can be corrected: wrong units, and a clock that was set while it ran.
 
-Rows that are torn are dropped elsewhere; here nothing is dropped. A unit is changed only where the recording itself says which it is:
-positions and speeds must be each other's derivative, and no arm turns a hundred radians a second.
+Nothing is left out here; `signals.rows` leaves out torn rows. A unit is changed only where the recording itself shows it: the speeds must
+be the derivative of the positions, and no arm turns at a hundred radians a second.
 """
 
 import math
@@ -15,33 +15,33 @@ from monitor.errors import Unidentifiable
 from monitor.recording import Array, Recording
 
 DEGREES = 180.0 / math.pi
-ALIKE = 0.15  # relative: a ratio this near to a unit's is that unit; noise and differences move it by a few per cent
-CONTRADICTION = 1.2  # a ratio farther than this from 1, and from every unit: not the derivative of those positions
-DOUBTFUL = 0.03  # relative: real controllers agree to 0.001, differences at 12 Hz to 0.02
-BEYOND_RAD = 2.1 * math.pi  # no joint of an arm with cables turns farther; one that turns without end may
+ALIKE = 0.15  # relative distance at which a ratio counts as that of a unit; noise and differences change a ratio by a few per cent
+CONTRADICTION = 1.2  # a ratio farther than this factor from 1 and from every unit: the speeds belong to other positions
+DOUBTFUL = 0.03  # relative distance from 1 that is doubtful: real controllers agree to 0.001, differences at 12 Hz to 0.02
+BEYOND_RAD = 2.1 * math.pi  # no joint of an arm with cables turns farther; a joint without end stops may
 BEYOND_RAD_S = 7.0  # the fastest joint of any UR turns at 2π
-WELL_SAMPLED_HZ = 10.0  # slower, differences say nothing
-MOVING_RAD_S = 0.02
-WINDOW_S = 0.13  # a difference over so long: short beside the motion, long beside ripple
-WINDOW_ROWS = 17
-FEWEST_WINDOWS = 20
-SURE_STD = 5.0
-RETURN_ROWS = 20  # a clock that is still behind after so many rows was set; one torn time comes back in the next
-FAR_S = 60.0  # a leap ahead by more is no hole in a recording of a replay
-HOLE_S = 1.0  # what an unknown time between two rows counts as: longer than any gap that is bridged
+WELL_SAMPLED_HZ = 10.0  # at a lower rate, differences of positions are no speeds
+MOVING_RAD_S = 0.02  # a joint whose 90 % quantile of speed is lower does not move enough for a ratio
+WINDOW_S = 0.13  # time over which a difference is taken: short beside the motion, long beside ripple
+WINDOW_ROWS = 17  # rows of such a window, at most
+FEWEST_WINDOWS = 20  # fewer give no ratio
+SURE_STD = 5.0  # standard deviations of a ratio that are allowed before it counts as doubtful or wrong
+RETURN_ROWS = 20  # a torn time is right again in the next row; a clock that is wrong for so many rows was set
+FAR_S = 60.0  # a larger leap ahead is no hole in a recording of a replay
+HOLE_S = 1.0  # the hole that stands for an unknown time between two rows: longer than any gap that a spline bridges
 
 
 class Repair(NamedTuple):
-    """What was changed; `code` is for programs, `text` for people."""
+    """One correction; `code` is for programs, `text` for people."""
 
     code: str
     text: str
 
 
 def cleaned(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
-    """The recording in seconds, radians and with a clock that runs on, and what had to be done for it.
+    """The recording in seconds and radians, with a clock that only increases, and the corrections that were made.
 
-    Raises Unidentifiable where speeds are not what the positions change by.
+    Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit.
     """
     repairs = []
     t_s, jumps = _running_on(recording.t_s)
@@ -56,7 +56,7 @@ def cleaned(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
 
 
 def _running_on(t_s: Array) -> tuple[Array, int]:
-    """The clock with every lasting leap, back or far ahead, replaced by a hole; and how many there were."""
+    """The clock with a hole in the place of every lasting leap, back or far ahead; and the number of leaps."""
     finite = np.flatnonzero(np.isfinite(t_s))
     if len(finite) < 2 * RETURN_ROWS:
         return t_s, 0
@@ -69,7 +69,7 @@ def _running_on(t_s: Array) -> tuple[Array, int]:
         before, after = t[max(0, i + 1 - RETURN_ROWS) : i + 1], t[i + 1 : i + 1 + RETURN_ROWS]
         if len(after) < RETURN_ROWS or len(before) < RETURN_ROWS:
             continue
-        # a torn time is alone on its side; where the clock was set, all rows before and all after stand apart
+        # a torn time is a single row; where the clock was set, all rows before and all rows after are apart from each other
         back = np.median(after) < np.min(before[-3:]) and np.max(after) < t[i] + limit and np.min(after) > t[i + 1] - limit
         ahead = np.min(after) > np.max(before) + limit
         if (step[i] < 0.0 and back and np.max(after) < np.max(before)) or (step[i] > limit and ahead):
@@ -81,7 +81,10 @@ def _running_on(t_s: Array) -> tuple[Array, int]:
 
 
 def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
-    """(field, factor, what to say) of every unit that is not the SI's."""
+    """(field, factor to SI, text) of every unit that is not of the SI, and of a clock that is doubtful (factor 1).
+
+    Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit.
+    """
     name = recording.source or "recording"
     t_s, q, qd, qdd = recording.t_s, recording.q, recording.qd, recording.qdd
     step = np.diff(t_s[np.isfinite(t_s)])
@@ -124,11 +127,12 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
 
 
 def _near(ratio: float, unit: float) -> bool:
+    """Whether the ratio is that of the unit, within `ALIKE`."""
     return abs(ratio / unit - 1.0) < ALIKE
 
 
 def _in_degrees(values: Array | None, beyond: float) -> bool:
-    """Whether two joints or more (one joint may turn without end), for a good part of the time, are where radians do not go."""
+    """Whether two joints or more are beyond what radians allow in more than a tenth of the samples. One joint may have no end stops."""
     if values is None:
         return False
     with np.errstate(invalid="ignore"):
@@ -142,7 +146,7 @@ class _Ratio(NamedTuple):
 
 
 def _ratio(t_s: Array, x: Array, rate: Array | None) -> _Ratio | None:
-    """By what the change of x per time exceeds the rate that was recorded: the median joint's; None if too little moves to tell."""
+    """The change of x (N, J) per time over its recorded rate (N, J), of the median joint; None with too little motion."""
     if rate is None or len(t_s) < 10:
         return None
     ratios = []
@@ -154,12 +158,12 @@ def _ratio(t_s: Array, x: Array, rate: Array | None) -> _Ratio | None:
         dt = t_s[first + length] - t_s[first]
         even = (dt > 0.0) & (dt < 1.5 * length * tick)
         slopes = (x[first + length] - x[first]) / dt[:, None]  # (W, J)
-        middles = np.median(rate[first[:, None] + np.arange(length + 1)], axis=1)  # (W, J) a torn row has no say
+        middles = np.median(rate[first[:, None] + np.arange(length + 1)], axis=1)  # (W, J) a torn row has no influence
         for slope, middle in zip(slopes.T, middles.T, strict=True):
             sound = even & (np.abs(slope) < 1e4) & (np.abs(middle) < 1e4)
             if np.sum(sound) < FEWEST_WINDOWS or not np.quantile(np.abs(middle[sound]), 0.9) > MOVING_RAD_S:
                 continue
-            # where a joint turns round both are about zero; chosen by the slope, whose noise is small, or the ratio would be biased
+            # near a reversal both are about zero; rows are chosen by the slope, whose noise is small, since the ratio would be biased
             telling = sound & (np.abs(slope) > 0.3 * np.quantile(np.abs(slope[sound]), 0.9))
             along = middle[telling] * np.sign(slope[telling])
             value = float(np.median(np.abs(slope[telling])) / np.median(along))

@@ -1,6 +1,6 @@
-"""Is a recording as good as its own account of how it was taken? What was disturbed while it was taken would be read as friction.
+"""Quality check of a recording by the counts that its acquisition made. A disturbed motion would appear as friction.
 
-Pure: of the quality that acquisition counted, and of nothing else; a foreign file says nothing of itself and is taken as it is.
+A recording from elsewhere has no such counts and passes.
 """
 
 from collections.abc import Mapping
@@ -12,18 +12,17 @@ from annotated_types import Interval
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QualitySettings:
-    """How much a replay may have been disturbed and still be learnt from."""
+    """How much a replay may have been disturbed and still be used."""
 
-    max_missed_share: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.02  # of the ticks; alone on two cores none are missed
-    max_late_share: Annotated[float, Interval(ge=0.0, le=1.0)] = (
-        0.1  # of the cycles with a target late by half a tick; at 3 % nothing is seen, at 30 % fc was 20 % off
-    )
-    max_slipped_s: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.1  # that the motion fell behind its trajectory: another trajectory
-    min_speed_scaling: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.999  # less is another trajectory too
+    max_missed_share: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.02  # fraction of the ticks; alone on two cores none are missed
+    # fraction of the cycles whose target came late by half a tick; 3 % have no effect, with 30 % fc was 20 % off
+    max_late_share: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.1
+    max_slipped_s: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.1  # [s] delay behind the trajectory; with more it is another trajectory
+    min_speed_scaling: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.999  # the speed slider; with less it is another trajectory
 
 
 def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualitySettings) -> str | None:
-    """Why a recording of N samples is not to be learnt from, in words; None where nothing speaks against it."""
+    """The reason why a recording of N `samples` is not used, as a clause; None where it passes. quality : counts by name."""
 
     def known(name: str) -> float | None:
         value = quality.get(name)

@@ -1,4 +1,4 @@
-"""Torque: what the drives claim to deliver at the joints."""
+"""Joint torque, as the drives report it."""
 
 import numpy as np
 
@@ -7,14 +7,14 @@ from monitor.identify.signals.motion import Motion
 from monitor.model.robot import Robot
 from monitor.recording import Array
 
-GAIN_NM_PER_A = (1e-3, 1e4)  # from a toy's servo to ten times the largest joint of any arm
+GAIN_NM_PER_A = (1e-3, 1e4)  # plausible torque per ampere: from a small servo to ten times the largest joint of any arm
 
 
 def joint_torque(motion: Motion, robot: Robot, gains: Array | None = None) -> Array:
-    """Joint torque (N, J) [N·m]: measured torque where there is one, else current × gain.
+    """Joint torque (N, J) [N·m]: the measured torque where there is one, else current × gain.
 
-    gains : (J,) [N·m/A] at the joint; without them the published torque constant × gear ratio, Raviola et al. (2021), table 2.
-    Raises BadInput where there is current only and neither gains nor torque constants are known, or where they do not fit.
+    gains : (J,) torque per ampere at the joint [N·m/A]; None for the published torque constant × gear ratio, Raviola et al. (2021),
+    table 2. Raises BadInput where gains are missing or implausible, or the motion has another number of joints than the robot.
     """
     name = motion.source or "recording"
     if motion.q.shape[1] != robot.joints:
@@ -25,7 +25,7 @@ def joint_torque(motion: Motion, robot: Robot, gains: Array | None = None) -> Ar
         raise BadInput(f"--gains: {given}; expected {robot.joints} numbers between {least:g} and {most:g} [N·m/A]")
     if motion.torque is not None and (gains is None or motion.current is None):
         return motion.torque
-    if motion.current is None:  # signals.motion lets nothing else through
+    if motion.current is None:  # `motion` lets no such recording through
         raise BadInput(f"{name}: holds neither current nor torque")
     if gains is None:
         gains = robot.drive_gain_nm_per_a
