@@ -1,8 +1,12 @@
 """The arm's present motion against the torque model, sample by sample: `torque/live`, revolutions, evidence of more friction."""
 
 import logging
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
+from monitor.acquire.listen import LiveState
+from monitor.publish.bus import Bus
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Array
 from monitor.service.bus.publisher import Publisher
@@ -11,6 +15,26 @@ from monitor.service.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
 
 log = logging.getLogger(__name__)
+
+LONGEST_PAUSE_S = 0.5  # the link to the arm is checked so often, however seldom live torque is published
+
+
+class ArmLink(Protocol):
+    """The arm's state as it is received between replays."""
+
+    @property
+    def reachable(self) -> bool:
+        """Whether the controller answers."""
+
+    @property
+    def problem(self) -> str | None:
+        """Why it does not; None where it does."""
+
+    def poll(self) -> Sequence[LiveState]:
+        """The states received since the last call, oldest first."""
+
+    def latest(self) -> LiveState | None:
+        """The newest state; None before the first."""
 
 
 class LiveComparison:
@@ -25,6 +49,11 @@ class LiveComparison:
         now: Callable[[], float],
     ) -> None:
         self._state, self._publisher, self._production, self._requests, self._now = state, publisher, production, requests, now
+
+    @property
+    def rate_hz(self) -> float:
+        """How often live torque is published: `[bus] live_rate_hz`."""
+        return self._state.configuration.bus.live_rate_hz
 
     def sample(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> None:
         """Publish predicted against measured torque of one sample; all (J,) [rad, rad/s, rad/s², A, °C]."""
@@ -45,3 +74,27 @@ class LiveComparison:
         if why is not None and self._requests is not None and self._state.configuration.replay.allow_motion is True:
             log.info("evidence for an earlier replay: %s", why)
             self._requests.evidence(now)
+
+
+class LiveFeed:
+    """Hands the newest state of the arm's link to the comparison at its rate, and says on the bus whether the arm is received."""
+
+    def __init__(self, comparison: LiveComparison, bus: Bus, link: ArmLink) -> None:
+        self._comparison, self._bus, self._link = comparison, bus, link
+        self._due = 0.0  # monotonic
+
+    @property
+    def pause_s(self) -> float:
+        """How long to wait between two steps."""
+        return min(0.5 / self._comparison.rate_hz, LONGEST_PAUSE_S)
+
+    def step(self) -> None:
+        """Compare the newest sample, unless none has come or the next one is not due."""
+        period_s = 1.0 / self._comparison.rate_hz
+        fresh = self._link.poll()
+        # a row may come a little early, and is not left out for it
+        if fresh and (now := time.monotonic()) >= self._due - 0.25 * period_s:
+            self._due = max(self._due + period_s, now)
+            newest = fresh[-1]
+            self._comparison.sample(newest.q, newest.qd, newest.target_qdd, newest.current, newest.temperature_c)
+        self._bus.robot_alive(self._link.reachable)

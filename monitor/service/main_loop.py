@@ -2,14 +2,13 @@
 
 import threading
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from monitor.acquire.listen import LiveState
 from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.errors import StoreError
 from monitor.service.daemon import Daemon
+from monitor.service.live import ArmLink, LiveFeed
 from monitor.service.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument, status_line
 from monitor.service.problems import Problems
@@ -17,27 +16,8 @@ from monitor.service.reload import Reloader
 from monitor.service.scheduler import Scheduler
 from monitor.service.systemd import Heartbeats, Watchdog, notify
 
-LONGEST_PAUSE_S = 0.5  # the link to the arm is checked so often, however seldom live torque is published
 WORKER_PATIENCE_S = 90.0  # a worker is late after this: an upload, a permit, an assessment on a busy machine take less
 MONITOR_PERIOD_S = 10.0  # between two documents `monitor`
-
-
-class ArmLink(Protocol):
-    """The arm's state as it is received between replays."""
-
-    @property
-    def reachable(self) -> bool:
-        """Whether the controller answers."""
-
-    @property
-    def problem(self) -> str | None:
-        """Why it does not; None where it does."""
-
-    def poll(self) -> Sequence[LiveState]:
-        """The states received since the last call, oldest first."""
-
-    def latest(self) -> LiveState | None:
-        """The newest state; None before the first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,14 +39,14 @@ class MainLoop:
         """`hangup` is set to request a reload."""
         self._daemon, self._link, self._workers, self._hangup = daemon, link, workers, hangup
         self._watchdog = Watchdog(workers.heartbeats)
-        self._live_due = 0.0  # monotonic, as the two below
-        self._health_at = self._monitor_at = 0.0  # 0: not yet
+        self._feed = LiveFeed(daemon.live, daemon.bus, link)
+        self._health_at = self._monitor_at = 0.0  # monotonic; 0: not yet
 
     def run(self) -> None:
         """Until `stopping` is set, or maintenance finds damage."""
         state = self._daemon.state
-        while not state.stopping.wait(self._pause_s()) and self._workers.maintenance.damaged is None:
-            self._compare()
+        while not state.stopping.wait(self._feed.pause_s) and self._workers.maintenance.damaged is None:
+            self._feed.step()
             self._observe()
             if self._hangup.is_set():
                 self._hangup.clear()
@@ -80,23 +60,9 @@ class MainLoop:
                 self._publish_monitor()
             self._watchdog.look()
 
-    def _pause_s(self) -> float:
-        return min(0.5 / self._daemon.state.configuration.bus.live_rate_hz, LONGEST_PAUSE_S)
-
-    def _compare(self) -> None:
-        """Compare the newest sample with the model, at the configured rate."""
-        period_s = 1.0 / self._daemon.state.configuration.bus.live_rate_hz
-        fresh = self._link.poll()
-        # a row may come a little early, and is not left out for it
-        if fresh and (now := time.monotonic()) >= self._live_due - 0.25 * period_s:
-            self._live_due = max(self._live_due + period_s, now)
-            newest = fresh[-1]
-            self._daemon.live.sample(newest.q, newest.qd, newest.target_qdd, newest.current, newest.temperature_c)
-
     def _observe(self) -> None:
-        """Hand the arm's state to whoever needs it: liveliness, scheduler, problems."""
+        """Hand the arm's state to the scheduler and to the problems."""
         link, problems = self._link, self._workers.problems
-        self._daemon.bus.robot_alive(link.reachable)
         newest = link.latest()
         self._workers.scheduler.observe(
             link.reachable and newest is not None and newest.robot_mode == ROBOT_MODE_RUNNING,

@@ -1,1 +1,1 @@
-"""The demo: one robot, four weeks of its life in two minutes, on one machine without hardware."""
+"""The demo: a simulated UR5, four weeks of its life in two minutes, a joint that wears. It needs no hardware and no network."""

@@ -1,0 +1,65 @@
+"""How the demo makes a day's recording: a live replay over RTDE on some days, a replay that the simulator steps on the others."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+from monitor.acquire.replay import replay
+from monitor.acquire.watch import ReplayProgress
+from monitor.config.load import Configuration
+from monitor.errors import ReplayAborted
+from monitor.identify.signals.quality import quality_problem
+from monitor.model.fourier import Excitation
+from monitor.recording import Context, Recording
+from monitor.simulate.remote import Remote
+from monitor.studies.demo.plan import LIVE_DAYS, DemoState
+
+LIVE_ATTEMPTS = 3  # of one live replay: other work on this machine may disturb one, and hardly three in a row
+
+
+class DemoReplay:
+    """Makes the recording of the present day; the daemon calls it in the place of a replay of a real arm."""
+
+    def __init__(self, configuration: Configuration, remote: Remote, state: DemoState) -> None:
+        self._configuration, self._remote, self._state = configuration, remote, state
+
+    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
+        """One replay. Raises MotionRefused, RobotUnreachable and ReplayAborted like `replay`."""
+        if self._state.day in LIVE_DAYS:
+            return self._undisturbed(lambda: self._live(excitation, context, should_stop))
+        self._state.activity = "stepped replay: the simulator plays it faster than real time"
+        recording = self._remote.play(excitation)
+        return dataclasses.replace(recording, context=dataclasses.replace(recording.context, **_known_facts(context)))
+
+    def _live(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
+        robot, settings = self._configuration.robot_description, self._configuration.replay
+        return replay(excitation, robot, settings, context=context, on_progress=self._show, should_stop=should_stop)
+
+    def _show(self, at: ReplayProgress) -> None:
+        total = f" of {at.duration_s:.0f}" if at.duration_s else ""
+        self._state.activity = f"live replay over RTDE, servoJ at 125 Hz: {at.phase} {at.elapsed_s:.1f}{total} s"
+
+    def _undisturbed(self, live: Callable[[], Recording]) -> Recording:
+        """Repeat a live replay that other work on this machine disturbed: here the arm is a process among others.
+
+        The daemon never repeats a replay. It reports the reason and waits for the next window.
+        """
+        for _ in range(LIVE_ATTEMPTS - 1):
+            try:
+                recording = live()
+            except ReplayAborted as error:
+                if error.needs_a_person and error.cause != "following_error":
+                    raise
+                reason: str | None = error.cause
+            else:
+                reason = quality_problem(recording.quality, recording.samples, self._configuration.assess.trust)
+                if reason is None:
+                    return recording
+            self._state.disturbed.append(f"day {self._state.day + 1}: {reason}")
+        return live()
+
+
+def _known_facts(context: Context) -> dict[str, Any]:
+    """The fields of a context that are known, by name."""
+    facts = {field.name: getattr(context, field.name) for field in dataclasses.fields(context)}
+    return {name: value for name, value in facts.items() if value is not None}

@@ -1,0 +1,95 @@
+"""The demo's verdict: did the wear alert come for the right joint and for no other? As JSON, and as text."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from monitor.studies.demo.bus import Received
+from monitor.studies.demo.plan import DAYS, WEARING_JOINT, DemoState
+from monitor.studies.demo.screen import percent, wear_percent
+
+WEAR_TIERS = ("wear", "limit")  # an advisory alone is no finding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Summary:
+    """What the demo ends with. `torque` is the document of `query_torque`."""
+
+    state: DemoState
+    received: Received
+    torque: dict[str, Any]
+    took_s: float
+
+    @property
+    def wear_alerts(self) -> list[dict[str, Any]]:
+        """Active alerts of the wear tier or above."""
+        return [alert for _, alert in self.received.active_alerts if alert["tier"] in WEAR_TIERS]
+
+    @property
+    def problems(self) -> list[str]:
+        """Why the demo failed, in words; empty where it passed."""
+        found = []
+        if not (len(self.state.replays) == DAYS and all("assessed" in line for line in self.state.replays)):
+            found.append("not every replay was assessed; ")
+        alerts = {(alert["joint"], alert["condition"]) for alert in self.wear_alerts}
+        if not any(joint == WEARING_JOINT for joint, _ in alerts):
+            found.append(f"no wear alert for joint {WEARING_JOINT}; ")
+        wrong = sorted(str(alert) for alert in alerts if alert[0] != WEARING_JOINT)
+        if wrong:
+            found.append(f"alerts for {', '.join(wrong)}")
+        return found
+
+    def as_document(self) -> dict[str, Any]:
+        """What `demo --json` prints."""
+        return {
+            "passed": not self.problems,
+            "days": DAYS,
+            "live_replays": self.state.live_replays,
+            "stepped_replays": self.state.stepped_replays,
+            "live_torque_samples": self.received.live_samples,
+            "alerts": [{key: alert[key] for key in ("joint", "condition", "tier", "text")} for alert in self.wear_alerts],
+            "raised": [{"at": at, "alert": which} for at, which in self.received.raised],
+            "wear": [
+                {"joint": j, "estimated": row["wear"], "std": row["wear_std"], "true": float(self.state.true_wear[j - 1])}
+                for j, row in sorted(self.received.friction.items())
+            ],
+            "torque": self.torque,
+            "took_s": round(self.took_s, 1),
+        }
+
+    def print(self, console: Console) -> None:
+        """Print the torque query, when which alert was raised, the wear beside the truth, and the verdict."""
+        state, received = self.state, self.received
+        console.print(_torque_table(self.torque))
+        for at, which in received.raised:
+            console.print(f"  {at[:10]}  raised {which}", highlight=False)
+        row = received.friction.get(WEARING_JOINT)
+        if row:
+            true = percent(state.true_wear[WEARING_JOINT - 1])
+            console.print(f"joint {WEARING_JOINT} wore by {true} in truth; the monitor says {wear_percent(row)}")
+        counts = f"{state.live_replays} replays over RTDE, {state.stepped_replays} stepped, {received.live_samples} live torque samples"
+        console.print(f"{counts}, {self.took_s:.0f} s")
+        for repeated in state.disturbed:
+            console.print(f"live replay played again, this machine had other work to do: {repeated}")
+        if self.problems:
+            console.print(f"FAILED: {''.join(self.problems)}", style="bold red")
+        else:
+            console.print("the wear alert came for the right joint and for no other", style="green")
+
+
+def _torque_table(torque: dict[str, Any]) -> Table:
+    table = Table(title="one torque query over Zenoh at a temperature between those of the replays", title_justify="left")
+    for title in ("joint", "T [°C]", "predicted [Nm]", "truth [Nm]", "of it friction [Nm]", "RMS error, in motion"):
+        table.add_column(title, justify="right")
+    for j in range(6):
+        table.add_row(
+            str(j + 1),
+            f"{torque['temperature_c'][j]:.1f}",
+            f"{torque['predicted_nm'][j]:.2f} ± {torque['std_nm'][j]:.2f}",
+            f"{torque['true_nm'][j]:.2f}",
+            f"{torque['friction_nm'][j]:.2f}",
+            f"{torque['rms_error_nm'][j]:.2f} Nm ({100 * torque['rms_error_nm'][j] / torque['rms_torque_nm'][j]:.1f} %)",
+        )
+    return table
