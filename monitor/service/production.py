@@ -15,8 +15,9 @@ from monitor.judge.torque.production_residual import (
     ProductionEvidence,
     ProductionResiduals,
     ResidualSettings,
+    WorkSample,
+    earlier_replay_reason,
     production_evidence,
-    pull_forward,
     update,
 )
 from monitor.recording import Array
@@ -79,9 +80,8 @@ class Production:
     def worked(self, model: CompensatedModel, predicted: TorquePrediction, sample: Sample, dt_s: float) -> None:
         """Compare one sample of work with what the model foresees."""
         with self._lock:
-            self._residuals = update(
-                self._residuals, model.revision, predicted, sample.measured_nm, sample.qd, sample.qdd, dt_s, self._settings
-            )  # fmt: skip
+            one = WorkSample(sample.measured_nm, sample.qd, sample.qdd, dt_s)
+            self._residuals = update(self._residuals, model.revision, predicted, one, self._settings)
 
     def revolutions(self, at_unix_s: float) -> tuple[float, ...] | None:
         """Of every joint until now, for a replay's context; None where too little was heard. What was not heard counts as the rest."""
@@ -107,7 +107,7 @@ class Production:
         with self._lock:
             if self._residuals is None or self._residuals.revision == self._asked_for_revision:
                 return None
-            why = pull_forward(self._residuals, self._settings)
+            why = earlier_replay_reason(self._residuals, self._settings)
             if why is not None:
                 self._asked_for_revision = self._residuals.revision
             return why

@@ -9,7 +9,7 @@ import pytest
 
 from monitor.judge.drift.usage import no_usage
 from monitor.judge.torque.predictor import TorquePrediction
-from monitor.judge.torque.production_residual import ResidualSettings, production_evidence, pull_forward, update
+from monitor.judge.torque.production_residual import ResidualSettings, WorkSample, earlier_replay_reason, production_evidence, update
 from monitor.service.production import Production, Sample
 
 SETTINGS = ResidualSettings(span_s=60.0, min_samples=50)
@@ -27,16 +27,16 @@ def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0
             (rigid + friction)[None], rigid[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
         )
         measured = rigid + friction * (1.0 + rise + bias) + 10.0 * dice.normal(size=J)
-        so_far = update(so_far, revision, predicted, measured, qd, np.zeros(J), 0.2, settings)
+        so_far = update(so_far, revision, predicted, WorkSample(measured, qd, np.zeros(J), 0.2), settings)
     return so_far
 
 
 def test_a_joint_that_rose_pulls_the_next_replay_forward():
     """+50 % of joint 3 after the baseline, although the work is biased by 10 % for all: it and no other is named."""
     before = at_work(0.0, spans=3, bias=0.1)
-    assert pull_forward(before, SETTINGS) is None
+    assert earlier_replay_reason(before, SETTINGS) is None
     after = at_work(np.array([0, 0, 0.5, 0, 0, 0]), spans=4, so_far=before, bias=0.1, seed=1)
-    why = pull_forward(after, SETTINGS)
+    why = earlier_replay_reason(after, SETTINGS)
     assert why is not None
     assert why.startswith("joint 3: at work, friction is +4")
     told = {each.joint: each for each in production_evidence(after, SETTINGS)}
@@ -65,8 +65,8 @@ def test_a_new_model_begins_anew_and_unfit_samples_say_nothing():
         (*fit, True),
     ):
         odd = predicted._replace(extrapolated=np.full((1, J), extrapolated))
-        assert update(None, 1, odd, measured, qd, qdd, 0.2, SETTINGS).samples.max() == 0
-    assert update(None, 1, predicted, *fit, 0.2, SETTINGS).samples.min() == 1
+        assert update(None, 1, odd, WorkSample(measured, qd, qdd, 0.2), SETTINGS).samples.max() == 0
+    assert update(None, 1, predicted, WorkSample(*fit, 0.2), SETTINGS).samples.min() == 1
 
 
 def test_revolutions_are_counted_while_somebody_listens():

@@ -462,7 +462,7 @@ def test_what_work_says_of_friction_is_told_with_health(cell):
 
     daemon, _, _, endpoint = cell
     one = np.array([1.0, 0, 0, 0, 0, 0])
-    daemon.production._residuals = initial(6, 1)._replace(later=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
+    daemon.production._residuals = initial(6, 1)._replace(later_looks=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
     daemon.publisher.health()
     with Client(endpoint, "lab", "cell-1") as client:
         (each,) = client.health().production

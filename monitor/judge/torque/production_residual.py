@@ -1,9 +1,10 @@
-"""Production residuals: what normal work, listened to, says of friction between replays. Advisory evidence, never an alert.
+"""Production residuals: what normal work between replays says of friction. This evidence may ask for a replay; it raises no alert.
 
-A moving joint's torque is measured − predicted off by ΔF against its motion, whatever moves it. Over a span of work the ratio of that
-to the friction foreseen is how much friction has changed since the model's last replay. Work is no excitation: unknown loads,
-contact and slow samples make it unsure, and biased alike from day to day. So each span is one look with a wide doubt, the first
-spans after a replay are what is usual in this work, and only a clear and lasting rise beyond them asks for a replay.
+If the friction of a moving joint changes by ΔF, measured minus predicted torque changes by ΔF in the direction that opposes the motion.
+Over a span of motion, the ratio of this residual to the predicted friction is one look at the change of friction since the model's last
+replay. Work excites friction poorly: unknown loads, contact and slow motion make a look uncertain, with a bias that is similar from day
+to day. The first looks after a replay are therefore the baseline of this work, every look has a large standard deviation, and only a
+clear rise above the baseline in several looks in a row asks for a replay.
 """
 
 import math
@@ -16,106 +17,110 @@ from annotated_types import Interval
 from monitor.judge.torque.predictor import TorquePrediction
 from monitor.recording import Array
 
+MAX_STEP_S = 1.0  # a longer pause between samples counts as so long
+SHARED_SHARE = 0.5  # of a look's variance that further looks do not reduce: the bias of similar work stays
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualSettings:
-    """What of normal work is listened to, and how much it must say."""
+    """Which samples of normal work count, and what they must show to ask for a replay."""
 
-    min_speed_rad_s: Annotated[float, Interval(ge=0.01, le=3.0)] = 0.1  # slower, friction is pre-sliding and its sign is noise
-    max_acceleration_rad_s2: Annotated[float, Interval(ge=0.1, le=100.0)] = 3.0  # harder, inertia of unknown loads hides friction
-    span_s: Annotated[float, Interval(ge=60.0, le=86400.0)] = 3600.0  # of motion, by joint, that make one look
-    min_samples: Annotated[int, Interval(ge=10, le=1_000_000)] = 200  # fewer in a span say nothing
-    doubt: Annotated[float, Interval(ge=0.01, le=1.0)] = (
-        0.08  # [fraction of friction] by which work of another kind is off; one σ of a look
-    )
-    baseline_looks: Annotated[int, Interval(ge=1, le=100)] = 3  # what is usual for this work, learnt anew after each replay
-    rise: Annotated[float, Interval(ge=0.01, le=10.0)] = 0.10  # [fraction of friction] beyond the usual that matters
-    sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.99  # P(rise > 0) that pulls a replay forward …
-    min_looks: Annotated[int, Interval(ge=1, le=100)] = 3  # … in so many looks in a row
+    min_speed_rad_s: Annotated[float, Interval(ge=0.01, le=3.0)] = 0.1  # below it pre-sliding hides the direction of friction
+    max_acceleration_rad_s2: Annotated[float, Interval(ge=0.1, le=100.0)] = 3.0  # above it the inertia of unknown loads hides friction
+    span_s: Annotated[float, Interval(ge=60.0, le=86400.0)] = 3600.0  # of motion of one joint that make one look
+    min_samples: Annotated[int, Interval(ge=10, le=1_000_000)] = 200  # a span with fewer samples makes no look
+    doubt: Annotated[float, Interval(ge=0.01, le=1.0)] = 0.08  # standard deviation of one look, as a fraction of friction
+    baseline_looks: Annotated[int, Interval(ge=1, le=100)] = 3  # looks after a replay that make the baseline
+    rise: Annotated[float, Interval(ge=0.01, le=10.0)] = 0.10  # above the baseline that asks for a replay, as a fraction of friction …
+    sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.99  # … where friction has risen with this probability …
+    min_looks: Annotated[int, Interval(ge=1, le=100)] = 3  # … and so many looks in a row are above that rise
+
+
+class WorkSample(NamedTuple):
+    """One sample of the arm at work, (J,) each."""
+
+    measured_nm: Array
+    qd: Array  # [rad/s]
+    qdd: Array  # [rad/s²]
+    dt_s: float  # since the sample before
 
 
 class ProductionResiduals(NamedTuple):
-    """What was heard since the last replay, (J,) arrays; a value to be handed on from sample to sample."""
+    """Sums of the present span and means of the looks since the last replay, (J,) each."""
 
-    revision: int  # of the model that it is measured against
+    revision: int  # of the model that the residuals are of
     samples: Array  # of the present span
-    moving_s: Array
-    work: Array  # Σ foreseen friction² · dt
-    excess: Array  # Σ residual along the motion · foreseen friction · dt
-    looks: Array  # spans so far
-    usual: Array  # mean change in the baseline looks, fraction
-    change: Array  # mean change of the looks after, beyond the usual, fraction; NaN before
-    later: Array  # looks in it
-    agreeing: Array  # looks in a row beyond the rise
+    moving_s: Array  # length of the present span
+    friction2_s: Array  # Σ predicted friction²·dt over the present span [N²·m²·s]
+    excess2_s: Array  # Σ residual·predicted friction·dt over the present span [N²·m²·s]
+    looks: Array  # number of looks
+    baseline: Array  # mean of the first looks, as a fraction of friction
+    change: Array  # mean of the later looks less the baseline, as a fraction of friction; NaN before the first of them
+    later_looks: Array  # number of looks after those of the baseline
+    agreeing: Array  # number of consecutive looks above the rise, up to the last one
 
 
 class ProductionEvidence(NamedTuple):
-    """Of one joint: friction in production against what the model foresees, fraction, beyond what is usual; with its wide doubt."""
+    """What work says of one joint's friction, compared with the baseline. The names are published."""
 
     joint: int  # from 1
-    change: float
+    change: float  # as a fraction of friction
     std: float
-    looks: int
+    looks: int  # that `change` is the mean of
     probability: float  # that friction has risen at all
 
 
 def initial(joints: int, revision: int) -> ProductionResiduals:
-    """Nothing was heard since the model of that revision."""
+    """Residuals before the first sample, for a model of that revision."""
     zero = np.zeros(joints)
     return ProductionResiduals(revision, zero, zero, zero, zero, zero, zero, np.full(joints, np.nan), zero, zero)
 
 
 def update(
-    so_far: ProductionResiduals | None,
-    revision: int,
-    predicted: TorquePrediction,
-    measured_nm: Array,
-    qd: Array,
-    qdd: Array,
-    dt_s: float,
-    settings: ResidualSettings,
+    before: ProductionResiduals | None, revision: int, predicted: TorquePrediction, sample: WorkSample, settings: ResidualSettings
 ) -> ProductionResiduals:
-    """After one more sample of the arm at work, (J,) each; a new model begins anew.
+    """The residuals with one more sample. A model of another revision begins anew.
 
-    dt_s : since the last sample; a pause longer than a second counts as one second. Samples outside the learnt temperatures, too slow or
-    too hard say nothing.
+    predicted : one prediction, for the sample. Samples outside the learnt temperatures, too slow or with too large an acceleration do not
+    count.
     """
-    J = len(qd)
-    if so_far is None or so_far.revision != revision or len(so_far.samples) != J:
-        so_far = initial(J, revision)
-    friction = predicted.friction[0]
-    use = (np.abs(qd) >= settings.min_speed_rad_s) & (np.abs(qdd) <= settings.max_acceleration_rad_s2) & ~predicted.extrapolated[0]
-    use &= np.isfinite(measured_nm) & np.isfinite(friction) & (friction * qd > 0)
-    dt = float(np.clip(dt_s, 0.0, 1.0)) * use
-    left = np.where(use, measured_nm - predicted.torque[0], 0.0)
-    known = np.where(use, friction, 0.0)
-    now = so_far._replace(
-        samples=so_far.samples + use,
-        moving_s=so_far.moving_s + dt,
-        work=so_far.work + known**2 * dt,
-        excess=so_far.excess + left * known * dt,
+    J = len(sample.qd)
+    if before is None or before.revision != revision or len(before.samples) != J:
+        before = initial(J, revision)
+    friction, qd = predicted.friction[0], sample.qd
+    use = (np.abs(qd) >= settings.min_speed_rad_s) & (np.abs(sample.qdd) <= settings.max_acceleration_rad_s2) & ~predicted.extrapolated[0]
+    use &= np.isfinite(sample.measured_nm) & np.isfinite(friction) & (friction * qd > 0)
+    dt = float(np.clip(sample.dt_s, 0.0, MAX_STEP_S)) * use
+    residual = np.where(use, sample.measured_nm - predicted.torque[0], 0.0)
+    friction = np.where(use, friction, 0.0)
+    now = before._replace(
+        samples=before.samples + use,
+        moving_s=before.moving_s + dt,
+        friction2_s=before.friction2_s + friction**2 * dt,
+        excess2_s=before.excess2_s + residual * friction * dt,
     )
     done = now.moving_s >= settings.span_s
-    return _looked(now, done, settings) if done.any() else now
+    return _with_looks(now, done, settings) if done.any() else now
 
 
 def production_evidence(residuals: ProductionResiduals | None, settings: ResidualSettings) -> tuple[ProductionEvidence, ...]:
-    """Of every joint that was looked at often enough."""
+    """The evidence of every joint that has a look after its baseline."""
     if residuals is None:
         return ()
-    told = []
-    for j in np.flatnonzero(residuals.later > 0):
-        # what is usual is known no better than its looks tell, and work of another kind is alike from look to look: half of it stays
-        std = settings.doubt * math.sqrt(0.5 + 0.5 / residuals.later[j] + 1.0 / settings.baseline_looks)
+    found = []
+    for j in np.flatnonzero(residuals.later_looks > 0):
+        variance = SHARED_SHARE + (1.0 - SHARED_SHARE) / residuals.later_looks[j] + 1.0 / settings.baseline_looks
+        std = settings.doubt * math.sqrt(variance)
         change = float(residuals.change[j])
-        told.append(ProductionEvidence(int(j) + 1, change, std, int(residuals.later[j]), 0.5 * math.erfc(-change / std / math.sqrt(2.0))))
-    return tuple(told)
+        risen = 0.5 * math.erfc(-change / std / math.sqrt(2.0))
+        found.append(ProductionEvidence(int(j) + 1, change, std, int(residuals.later_looks[j]), risen))
+    return tuple(found)
 
 
-def pull_forward(residuals: ProductionResiduals | None, settings: ResidualSettings) -> str | None:
-    """Why the next replay should not wait, in words; None where production says nothing of the kind.
+def earlier_replay_reason(residuals: ProductionResiduals | None, settings: ResidualSettings) -> str | None:
+    """Why the next replay should come sooner, as a sentence; None where production gives no reason.
 
-    It asks for a replay and for nothing else: whether a joint has worn is for the replay to say.
+    Whether a joint has worn, the replay decides.
     """
     if residuals is None:
         return None
@@ -129,26 +134,24 @@ def pull_forward(residuals: ProductionResiduals | None, settings: ResidualSettin
     return None
 
 
-def _looked(now: ProductionResiduals, done: np.ndarray, settings: ResidualSettings) -> ProductionResiduals:
-    """One look a joint in `done`, and its next span."""
-    tells = done & (now.samples >= settings.min_samples) & (now.work > 0)
-    look = np.divide(now.excess, now.work, out=np.zeros_like(now.work), where=tells)
-    looks = now.looks + tells
-    baseline = tells & (looks <= settings.baseline_looks)
-    usual = np.where(baseline, now.usual + (look - now.usual) / np.maximum(looks, 1.0), now.usual)
-    after = tells & ~baseline
-    later = now.later + after
-    beyond = look - usual
-    change = np.where(after, np.nan_to_num(now.change) + (beyond - np.nan_to_num(now.change)) / np.maximum(later, 1.0), now.change)
-    agreeing = np.where(after, np.where(beyond >= settings.rise, now.agreeing + 1.0, 0.0), now.agreeing)
+def _with_looks(now: ProductionResiduals, done: np.ndarray, settings: ResidualSettings) -> ProductionResiduals:
+    """The residuals with one more look of each joint in `done` (J,), whose next span begins."""
+    counts = done & (now.samples >= settings.min_samples) & (now.friction2_s > 0)
+    look = np.divide(now.excess2_s, now.friction2_s, out=np.zeros_like(now.friction2_s), where=counts)
+    looks = now.looks + counts
+    of_baseline = counts & (looks <= settings.baseline_looks)
+    baseline = np.where(of_baseline, now.baseline + (look - now.baseline) / np.maximum(looks, 1.0), now.baseline)
+    later = counts & ~of_baseline
+    later_looks = now.later_looks + later
+    rise, mean = look - baseline, np.nan_to_num(now.change)
     return now._replace(
         samples=np.where(done, 0.0, now.samples),
         moving_s=np.where(done, 0.0, now.moving_s),
-        work=np.where(done, 0.0, now.work),
-        excess=np.where(done, 0.0, now.excess),
+        friction2_s=np.where(done, 0.0, now.friction2_s),
+        excess2_s=np.where(done, 0.0, now.excess2_s),
         looks=looks,
-        usual=usual,
-        change=change,
-        later=later,
-        agreeing=agreeing,
+        baseline=baseline,
+        change=np.where(later, mean + (rise - mean) / np.maximum(later_looks, 1.0), now.change),
+        later_looks=later_looks,
+        agreeing=np.where(later, np.where(rise >= settings.rise, now.agreeing + 1.0, 0.0), now.agreeing),
     )
