@@ -78,7 +78,7 @@ class Work:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
+class ScenarioEvent:
     """What happens, once."""
 
     at_s: float  # after the start
@@ -96,7 +96,7 @@ class Scenario:
     arm: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     room: Room | None = None
     work: Work = field(default_factory=Work)
-    events: tuple[Event, ...] = ()
+    events: tuple[ScenarioEvent, ...] = ()
 
 
 _JOINT = Number(1, 6)
@@ -213,7 +213,7 @@ def _work(table: dict[str, Any], where: str) -> Work:
     return Work(days=tuple(days), pauses=tuple((float(a), float(b)) for a, b in pauses), **rest)
 
 
-def _event(entry: Any, where: str) -> Event:
+def _event(entry: Any, where: str) -> ScenarioEvent:
     if not isinstance(entry, dict):
         raise BadInput(f"{where}: {entry!r}; expected a table")
     entry = dict(entry)
@@ -227,13 +227,13 @@ def _event(entry: Any, where: str) -> Event:
     at_s = at["at_day"] * DAY_S if "at_day" in at else at["at_s"]
     if do == "fault":
         name = check(where, EVENTS["fault"], {"fault": entry.pop("fault", None)})["fault"]
-        return Event(at_s=at_s, do=do, arguments=MappingProxyType({"fault": name, "with": faults.checked(name, entry)}))
+        return ScenarioEvent(at_s=at_s, do=do, arguments=MappingProxyType({"fault": name, "with": faults.checked(name, entry)}))
     if do == "replace_joint" and "serial" not in entry:
         entry["serial"] = "unknown"
     arguments = check(where, EVENTS[do], entry)
     if do == "mounting":
         Mounting.parse(arguments["mounting"])
-    return Event(at_s=at_s, do=do, arguments=MappingProxyType(arguments))
+    return ScenarioEvent(at_s=at_s, do=do, arguments=MappingProxyType(arguments))
 
 
 def _folders() -> tuple[Path, Path]:

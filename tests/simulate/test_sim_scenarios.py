@@ -13,7 +13,7 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import SafetyMode
 from monitor.simulate.controller.truth import truth
 from monitor.simulate.launch import announcement, settings_from
-from monitor.simulate.scenario import DAY_S, HOUR_S, Event, Scenario, Work, load_scenario, scenario_from_document, scenario_names
+from monitor.simulate.scenario import DAY_S, HOUR_S, Scenario, ScenarioEvent, Work, load_scenario, scenario_from_document, scenario_names
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.simulate.wire.robot import ServedRobot
@@ -160,7 +160,7 @@ def test_on_holiday_the_arm_rests():
 
 def test_stepped_and_tick_by_tick_give_the_same_life():
     """A day's events and its room at the same moments whether leapt or lived; here an event after two seconds."""
-    event = Event(at_s=2.0, do="wear_step", arguments={"joint": 1, "coulomb_factor": 1.5, "viscous_factor": 1.0})
+    event = ScenarioEvent(at_s=2.0, do="wear_step", arguments={"joint": 1, "coulomb_factor": 1.5, "viscous_factor": 1.0})
     ticked, leapt = (Controller(SimulateSettings(scenario=Scenario(events=(event,)))) for _ in range(2))
     for _ in range(round(3.0 / ticked.clock.tick_s)):
         ticked.step()

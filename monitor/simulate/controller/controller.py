@@ -65,37 +65,11 @@ class Controller:
         if before is not None:
             self.arm.brake()
             self.arm.powered = False
-        self.kinematics, self.limits = Kinematics(self.robot), Limits(self.robot, settings.tick_s)
-        self.reference = Reference(self.robot, self.arm.q, settings.tick_s)
+        self.kinematics, self.reference = Kinematics(self.robot), Reference(self.robot, self.arm.q, settings.tick_s)
         self.measurements = Measurements(self.arm, Sensors(self.robot, settings.seed, settings.tick_s, settings.current_noise))
         self.registers = Registers(self.identity.knows)
         self.installation = Installation(settings, self.robot, self.arm)
-        moves = Moves(
-            robot=self.robot,
-            reference=self.reference,
-            kinematics=self.kinematics,
-            limits=self.limits,
-            clock=self.clock,
-            modes=self.modes,
-            supervisor=self,
-        )
-        self.machine = Machine(
-            settings=settings,
-            robot=self.robot,
-            arm=self.arm,
-            clock=self.clock,
-            modes=self.modes,
-            registers=self.registers,
-            measurements=self.measurements,
-            reference=self.reference,
-            kinematics=self.kinematics,
-            limits=self.limits,
-            moves=moves,
-            installation=self.installation,
-            journal=self.journal,
-            watchdog=Watchdog(self.clock),
-            supervisor=self,
-        )
+        self.machine = self._assembled()
         self.programs = Programs(self.machine)
         self.safety = Safety(self.machine, self.programs)
         self._fault_target = FaultTarget(
@@ -118,6 +92,36 @@ class Controller:
         else:
             self._take_over(before)
         self._check_scenario()
+
+    def _assembled(self) -> Machine:
+        """The parts that programs use."""
+        limits = Limits(self.robot, self.clock.tick_s)
+        moves = Moves(
+            robot=self.robot,
+            reference=self.reference,
+            kinematics=self.kinematics,
+            limits=limits,
+            clock=self.clock,
+            modes=self.modes,
+            supervisor=self,
+        )
+        return Machine(
+            settings=self.settings,
+            robot=self.robot,
+            arm=self.arm,
+            clock=self.clock,
+            modes=self.modes,
+            registers=self.registers,
+            measurements=self.measurements,
+            reference=self.reference,
+            kinematics=self.kinematics,
+            limits=limits,
+            moves=moves,
+            installation=self.installation,
+            journal=self.journal,
+            watchdog=Watchdog(self.clock),
+            supervisor=self,
+        )
 
     def _begin_scenario(self) -> None:
         self.scenario.advance(0.0, self._scenario_target)

@@ -14,7 +14,7 @@ from monitor.simulate.controller.clock import Clock
 from monitor.simulate.controller.faults import FaultTarget, inject
 from monitor.simulate.controller.identity import Identity
 from monitor.simulate.controller.installation import Installation
-from monitor.simulate.scenario import DAY_S, Event, Scenario, Work
+from monitor.simulate.scenario import DAY_S, Scenario, ScenarioEvent, Work
 
 WEAR_QUOTED_AT_RAD_S = 1.0  # `percent_a_month` refers to the friction at this speed, at 25 °C and without load
 LEAP_S = 600.0  # largest step of a leap in time; the temperature of the room hardly changes within it
@@ -52,9 +52,9 @@ class ScenarioPlayer:
         elif room is not None:
             target.arm.ambient_c = room.at(self.scenario.started_s + lived_s)
 
-    def _due_now(self, clock: Clock) -> Iterator[Event]:
+    def _due_now(self, clock: Clock) -> Iterator[ScenarioEvent]:
         """The events that are due. Faults at the age of zero wait for the first control period, when all parts exist."""
-        waiting: list[Event] = []
+        waiting: list[ScenarioEvent] = []
         while self._due and self._due[0].at_s <= self.lived_s:
             event = self._due.popleft()
             if event.do == "fault" and clock.ticks == 0 and self.lived_s == 0.0:
@@ -85,11 +85,11 @@ class ScenarioPlayer:
         return self._due[0].at_s if self._due else float("inf")
 
 
-def _arguments(event: Event) -> str:
+def _arguments(event: ScenarioEvent) -> str:
     return " ".join(f"{key}={value}" for key, value in event.arguments.items())
 
 
-def _happen(event: Event, work: Work, target: ScenarioTarget) -> None:
+def _happen(event: ScenarioEvent, work: Work, target: ScenarioTarget) -> None:
     arm, given, installation = target.arm, event.arguments, target.installation
     joint = int(given.get("joint", 1)) - 1
     match event.do:
