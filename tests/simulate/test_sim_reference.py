@@ -144,7 +144,7 @@ def accelerations(late_s):
     stream, targets, found = Servoj(q.tolist(), qd.tolist(), 0.008, 0.008, [20.0, 20.0]), swing(sent_s, 0), []
     arrives = np.searchsorted(sent_s, np.maximum.accumulate(sent_s + late_s))  # tick of each target: none overtakes another
     for tick in range(len(late_s)):
-        stream.tell(targets[arrives == tick].tolist(), 0.008, 0.03, 500.0)
+        stream.receive(targets[arrives == tick].tolist(), 0.008, 0.03, 500.0)
         rows = stream.advance(0.002, 4, q, qd)
         q, qd = rows[-1, 0], rows[-1, 1]
         found.append(rows[:4, 2])
@@ -162,7 +162,7 @@ def test_a_change_of_acceleration_is_carried_on_where_targets_come_evenly_and_no
     """Evenly it halves what the pushes of new targets leave; with 4 ms of the network's jitter it would shake the arm."""
     even, jitter = np.full(2000, 0.003), 0.003 + np.abs(np.random.default_rng(0).normal(0.0, 0.004, 2000))
     with_turns = roughness(even), roughness(jitter)
-    monkeypatch.setattr("monitor.simulate.arm.servoj.TURN_TRUST", 0.0)
+    monkeypatch.setattr("monitor.simulate.arm.servoj.QDD_CHANGE_GAIN", 0.0)
     without = roughness(even), roughness(jitter)
     assert with_turns[0] < 0.6 * without[0]
     assert with_turns[1] < 1.05 * without[1]
@@ -175,13 +175,13 @@ def test_a_tick_at_once_is_the_tick_step_by_step(age_ticks, n):
     q, qd = np.full(6, 0.1), np.zeros(6)
     for k in range(4):
         for stream in (once, slowly):
-            stream.tell([[0.1 + 1e-5 * j * k * k for j in range(6)]], 0.008, 0.03, 500.0)
+            stream.receive([[0.1 + 1e-5 * j * k * k for j in range(6)]], 0.008, 0.03, 500.0)
         if k < 3:
             once.advance(0.002, 4, q, qd)
-            *_, (q, qd, _) = np.array(slowly._step_by_step(0.002, 4, q.tolist(), qd.tolist())).reshape(-1, 3, 6)
+            *_, (q, qd, _) = np.array(slowly.step_by_step(0.002, 4, q.tolist(), qd.tolist())).reshape(-1, 3, 6)
     for _ in range(age_ticks):
         once.advance(0.002, 1, q, qd)
-        slowly._step_by_step(0.002, 1, q.tolist(), qd.tolist())
-    expected = np.array(slowly._step_by_step(0.002, n, q.tolist(), qd.tolist())).reshape(-1, 3, 6)
+        slowly.step_by_step(0.002, 1, q.tolist(), qd.tolist())
+    expected = np.array(slowly.step_by_step(0.002, n, q.tolist(), qd.tolist())).reshape(-1, 3, 6)
     assert np.abs(once.advance(0.002, n, q, qd) - expected).max() < 1e-10
     assert np.abs(expected[-1, 2]).max() > 1e-3  # it did move

@@ -1,1 +1,1 @@
-"""Physics of a simulated arm: bodies, friction, heat, wear, sensors, and how its servos follow a reference."""
+"""The physics of a simulated arm: rigid bodies, friction, heat, wear, sensors, servos and their reference."""

@@ -1,11 +1,11 @@
-"""The simulated joint's friction: a law of the simulator's own, unknown to whatever identifies it.
+"""The friction of the simulated joints. Its law is not among the laws that the monitor identifies.
 
 τ_f = w_c·[Fc(T) + c·|τ_link|]·(1 + σ·e^(−(q̇/v_s)²))·sign(q̇) + w_v·e^(−k(T−25))·[Fv·(|q̇|)^p + fl·|q̇|]·sign(q̇)
 
-T is the temperature of the grease. The bracket with σ is Stribeck's: a joint at rest holds (1 + σ) times what it drags when it
-slides faster than v_s, so a joint that is pulled slowly through something soft sticks and slips. The shape follows the factory
-sweeps of a UR5e (concave, p ≈ 0.52–0.63 there) and the load term seen on a UR10e; the magnitudes follow those
-sweeps scaled by each joint's maximum torque.
+T is the temperature of the grease, w_c and w_v are the wear factors of dry and viscous friction. The bracket with σ is the Stribeck
+effect: the dry friction of a joint at rest is (1 + σ) times that of a joint that slides faster than v_s, so a joint that is pulled
+slowly by a soft drive sticks and slips. The concave shape follows the factory sweeps of a UR5e (p ≈ 0.52–0.63 there), the load term
+follows measurements of a UR10e. The magnitudes are those of the sweeps, scaled by the maximum torque of each joint.
 """
 
 from dataclasses import dataclass
@@ -16,50 +16,50 @@ from monitor.model.robot import Robot
 from monitor.recording import Array
 
 REFERENCE_C = 25.0
-SMOOTH_SPEED_RAD_S = 0.01  # below it the concave part turns linear, or its slope at rest would be infinite
-STRIBECK_RAD_S = 0.008  # v_s: boundary lubrication is over well below the speeds of any job
+SMOOTH_SPEED_RAD_S = 0.01  # the concave term is linear below this speed; otherwise its slope at rest would be infinite
+STRIBECK_RAD_S = 0.008  # v_s: boundary lubrication ends far below the speeds of any job
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrictionLaw:
-    """Parameters at 25 °C, unworn, each (J,)."""
+    """Parameters of the law at 25 °C without wear, each (J,)."""
 
     coulomb_nm: Array
-    load_factor: Array  # c, share of the transmitted torque
+    load_factor: Array  # c, dry friction per transmitted torque
     concave_nm: Array  # Fv, at 1 rad/s
     exponent: Array  # p
     linear_nm_s_per_rad: Array  # fl
-    viscous_per_k: Array  # k
-    coulomb_per_k: Array  # nearly nothing
-    stiction: Array  # σ, what standing adds to dry friction, as a share
+    viscous_per_k: Array  # k, relative decrease of viscous friction per kelvin
+    coulomb_per_k: Array  # relative decrease of dry friction per kelvin; it is close to zero
+    stiction: Array  # σ, what rest adds to dry friction, as a share of it
 
     def dry(self, load_nm: Array, grease_c: Array, wear: Array) -> Array:
-        """Sliding resistance well above the Stribeck speed, ≥ 0. All (…, J)."""
+        """Dry friction far above the Stribeck speed, ≥ 0 [N·m]. All (…, J)."""
         warm = 1.0 - self.coulomb_per_k * (grease_c - REFERENCE_C)
         result: Array = wear * (self.coulomb_nm * warm + self.load_factor * np.abs(load_nm))
         return result
 
-    def grip(self, qd: Array) -> Array:
-        """Stribeck's factor on dry friction: 1 + σ at rest, 1 in motion. All (…, J)."""
+    def stribeck_factor(self, qd: Array) -> Array:
+        """The Stribeck factor of dry friction: 1 + σ at rest, 1 in motion. All (…, J)."""
         result: Array = 1.0 + self.stiction * np.exp(-((qd / STRIBECK_RAD_S) ** 2))
         return result
 
     def viscous_coefficient(self, qd: Array, grease_c: Array, wear: Array) -> Array:
-        """Viscous torque divided by q̇, > 0. All (…, J) [N·m·s/rad]."""
+        """Viscous friction torque divided by q̇, > 0 [N·m·s/rad]. All (…, J)."""
         thin = wear * np.exp(-self.viscous_per_k * (grease_c - REFERENCE_C))
         concave = self.concave_nm * (qd * qd + SMOOTH_SPEED_RAD_S**2) ** (0.5 * (self.exponent - 1.0))
         result: Array = thin * (concave + self.linear_nm_s_per_rad)
         return result
 
     def torque(self, qd: Array, load_nm: Array, grease_c: Array, wear_coulomb: Array, wear_viscous: Array) -> Array:
-        """Friction torque at a speed, with the sign of the speed; 0 at rest. All (…, J) [N·m]."""
+        """Friction torque with the sign of the speed; 0 at rest [N·m]. All (…, J)."""
         viscous = self.viscous_coefficient(qd, grease_c, wear_viscous) * qd
-        result: Array = np.sign(qd) * self.grip(qd) * self.dry(load_nm, grease_c, wear_coulomb) + viscous
+        result: Array = np.sign(qd) * self.stribeck_factor(qd) * self.dry(load_nm, grease_c, wear_coulomb) + viscous
         return result
 
 
 def default_law(robot: Robot) -> FrictionLaw:
-    """Plausible friction for any arm: proportional to the joints' maximum torque, with differences from joint to joint."""
+    """Plausible friction of any arm: proportional to the maximum torque of the joints, and different for each joint."""
     size = robot.max_torque_nm
     return FrictionLaw(
         coulomb_nm=0.050 * size * _pattern(robot.joints, [1.00, 1.18, 0.88, 1.05, 0.92, 1.14]),

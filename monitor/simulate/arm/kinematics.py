@@ -1,6 +1,6 @@
-"""The controller's own kinematics: poses of the tool, their inverse, Jacobians; by pinocchio.
+"""The controller's kinematics: tool poses, inverse kinematics and Jacobians, computed by pinocchio.
 
-A pose is (6,): metres and rotation vector [rad] in the robot's base, as the manufacturer writes it.
+A pose is (6,): position [m] and rotation vector [rad] in the robot's base, as the manufacturer writes it.
 """
 
 import math
@@ -13,32 +13,32 @@ from monitor.model.robot import Robot
 from monitor.recording import Array
 
 POSITION_TOLERANCE_M, ANGLE_TOLERANCE_RAD = 1e-6, 1e-6
-ITERATIONS = 60
-DAMPING = 1e-8  # of the squared Jacobian: enough to pass a singularity
-STEP_MAX_RAD = 0.5
-RESTARTS = 6  # from elsewhere, if the nearest configuration does not lead to the pose
+ITERATIONS = 60  # per attempt
+DAMPING = 1e-8  # added to J·Jᵀ in the inverse kinematics, so that the iteration passes singularities
+STEP_MAX_RAD = 0.5  # largest joint step of one iteration
+RESTARTS = 6  # attempts from other joint positions, if the first attempt does not reach the pose
 NO_TOOL = np.zeros(6)
 BASE_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 def se3(pose: Sequence[float] | Array) -> "pin.SE3":
-    """A pose as a rigid motion."""
+    """The rigid motion of a pose (6,)."""
     vector = np.asarray(pose, dtype=float)
     return pin.SE3(pin.exp3(vector[3:]), vector[:3].copy())
 
 
 def pose_of(motion: "pin.SE3") -> Array:
-    """(6,) of a rigid motion."""
+    """The pose (6,) of a rigid motion."""
     return np.concatenate([motion.translation, pin.log3(motion.rotation)])
 
 
 def composed(first: Sequence[float] | Array, second: Sequence[float] | Array) -> Array:
-    """URScript's pose_trans."""
+    """One pose (6,) after another: pose_trans of URScript."""
     return pose_of(se3(first) * se3(second))
 
 
 class Kinematics:
-    """Of one arm with a tool at its flange; the frame is the robot's base, however it is mounted."""
+    """Kinematics of one arm with a tool at its flange. The frame is the robot's base; the mounting does not matter."""
 
     def __init__(self, robot: Robot) -> None:
         self._model = robot.pinocchio_model()
@@ -53,26 +53,26 @@ class Kinematics:
         self._reach = sum(lengths) + float(np.linalg.norm(self._model.frames[self._frame].placement.translation))
 
     def flange(self, q: Array) -> "pin.SE3":
-        """Where the flange is."""
+        """The placement of the flange at joint positions (J,)."""
         pin.framesForwardKinematics(self._model, self._data, q)
         return self._data.oMf[self._frame].copy()
 
     def at(self, q: Array, tool: Array | None = None) -> "pin.SE3":
-        """Where the tool is; the tool that is set, or another one."""
+        """The placement of the tool at joint positions (J,): of the tool that is set, or of the given one (6,)."""
         offset = self.tool if tool is None else tool
         flange = self.flange(q)
         return flange * se3(offset) if offset.any() else flange
 
     def pose(self, q: Array, tool: Array | None = None) -> Array:
-        """(6,)."""
+        """The pose (6,) of the tool at joint positions (J,)."""
         return pose_of(self.at(q, tool))
 
     def watch(self) -> "ToolWatch":
-        """For what asks every tick where the tool is."""
+        """An object that computes pose and speed of the tool fast enough for every control period."""
         return ToolWatch(self, self._model, self._frame)
 
     def jacobian(self, q: Array) -> Array:
-        """(6, J) q̇ → velocity of the tool's point and of its rotation, both along the base's axes."""
+        """(6, J) Jacobian: q̇ to the velocity of the tool's point and its angular velocity, both along the axes of the base."""
         J = pin.computeFrameJacobian(self._model, self._data, q, self._frame, BASE_AXES)
         if self.tool.any():
             arm = self.at(q).translation - self.flange(q).translation
@@ -82,34 +82,37 @@ class Kinematics:
         return result
 
     def speed(self, q: Array, qd: Array) -> Array:
-        """(6,) of the tool."""
+        """(6,) velocity [m/s] and angular velocity [rad/s] of the tool, along the axes of the base."""
         result: Array = self.jacobian(q) @ qd
         return result
 
     def elbow(self, q: Array) -> Array:
-        """(3,) where the third joint's axis meets the upper arm [m]."""
+        """(3,) position of the elbow: where the axis of the third joint meets the upper arm [m]."""
         pin.forwardKinematics(self._model, self._data, q)
         place: Array = self._data.oMi[min(3, self._joints)].translation.copy()
         return place
 
     def elbow_speed(self, q: Array, qd: Array) -> Array:
-        """(3,) of that point [m/s]."""
+        """(3,) velocity of the elbow [m/s]."""
         pin.forwardKinematics(self._model, self._data, q, qd)
         joint = min(3, self._joints)
         speed: Array = pin.getVelocity(self._model, self._data, joint, BASE_AXES).linear.copy()
         return speed
 
     def towards(self, q: Array, velocity: Array) -> Array:
-        """(J,) q̇ that gives the tool this velocity (6,), damped where the arm is singular."""
+        """(J,) joint speeds that give the tool this velocity (6,). They are damped near singularities."""
         J = self.jacobian(q)
         result: Array = J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), velocity)
         return result
 
     def inverse(self, goal: "pin.SE3", near: Array, *, restarts: int = RESTARTS) -> Array | None:
-        """(J,) within the joints' ranges, the solution that lies nearest to `near` by descent; None where none is found."""
+        """(J,) joint positions within their ranges for a placement of the tool; None if none are found. The search begins at `near` (J,).
+
+        The steps are damped least squares (Nakamura and Hanafusa, 1986) with a constant damping.
+        """
         if not math.dist(goal.translation, self._shoulder) <= self._reach + math.hypot(*self.tool[:3]):
-            return None  # at once: the search for what is not there takes as long as twenty ticks
-        dice = np.random.default_rng(0)  # the same question has the same answer
+            return None  # out of reach; a search in vain would take as long as twenty control periods
+        dice = np.random.default_rng(0)  # so that equal arguments give equal results
         for attempt in range(1 + restarts):
             q = near.copy() if attempt == 0 else near + dice.uniform(-1.5, 1.5, len(near))
             for _ in range(ITERATIONS):
@@ -128,16 +131,16 @@ class Kinematics:
 
 
 class ToolWatch:
-    """Pose and speed of the tool, what `Kinematics.pose` and `Kinematics.speed` say, in one pass and once for equal arguments."""
+    """Computes what `Kinematics.pose` and `Kinematics.speed` return in one pass. The last result is kept for equal arguments."""
 
     def __init__(self, kinematics: Kinematics, model: "pin.Model", frame: int) -> None:
         self._kinematics, self._model, self._frame = kinematics, model, frame
         self._data = model.createData()
         self._q = self._qd = self._tool = self._known = np.empty(0)
-        self.flange = pin.SE3.Identity()  # as of the last call
+        self.flange = pin.SE3.Identity()  # placement of the flange at the last call
 
     def at(self, q: Array, qd: Array) -> Array:
-        """(12,) at q, q̇ (J,)."""
+        """(12,) pose and velocity of the tool at q, q̇ (J,)."""
         tool = self._kinematics.tool
         if q is self._q and qd is self._qd and tool is self._tool:
             return self._known

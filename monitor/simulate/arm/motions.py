@@ -1,4 +1,4 @@
-"""Motions along tool paths: movel and speedl, as functions that a `Reference` advances."""
+"""Motions of the tool: movel and speedl, as functions that advance a `Reference`."""
 
 import math
 from collections.abc import Callable
@@ -10,13 +10,13 @@ from monitor.recording import Array
 from monitor.simulate.arm.kinematics import Kinematics
 from monitor.simulate.arm.reference import Reference
 
-CHECKS = 40  # places along a line that are looked at before the arm starts
-ANGLE_PER_METRE = 1.0  # a turn of one radian takes as long as a way of one metre
-CORRECTION_PER_S = 20.0  # how fast a line is found again after the integration's drift
+CHECKS = 40  # points of a line for which joint positions are computed before the arm starts
+ANGLE_PER_METRE = 1.0  # a rotation by one radian takes as long as a translation by one metre
+CORRECTION_PER_S = 20.0  # rate at which the drift of the integration away from the line is corrected
 
 
 def trapezoid(t: float, speed: float, acceleration: float) -> tuple[float, float, bool]:
-    """Share of a way 0 … 1, its rate [1/s], and whether it is over, t after the start from rest."""
+    """A trapezoid of speed from rest to rest. Returns the share of the way 0 … 1 at time t, its rate [1/s], and whether it has ended."""
     speed = min(speed, math.sqrt(acceleration))
     ramp_s, total_s = speed / acceleration, speed / acceleration + 1.0 / speed
     if t >= total_s:
@@ -31,7 +31,7 @@ def trapezoid(t: float, speed: float, acceleration: float) -> tuple[float, float
 def line(
     reference: Reference, kinematics: Kinematics, goal: "pin.SE3", speed_m_s: float, acceleration_m_s2: float, max_speed: Array
 ) -> str:
-    """The movel of URScript, from where the reference is; says why it cannot be made, or nothing."""
+    """Start a movel from the present reference. Returns why the arm cannot make it, or an empty text."""
     start = kinematics.at(reference.q)
     way = goal.translation - start.translation
     axis = start.rotation @ pin.log3(start.rotation.T @ goal.rotation)  # along the base's axes
@@ -60,8 +60,8 @@ def line(
 
     def advance(h: float) -> None:
         nonlocal t
-        pace, _ = reference.paced(h)
-        t += pace * h
+        slider, _ = reference.slider_share(h)
+        t += slider * h
         s, rate, over = trapezoid(t, speed_m_s / length, acceleration_m_s2 / length)
         if over:
             reference.put(end, np.zeros_like(end), (end - reference.q) * 0.0)
@@ -69,7 +69,7 @@ def line(
             return
         here, there = kinematics.at(reference.q), at(s)
         drift = np.concatenate([there.translation - here.translation, pin.log3(there.rotation @ here.rotation.T)])
-        qd = kinematics.towards(reference.q, pace * rate * twist + CORRECTION_PER_S * drift)
+        qd = kinematics.towards(reference.q, slider * rate * twist + CORRECTION_PER_S * drift)
         reference.glide(qd, h)
 
     reference.begin("line", advance)
@@ -77,7 +77,7 @@ def line(
 
 
 def tool_speed(kinematics: Kinematics, reference: Reference, max_speed: Array) -> Callable[[Array, float], None]:
-    """The speedl of URScript: a function of the wanted velocity (6,) and acceleration [m/s²], to be called as often as it is told anew."""
+    """A speedl: a function that takes the wanted velocity (6,) and the acceleration [m/s²]. Every call replaces the wanted velocity."""
     wanted, limit = np.zeros(6), 0.0
     now = kinematics.speed(reference.q, reference.qd)
 

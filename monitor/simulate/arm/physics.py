@@ -1,9 +1,10 @@
-"""Arm: torque → motion, heat and wear. Rigid bodies by pinocchio, joints by the laws of this room.
+"""The arm: drive torque becomes motion, heat and wear. Pinocchio computes the rigid bodies; this package has the laws of the joints.
 
 One step of length h, second order, from the state (q, v):
 q_m = q + h/2·v;  M(q_m)·(v⁺ − v) = h·[τ − n(q_m, v_m) − s − k·(v + v⁺)/2];  q⁺ = q_m + h/2·v⁺
-s is dry friction: |sⱼ| ≤ Dⱼ, and sⱼ = Dⱼ·sign(v⁺ⱼ) wherever v⁺ⱼ ≠ 0 (a linear complementarity problem, solved exactly), so a
-joint that is held stands still: no creep, no chatter.
+M is the mass matrix, n gravity and Coriolis torque, k·v viscous friction, and s dry friction: |sⱼ| ≤ Dⱼ, and sⱼ = Dⱼ·sign(v⁺ⱼ) where
+v⁺ⱼ ≠ 0. This is a linear complementarity problem. It is solved exactly, so a joint that friction holds stands still, without creep or
+chatter.
 """
 
 import math
@@ -20,19 +21,20 @@ from monitor.simulate.arm.friction import REFERENCE_C, SMOOTH_SPEED_RAD_S, STRIB
 from monitor.simulate.arm.thermal import Temperatures, ThermalModel, default_thermal
 from monitor.simulate.arm.wear import PRODUCTION_LOAD, PRODUCTION_MOVING, PRODUCTION_SPEED_RAD_S, Wear
 
-SETTLE_S = 0.05  # heat and wear are slow
-SERVO_RAD_S = 100.0  # bandwidth of the joint servo: friction of 10 N·m bends a base joint by under a milliradian
-SERVO_INTEGRAL_PER_S = 25.0  # takes the rest of the error away, and ends the creep after a stop, in a tenth of a second
-SERVO_INTEGRAL_MAX_RAD_S2 = 40.0  # as much as friction can ask for
-SERVO_INTEGRAL_MAX_RAD_S = SERVO_INTEGRAL_MAX_RAD_S2 / (SERVO_RAD_S**2 * SERVO_INTEGRAL_PER_S)  # the same, as the integral of the error
-ROTOR_KG_M2_PER_NM = 0.0075  # rotor inertia at the joint per maximum torque: 1.1 kg·m² on a size 3 joint
-# Kt·G of arms whose torque constants are not published: the simulator's own choice, by joint size (12 … 330 N·m);
-# sizes 1 and 3 follow the factory calibration of a UR5e (0.080 and 0.1005 N·m/A at the motor)
+SETTLE_S = 0.05  # step of heat and wear, which are slow
+SERVO_RAD_S = 100.0  # bandwidth of the joint servo: friction of 10 N·m deflects a base joint by less than a milliradian
+SERVO_INTEGRAL_PER_S = 25.0  # rate of the integral term: it removes the rest of the error within a tenth of a second
+SERVO_INTEGRAL_MAX_RAD_S2 = 40.0  # limit of the integral term: what friction can need at most
+# the same limit for the integral of the error
+SERVO_INTEGRAL_MAX_RAD_S = SERVO_INTEGRAL_MAX_RAD_S2 / (SERVO_RAD_S**2 * SERVO_INTEGRAL_PER_S)
+ROTOR_KG_M2_PER_NM = 0.0075  # rotor inertia at the joint per maximum torque; it gives 1.1 kg·m² for size 3
+# Kt·G of arms whose torque constants are not published: maximum torque of the joint [N·m], gain [N·m/A]. The figures are assumptions
+# of the simulator; those of sizes 1 and 3 follow the factory calibration of a UR5e (0.080 and 0.1005 N·m/A at the motor).
 ASSUMED_GAIN = ([12.0, 28.0, 56.0, 150.0, 330.0], [4.6, 8.1, 10.5, 10.2, 13.5])
 
 
 class Target(NamedTuple):
-    """Where the servo is asked to be, each (J,)."""
+    """A target of the servo, each (J,)."""
 
     q: Array
     qd: Array
@@ -40,7 +42,7 @@ class Target(NamedTuple):
 
 
 class Arm:
-    """State and laws of one simulated arm. `step` moves it, `settle` warms and wears it."""
+    """State and laws of one simulated arm. `step` moves the arm, `settle` warms and wears it."""
 
     def __init__(
         self,
@@ -62,7 +64,7 @@ class Arm:
         self.gain_nm_per_a = drive_gain(robot)
         self.rotor_kg_m2 = ROTOR_KG_M2_PER_NM * robot.max_torque_nm
         self._copper = self.thermal.winding_ohm / self.gain_nm_per_a**2  # W per (N·m)²
-        # arrays where a number would do: numpy takes twice as long over array·number as over array·array at this size
+        # arrays instead of numbers: at this size numpy takes twice as long for array·number as for array·array
         self._half, self._one = np.full(J, 0.5), np.ones(J)
         self._integral_top = np.full(J, SERVO_INTEGRAL_MAX_RAD_S)
         self._stiffness, self._damping = np.full(J, SERVO_RAD_S**2), np.full(J, 2.0 * SERVO_RAD_S)
@@ -71,23 +73,23 @@ class Arm:
 
         self.q, self.qd = q.astype(float), np.zeros(J)
         self.qdd = np.zeros(J)
-        self.torque_nm = np.zeros(J)  # of the drives, in the middle of the last step
-        self.torque_before_nm = np.zeros(J)
+        self.torque_nm = np.zeros(J)  # drive torque in the middle of the last step
+        self.torque_before_nm = np.zeros(J)  # drive torque in the middle of the step before
         self.friction_nm = np.zeros(J)
         self.temperatures: Temperatures = self.thermal.idle(ambient_c)
         self.wear = Wear.fresh(J, wear_per_revolution)
-        self.load_nm = np.zeros(J)  # through the gears, link side
+        self.load_nm = np.zeros(J)  # torque through the gears, on the side of the link
         self._elapsed_s = 0.0
-        self._now, self._sums = np.zeros((2, 4, J))  # friction work, torque², travel, load·travel: rates, and what they add up to
+        self._now, self._sums = np.zeros((2, 4, J))  # rates of friction work, torque², travel and load·travel, and their integrals
         self._integral = np.zeros(J)
-        self._slide = np.zeros(J)  # −1, 0, 1: how each joint slid in the last step
-        self._sliding = False  # all of them
-        self.powered = True  # else a joint at rest has no losses
+        self._slide = np.zeros(J)  # sign of each joint's motion in the last step; 0 where friction held it
+        self._sliding = False  # whether all joints moved
+        self.powered = True  # without power, a joint at rest has no losses
         self.mounting, self.payload_kg, self.payload_com_m = mounting or Mounting(), payload_kg, tuple(payload_com_m)
         self.carry()
-        self.torque_nm = pin.nonLinearEffects(self.model, self._data, self.q, self.qd).copy()  # the servo has been holding it
+        self.torque_nm = pin.nonLinearEffects(self.model, self._data, self.q, self.qd).copy()  # the servo has held the arm
         self.torque_before_nm = self.torque_nm
-        self._grip()
+        self._update_friction()
 
     def carry(
         self,
@@ -97,27 +99,27 @@ class Arm:
         *,
         declared: bool = True,
     ) -> None:
-        """Hang the arm otherwise, or give it another payload; untold, the servo goes on reckoning with what it was told last."""
+        """Change the mounting or the payload. If they are not declared, the servo keeps computing with the model that it had."""
         self.mounting = mounting or self.mounting
         self.payload_kg = self.payload_kg if payload_kg is None else payload_kg
         self.payload_com_m = payload_com_m or self.payload_com_m
         self.model = arm_model(self.robot, self.mounting, self.payload_kg, self.payload_com_m)
         self.flange = self.model.getFrameId(f"dh_{self.robot.joints}")
         self._data: pin.Data = self.model.createData()
-        self._rest_of: Array | None = None  # the q at which the arm stands and M and n are known
+        self._rest_of: Array | None = None  # the q for which M and n of the standing arm are known
         if declared:
             self.believe(self.model)
         else:
             self._believed_differs = True
 
     def believe(self, model: "pin.Model") -> None:
-        """What the controller reckons with from now on: its feed-forward follows it, the body does not."""
+        """Use this model in the feed-forward of the servo from now on. The body does not change."""
         self.believed, self._believed_data = model, model.createData()
         self._believed_differs = model is not self.model
 
     # --- motion ---------------------------------------------------------------------------------------------------
     def step(self, h: float, target: Target) -> None:
-        """One servo period: computed torque on the body as believed, PID for what it does not know, which is friction."""
+        """Compute one servo period of length h: computed torque with the believed model, and a PID term for friction."""
         M, n, q_m, v_m = self._middle(h)
         given, integral = self._servo(h, target, M, n, q_m, v_m)
         if integral is not None:
@@ -125,7 +127,7 @@ class Arm:
         self._integrate(h, given, M, n, q_m)
 
     def stand(self, h: float, target: Target) -> bool:
-        """A step of any length of an arm that friction holds, exact because nothing moves; False, and no step, if it would move."""
+        """Make a step of any length if friction holds the arm; it is exact, because nothing moves. Returns False if the arm would move."""
         if self._sliding or self._slide.any() or self.qd.any():
             return False
         q = self.q
@@ -135,7 +137,7 @@ class Arm:
         n = self._rest_n
         given, integral = self._servo(h, target, self._rest_M, n, q, self.qd)
         held = given - n
-        if True in (np.abs(held) > (1.0 + self.law.stiction) * (self._grip_nm + self._grip_load * np.abs(n))).tolist():
+        if True in (np.abs(held) > (1.0 + self.law.stiction) * (self._dry_nm + self._dry_load * np.abs(n))).tolist():
             return False
         if integral is not None:
             self._integral = integral
@@ -153,16 +155,16 @@ class Arm:
         limit = self.robot.max_torque_nm
         asked = M.dot(wanted) + n
         if True in (np.abs(asked) > limit).tolist():
-            return np.minimum(np.maximum(asked, -limit), limit), None  # at the limit an integral would only wind up
+            return np.minimum(np.maximum(asked, -limit), limit), None  # at the limit, the integral would wind up
         return asked, integral
 
     def push(self, h: float, torque_nm: Array) -> None:
-        """One step under given drive torques (J,), the servo out of the loop."""
+        """Make one step of length h under given drive torques (J,), without the servo."""
         M, n, q_m, _ = self._middle(h)
         self._integrate(h, torque_nm, M, n, q_m)
 
     def brake(self) -> None:
-        """Brakes closed, drives off: the arm stands."""
+        """Close the brakes and switch the drives off: the arm stands."""
         self.qd = np.zeros_like(self.qd)
         self.qdd = np.zeros_like(self.qd)
         self.torque_nm = np.zeros_like(self.qd)
@@ -180,9 +182,9 @@ class Arm:
 
     def _integrate(self, h: float, torque: Array, M: Array, n: Array, q_m: Array) -> None:
         v, law = self.qd, self.law
-        load = self.load_nm = self.torque_nm - self.friction_nm - self.rotor_kg_m2 * self.qdd  # of the step before
+        load = self.load_nm = self.torque_nm - self.friction_nm - self.rotor_kg_m2 * self.qdd  # in the step before
         speed2 = v * v
-        D = (self._one + law.stiction * np.exp(speed2 * self._stribeck)) * (self._grip_nm + self._grip_load * np.abs(load))
+        D = (self._one + law.stiction * np.exp(speed2 * self._stribeck)) * (self._dry_nm + self._dry_load * np.abs(load))
         half = h * (self._half_concave * (speed2 + self._smooth) ** self._power + self._half_linear)
         A = M.copy(order="F")
         A.flat[:: len(v) + 1] += half
@@ -194,9 +196,12 @@ class Arm:
         self.torque_before_nm, self.torque_nm = self.torque_nm, torque
 
     def _slide_or_stick(self, A: Array, b: Array, D: Array) -> Array:
-        """The only v with A·v = b − s, |s| ≤ D, s = D·sign(v) where v ≠ 0, by principal pivoting from the last step's pattern."""
+        """The only v with A·v = b − s, |s| ≤ D, and s = D·sign(v) where v ≠ 0. Each argument is (J,), A is (J, J).
+
+        Principal pivoting from the pattern of the last step: Cottle, Pang and Stone (1992), ch. 4.
+        """
         z = self._slide
-        if self._sliding:  # nearly always, they go on sliding
+        if self._sliding:  # nearly always, all joints keep their direction
             v: Array = dposv(A, b - D * z)[1]
             if min((v * z).tolist()) > 0.0:
                 return v
@@ -207,30 +212,30 @@ class Arm:
             held[:, stuck] = 0.0
             held[stuck, stuck] = 1.0
             v = dposv(held, np.where(stuck, 0.0, b - D * z))[1]
-            s = b - A @ v  # the impulse that friction would have to give
+            s = b - A @ v  # the friction impulse that this v needs
             right = np.where(stuck, np.where(np.abs(s) <= D, 0.0, np.sign(s)), np.where(v * z > 0.0, z, 0.0))
             wrong = right != z
             if not wrong.any():
                 break
-            if attempt > 6:  # Murty's rule, one at a time, cannot cycle
+            if attempt > 6:  # changing one index at a time, Murty's rule, cannot cycle
                 wrong[int(np.argmax(wrong)) + 1 :] = False
             z = np.where(wrong, right, z)
         self._slide, self._sliding = z, bool(z.all())
         result: Array = np.where(z == 0.0, 0.0, v)
         return result
 
-    def _grip(self) -> None:
-        """What friction owes to temperature and wear, both constant within a tick."""
+    def _update_friction(self) -> None:
+        """Compute the terms of friction that depend on temperature and wear only. Both are constant within a control period."""
         none = np.zeros_like(self.qd)
-        self._grip_nm = self.law.dry(none, self.temperatures.grease_c, self.wear.coulomb)
-        self._grip_load = self.wear.coulomb * self.law.load_factor
+        self._dry_nm = self.law.dry(none, self.temperatures.grease_c, self.wear.coulomb)
+        self._dry_load = self.wear.coulomb * self.law.load_factor
         thin = self.wear.viscous * np.exp(-self.law.viscous_per_k * (self.temperatures.grease_c - REFERENCE_C))
         self._half_concave, self._half_linear = 0.5 * thin * self.law.concave_nm, 0.5 * thin * self.law.linear_nm_s_per_rad
         self._power = 0.5 * (self.law.exponent - 1.0)
 
     # --- heat and wear ------------------------------------------------------------------------------------------
     def settle(self, dt_s: float) -> None:
-        """Account for the last dt; every SETTLE_S turn losses into heat and travel into wear."""
+        """Add the last dt to the sums of losses and travel. Every SETTLE_S they become heat and wear."""
         now, qd = self._now, self.qd
         self._elapsed_s += dt_s
         np.multiply(self.friction_nm, qd, out=now[0])
@@ -249,15 +254,15 @@ class Arm:
         self.wear.use(travel / math.tau, load_travel / travel / self.robot.max_torque_nm)
         self._sums[:] = 0.0
         self._elapsed_s = 0.0
-        self._grip()
+        self._update_friction()
 
     def regrease(self, joint: int, recovery: float) -> None:
-        """New grease in one joint (0 … J−1): this share of its wear goes."""
+        """Put new grease into one joint (0 … J−1): this share of its wear disappears."""
         self.wear.regrease(joint, recovery)
-        self._grip()
+        self._update_friction()
 
     def replace_joint(self, joint: int, friction_factor: float) -> None:
-        """Another joint in its place: unworn, its friction this many times the old one's when new; as warm as the room."""
+        """Replace a joint (0 … J−1) by a new one, as warm as the room, with this multiple of the unworn friction of the old one."""
         scale = np.ones(self.robot.joints)
         scale[joint] = friction_factor
         law = self.law
@@ -267,31 +272,31 @@ class Arm:
         self.wear.renew(joint)
         for node in self.temperatures:
             node[joint] = self.ambient_c
-        self._grip()
+        self._update_friction()
 
     def set_temperatures(self, temperatures: Temperatures) -> None:
-        """Begin somewhere else than at idle equilibrium."""
+        """Set the temperatures of the joints."""
         self.temperatures = temperatures
-        self._grip()
+        self._update_friction()
 
     def set_wear(self, joint: int, coulomb: float | None = None, viscous: float | None = None, per_revolution: float | None = None) -> None:
-        """Wear factors of one joint (0 … J−1), on command, and how fast it wears from now on."""
+        """Set the wear factors of one joint (0 … J−1), and its growth per revolution. None keeps the present value."""
         if per_revolution is not None:
             self.wear.per_revolution[joint] = per_revolution
         if coulomb is not None:
             self.wear.coulomb[joint] = coulomb
         if viscous is not None:
             self.wear.viscous[joint] = viscous
-        self._grip()
+        self._update_friction()
 
     def live(self, hours: float, ambient_c: float, duty: float) -> None:
-        """Let time pass without computing motion: `duty` of it is a typical job, the rest rest."""
+        """Let time pass without computing motion. The arm does a typical job in the share `duty` of the time and rests otherwise."""
         self.ambient_c = ambient_c
         speed = np.full(self.robot.joints, PRODUCTION_SPEED_RAD_S)
         load = PRODUCTION_LOAD * self.robot.max_torque_nm
         left = 3600.0 * hours
         while left > 1e-9:
-            dt = min(600.0, left)  # fine enough for friction heat, which follows the temperature, to be right within a percent
+            dt = min(600.0, left)  # short enough: friction heat, which depends on the temperature, is right within a percent
             left -= dt
             moving = duty * PRODUCTION_MOVING
             resisting = self.law.torque(speed, load, self.temperatures.grease_c, self.wear.coulomb, self.wear.viscous)
@@ -299,47 +304,47 @@ class Arm:
             motor_w = (self.thermal.idle_w if self.powered else 0.0) + moving * self.thermal.winding_ohm * current * current
             self.temperatures = self.thermal.leap(self.temperatures, motor_w, moving * resisting * speed, ambient_c, dt)
             self.wear.use(moving * speed * dt / math.tau, np.full(self.robot.joints, PRODUCTION_LOAD))
-        self._grip()
+        self._update_friction()
 
     # --- truth --------------------------------------------------------------------------------------------------
     def measured_torque_nm(self) -> Array:
-        """(J,) drive torque now: the last two steps' carried on to the end of the last."""
+        """(J,) drive torque now, extrapolated from the last two steps to the end of the last one [N·m]."""
         result: Array = self.torque_nm + self._half * (self.torque_nm - self.torque_before_nm)
         return result
 
     def electric_w(self) -> float:
-        """What all drives take now: motion, and loss in the windings."""
+        """Electric power of all drives now: mechanical power and loss in the windings [W]."""
         torque = self.torque_nm
         return float(torque.dot(self.qd) + (self._copper * torque).dot(torque))
 
     def gravity_nm(self) -> Array:
-        """(J,) what holds the arm up where it is."""
+        """(J,) torque that holds the arm against gravity [N·m]."""
         result: Array = pin.computeGeneralizedGravity(self.model, self.model.createData(), self.q)
         return result
 
     def rigid_torque(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
-        """Without friction: at the drives (rotors included) and at the links, for states (N, J)."""
+        """Torque without friction for states (N, J): at the drives, with the rotors, and at the links, each (N, J) [N·m]."""
         data = self.model.createData()
         rotor = self.rotor_kg_m2 * qdd
         drive = np.array([pin.rnea(self.model, data, *row) for row in zip(q, qd, qdd, strict=True)]).reshape(q.shape)
         return drive, drive - rotor
 
     def friction_torque(self, qd: Array, load_nm: Array, grease_c: Array | None = None) -> Array:
-        """(N, J) friction with today's wear, at given grease temperatures or the present ones."""
+        """(N, J) friction torque with the present wear, at given grease temperatures or the present ones [N·m]."""
         grease = self.temperatures.grease_c if grease_c is None else grease_c
         return self.law.torque(qd, load_nm, grease, self.wear.coulomb, self.wear.viscous)
 
     def energy_j(self) -> float:
-        """Kinetic, rotors included, and potential."""
+        """Kinetic energy, with the rotors, and potential energy [J]."""
         return self.kinetic_j() + float(pin.computePotentialEnergy(self.model, self.model.createData(), self.q))
 
     def kinetic_j(self) -> float:
-        """With the rotors."""
+        """Kinetic energy, with the rotors [J]."""
         return float(0.5 * self.qd @ pin.crba(self.model, self.model.createData(), self.q) @ self.qd)
 
 
 def arm_model(robot: Robot, mounting: Mounting, payload_kg: float, payload_com_m: tuple[float, ...]) -> "pin.Model":
-    """The rigid body with its rotors, and a point mass in the flange's frame."""
+    """The rigid-body model with its rotors. The payload is a point mass in the flange's frame."""
     model = robot.pinocchio_model(mounting)
     if payload_kg > 0.0:
         at_flange = model.frames[model.getFrameId(f"dh_{robot.joints}")].placement
@@ -349,6 +354,6 @@ def arm_model(robot: Robot, mounting: Mounting, payload_kg: float, payload_com_m
 
 
 def drive_gain(robot: Robot) -> Array:
-    """(J,) Kt·G [N·m/A]: the published one, else ASSUMED_GAIN by the joint's maximum torque."""
+    """(J,) Kt·G [N·m/A]: the published value, or else ASSUMED_GAIN for the maximum torque of the joint."""
     published = robot.drive_gain_nm_per_a
     return np.where(np.isnan(published), np.interp(robot.max_torque_nm, *ASSUMED_GAIN), published)

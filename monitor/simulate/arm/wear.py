@@ -1,4 +1,7 @@
-"""Wear of the simulated joints: dry and viscous friction grow with revolutions × load; steps, grease and new joints on command."""
+"""Wear of the simulated joints: dry and viscous friction grow in proportion to revolutions times load.
+
+On command, friction also changes by a step, with new grease or with a new joint.
+"""
 
 from dataclasses import dataclass
 
@@ -6,32 +9,32 @@ import numpy as np
 
 from monitor.recording import Array
 
-RATED_LOAD = 0.25  # share of the maximum torque at which wear per revolution is quoted
-HEALTHY_WEAR_PER_REVOLUTION = 2e-8  # 1 % in half a million revolutions, some months of hard work
-VISCOUS_SHARE_OF_WEAR = 0.5  # metal and seals wear more than oil does
-PRODUCTION_LOAD = 0.12  # share of the maximum torque, typical of a job without much payload
-PRODUCTION_SPEED_RAD_S = 0.7  # of every joint while a typical job moves
-PRODUCTION_MOVING = 0.6  # share of a duty hour in which one joint moves
+RATED_LOAD = 0.25  # load that the wear per revolution refers to, as a share of the maximum torque
+HEALTHY_WEAR_PER_REVOLUTION = 2e-8  # 1 % in half a million revolutions, which take some months of hard work
+VISCOUS_SHARE_OF_WEAR = 0.5  # viscous friction grows half as fast as dry friction: metal and seals wear more than oil
+PRODUCTION_LOAD = 0.12  # load in a typical job with a small payload, as a share of the maximum torque
+PRODUCTION_SPEED_RAD_S = 0.7  # speed of a joint that moves in a typical job
+PRODUCTION_MOVING = 0.6  # share of the working time in which one joint moves
 
 
 @dataclass(slots=True, eq=False)
 class Wear:
-    """Multipliers of dry and viscous friction and what made them, each (J,)."""
+    """The wear factors of dry and viscous friction, and what has caused them, each (J,)."""
 
     coulomb: Array
     viscous: Array
-    per_revolution: Array
+    per_revolution: Array  # growth of the dry factor per revolution at rated load
     revolutions: Array
-    rated_revolutions: Array  # weighted by load
+    rated_revolutions: Array  # revolutions weighted by load over RATED_LOAD
 
     @classmethod
     def fresh(cls, joints: int, per_revolution: Array | None) -> "Wear":
-        """An arm as delivered."""
+        """The wear of a new arm. None for the growth per revolution means that of a healthy arm."""
         rate = np.full(joints, HEALTHY_WEAR_PER_REVOLUTION) if per_revolution is None else per_revolution.astype(float)
         return cls(np.ones(joints), np.ones(joints), rate, np.zeros(joints), np.zeros(joints))
 
     def use(self, revolutions: Array, load: Array) -> None:
-        """Turn by (J,) revolutions under a (J,) load, as a share of the maximum torque."""
+        """Wear by (J,) revolutions under a load (J,), which is a share of the maximum torque."""
         rated = revolutions * load / RATED_LOAD
         self.revolutions += revolutions
         self.rated_revolutions += rated
@@ -39,17 +42,17 @@ class Wear:
         self.viscous += VISCOUS_SHARE_OF_WEAR * self.per_revolution * rated
 
     def regrease(self, joint: int, recovery: float) -> None:
-        """New grease takes away this share of the joint's wear: what was worn off metal stays worn."""
+        """Take away this share of a joint's wear by new grease. The rest stays: metal that was worn off does not come back."""
         self.coulomb[joint] = 1.0 + (self.coulomb[joint] - 1.0) * (1.0 - recovery)
         self.viscous[joint] = 1.0 + (self.viscous[joint] - 1.0) * (1.0 - recovery)
 
     def renew(self, joint: int) -> None:
-        """Another joint in its place: unworn, and wearing as healthy ones do."""
+        """Replace a joint by a new one, which wears as a healthy joint does."""
         self.coulomb[joint] = self.viscous[joint] = 1.0
         self.per_revolution[joint] = HEALTHY_WEAR_PER_REVOLUTION
         self.revolutions[joint] = self.rated_revolutions[joint] = 0.0
 
 
 def rated_revolutions_an_hour(duty: float) -> float:
-    """Of every joint in a typical job that moves for `duty` of the hour: what `Arm.live` counts."""
+    """Rated revolutions of every joint in one hour of a typical job with this duty, as `Arm.live` counts them."""
     return duty * PRODUCTION_MOVING * PRODUCTION_SPEED_RAD_S * 3600.0 / (2.0 * np.pi) * PRODUCTION_LOAD / RATED_LOAD

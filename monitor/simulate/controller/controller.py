@@ -174,7 +174,7 @@ class Controller:
     def write_inputs(self, written: Recipe, values: Sequence[float]) -> None:
         """Take over one packet of inputs."""
         if self.registers.write(written, values):
-            self.reference.pace = self.registers.speed_fraction
+            self.reference.speed_slider = self.registers.speed_fraction
         self.programs.received(written)
 
     def run_script(self, text: str) -> None:
