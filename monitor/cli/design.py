@@ -44,7 +44,7 @@ def design(
     as_json: JsonOption = False,
 ) -> None:
     """Find a trajectory that makes friction visible and hits nothing; write it with its proof. Ctrl-C keeps the best so far."""
-    from monitor.config.load import load_cell
+    from monitor.config.files import load_cell
     from monitor.design.trajectory import Task
     from monitor.design.trajectory import design as design_trajectory
     from monitor.model.robot import Mounting, load_robot

@@ -176,7 +176,7 @@ def energy(
     if along is None or Path(along).suffix in {".csv", ".parquet"}:
         path = path_of_recording(recordings[0] if along is None else offline.named_recordings([Path(along)], columns)[0], arm)
     else:
-        from monitor.config.load import find_excitation
+        from monitor.config.files import find_excitation
 
         path = path_of_excitation(along, find_excitation(along, Path()), arm)
     with status_line(f"identifying {arm.name} from {sum(recording.samples for recording in recordings)} samples"):

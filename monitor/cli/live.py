@@ -8,7 +8,7 @@ import typer
 from monitor.cli.options import FIGURES_HELP, Commands, ConfigOption, JsonOption, client_of, figures, load_configuration, print_json
 
 if TYPE_CHECKING:
-    from monitor.config.load import Configuration
+    from monitor.config.schema import Configuration
 
 
 def predict(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from monitor.acquire.watch import ReplayProgress
-    from monitor.config.load import Configuration
+    from monitor.config.schema import Configuration
     from monitor.recording import Recording
 
 

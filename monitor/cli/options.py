@@ -12,7 +12,7 @@ import typer
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
-    from monitor.config.load import Configuration
+    from monitor.config.schema import Configuration
     from monitor.publish.client import Client
     from monitor.recording import Array
 

@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any, NamedTuple
 
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 
 # sockets, files and identity are opened once; a belief refers friction to one speed for all its life
 NEEDS_RESTART = (

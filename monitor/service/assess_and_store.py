@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from monitor.assess import Assessment, Rejected, assess
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document, health_from_document
 from monitor.judge.alerts.health import Health

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable
 
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import StoreUnavailable
 from monitor.publish.bus import Bus
 from monitor.service.alert_changes import AlertChanges

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from monitor.config.load import StoreSettings
+from monitor.config.schema import StoreSettings
 from monitor.errors import StoreError
 from monitor.service.problems import Problems
 from monitor.service.scheduler import too_little_room

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from monitor.assess import Rejected
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.staleness import stale_joints
 from monitor.model.fourier import Excitation

@@ -16,7 +16,7 @@ from monitor.acquire.safety.conditions import ConditionResult, Permit
 from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.safety.gate import Announce, AskPermit
 from monitor.acquire.watch import ReplayProgress
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import ReplayAborted, StoreError
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.fourier import Excitation

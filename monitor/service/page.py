@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.store.store import Store
 from monitor.views.web.content import Ask, Content

@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 from monitor.acquire.safety.conditions import ConditionResult
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present

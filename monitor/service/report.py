@@ -8,7 +8,7 @@ from typing import Any
 
 from monitor import __version__
 from monitor.acquire.schedule.windows import DAY_S
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import TIERS
 from monitor.publish.timestamps import outside, rfc3339

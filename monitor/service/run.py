@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from monitor.acquire.listen import Listener, ListenSettings
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import StoreError, StoreUnavailable
 from monitor.model.fourier import Excitation
 from monitor.publish.metrics import MetricsServer

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from monitor.acquire.schedule.windows import ColdStart, Triggers, WarmUp, Window, check_windows, reach_back_s, upcoming
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.service.problems import Problems

@@ -4,7 +4,7 @@ import dataclasses
 import logging
 import threading
 
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
 from monitor.judge.torque.compensated_model import CompensatedModel

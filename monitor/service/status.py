@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from monitor.acquire.schedule.windows import DAY_S, expected
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import health_from_document
 from monitor.judge.alerts.why_not import why_not_alerting

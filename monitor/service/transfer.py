@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from monitor.assess import Rejected
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import BadInput, StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import JOINT_COLUMNS, Recording

@@ -11,7 +11,7 @@ from excitations import short
 
 from monitor.acquire.safety import guard, limits
 from monitor.acquire.settings import ReplaySettings
-from monitor.config.load import find_excitation
+from monitor.config.files import find_excitation
 from monitor.design.cell import Box, Cell, plain_cell
 from monitor.errors import BadConfiguration, MotionRefused
 from monitor.model.robot import Mounting, load_robot

@@ -13,7 +13,7 @@ from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import assess
-from monitor.config.load import find_excitation
+from monitor.config.files import find_excitation
 from monitor.design.cell import plain_cell
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot

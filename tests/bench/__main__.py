@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.config.load import find_excitation
+from monitor.config.files import find_excitation
 from monitor.model.robot import Mounting, load_robot
 
 ROUNDS = 15

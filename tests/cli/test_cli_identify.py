@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from monitor.cli.main import app
-from monitor.config.load import find_excitation
+from monitor.config.files import find_excitation
 from monitor.errors import BadInput
 from monitor.model.robot import load_robot
 from monitor.simulate.controller.controller import Controller

@@ -5,10 +5,12 @@ import json
 import re
 import tomllib
 from pathlib import Path
+from typing import Annotated, get_type_hints
 
 import pytest
 
-from monitor.config import load as configuration
+from monitor.config import schema
+from monitor.config.files import find_excitation
 from monitor.config.load import from_document, load
 from monitor.errors import BadConfiguration, BadInput
 
@@ -32,7 +34,7 @@ def test_every_key_that_a_room_owns_is_in_the_reference_with_a_word_of_reason():
     keys = set()
 
     def collect(cls: type, table: dict, place: str) -> None:
-        hints = configuration.get_type_hints(cls)
+        hints = get_type_hints(cls)
         for field in dataclasses.fields(cls):
             hint = hints[field.name]
             if isinstance(hint, type) and dataclasses.is_dataclass(hint):
@@ -123,10 +125,10 @@ def bounded(cls: type, place: str = ""):
     """(key, type, least, most) of every setting of a room that has bounds."""
     from typing import get_args, get_origin
 
-    for name, hint in configuration.get_type_hints(cls, include_extras=True).items():
+    for name, hint in get_type_hints(cls, include_extras=True).items():
         if dataclasses.is_dataclass(hint):
             yield from bounded(hint, f"{place}{name}.")
-        elif get_origin(hint) is configuration.Annotated:
+        elif get_origin(hint) is Annotated:
             kind, interval = get_args(hint)
             yield (
                 f"{place}{name}",
@@ -141,7 +143,7 @@ def nested(key: str, value: object) -> dict:
     return {first: nested(rest, value) if rest else value}
 
 
-ROOMS = {"robot": configuration.RobotSettings, "schedule": configuration.ScheduleSettings} | configuration._assess_sections()
+ROOMS = {"robot": schema.RobotSettings, "schedule": schema.section_classes()["schedule"]} | schema.assess_sections()
 
 
 @pytest.mark.parametrize(("room", "key"), [(room, key) for room, cls in ROOMS.items() for key, *_ in bounded(cls)])
@@ -159,16 +161,16 @@ def test_what_is_no_excitation_is_refused_with_its_name(tmp_path, text):
     """Deep, broken, another thing, empty: a sentence, no traceback."""
     (tmp_path / "mine.json").write_text(text)
     with pytest.raises(BadInput, match=r"excitation|mine\.json"):
-        configuration.find_excitation("mine.json", tmp_path)
+        find_excitation("mine.json", tmp_path)
 
 
 @pytest.mark.parametrize("change", [{"repetitions": float("inf")}, {"period_s": 1e9}, {"repetitions": 10**9}])
 def test_an_excitation_without_end_is_refused(tmp_path, change):
     """Endless, a century long, a thousand million times."""
-    document = configuration.find_excitation("ur5-ground", Path()).as_document() | change
+    document = find_excitation("ur5-ground", Path()).as_document() | change
     (tmp_path / "mine.json").write_text(json.dumps(document))
     with pytest.raises(BadInput, match="excitation: "):
-        configuration.find_excitation("mine.json", tmp_path)
+        find_excitation("mine.json", tmp_path)
 
 
 def test_a_directory_that_no_folder_can_be_is_refused():

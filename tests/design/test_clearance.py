@@ -251,7 +251,7 @@ def test_a_cell_that_makes_no_sense_is_refused_with_the_key(document, words):
 
 def test_the_shipped_cells_are_what_is_assumed_where_none_is_named():
     """The files document the code, and the example can be read."""
-    from monitor.config.load import load_cell, shared_file
+    from monitor.config.files import load_cell, shared_file
 
     for name in ("ground", "ceiling", "wall"):
         assert load_cell(shared_file(f"cell/{name}.toml")) == plain_cell(Mounting.parse(name))

@@ -11,7 +11,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from monitor.cli.main import app
-from monitor.config.load import shared_file
+from monitor.config.files import shared_file
 from monitor.errors import BadInput
 from monitor.model.fourier import excitation_from_document
 

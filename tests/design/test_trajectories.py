@@ -10,7 +10,7 @@ import pytest
 from dense_check import judge
 from tasks import pose, problem, task
 
-from monitor.config.load import load_cell, shared_file
+from monitor.config.files import load_cell, shared_file
 from monitor.design.cell import Box, Cell
 from monitor.design.clearance import surroundings
 from monitor.design.optimise import Progress, optimise, random_curve

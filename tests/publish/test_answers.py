@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.assess import Assessment, assess
-from monitor.config.load import find_excitation
+from monitor.config.files import find_excitation
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, load_robot
 from monitor.publish.torque_query import torque_answer

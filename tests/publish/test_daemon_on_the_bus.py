@@ -16,7 +16,8 @@ import zenoh
 from undeclared import undeclared
 
 from monitor.acquire.schedule.windows import ScheduleSettings
-from monitor.config.load import find_excitation, from_document
+from monitor.config.files import find_excitation
+from monitor.config.load import from_document
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Alert
 from monitor.publish.client import Client

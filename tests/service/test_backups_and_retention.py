@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 from test_store import DAY, commit, replayed
 
-from monitor.config.load import Configuration, from_document
+from monitor.config.load import from_document
+from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.recording import Recording
 from monitor.service.assess_and_store import EstimatorState, assess_stored, load_state, state_after

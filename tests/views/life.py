@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from monitor.assess import judge_identification
-from monitor.config.load import find_excitation, from_document
+from monitor.config.files import find_excitation
+from monitor.config.load import from_document
 from monitor.identify.identify import identify
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.document import plain

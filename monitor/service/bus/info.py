@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from monitor import __version__
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.judge.document import plain
 from monitor.recording import Context
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.identify.validate import errors_of
 from monitor.publish.client import Client
 from monitor.simulate.remote import Remote

@@ -6,7 +6,7 @@ from typing import Any
 
 from monitor.acquire.replay import replay
 from monitor.acquire.watch import ReplayProgress
-from monitor.config.load import Configuration
+from monitor.config.schema import Configuration
 from monitor.errors import ReplayAborted
 from monitor.identify.signals.quality import quality_problem
 from monitor.model.fourier import Excitation

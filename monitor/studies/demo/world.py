@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from monitor.config.load import Configuration, from_document
+from monitor.config.load import from_document
+from monitor.config.schema import Configuration
 from monitor.errors import RobotUnreachable
 from monitor.judge.drift.observation import DriftSettings
 from monitor.recording import Array

@@ -1,0 +1,140 @@
+"""The schema of a configuration: the sections of its file, each the settings of one room, and the checked configuration as a value."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, get_type_hints
+
+import numpy as np
+from annotated_types import Interval
+
+from monitor.acquire.schedule.windows import ScheduleSettings
+from monitor.acquire.settings import ReplaySettings
+from monitor.assess import AssessSettings
+from monitor.model.fourier import Excitation
+from monitor.model.robot import Mounting, Robot, load_robot
+from monitor.publish.metrics import MetricsSettings
+from monitor.publish.session import BusSettings, prefix
+from monitor.recording import Array, Context
+from monitor.views.web.settings import PageSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotSettings:
+    """Which arm this is, where it is, and what it carries."""
+
+    model: str  # a name from monitor/model/robots, e.g. "ur5"
+    site: str  # part of the Zenoh keys: a–z, 0–9, _ and -
+    id: str  # the same; unique within the site
+    host: str = "127.0.0.1"  # address of the controller
+    listen_hz: Annotated[float, Interval(ge=1.0, le=125.0)] = 10.0  # how often its state is received between replays
+    mounting: str = "ground"  # ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees
+    payload_kg: Annotated[float, Interval(ge=0.0, le=100.0)] = 0.0  # as set in the controller
+    tool: str = "none"
+    serial: str | None = None
+    joint_serials: tuple[str, ...] = ()  # base to wrist, as on the type plates; one that changes is a joint without wear
+    maintenance: str = ""  # the last work that may have changed friction, in your words; a change of it opens a new baseline
+    gains_nm_per_a: tuple[float, ...] = ()  # joint torque per ampere; empty: the published torque constants
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoreSettings:
+    """Where the history lives."""
+
+    directory: str = "var/joint-monitor"  # relative to the configuration file
+    backups: Annotated[int, Interval(ge=1, le=365)] = 14  # of so many days the newest backup is kept
+    recordings_days: Annotated[float, Interval(ge=0.0, le=36500.0)] = 1825.0  # older ones are let go of; their verdicts stay; 0: none is
+    recordings_gb: Annotated[float, Interval(ge=0.0, le=1e6)] = 20.0  # the oldest beyond this are let go of; 0: none is
+    least_free_mb: Annotated[float, Interval(ge=1.0, le=1e6)] = 500.0  # with less left on the disk nothing is replayed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowSettings:
+    """What of `AssessSettings` belongs to no single room."""
+
+    method: Literal["ls", "wls"] = "wls"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Configuration:
+    """Everything `joint-monitor run` needs, checked."""
+
+    path: Path
+    robot: RobotSettings
+    schedule: ScheduleSettings
+    store: StoreSettings
+    replay: ReplaySettings
+    bus: BusSettings
+    metrics: MetricsSettings
+    page: PageSettings
+    assess: AssessSettings
+    excitation: Excitation
+    overrides: tuple[str, ...] = ()  # variables of the environment that stand in for the file
+
+    @property
+    def robot_description(self) -> Robot:
+        """The robot's published parameters."""
+        return load_robot(self.robot.model)
+
+    @property
+    def mounting(self) -> Mounting:
+        """How the base stands in the world."""
+        return Mounting.parse(self.robot.mounting)
+
+    @property
+    def gains_nm_per_a(self) -> Array | None:
+        """(J,) joint torque per ampere, where the configuration says so; else the robot's published ones hold."""
+        return np.array(self.robot.gains_nm_per_a) if self.robot.gains_nm_per_a else None
+
+    @property
+    def key_prefix(self) -> str:
+        """Where this robot is found on the bus."""
+        return prefix(self.robot.site, self.robot.id)
+
+    @property
+    def state_directory(self) -> Path:
+        """Where the history lives, absolute."""
+        return (self.path.parent / self.store.directory).resolve()
+
+    @property
+    def context(self) -> Context:
+        """What every recording of this robot shares."""
+        return Context(
+            robot=self.robot.model,
+            serial=self.robot.serial,
+            mounting_rad=self.mounting.angles_rad,
+            payload_kg=self.robot.payload_kg,
+            tool=self.robot.tool,
+            joint_serials=self.robot.joint_serials or None,
+            maintenance=self.robot.maintenance or None,
+            trajectory_digest=self.excitation.digest,
+        )
+
+
+def section_classes() -> dict[str, type]:
+    """The sections that are one room's settings each."""
+    rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
+    rooms |= {"metrics": MetricsSettings, "page": PageSettings}
+    return rooms | assess_sections() | {"assess": FlowSettings}
+
+
+def assess_sections() -> dict[str, type]:
+    """The sections that are one value each within `AssessSettings`, by name."""
+    hints = get_type_hints(AssessSettings)
+    return {field.name: hints[field.name] for field in dataclasses.fields(AssessSettings) if dataclasses.is_dataclass(hints[field.name])}
+
+
+def text_keys() -> set[str]:
+    """Every key that holds text, whatever stands in it: a serial number is all digits."""
+    keys: set[str] = set()
+
+    def collect(cls: type, place: str) -> None:
+        for name, hint in get_type_hints(cls).items():
+            if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+                collect(hint, f"{place}.{name}")
+            elif hint is str or hint == str | None:
+                keys.add(f"{place}.{name}")
+
+    for name, cls in {**section_classes(), "replay": ReplaySettings}.items():
+        collect(cls, name)
+    return keys | {"replay.excitation", "replay.cell"}

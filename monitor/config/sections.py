@@ -1,0 +1,108 @@
+"""One section of the file: its table checked against the types of a settings class, each mistake named with its key."""
+
+import dataclasses
+import difflib
+import re
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, ValidationError, create_model
+
+from monitor.design.cell import Cell
+from monitor.errors import BadInput
+
+# in the words of TOML, for what pydantic says in those of Python
+_EXPECTED = {
+    "string_type": "expected text in quotes",
+    "tuple_type": "expected a list in square brackets",
+    "bool_type": "expected true or false",
+    "int_type": "expected a whole number",
+    "float_type": "expected a number",
+    "model_type": "expected a table",
+}
+
+
+def read_section(name: str, cls: type, value: Any, mistakes: list[str], left_out: frozenset[Any] = frozenset()) -> Any:
+    """One room's settings from its TOML table; None, with the mistakes added, where it does not fit.
+
+    left_out : keys that were wrong, and told; what is wrong besides is told as well.
+    """
+    if not isinstance(value, dict):
+        mistakes.append(f"{name}: expected a table [{name}]")
+        return None
+    schema = _schema(cls)
+    wrong: set[Any]
+    try:
+        return _made(cls, schema.model_validate(value))
+    except ValidationError as error:
+        problems = [problem for problem in error.errors() if not (problem["type"] == "missing" and problem["loc"][0] in left_out)]
+        for problem in problems:
+            key = ".".join(str(part) for part in (name, *problem["loc"]))
+            if problem["type"] == "extra_forbidden":
+                mistakes.append(f"{key}: unknown key{nearest(str(problem['loc'][-1]), _keys(cls, problem['loc'][:-1]))}")
+            elif problem["type"] == "missing":
+                mistakes.append(f"{key}: missing")
+            else:
+                said = _EXPECTED.get(problem["type"], f"{problem['msg'][0].lower()}{problem['msg'][1:]}")
+                mistakes.append(f"{key} = {problem['input']!r}: {said}")
+        wrong = {problem["loc"][0] for problem in problems}
+    except (BadInput, ValueError) as error:  # a room may refuse a figure, or a combination, that its type allows
+        # a room says its name and, where it is one key's, the key: `replay: gain = 5.0; expected …`, `schedule.cron = …`
+        said = re.sub(rf"\A\[?{re.escape(name)}\]?[.:] *", "", str(error))
+        named = re.match(r"\w+(?= = )", said)
+        mistakes.append(f"{name}.{said}" if named else f"[{name}] {said}")
+        wrong = {named[0]} if named else set()
+    if wrong & value.keys():
+        rest = {key: entry for key, entry in value.items() if key not in wrong}
+        read_section(name, cls, rest, mistakes, left_out | wrong)
+    return None
+
+
+# "yes" must never become allow_motion = true
+_STRICT: dict[Any, Any] = {bool: StrictBool, int: StrictInt, float: StrictFloat}
+
+
+def _strict(hint: Any) -> Any:
+    """The type that pydantic checks, bounds kept."""
+    if get_origin(hint) is Annotated:
+        inner, *bounds = get_args(hint)
+        return Annotated[_STRICT.get(inner, inner), *bounds]
+    return _STRICT.get(hint, hint)
+
+
+def _schema(cls: type) -> type[BaseModel]:
+    """What pydantic checks for a room's dataclass: the same fields, nothing more, no NaN."""
+    hints = get_type_hints(cls, include_extras=True)
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(cls):
+        hint = hints[field.name]
+        if hint == Cell | None:  # named in the file, and read from another
+            continue
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+            nested = _schema(hint)
+            fields[field.name] = (nested, nested())
+        else:
+            fields[field.name] = (_strict(hint), ... if field.default is dataclasses.MISSING else field.default)
+    return create_model(cls.__name__, __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **fields)
+
+
+def _made(cls: type, checked: BaseModel) -> Any:
+    values = {}
+    for name, hint in get_type_hints(cls).items():
+        if name not in type(checked).model_fields:
+            continue
+        value = getattr(checked, name)
+        values[name] = _made(hint, value) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else value
+    return cls(**values)
+
+
+def _keys(cls: type, place: tuple[int | str, ...]) -> list[str]:
+    """The keys that a table may have, `place` levels down."""
+    for step in place:
+        cls = get_type_hints(cls)[str(step)]
+    return [field.name for field in dataclasses.fields(cls)]
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """The end of a mistake about an unknown word: the known word most like it, else all of them."""
+    near = difflib.get_close_matches(word, known, n=1)
+    return f" (did you mean {near[0]}?)" if near else f"; known are {', '.join(known)}"
