@@ -3,8 +3,9 @@
 import time
 
 from monitor.acquire.driver import Driver
-from monitor.acquire.safety.conditions import ConditionInputs, ConditionResult, Permit, conditions
+from monitor.acquire.safety.conditions import conditions
 from monitor.acquire.safety.gate import AskPermit
+from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Permit
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.errors import RobotUnreachable

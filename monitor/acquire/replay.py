@@ -14,8 +14,9 @@ import numpy as np
 from monitor import __version__
 from monitor.acquire.driver import Driver, ReplayTask
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
-from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, ConditionInputs, refuse_unless, some
+from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, refuse_unless, some
 from monitor.acquire.safety.gate import Announce, AskPermit, Gate
+from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState

@@ -27,7 +27,7 @@ STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     """May the service run, and the arm move, now? Every condition by name; nothing is moved. Exit 3: something speaks against it."""
-    from monitor.acquire.safety.conditions import ConditionResult
+    from monitor.acquire.safety.inputs import ConditionResult
     from monitor.service.motion import look
     from monitor.service.preflight import service_conditions
 

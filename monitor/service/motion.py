@@ -12,9 +12,9 @@ from typing import Any
 
 from monitor.acquire.check import check as look_at
 from monitor.acquire.replay import replay
-from monitor.acquire.safety.conditions import ConditionResult, Permit
 from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.safety.gate import Announce, AskPermit
+from monitor.acquire.safety.inputs import ConditionResult, Permit
 from monitor.acquire.watch import ReplayProgress
 from monitor.config.schema import Configuration
 from monitor.errors import ReplayAborted, StoreError

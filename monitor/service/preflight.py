@@ -8,7 +8,7 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-from monitor.acquire.safety.conditions import ConditionResult
+from monitor.acquire.safety.inputs import ConditionResult
 from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339

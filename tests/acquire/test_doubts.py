@@ -15,8 +15,9 @@ from test_guard import NOON, SIMULATED, facts, nudged, well
 
 from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.safety.conditions import ConditionInputs, ConditionResult, conditions
+from monitor.acquire.safety.conditions import conditions
 from monitor.acquire.safety.gate import Gate
+from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream

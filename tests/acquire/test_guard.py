@@ -11,7 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.acquire.safety import guard
-from monitor.acquire.safety.conditions import CHECKS, ConditionInputs, Permit, conditions, tilt_deg
+from monitor.acquire.safety.conditions import CONDITIONS, conditions
+from monitor.acquire.safety.inputs import ConditionInputs, Permit
+from monitor.acquire.safety.of_state import tilt_deg
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.design.cell import plain_cell
@@ -170,7 +172,7 @@ def test_an_arm_that_is_not_ready_is_left_alone_and_the_reason_said(changes, wor
 def test_every_condition_is_named_and_holds_for_an_arm_that_is_well():
     """The names that the operator meets, in the order in which they are printed; the two that were not asked for say so."""
     found = conditions(facts(well()))
-    assert [condition.name for condition in found] == list(CHECKS)
+    assert [condition.name for condition in found] == [condition.name for condition in CONDITIONS]
     assert all(condition.holds for condition in found), [c for c in found if not c.holds]
     assert {condition.name for condition in found if not condition.checked} == {"trajectory_clear", "approach_clear"}  # no cell
 

@@ -1,85 +1,89 @@
-"""The last question before an arm moves, asked by the parent while the child holds the connection: every condition, by name, once more.
+"""The last question before an arm moves. The parent asks it while the session holds the connection.
 
-In this order: conditions, announcement, the time that it gives people, permit, go. Each condition is logged as it was found.
+In this order: every condition, the announcement, the time that the announcement gives people, the permit, the conditions that may have
+changed meanwhile. What each condition finds is logged.
 """
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
-from monitor.acquire.safety.conditions import AT_THE_LAST, ConditionInputs, ConditionResult, Permit, conditions, refuse_unless, some
+from monitor.acquire.safety.conditions import AT_THE_LAST, conditions, refuse_unless, some
+from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Permit
 from monitor.acquire.state import ArmState
 
 log = logging.getLogger(__name__)
 
-ASK_S = 0.5  # one question; then the caller is asked whether to stop
+ASK_S = 0.5  # one question waits at most so long for its answer, so that the caller can be asked whether to stop
 
-AskPermit = Callable[[Mapping[str, Any], float], Permit | None]
-"""Somebody else's permit: what is going to happen, and how long to wait → what was answered; None where nobody answered."""
-Announce = Callable[[Mapping[str, Any]], None]
-"""Tell whoever must know that the arm is going to move."""
+
+class AskPermit(Protocol):
+    """Asks somebody else for a permit."""
+
+    def __call__(self, about: Mapping[str, Any], timeout_s: float, /) -> Permit | None:
+        """The answer about a motion; None where nobody answered within timeout_s."""
+
+
+class Announce(Protocol):
+    """Tells whoever must know that the arm is going to move."""
+
+    def __call__(self, about: Mapping[str, Any], /) -> object:
+        """Announce the motion."""
 
 
 class Gate:
-    """One replay's way from "heard" to "go"."""
+    """One replay's way from the first state that was received to `go`."""
 
-    def __init__(self, facts: ConditionInputs, *, ask: AskPermit | None, announce: Announce | None) -> None:
-        self._facts, self._ask, self._announce = facts, ask, announce
-        self._moves_at: float | None = None
-        self.conditions: tuple[ConditionResult, ...] = ()
+    def __init__(self, inputs: ConditionInputs, *, ask: AskPermit | None, announce: Announce | None) -> None:
+        self._inputs, self._ask, self._announce = inputs, ask, announce
+        self._moves_at: float | None = None  # monotonic
 
     @property
     def patience_s(self) -> float:
-        """How long it may take by its own settings."""
-        settings = self._facts.settings
+        """How long the gate may take by its own settings."""
+        settings = self._inputs.settings
         return settings.announce_s + (0.0 if settings.permit == "none" else settings.permit_timeout_s + ASK_S)
 
     def step(self, state: ArmState, now: float) -> bool:
-        """May it go, now (monotonic)?
+        """Whether the arm may go now (monotonic [s]). Call it again with newer states until it may.
 
         Raises MotionRefused with the first condition that does not hold.
         """
-        facts = self._facts = replace(self._facts, state=state, now_unix_s=time.time())
-        settings = facts.settings
+        inputs = self._inputs = replace(self._inputs, state=state, now_unix_s=time.time())
+        settings = inputs.settings
         if self._moves_at is None:
-            found = tuple(condition for condition in conditions(facts) if condition.name != "permit")
-            self._tell(found)
+            self._log_or_refuse(tuple(result for result in conditions(inputs) if result.name != "permit"))
             self._moves_at = now + settings.announce_s
             if self._announce is not None:
                 self._announce(self._about(settings.announce_s))
         if now < self._moves_at:
             return False
+        in_time = now - self._moves_at < settings.permit_timeout_s
         if settings.permit == "zenoh" and self._ask is not None:
             answer = self._ask(self._about(0.0), min(ASK_S, settings.permit_timeout_s))
-            if answer is None and now - self._moves_at < settings.permit_timeout_s:
+            if answer is None and in_time:
                 return False
-            facts = replace(facts, permit=answer or Permit(False, f"permit/replay: no answer within {settings.permit_timeout_s:g} s"))
-        found = some(facts, ("permit",))
-        if settings.permit_input is not None and not found[0].holds and now - self._moves_at < settings.permit_timeout_s:
-            return False  # it may still be switched on
-        self._tell(found)
-        refuse_unless(some(facts, AT_THE_LAST))  # minutes may have passed with the announcement and the permit
+            inputs = replace(inputs, permit=answer or Permit(False, f"permit/replay: no answer within {settings.permit_timeout_s:g} s"))
+        found = some(inputs, ("permit",))
+        if settings.permit_input is not None and not found[0].holds and in_time:
+            return False  # the input may still be switched on
+        self._log_or_refuse(found)
+        refuse_unless(some(inputs, AT_THE_LAST))  # minutes may have passed with the announcement and the permit
         return True
 
-    def _tell(self, found: tuple[ConditionResult, ...]) -> None:
-        self.conditions = (*self.conditions, *found)
-        for condition in found:
-            log.log(
-                logging.INFO if condition.holds else logging.WARNING,
-                "condition=%s %s: %s",
-                condition.name,
-                condition.status,
-                condition.text,
-            )
-        refuse_unless(found)
+    def _log_or_refuse(self, results: tuple[ConditionResult, ...]) -> None:
+        for result in results:
+            level = logging.INFO if result.holds else logging.WARNING
+            log.log(level, "condition=%s %s: %s", result.name, result.status, result.text)
+        refuse_unless(results)
 
     def _about(self, in_s: float) -> dict[str, Any]:
         """What is going to happen, for people and for other programs."""
-        excitation, at = self._facts.excitation, time.time() + in_s
+        excitation, at = self._inputs.excitation, time.time() + in_s
         return {
-            "robot": self._facts.robot.name,
+            "robot": self._inputs.robot.name,
             "moves_at_unix_s": at,
             "trajectory_digest": excitation.digest,
             "duration_s": excitation.duration_s,

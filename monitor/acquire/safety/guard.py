@@ -1,9 +1,10 @@
-"""May the arm move now? The conditions as a gate: each refusal with the name of the condition and its reason.
+"""Whether an arm may move now: the conditions as a gate, where each refusal has the name of its condition and its reason.
 
-Pure functions of what they are given: `replay` and the child process `stream` both ask them, so that neither needs to trust the other.
+`replay` and the streaming process both ask, so that neither needs to trust the other.
 """
 
-from monitor.acquire.safety.conditions import OF_STATE, ConditionInputs, ConditionResult, refuse_unless, some
+from monitor.acquire.safety.conditions import OF_STATE, refuse_unless, some
+from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.settings import ReplaySettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -11,19 +12,18 @@ from monitor.recording import Context
 
 
 def inputs(settings: ReplaySettings, excitation: Excitation, robot: Robot, context: Context | None = None) -> ConditionInputs:
-    """What is known before the controller is asked."""
+    """What is known before the controller is asked, at no particular time."""
     return ConditionInputs(
         settings=settings, excitation=excitation, robot=robot, context=context or Context(), now_unix_s=0.0, identity=None, state=None
     )
 
 
 def check_all(settings: ReplaySettings, excitation: Excitation, robot: Robot, context: Context | None = None) -> None:
-    """May this excitation be played on this robot at all, whatever the hour?
+    """Whether this excitation may be played on this robot at all, at whatever time.
 
-    Raises MotionRefused with the reason; returns if nothing speaks against it.
+    Raises MotionRefused with the reason; returns if every condition holds.
     """
-    facts = inputs(settings, excitation, robot, context)
-    refuse_unless(some(facts, ("motion_allowed", "address", "trajectory", "trajectory_clear")))
+    refuse_unless(some(inputs(settings, excitation, robot, context), ("motion_allowed", "address", "trajectory", "trajectory_clear")))
 
 
 def check_quick(settings: ReplaySettings, excitation: Excitation, robot: Robot) -> None:
@@ -34,11 +34,11 @@ def check_quick(settings: ReplaySettings, excitation: Excitation, robot: Robot) 
     refuse_unless(some(inputs(settings, excitation, robot), ("motion_allowed", "address", "trajectory")))
 
 
-def check_state(facts: ConditionInputs, *, but: tuple[str, ...] = ()) -> tuple[ConditionResult, ...]:
-    """May the arm begin to move from where it is? What the controller says of it, leaving out some conditions.
+def check_state(known: ConditionInputs, *, but: tuple[str, ...] = ()) -> tuple[ConditionResult, ...]:
+    """Whether the arm may begin to move from where it is: every condition on its state, but for those of these names.
 
     Raises MotionRefused with the first condition that does not hold.
     """
-    found = some(facts, tuple(name for name in OF_STATE if name not in but))
+    found = some(known, tuple(name for name in OF_STATE if name not in but))
     refuse_unless(found)
     return found

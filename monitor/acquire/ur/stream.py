@@ -18,7 +18,7 @@ from monitor.acquire.driver import ReplayTask
 from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety import guard
-from monitor.acquire.safety.conditions import ConditionInputs
+from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
