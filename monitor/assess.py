@@ -19,7 +19,8 @@ from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain
 from monitor.judge.drift.contexts import differences, with_lasting_declarations
-from monitor.judge.drift.observation import DriftSettings, observe
+from monitor.judge.drift.observation import observe
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.single_replay import single_torque_nm
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.curves import LAWS
@@ -263,7 +264,8 @@ def _friction(
 ) -> tuple[JointFriction, ...]:
     """What is published of every joint."""
     torque, torque_std = belief.reference_torque_nm(settings.drift)
-    alone, alone_std = single_torque_nm(belief, observe(identification, settings.drift), settings.drift)
+    replay = observe(identification, settings.drift)._replace(log_torque=belief.last_log_torque)  # NaN where nothing was learnt
+    alone, alone_std = single_torque_nm(belief.drift_state, replay, settings.drift)
     # what one replay says of fc and fv, with what the next would say differently: the larger of the two scatters
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)

@@ -11,7 +11,7 @@ from synthetic_arm import CONTEXT, START_S, Arm, History, weather
 from monitor.assess import Assessment, AssessSettings, Rejected, assess, judge_identification
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document
-from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording

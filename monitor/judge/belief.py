@@ -9,7 +9,7 @@ from monitor.errors import BadInput
 from monitor.judge.document import array, entry, key_of, plain
 from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState
-from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState
 from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_from_document
 from monitor.judge.drift.undetected_change import undetected_change

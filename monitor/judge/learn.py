@@ -13,7 +13,8 @@ from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import OpenedContext, comparable, differences, enter, with_lasting_declarations
 from monitor.judge.drift.filter_state import OUTLIER, STEP, UNRESOLVED
-from monitor.judge.drift.observation import DriftSettings, Observation, observe
+from monitor.judge.drift.observation import Observation, observe
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, StepResult, initial_state, step
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange, find_undeclared_change, update_mass_estimate
 from monitor.judge.temperature.laws import TemperatureSettings
@@ -91,7 +92,10 @@ def learn(
     observation = observe(identification, settings)
     change = _enter_context(belief, with_lasting_declarations(belief.context, context), at_unix_s)
     moved = change.belief
-    undeclared = find_undeclared_change(identification, moved.mass_estimate, health or HealthSettings())
+    limits = health or HealthSettings()
+    undeclared = find_undeclared_change(
+        identification, moved.mass_estimate, sigma=limits.contradiction_sigma, mass_kg=limits.contradiction_kg
+    )
     contradicted = undeclared.condition is not None
     replay = Replay(
         observation=observation,

@@ -12,7 +12,7 @@ from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.change_detection import DENSE
 from monitor.judge.drift.filter_state import OUTLIER, WINDOW, replace_joints
-from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 

@@ -27,7 +27,8 @@ from monitor.judge.drift.filter_state import (
     FilterState,
     predict_filter,
 )
-from monitor.judge.drift.observation import DriftSettings, observe
+from monitor.judge.drift.observation import observe
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 

@@ -7,7 +7,7 @@ from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import STEP
-from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 

@@ -17,7 +17,7 @@ from monitor.judge.alerts.staleness import stale_joints
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
-from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin
 from monitor.judge.temperature.laws import TemperatureSettings
 

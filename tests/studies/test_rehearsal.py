@@ -11,7 +11,8 @@ from synthetic_arm import CONTEXT, START_S, Arm
 import monitor.studies.rehearsal as rehearse_module
 from monitor.assess import AssessSettings
 from monitor.identify.identify import identify
-from monitor.judge.drift.observation import DriftSettings, Observation, observe
+from monitor.judge.drift.observation import Observation, observe
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.learn import begin, learn
 from monitor.model.robot import Mounting, load_robot

@@ -18,7 +18,7 @@ from monitor.judge.alerts.life_cycle import next_transition
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.states import arm_state, joint_state
 from monitor.judge.belief import Belief
-from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange
 
 Statuses = list[tuple[int | None, AlertCondition, ConditionStatus]]  # joint (None: the arm), condition, status

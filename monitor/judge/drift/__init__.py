@@ -1,1 +1,1 @@
-"""One replay through the Kalman filter: observation, state, update, change detection. Pure."""
+"""Drift of friction: one replay's observation, the filter that follows it, and the changes that it detects. Pure."""

@@ -16,7 +16,7 @@ import numpy as np
 from monitor.judge.drift.filter_state import KINDS, OLDEST, RATE, WEAR, WINDOW, FilterState, open_slot
 from monitor.judge.drift.innovation import Gate, Innovation
 from monitor.judge.drift.kalman import symmetric
-from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
 
 CLIPPED = 3.0  # [σ] an ordinary replay counts for a change with no more than this: noise has longer tails than a Gaussian

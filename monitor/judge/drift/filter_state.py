@@ -15,7 +15,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from monitor.judge.drift.kalman import predict
-from monitor.judge.drift.observation import DriftSettings, Observation
+from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
 
 WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # log, 1/usual day, log, 1/K, 1/K², 1/(K/min); then the levels

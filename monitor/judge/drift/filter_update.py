@@ -8,7 +8,8 @@ from monitor.judge.drift.change_detection import advance_bank, detect_change
 from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, STEP, UNRESOLVED, FilterState
 from monitor.judge.drift.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.kalman import update
-from monitor.judge.drift.observation import DriftSettings, Observation
+from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
 
 OFTEN, FEWEST = 0.1, 3  # share and number of outliers from which they are the joint's noise, and no longer left out of it

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.filter_state import LAG, NOISE, SLOPE, FilterState
-from monitor.judge.drift.observation import DriftSettings, Observation
+from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
 
 SETTLING_SHARE = 2.0  # the level's variance over that of noise, above which an innovation is no evidence of noise or of changes

@@ -1,14 +1,14 @@
-"""Predict and update of many small Kalman filters, one a joint, with one scalar measurement each.
+"""Predict and update of N Kalman filters of S states, one for each joint, with one scalar measurement each (Särkkä, 2013, ch. 4).
 
-One arm goes through filterpy's `predict` and `update`; a fleet through the same algebra on arrays, some hundred times faster.
-The tests hold the two against each other.
+One arm goes through filterpy's `predict` and `update`, a fleet through the same algebra on arrays, which is some hundred times faster. The
+tests compare the two.
 """
 
 import numpy as np
 
 from monitor.recording import Array
 
-ONE_ARM = 16  # as many filters are still an arm's, and go through filterpy
+ONE_ARM = 16  # up to so many filters belong to one arm and go through filterpy
 
 
 def predict(mean: Array, cov: Array, F: Array, Q: Array) -> tuple[Array, Array]:
@@ -35,12 +35,12 @@ def update(mean: Array, cov: Array, y: Array, R: Array, H: Array) -> tuple[Array
     S = np.einsum("na,na->n", PH, H) + R
     K = PH / S[:, None]
     x = mean + K * (y - np.einsum("na,na->n", H, mean))[:, None]
-    # (I − KH)·P·(I − KH)ᵀ + K·R·Kᵀ with H of one row, multiplied out: as indifferent to rounding in K as Joseph's form
+    # (I − KH)·P·(I − KH)ᵀ + K·R·Kᵀ with H of one row, multiplied out: as robust to rounding in K as Joseph's form
     cross = K[:, :, None] * PH[:, None, :]
     return x, cov - cross - np.swapaxes(cross, 1, 2) + (S[:, None] * K)[:, :, None] * K[:, None, :]
 
 
 def symmetric(P: Array) -> Array:
-    """Rounding leaves a covariance slightly lopsided; this does not change it otherwise."""
+    """The symmetric part of a covariance: rounding leaves it slightly asymmetric."""
     even: Array = 0.5 * (P + np.swapaxes(P, -1, -2))
     return even

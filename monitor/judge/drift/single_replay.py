@@ -1,29 +1,32 @@
-"""What a single replay says of friction by itself, so that it can be shown beside what the filter makes of all of them."""
+"""Friction from a single replay alone, at the reference temperature, to be shown beside the filter's estimate from all replays."""
 
 import numpy as np
 
-from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import LAG, NOISE, SLOPE
-from monitor.judge.drift.observation import DriftSettings, Observation
+from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import DriftState
 from monitor.recording import Array
 
 
-def single_torque_nm(belief: Belief, seen: Observation, settings: DriftSettings) -> tuple[Array, Array]:
-    """F(v*) of the belief's last replay alone, brought to T0 by the temperature law held after it, and its std, (J,) each [N·m].
+def single_torque_nm(state: DriftState, observation: Observation, settings: DriftSettings) -> tuple[Array, Array]:
+    """F(v*, T0) of one replay alone and its standard deviation, (N,) each [N·m].
 
-    seen : of that replay. NaN where nothing was learnt of the joint's friction from it. The std holds the doubt within the replay, what
-    one replay differs from the next, and the law's doubt over the way to T0; without a temperature, all that temperature may have done.
+    state : after the replay; its temperature law brings the replay to T0. observation : of the replay, with NaN in `log_torque` where
+    nothing was learnt; the torque is then NaN. The standard deviation contains the uncertainty within the replay, the noise between
+    replays, and that of the law over the way to T0. Without a temperature it contains everything that temperature may have changed.
     """
-    state, slot, J = belief.filter_state, belief.slot, belief.joints
-    sensed = np.isfinite(seen.temperature_c)
-    T = np.where(sensed, seen.temperature_c, belief.reference_temperature_c)
-    warming = np.where(np.isfinite(seen.warming_k_per_min), seen.warming_k_per_min, 0.0)
-    here = state.row(T - state.origin_c, warming, slot)
-    way = here - state.row(belief.reference_temperature_c - state.origin_c, np.zeros(J), slot)  # (J, S): level, wear, noise cancel
+    joints, T0 = state.filter_state, state.reference_temperature_c
+    sensed = np.isfinite(observation.temperature_c)
+    T = np.where(sensed, observation.temperature_c, T0)
+    warming = np.where(np.isfinite(observation.warming_k_per_min), observation.warming_k_per_min, 0.0)
+    here = joints.row(T - joints.origin_c, warming, state.slot)
+    way = here - joints.row(T0 - joints.origin_c, np.zeros(state.joints), state.slot)  # (N, S): level, wear and noise cancel
     assert not way[:, NOISE].any()
-    y = belief.last_log_torque - np.einsum("ja,ja->j", way, state.mean)  # NaN where unseen or contradicted
-    blind = (state.mean[:, SLOPE] ** 2 + state.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
-    var = seen.variance + settings.between_floor**2 + state.noise_var(J, settings) + np.where(sensed, 0.0, blind)
-    var = var + np.einsum("ja,jab,jb->j", way, state.cov, way) + (settings.uneven_share * state.mean[:, LAG] * warming) ** 2
+    y = observation.log_torque - np.einsum("ja,ja->j", way, joints.mean)
+    blind = (joints.mean[:, SLOPE] ** 2 + joints.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
+    noise = joints.noise_var(state.joints_per_arm, settings)
+    var = observation.variance + settings.between_floor**2 + noise + np.where(sensed, 0.0, blind)
+    var = var + np.einsum("ja,jab,jb->j", way, joints.cov, way) + (settings.uneven_share * joints.mean[:, LAG] * warming) ** 2
     torque: Array = np.exp(y)
     return torque, torque * np.sqrt(np.maximum(var, 0.0))

@@ -22,7 +22,8 @@ from monitor.judge.drift.filter_state import (
     update_interval,
 )
 from monitor.judge.drift.filter_update import update_filter
-from monitor.judge.drift.observation import DriftSettings, Observation
+from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.usage import Usage, no_usage, update_usage
 from monitor.judge.temperature.laws import Law, TemperatureSettings, initial_law, inside_range, reopen_law, update_law
 from monitor.judge.temperature.stuck import Sensors, stuck_sensors, update_sensors
@@ -127,7 +128,8 @@ def step(
     >>> import numpy as np
     >>> from monitor.judge.alerts.evidence import WearAfterReplay, nothing_counted, weigh_evidence
     >>> from monitor.judge.alerts.settings import HealthSettings
-    >>> from monitor.judge.drift.observation import DriftSettings, Observation
+    >>> from monitor.judge.drift.observation import Observation
+    >>> from monitor.judge.drift.settings import DriftSettings
     >>> from monitor.judge.drift.step import Replay, initial_state, step
     >>> from monitor.judge.temperature.laws import TemperatureSettings
     >>> drift, temperature, health = DriftSettings(), TemperatureSettings(), HealthSettings()

@@ -1,6 +1,6 @@
-"""How much a joint has worked: revolutions, as whoever listens counts them, and what is usual for it on a day.
+"""How much a joint has worked: its revolutions, as the bus listener counts them, and the usual work of a day.
 
-Wear comes from work, not from waiting. Where nobody counts, every day is a usual one.
+Wear comes from work and not from waiting. Where nobody counts, every day is a usual one.
 """
 
 from typing import Any, NamedTuple
@@ -10,34 +10,34 @@ import numpy as np
 from monitor.judge.document import arrays
 from monitor.recording import Array
 
-MEMORY_DAYS = 60.0  # what is usual follows a change of work within about two months
-MOST_DAYS = 20.0  # of usual work on one day: more is a counter that is wrong
+MEMORY_DAYS = 60.0  # [day] the usual work follows a change of work within about two months
+MOST_DAYS = 20.0  # usual days of work on one day: a count beyond it is wrong
 STILL_REV_PER_DAY = 0.5  # less work than this is none, and no measure of wear
 
 
 class Usage(NamedTuple):
-    """What is known of the work of N joints; NaN where nobody counts."""
+    """What is known of the work of N joints, (N,) each; NaN where nobody counts."""
 
-    revolutions: Array  # (N,) counted at the last replay
-    per_day: Array  # (N,) usual
-    days: Array  # (N,) over which that was learnt
+    revolutions: Array  # total count at the last replay
+    per_day: Array  # usual revolutions per day
+    days: Array  # over which `per_day` was learnt
 
 
 class UsageUpdate(NamedTuple):
-    """What a joint has done since the last replay."""
+    """What a joint has done since the last replay, (N,) each."""
 
     usage: Usage
-    usual_days: Array  # (N,) of work
-    factor: Array  # (N,) by which what is usual has changed
+    usual_days: Array  # work done, in usual days
+    factor: Array  # new usual work of a day over the one before
 
 
 def no_usage(joints: int) -> Usage:
-    """Before anything was counted."""
+    """The usage of N joints before anything was counted."""
     return Usage(np.full(joints, np.nan), np.full(joints, np.nan), np.zeros(joints))
 
 
 def update_usage(usage: Usage, revolutions: Array, days: Array) -> UsageUpdate:
-    """After `days` (N,), at a count of `revolutions` (N,). A counter that is missing or ran backwards counts as usual work."""
+    """The usage after `days` (N,), at a total count of `revolutions` (N,). A counter that is missing or ran backwards means usual work."""
     done = revolutions - usage.revolutions
     known = np.isfinite(done) & (done >= 0) & (days > 0)
     done, span = np.where(known, done, 0.0), np.where(known, days, 1.0)
@@ -53,5 +53,5 @@ def update_usage(usage: Usage, revolutions: Array, days: Array) -> UsageUpdate:
 
 
 def usage_from_document(document: Any, joints: int) -> Usage:
-    """Usage from its document. Raises BadInput naming the key."""
+    """A Usage from its document. Raises BadInput naming the key."""
     return Usage(**arrays(document, Usage._fields, (joints,), where="belief: usage"))

@@ -11,7 +11,7 @@ from pathlib import Path
 from monitor.config.load import from_document
 from monitor.config.schema import Configuration
 from monitor.errors import RobotUnreachable
-from monitor.judge.drift.observation import DriftSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
