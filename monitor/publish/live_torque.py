@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.prediction_error import MOVING_RAD_S
-from monitor.judge.torque.predictor import TorquePrediction, prepared
+from monitor.judge.torque.predictor import TorquePrediction, predictor_for
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording
 
@@ -16,7 +16,7 @@ class LiveTorque:
 
     def __init__(self, model: CompensatedModel, robot: Robot, gains: Array | None, recording: Recording | None) -> None:
         """`recording` is the replay that the model was learnt from last: it tells the samples' own noise where the model does not yet."""
-        self._predictor = prepared(model, robot)
+        self._predictor = predictor_for(model, robot)
         self.model = model
         self._gains = robot.drive_gain_nm_per_a if gains is None else gains
         self._more_var = np.zeros(model.joints)  # of one raw sample beyond what the model says of it

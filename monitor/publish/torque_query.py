@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.torque.compensated_model import CompensatedModel
-from monitor.judge.torque.predictor import prepared
+from monitor.judge.torque.predictor import predictor_for
 from monitor.model.robot import Robot
 from monitor.recording import Array
 
@@ -29,7 +29,7 @@ def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | 
     `q`, `qd` [rad, rad/s] are asked for; `qdd` [rad/s²] is 0 where not given, `temperature_c` the present one. Raises
     BadInput saying which argument is wrong, and how.
     """
-    predictor = prepared(model, robot)
+    predictor = predictor_for(model, robot)
     if (flat := _one_sample(request, temperature_c, robot.joints)) is not None:
         return {**dict(zip(_PARTS, (*predictor.sample(*flat), flat[3]), strict=True)), "model_revision": model.revision}
     request = {name: value for name, value in request.items() if value is not None}

@@ -16,7 +16,7 @@ from monitor.cli.main import app
 from monitor.errors import BadInput
 from monitor.identify.identify import identify
 from monitor.judge.torque.compensated_model import model_from_document
-from monitor.judge.torque.predictor import predict_torque, prepared
+from monitor.judge.torque.predictor import predict_torque, predictor_for
 from monitor.model import friction
 from monitor.model.friction import FC, FV, LAWS, FrictionLaw, FrictionTerm
 from monitor.model.robot import load_robot
@@ -91,7 +91,7 @@ def test_the_new_law_may_be_the_residual_friction(law, monkeypatch):
     predicted = predict_torque(model, UR5, *states, T).torque
     np.testing.assert_array_equal(predict_torque(model_from_document(document), UR5, *states, T).torque, predicted)
     for n in (100, 1234):
-        sample = prepared(model, UR5).sample(*(state[n] for state in states), T)
+        sample = predictor_for(model, UR5).sample(*(state[n] for state in states), T)
         np.testing.assert_allclose(sample.torque, predicted[n], rtol=1e-9)
     without = predict_torque(replace(model, residual_friction=None), UR5, *states, T).torque
     moving = np.abs(other.qd) > 0.02

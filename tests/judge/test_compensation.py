@@ -12,7 +12,7 @@ from synthetic_arm import COULOMB_NM, Arm, History
 from monitor.errors import BadInput
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.torque.compensated_model import CompensatedModel, ResidualFriction, model_from_document
-from monitor.judge.torque.predictor import predict_torque, prepared
+from monitor.judge.torque.predictor import predict_torque, predictor_for
 from monitor.model.friction import CONCAVE
 from monitor.model.robot import load_robot
 
@@ -203,7 +203,7 @@ def test_friction_never_drives_and_one_sample_says_what_many_say(with_residual_f
     v, a, T = np.array(qd), np.array(qdd), np.full(6, temperature_c)
     for model in (with_residual_friction, curved):
         many = predict_torque(model, UR5, Q[0], v, a, T)
-        one = prepared(model, UR5).sample(Q[0].tolist(), qd, qdd, T.tolist())
+        one = predictor_for(model, UR5).sample(Q[0].tolist(), qd, qdd, T.tolist())
         assert np.all(many.friction * v >= 0.0)
         for name in one._fields:
             assert np.allclose(getattr(many, name)[0], getattr(one, name), rtol=1e-9, atol=1e-9), name

@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor.acquire.rows import COLUMN
 from monitor.judge.torque.compensated_model import CompensatedModel
-from monitor.judge.torque.predictor import prepared
+from monitor.judge.torque.predictor import predictor_for
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
@@ -98,7 +98,7 @@ class TorqueBand:
         if self._model is not None and np.all(np.isfinite(temperature_c)):
             still = np.abs(qd) < STILL_RAD_S
             slides = np.where(still, STILL_RAD_S, qd)
-            found = prepared(self._model, self._robot).sample(*(x.tolist() for x in (q, slides, qdd, temperature_c)))
+            found = predictor_for(self._model, self._robot).sample(*(x.tolist() for x in (q, slides, qdd, temperature_c)))
             friction, std = np.array(found.friction), np.nan_to_num(found.measured_std, nan=np.inf)
             allowed = np.maximum(SIGMAS * std, LEAST_SHARE * most) + np.where(still, BREAKAWAY * friction, 0.0)
             return _Band(np.array(found.rigid) + np.where(still, 0.0, friction), np.minimum(allowed, self._share * most))

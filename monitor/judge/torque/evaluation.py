@@ -4,7 +4,7 @@ import numpy as np
 
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.prediction_error import MIN_PAIRS, MOVING_RAD_S, PredictionError, measure
-from monitor.judge.torque.predictor import prepared
+from monitor.judge.torque.predictor import predictor_for
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording
 
@@ -18,7 +18,7 @@ def measure_prediction_error(recording: Recording, model: CompensatedModel, robo
     qd, qdd, current, temperature_c = recording.qd, recording.target_qdd, recording.current, recording.temperature_c
     if qd is None or qdd is None or current is None or temperature_c is None or recording.samples < MIN_PAIRS:
         return None
-    predicted = prepared(model, robot).torque(recording.q, qd, qdd, temperature_c)
+    predicted = predictor_for(model, robot).torque(recording.q, qd, qdd, temperature_c)
     gain = robot.drive_gain_nm_per_a if gains is None else gains
     usable = (np.abs(qd) > MOVING_RAD_S) & ~predicted.extrapolated  # (N, J)
     return measure(recording.t_s, qd, np.where(usable, current * gain - predicted.torque, np.nan))

@@ -1,46 +1,36 @@
-"""The compensated model made ready for one arm, so that a question costs microseconds: what does not change is computed once.
-
-Rigid torque is linear in the standard parameters, so pinocchio's recursive Newton–Euler in C++ gives it without the regressor. The
-parameters are a regrouped set, no arm of its own: a link may have no mass but a first moment, and pinocchio stores a centre of mass.
-So every link gets a point mass at its frame's origin, and the torque of those masses alone is taken off again.
-"""
+"""Prediction of joint torque by a compensated model. What does not depend on the state is computed once, so a prediction is fast."""
 
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.torque.compensated_model import CompensatedModel
-from monitor.judge.torque.pointwise import UNKNOWN, point_law
+from monitor.judge.torque.pointwise import UNKNOWN, PointLaw, point_law
+from monitor.judge.torque.rigid import RigidTorque
 from monitor.model.friction import SIGN_SPEED_RAD_S, smooth_sign
-from monitor.model.regressor import ROTOR
-from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
+from monitor.model.robot import Robot
 from monitor.recording import Array
 
-if TYPE_CHECKING:
-    import pinocchio
-
-LEAST_OFF = 0.95  # of fc and fv that what is beyond them may take off: friction never drives
-LEAST_MASS_KG = 0.1  # of a link with its point mass: a centre of mass at mx/m keeps its digits
-POINT_MASSES_KG = (10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0, 2560.0)  # J ≤ 8 links can rule out eight of these
+MAX_REDUCTION = 0.95  # share of fc and fv that negative residual friction may cancel: friction never drives a joint
 
 
 class TorquePrediction(NamedTuple):
-    """Joint torque and what it is made of, (N, J) each [N·m]; `std` is NaN where a joint's friction was never identified."""
+    """Joint torque and its parts, (N, J) each [N·m]; standard deviations are NaN where a joint's friction was never identified."""
 
     torque: Array
     rigid: Array
     friction: Array
     std: Array  # of the torque itself
-    extrapolated: np.ndarray  # (N, J) the temperature is outside what was learnt
-    measured_std: Array  # of one measured sample of it
+    extrapolated: np.ndarray  # (N, J) whether the temperature is outside the learnt range
+    measured_std: Array  # of one measured sample of the torque
 
 
-class Sample(NamedTuple):
-    """The same of one sample, as plain numbers: J each."""
+class SamplePrediction(NamedTuple):
+    """The fields of `TorquePrediction` for one sample, J plain numbers each."""
 
     torque: list[float]
     rigid: list[float]
@@ -50,6 +40,22 @@ class Sample(NamedTuple):
     measured_std: list[float]
 
 
+class _JointFigures(NamedTuple):
+    """One joint's part of the model as plain numbers. The order of the fields is that in which `Predictor.sample` unpacks them."""
+
+    coulomb: PointLaw
+    viscous: PointLaw
+    wear_factor: float
+    double_correlation: float
+    wear_var: float
+    error_var: float
+    coldest_c: float
+    warmest_c: float
+    unknown: bool
+    noise_var: float
+    residual: tuple[list[float], float, float, float] | tuple[()]  # K terms, largest speed, largest load, rotor inertia; or none
+
+
 class Predictor:
     """Torque of one arm at any state and joint temperature; immutable, shared by threads."""
 
@@ -57,157 +63,114 @@ class Predictor:
         """Raises BadInput where the model is another robot's."""
         if robot.name != model.robot:
             raise BadInput(f"the model is of {model.robot}, the robot is {robot.name}")
-        self._rigid = _Rigid(robot, model.mounting, model.columns, model.values)
-        self._lines = model.coulomb, model.viscous
-        unknown = ~np.isfinite(model.coulomb.intercept) | ~np.isfinite(model.viscous.intercept)  # (J,)
-        self._known, self._worn = ~unknown, np.exp(model.wear)
-        self._correlation = 2.0 * model.friction_correlation
+        self._rigid = RigidTorque(robot, model.mounting, model.columns, model.values)
+        self._laws = model.coulomb, model.viscous
+        self._known = np.isfinite(model.coulomb.intercept) & np.isfinite(model.viscous.intercept)  # (J,)
+        self._wear_factor = np.exp(model.wear)
+        self._double_correlation = 2.0 * model.friction_correlation
         error_nm, sample_nm = (model.residual_rms_nm if of is None else of for of in (model.error_rms_nm, model.measured_rms_nm))
-        self._wear_var, self._rest_var = model.wear_std**2, error_nm**2
-        self._noise_var = np.maximum(sample_nm**2 - self._rest_var, 0.0)  # NaN stays
+        self._wear_var, self._error_var = model.wear_std**2, error_nm**2
+        self._noise_var = np.maximum(sample_nm**2 - self._error_var, 0.0)  # NaN stays NaN
         low, high = model.viscous.range_c.T
         self._range_c = low - model.viscous.margin_k, high + model.viscous.margin_k
-        self._beyond = None if model.residual_friction is None else model.residual_friction.terms.T[:, None]  # (K, 1, J)
-        if model.residual_friction is not None:
-            T1 = np.where(
-                np.isfinite(model.residual_friction.temperature_c), model.residual_friction.temperature_c, model.viscous.reference_c
-            )
-            then = self._friction(T1)[0][1]
-            self._per_viscous = np.divide(1.0, then, out=np.zeros_like(then), where=then > 0)  # (J,)
-            self._law = model.residual_friction.law
-            self._speed, self._load = model.residual_friction.speed_rad_s, model.residual_friction.load_nm
-        self._unknown = unknown | ~np.isfinite(low) | ~np.isfinite(high)  # of no temperature at all
-        whole: tuple[Array, ...] = (
-            self._correlation,
+        self._unknown = ~self._known | ~np.isfinite(low) | ~np.isfinite(high)  # no temperature has been learnt
+        self._residual = residual = model.residual_friction
+        if residual is not None:
+            at_c = np.where(np.isfinite(residual.temperature_c), residual.temperature_c, model.viscous.reference_c)
+            viscous = self._coefficients(at_c)[0][1]
+            self._per_viscous = np.divide(1.0, viscous, out=np.zeros_like(viscous), where=viscous > 0)  # (J,) 1/fv(T₁)
+        self._joints = self._figures()
+
+    def _figures(self) -> list[_JointFigures]:
+        """The model of every joint as plain numbers, for `sample`."""
+        laws = [[point_law(law, j) if known else UNKNOWN for j, known in enumerate(self._known.tolist())] for law in self._laws]
+        arrays = (
+            self._wear_factor,
+            self._double_correlation,
             self._wear_var,
-            self._rest_var,
+            self._error_var,
             *self._range_c,
             self._unknown,
             self._noise_var,
         )  # (J,) each
-        residual_friction = [()] * len(self._worn)
-        if model.residual_friction is not None:
-            scaled = (model.residual_friction.terms * self._per_viscous[:, None]).tolist()  # J lists of K
-            limits = (part.tolist() for part in (self._speed, self._load, self._rigid.rotor))
-            residual_friction = list(zip(scaled, *limits, strict=True))
-        laws = [[point_law(line, j) if known else UNKNOWN for j, known in enumerate(self._known.tolist())] for line in self._lines]
-        self._figures = list(
-            zip(*laws, self._worn.tolist(), *(part.tolist() for part in whole), residual_friction, strict=True)
-        )  # J tuples
+        residual = [()] * len(self._known)
+        if self._residual is not None:
+            terms = (self._residual.terms * self._per_viscous[:, None]).tolist()  # J lists of K
+            limits = (part.tolist() for part in (self._residual.speed_rad_s, self._residual.load_nm, self._rigid.rotor))
+            residual = list(zip(terms, *limits, strict=True))
+        return [_JointFigures(*joint) for joint in zip(*laws, *(part.tolist() for part in arrays), residual, strict=True)]
 
-    def _friction(self, temperature_c: Array) -> tuple[Array, Array]:
-        """With present wear, fc and fv at temperatures (…, J), and their variances, (2, …, J) each; 0 and NaN where unknown."""
-        fresh = [line.at(temperature_c) for line in self._lines]
-        value = np.where(self._known, np.stack([law.value for law in fresh]) * self._worn, 0.0)
-        std = np.where(self._known, np.stack([law.std for law in fresh]) * self._worn, np.nan)
+    def _coefficients(self, temperature_c: Array) -> tuple[Array, Array]:
+        """Fc and fv with present wear at temperatures (…, J), and their variances, (2, …, J) each; 0 and NaN where unknown."""
+        fresh = [law.at(temperature_c) for law in self._laws]
+        value = np.where(self._known, np.stack([law.value for law in fresh]) * self._wear_factor, 0.0)
+        std = np.where(self._known, np.stack([law.std for law in fresh]) * self._wear_factor, np.nan)
         return value, std * std
 
     def torque(self, q: Array, qd: Array, qdd: Array, temperature_c: Array) -> TorquePrediction:
-        """Everything at states q, qd, qdd (N, J) [rad, rad/s, rad/s²] and temperatures (N, J) or (J,), finite and of these shapes."""
+        """The prediction at states q, qd, qdd (N, J) [rad, rad/s, rad/s²] and temperatures (N, J) or (J,) [°C], all of them finite."""
         rigid = self._rigid.torque(q, qd, qdd)
-        value, var = self._friction(np.broadcast_to(temperature_c, q.shape))  # (2, N, J) each; friction never drives
+        value, var = self._coefficients(np.broadcast_to(temperature_c, q.shape))  # (2, N, J) each
         drive = np.empty((2, *q.shape))
         drive[0], drive[1] = smooth_sign(qd), qd
         parts = value * drive  # (2, N, J)
         friction = parts[0] + parts[1]
-        if self._beyond is not None:
-            s, speed = np.abs(drive[0]), np.minimum(np.abs(qd), self._speed)
-            load = np.minimum(np.abs(rigid - qdd * self._rigid.rotor), self._load)
-            more = self._law.opposing_torque(self._beyond, s, speed, load) * value[1] * self._per_viscous
-            friction += np.sign(qd) * np.maximum(more, -LEAST_OFF * np.abs(friction))
+        residual = self._residual
+        if residual is not None:
+            speed = np.minimum(np.abs(qd), residual.speed_rad_s)
+            load = np.minimum(np.abs(rigid - qdd * self._rigid.rotor), residual.load_nm)
+            opposing = residual.law.opposing_torque(residual.terms.T[:, None], np.abs(drive[0]), speed, load)
+            scaled = opposing * value[1] * self._per_viscous
+            friction += np.sign(qd) * np.maximum(scaled, -MAX_REDUCTION * np.abs(friction))
         of_fc, of_fv = var * drive * drive  # variances, (N, J) each
-        total = of_fc + of_fv + self._correlation * np.sqrt(of_fc * of_fv) + friction * friction * self._wear_var + self._rest_var
+        correlated = self._double_correlation * np.sqrt(of_fc * of_fv)
+        total = of_fc + of_fv + correlated + friction * friction * self._wear_var + self._error_var
         low, high = self._range_c
-        outside = (temperature_c < low) | (temperature_c > high) | self._unknown
-        if outside.shape != q.shape:
-            outside = np.broadcast_to(outside, q.shape)
+        outside = np.broadcast_to((temperature_c < low) | (temperature_c > high) | self._unknown, q.shape)
         return TorquePrediction(rigid + friction, rigid, friction, np.sqrt(total), outside, np.sqrt(total + self._noise_var))
 
-    def sample(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], temperature_c: Sequence[float]) -> Sample:
-        """`torque` of one sample, J finite figures each. The same formulas on plain numbers: a tenth of the time of arrays of six."""
+    def sample(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], temperature_c: Sequence[float]) -> SamplePrediction:
+        """`torque` of one sample, J finite numbers each.
+
+        The formulas are those of `torque`. Plain numbers take a tenth of the time that arrays of six elements take.
+        """
         rigid = self._rigid.sample(q, qd, qdd)
         torque, friction, stds, outside, measured = [], [], [], [], []
-        for rest, v, a, T, figures in zip(rigid, qd, qdd, temperature_c, self._figures, strict=True):
-            dry, wet, worn, correlation, wear_var, rest_var, low, high, unknown, noise_var, more = figures
+        for link, v, a, T, joint in zip(rigid, qd, qdd, temperature_c, self._joints, strict=True):
+            coulomb, viscous, wear_factor, correlation, wear_var, error_var, coldest, warmest, unknown, noise_var, residual = joint
             s = math.tanh(v / SIGN_SPEED_RAD_S)
-            of_fc, var_c = dry.at(T)
-            of_fv, var_v = wet.at(T)
-            drags, flows = worn * s, worn * v
-            viscous = of_fv * worn
-            rubs = of_fc * drags + of_fv * flows
-            var_c *= drags * drags  # what is unknown is NaN, and stays so
-            var_v *= flows * flows
-            if more:
-                terms, fastest, heaviest, rotor = more
-                speed, load = abs(v), abs(rest - a * rotor)
-                speed, load = fastest if speed > fastest else speed, heaviest if load > heaviest else load
-                beyond = self._law.opposing_torque_at_point(terms, abs(s), speed, load) * viscous
-                least = -LEAST_OFF * abs(rubs)
-                rubs += math.copysign(1.0, v) * (least if beyond < least else beyond)
-            torque.append(rest + rubs)
-            friction.append(rubs)
-            var = var_c + var_v + correlation * math.sqrt(var_c * var_v) + rubs * rubs * wear_var + rest_var
+            fc, var_c = coulomb.at(T)
+            fv, var_v = viscous.at(T)
+            worn_s, worn_v = wear_factor * s, wear_factor * v
+            resisting = fc * worn_s + fv * worn_v
+            var_c *= worn_s * worn_s  # NaN where unknown
+            var_v *= worn_v * worn_v
+            if residual:
+                resisting += self._residual_at_point(residual, s, v, abs(link - a * residual[3]), fv * wear_factor, resisting)
+            torque.append(link + resisting)
+            friction.append(resisting)
+            var = var_c + var_v + correlation * math.sqrt(var_c * var_v) + resisting * resisting * wear_var + error_var
             stds.append(math.sqrt(var))
             measured.append(math.sqrt(var + noise_var))
-            outside.append(unknown or not low <= T <= high)
-        return Sample(torque, rigid, friction, stds, outside, measured)
+            outside.append(unknown or not coldest <= T <= warmest)
+        return SamplePrediction(torque, rigid, friction, stds, outside, measured)
 
-
-class _Rigid:
-    """Torque of links and rotors with given standard parameters, by recursive Newton–Euler."""
-
-    def __init__(self, robot: Robot, mounting: Mounting, columns: tuple[int, ...], values: Array) -> None:
-        import pinocchio as pin  # 0.2 s: only where torque is asked for
-
-        J = robot.joints
-        self._rnea = pin.rnea
-        parameters = np.zeros(PER_JOINT * J)
-        parameters[list(columns)] = values
-        blocks = parameters.reshape(J, PER_JOINT)
-        self.rotor = blocks[:, ROTOR]  # (J,)
-        self.rotors = self.rotor.tolist()
-        masses = blocks[:, 0]
-        more = next(mass for mass in POINT_MASSES_KG if np.all(np.abs(masses + mass) >= LEAST_MASS_KG))
-        points = np.zeros((J, INERTIAL))
-        points[:, 0] = more
-        self._with, self._points = _arm(robot, mounting, blocks[:, :INERTIAL] + points), _arm(robot, mounting, points)
-        self._data = self._with.createData(), self._points.createData()
-
-    def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """(N, J) [N·m]."""
-        # one call holds the interpreter's lock from its beginning until its result is copied: threads may share the workspace
-        rnea, (whole, points), (of_whole, of_points) = self._rnea, (self._with, self._points), self._data
-        torque = np.empty_like(q)
-        for n in range(len(q)):
-            state = q[n], qd[n], qdd[n]
-            torque[n] = rnea(whole, of_whole, *state)
-            torque[n] -= rnea(points, of_points, *state)
-        torque += qdd * self.rotor
-        return torque
-
-    def sample(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> list[float]:
-        """J figures [N·m]."""
-        state = np.array(q, float), np.array(qd, float), np.array(qdd, float)
-        whole = self._rnea(self._with, self._data[0], *state).tolist()
-        points = self._rnea(self._points, self._data[1], *state).tolist()
-        return [all_of_it - point + rotor * a for all_of_it, point, rotor, a in zip(whole, points, self.rotors, qdd, strict=True)]
-
-
-def _arm(robot: Robot, mounting: Mounting, blocks: Array) -> "pinocchio.Model":
-    """Pinocchio's model with these inertial parameters (J, 10), each about its link's DH origin, in the axes of the DH frame."""
-    import pinocchio as pin
-
-    model = robot.pinocchio_model(mounting)
-    for i, (m, mx, my, mz, xx, xy, xz, yy, yz, zz) in enumerate(blocks.tolist()):
-        to_dh = model.frames[model.getFrameId(f"dh_{i + 1}")].placement
-        about_dh = pin.Inertia.FromDynamicParameters(np.array([m, mx, my, mz, xx, xy, yy, xz, yz, zz]))  # pinocchio's order
-        model.inertias[i + 1] = to_dh.act(about_dh)
-    return model
+    def _residual_at_point(
+        self, residual: tuple[list[float], float, float, float], s: float, v: float, load: float, viscous: float, resisting: float
+    ) -> float:
+        """Residual friction of one joint at one sample, with the sign of its speed v [N·m]; resisting : friction by fc and fv."""
+        assert self._residual is not None
+        terms, fastest, heaviest, _ = residual
+        speed = abs(v)
+        speed, load = fastest if speed > fastest else speed, heaviest if load > heaviest else load
+        opposing = self._residual.law.opposing_torque_at_point(terms, abs(s), speed, load) * viscous
+        least = -MAX_REDUCTION * abs(resisting)
+        return math.copysign(1.0, v) * (least if opposing < least else opposing)
 
 
 @lru_cache(maxsize=8)
-def prepared(model: CompensatedModel, robot: Robot) -> Predictor:
-    """The predictor of a model; models and robots are immutable, and known by identity. Raises BadInput as `Predictor`."""
+def predictor_for(model: CompensatedModel, robot: Robot) -> Predictor:
+    """The predictor of a model. Models and robots are immutable, so the cache knows them by identity. Raises BadInput as `Predictor`."""
     return Predictor(model, robot)
 
 
@@ -219,7 +182,7 @@ def predict_torque(
     q, qd, qdd : (N, J) or (J,) [rad, rad/s, rad/s²]; temperature_c : (N, J) or (J,) [°C], None for the reference temperature.
     Raises BadInput for another robot, shapes that do not fit, or values that are not finite.
     """
-    predictor = prepared(model, robot)
+    predictor = predictor_for(model, robot)
     T = model.viscous.reference_c if temperature_c is None else np.asarray(temperature_c, dtype=float)
     q, qd, qdd = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, qd, qdd))
     for name, x in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", np.atleast_2d(T))):
