@@ -1,4 +1,4 @@
-"""The object that `identify --json` prints: plain JSON, units in the names, null for unknown."""
+"""The JSON object that `identify --json` prints: units in the names, null for unknown."""
 
 import math
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ from monitor.model.friction import CONCAVE_EXPONENT
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
-LARGEST = 1e6  # kg, kg·m, kg·m², N·m: no arm's
+LARGEST = 1e6  # [kg, kg·m, kg·m², N·m] no arm has a larger parameter
 
 
 def document(identification: Identification, validations: Sequence[Validation] = ()) -> dict[str, Any]:
-    """The identification, and how it fared on other recordings. No NaN and no infinity: unknown is None."""
+    """The identification and its validations as a JSON object. Unknown is None; there is no NaN and no infinity."""
     found = identification
     return {
         "robot": found.robot,
@@ -88,7 +88,7 @@ def document(identification: Identification, validations: Sequence[Validation] =
 
 
 def physical_document(physical: PhysicallyConsistentArm) -> dict[str, Any]:
-    """Standard parameters of an arm that can exist, about the centres of mass, in DH frames."""
+    """The physically consistent arm: tensors about the centres of mass, in DH frames."""
     arm = physical.robot
     return {
         "residual_ratio": _number(physical.residual_ratio),
@@ -103,7 +103,7 @@ def physical_document(physical: PhysicallyConsistentArm) -> dict[str, Any]:
 
 
 def _misfit(found: Identification) -> dict[str, Any]:
-    """What another motion would change beyond noise, because the law is not quite the arm's."""
+    """Standard deviations of fc and fv by the misfit of the friction law, for another motion."""
     if found.misfit_cov is None:
         return {}
     fc, fv = np.sqrt(found.misfit_cov[:, [0, 1], [0, 1]]).T
@@ -111,35 +111,36 @@ def _misfit(found: Identification) -> dict[str, Any]:
 
 
 def _law(found: Identification) -> dict[str, Any]:
-    """The friction law; of laws richer than the paper's, each parameter by joint."""
-    told: dict[str, Any] = {"name": found.law.name, "parameters": list(found.law.parameters)}
+    """The friction law; for a law richer than the paper's, each parameter of each joint."""
+    law: dict[str, Any] = {"name": found.law.name, "parameters": list(found.law.parameters)}
     if found.friction:
         fitted = found.friction
         std = np.sqrt(np.diagonal(fitted.covariance, axis1=1, axis2=2))  # (J, K)
-        told |= {
+        law |= {
             "values": {name: _numbers(fitted.values[:, k]) for k, name in enumerate(fitted.law.parameters)},
             "std": {name: _numbers(std[:, k]) for k, name in enumerate(fitted.law.parameters)},
             "exponent": CONCAVE_EXPONENT,
             "load_nm": _numbers(fitted.load_nm),
         }
     if found.held_out:
-        told["held_out"] = {name: _number(error) for name, error in found.held_out.items()}
-    return told
+        law["held_out"] = {name: _number(error) for name, error in found.held_out.items()}
+    return law
 
 
-def identification_from_document(told: Any, robot: Robot, mounting: Mounting, source: str) -> Identification:
-    """The parameters that `document` told, for `identify(rigid_from=…)`. Their correlations were not told: the covariance is diagonal.
+def identification_from_document(plain: Any, robot: Robot, mounting: Mounting, source: str) -> Identification:
+    """The parameters in a JSON object of `document`, for `identify(rigid_from=…)`.
 
-    Raises BadInput where it is no such document, or of another robot or kind of mounting.
+    The object holds no correlations, so the covariance is diagonal. Raises BadInput where it is no such object, or is of another robot or
+    kind of mounting.
     """
     base = base_parameters(robot, mounting)
     try:
-        made_by, names = told["robot"], told["base_parameters"]["names"]
-        values, std = (_array(told["base_parameters"][key], base.count) for key in ("values", "std"))
-        friction = [_array(told["friction"][key], robot.joints) for key in ("coulomb_nm", "viscous_nm_s_per_rad", "max_speed_rad_s")]
-        condition = told["base_parameters"]["condition_number"]
-        condition, samples = math.inf if condition is None else float(condition), int(told["fit"]["samples"])
-        method, names = str(told["method"]), tuple(str(name) for name in names)
+        made_by, names = plain["robot"], plain["base_parameters"]["names"]
+        values, std = (_array(plain["base_parameters"][key], base.count) for key in ("values", "std"))
+        friction = [_array(plain["friction"][key], robot.joints) for key in ("coulomb_nm", "viscous_nm_s_per_rad", "max_speed_rad_s")]
+        condition = plain["base_parameters"]["condition_number"]
+        condition, samples = math.inf if condition is None else float(condition), int(plain["fit"]["samples"])
+        method, names = str(plain["method"]), tuple(str(name) for name in names)
     except (KeyError, TypeError, ValueError, OverflowError) as wrong:
         raise BadInput(
             f"{source}: is no identification ({type(wrong).__name__}: {wrong}); expected what `identify --json` printed"
@@ -177,12 +178,12 @@ def identification_from_document(told: Any, robot: Robot, mounting: Mounting, so
 
 
 def gains_document(gains: Gains) -> dict[str, Any]:
-    """Joint gains from a payload pair; null where the pair says nothing."""
+    """Joint gains from a payload pair; null where the pair does not determine the gain."""
     return {"values_nm_per_a": _numbers(gains.values), "std_nm_per_a": _numbers(gains.std), "rms_a": _numbers(gains.rms_a)}
 
 
 def payload_document(payload: Payload) -> dict[str, Any]:
-    """A payload at the flange, in the last DH frame."""
+    """The payload at the flange, in the last DH frame."""
     std = np.sqrt(np.diag(payload.covariance))
     return {
         "mass_kg": _number(payload.mass_kg),
@@ -198,7 +199,7 @@ def payload_document(payload: Payload) -> dict[str, Any]:
 
 
 def _array(values: Any, count: int) -> Array:
-    """(count,) of numbers, null is NaN. Raises ValueError or TypeError for anything else."""
+    """(count,) numbers, NaN for null. Raises ValueError or TypeError for anything else."""
     numbers: Array = np.array([math.nan if value is None else float(value) for value in values])
     if len(numbers) != count:
         raise ValueError(f"{len(numbers)} figures where {count} belong")

@@ -51,7 +51,7 @@ def energy_along(
     """Energy along `path` of the arm identified from `recordings`, as plain JSON.
 
     gains : (J,) [N·m/A] or None for the published torque constants. payload_kg : in the hand along the path [kg]; None: as the path
-    says, else as the recordings say. Raises BadInput, of it Unidentifiable, as `identify` does.
+    says, else as the recordings say. Raises BadInput (of which Unidentifiable is a kind) as `identify` does.
     """
     identified_with_kg = max(recording.context.payload_kg or 0.0 for recording in recordings)
     carried_kg = identified_with_kg if path.payload_kg is None else path.payload_kg

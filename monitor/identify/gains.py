@@ -1,9 +1,9 @@
-"""Joint gains from a known payload: what one ampere is in newton metres, Gautier and Briot (2014).
+"""Joint gains from a known payload: the torque per ampere of each joint, Gautier and Briot (2014).
 
-Torque in amperes leaves the scale of all parameters open: an arm twice as heavy with gains twice as large draws the same current. A
-known mass closes it. The noise is in the currents, and those multiply the gains: plain least squares would make every gain too
-small. Total least squares moves the currents instead, Σ‖(gⱼ·iⱼ − torqueⱼ)/(gⱼ·σⱼ)‖² → min (the regressor is taken as exact), which is
-least squares of the currents in b and 1/gⱼ, and with log gⱼ for gⱼ no gain can become negative.
+Currents alone leave the scale of all parameters open: an arm twice as heavy with gains twice as large draws the same currents. A known
+mass determines the scale. The noise is in the currents, which the gains multiply, so plain least squares would make every gain too small.
+Total least squares minimises Σ‖(gⱼ·iⱼ − torqueⱼ)/(gⱼ·σⱼ)‖² instead, with an exact regressor. This is least squares of the currents in the
+parameters b and 1/gⱼ. The unknowns are log gⱼ, so that no gain can become negative.
 """
 
 import math
@@ -22,26 +22,26 @@ from monitor.model.base import base_parameters
 from monitor.model.friction import residual_law
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
-from monitor.recording import Array, Recording
+from monitor.recording import Array, Mask, Recording
 
 LOAD_ROUNDS = 3  # the load on the gears and the gains are found in turn; each round gains a digit or more
-STEPS = 40  # of Gauss and Newton, at most: 6–10 do
-HALVINGS = 12  # of a step that leads up
-SETTLED = 1e-7  # relative change of the gains
-PRIOR_STD = 1.5  # of log gain about the arm's typical one: keeps a joint that shows nothing from drifting to infinity, and no other
-TELLING_STD = 0.5  # of log gain: a wider doubt than a factor 1.6 is no estimate
-OVERLOAD = 2.0  # of the payload the manufacturer allows: more, and it was no payload
-FARTHEST_M = 2.0
-BLOCK_S = 0.8  # as in identify: residuals stay correlated for half a second
+STEPS = 40  # of Gauss and Newton, at most; 6–10 are usual
+HALVINGS = 12  # of a step that increases the cost, at most
+SETTLED = 1e-7  # relative change of the gains at which the steps end
+PRIOR_STD = 1.5  # of log gain about the arm's typical one: so wide that it only limits the gain of a joint without information
+TELLING_STD = 0.5  # of log gain: an uncertainty beyond a factor of 1.6 is no estimate
+OVERLOAD = 2.0  # of the payload that the manufacturer allows: a larger mass is an input error
+FARTHEST_M = 2.0  # from the flange to the payload's centre: a larger distance is an input error
+BLOCK_S = 0.8  # jackknife block, as in `IdentifySettings`: residuals are correlated for half a second
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gains:
-    """What a payload pair says of the drives."""
+    """Torque per ampere of each joint, from a pair of runs without and with a payload."""
 
-    values: Array  # (J,) [N·m/A]; NaN where this pair says nothing
-    std: Array  # (J,) honest for correlated residuals; infinite where the value is NaN
-    covariance: Array  # (J, J) of values; a doubt about the payload's mass is common to all joints
+    values: Array  # (J,) [N·m/A]; NaN where the pair does not determine the gain
+    std: Array  # (J,) by the jackknife, which accounts for correlated residuals; infinite where the value is NaN
+    covariance: Array  # (J, J) of values; the uncertainty of the payload's mass is common to all joints
     rms_a: Array  # (J,) residual of the currents [A]
 
 
@@ -50,9 +50,9 @@ class _Run(NamedTuple):
 
     moved: Motion
     current: Array  # (N, J) [A]
-    rigid: int  # columns of Y, and parameters in b, that are the rigid arm's
+    rigid: int  # number of columns of Y, and of parameters in b, of the rigid arm
     Y: Array  # (N, J, B')
-    known_nm: Array  # (N, J) torque of the payload
+    known_nm: Array  # (N, J) torque of the payload; 0 in the run without it
 
 
 def payload_gains(
@@ -67,21 +67,15 @@ def payload_gains(
     payload_std_kg: float = 0.0,
     settings: SignalSettings | None = None,
 ) -> Gains:
-    """Joint gains from one run without and one with a known mass at the flange; best the same trajectory.
+    """Joint gains from one run without and one with a known mass at the flange. Both runs best follow the same trajectory.
 
-    payload_com_m : in the flange's frame, DH frame J. payload_inertia_kg_m2 : (3, 3) about its centre of mass, or None for a point.
-    The rigid arm is the same in both runs; friction is not, since a payload and the temperature change it. Raises BadInput where
-    currents are missing or an argument is no payload, Unidentifiable where the two runs do not show it on any joint.
+    payload_com_m : (3,) in the flange's frame, DH frame J. payload_inertia_kg_m2 : (3, 3) about its centre of mass; None for a point
+    mass. payload_std_kg : standard deviation of the mass. The rigid arm is the same in both runs. Friction differs, since the payload and
+    the temperature change it. Raises BadInput where currents are missing or an argument is implausible, Unidentifiable where the two runs
+    do not show the payload on any joint.
     """
     com = np.asarray(payload_com_m, dtype=float)
-    if not (np.isfinite(payload_kg) and payload_kg > 0.0) or com.shape != (3,) or not np.all(np.isfinite(com)):
-        raise BadInput(f"payload: {payload_kg!r} kg at {payload_com_m!r} m; expected a positive mass and three finite coordinates")
-    if payload_kg > OVERLOAD * robot.payload_max_kg:
-        raise BadInput(f"payload: {payload_kg:g} kg; a {robot.name} carries {robot.payload_max_kg:g} kg")
-    if np.max(np.abs(com)) > FARTHEST_M:
-        raise BadInput(f"payload: its centre {payload_com_m!r} m is farther than {FARTHEST_M:g} m from the flange")
-    if not (np.isfinite(payload_std_kg) and payload_std_kg >= 0.0):
-        raise BadInput(f"payload: standard deviation {payload_std_kg!r} kg; expected 0 or more")
+    _refuse_no_payload(payload_kg, com, payload_com_m, payload_std_kg, robot)
     payload = _standard(payload_kg, com, np.zeros((3, 3)) if payload_inertia_kg_m2 is None else payload_inertia_kg_m2)
     moved = [_moved(recording, robot, settings or SignalSettings()) for recording in (unloaded, loaded)]
     runs = _equations(moved, robot, mounting, payload)
@@ -99,30 +93,43 @@ def payload_gains(
     at_end = [_linear_rows(run, x, J) for run in with_load]
     final = solve([*factors(at_end), _prior(typical, x, J)], np.append(weights, 1.0), x)
     log_covariance = jackknife_covariance(at_end, weights, final)[:J, :J]
-    textbook = np.sum(final.directions[:J] ** 2, axis=1)  # (J,) variance if residuals were independent, the prior included
+    textbook = np.sum(final.directions[:J] ** 2, axis=1)  # (J,) variance for independent residuals, the prior included
     shown = final.excited[:J] & (np.sqrt(np.maximum(np.diag(log_covariance), textbook)) < TELLING_STD)
     if not np.any(shown):
         raise Unidentifiable("payload pair: the currents do not show the payload on any joint; expected one run without and one with it")
-    log_covariance = log_covariance + (payload_std_kg / payload_kg) ** 2
-    values = np.exp(x[:J])
+    rms_a = residual_rms(_linearised(joints, x, J), x)
+    return _gains(x[:J], log_covariance + (payload_std_kg / payload_kg) ** 2, shown, rms_a)
+
+
+def _refuse_no_payload(payload_kg: float, com: Array, com_as_given: Sequence[float], payload_std_kg: float, robot: Robot) -> None:
+    """Raises BadInput where mass, centre or standard deviation are no payload's, or the robot cannot carry the mass."""
+    if not (np.isfinite(payload_kg) and payload_kg > 0.0) or com.shape != (3,) or not np.all(np.isfinite(com)):
+        raise BadInput(f"payload: {payload_kg!r} kg at {com_as_given!r} m; expected a positive mass and three finite coordinates")
+    if payload_kg > OVERLOAD * robot.payload_max_kg:
+        raise BadInput(f"payload: {payload_kg:g} kg; a {robot.name} carries {robot.payload_max_kg:g} kg")
+    if np.max(np.abs(com)) > FARTHEST_M:
+        raise BadInput(f"payload: its centre {com_as_given!r} m is farther than {FARTHEST_M:g} m from the flange")
+    if not (np.isfinite(payload_std_kg) and payload_std_kg >= 0.0):
+        raise BadInput(f"payload: standard deviation {payload_std_kg!r} kg; expected 0 or more")
+
+
+def _gains(log_gains: Array, log_covariance: Array, shown: Mask, rms_a: Array) -> Gains:
+    """Gains from their logarithms (J,) with covariance (J, J). shown : (J,) the joints whose gain the pair determines."""
+    values = np.exp(log_gains)
     covariance = values[:, None] * log_covariance * values
     covariance[~np.logical_and.outer(shown, shown)] = 0.0
     covariance[~shown, ~shown] = np.inf
-    return Gains(
-        values=np.where(shown, values, np.nan),
-        std=np.sqrt(np.diag(covariance)),
-        covariance=covariance,
-        rms_a=residual_rms(_linearised(joints, x, J), x),
-    )
+    return Gains(values=np.where(shown, values, np.nan), std=np.sqrt(np.diag(covariance)), covariance=covariance, rms_a=rms_a)
 
 
 def _standard(mass: float, com: Array, about_com: Array) -> Array:
-    """(10,) inertial parameters about the flange's origin."""
+    """(10,) inertial parameters about the flange's origin, from the tensor (3, 3) about the centre of mass [kg·m²]."""
     J = about_com + mass * (com @ com * np.eye(3) - np.outer(com, com))
     return np.array([mass, *(mass * com), J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2]])
 
 
 def _moved(recording: Recording, robot: Robot, settings: SignalSettings) -> Motion:
+    """The recording as a motion. Raises BadInput where it holds no currents or is of another arm, Unidentifiable as `motion`."""
     name = recording.source or "recording"
     if recording.current is None:
         raise BadInput(f"{name}: holds no currents; gains are what a current becomes: record actual_current")
@@ -133,7 +140,11 @@ def _moved(recording: Recording, robot: Robot, settings: SignalSettings) -> Moti
 
 
 def _equations(moved: Sequence[Motion], robot: Robot, mounting: Mounting, payload: Array) -> list[_Run]:
-    """Shared rigid base parameters, then each run's own friction (fc, fv and a concave term); the payload's torque in the second run."""
+    """Columns of the rigid base parameters, which both runs share, then each run's own friction by the terms without load.
+
+    payload : (10,) as from `_standard`; its torque is known in the second run. The friction is that of the residual law: a line fitted
+    to a concave law would change with the load, and the gains would absorb that change.
+    """
     base = base_parameters(robot, mounting)
     J = robot.joints
     friction = set(np.concatenate(friction_columns(J)).tolist())
@@ -142,10 +153,9 @@ def _equations(moved: Sequence[Motion], robot: Robot, mounting: Mounting, payloa
     result = []
     for number, run in enumerate(moved):
         current = run.current
-        if current is None:  # _moved has seen to it
+        if current is None:  # `_moved` refuses such a recording
             raise BadInput(f"{run.source}: holds no currents")
         Y = regressor(robot, mounting, run.q, run.qd, run.qdd)
-        # a concave law seems to bend with the load where it is fitted by a line, and the gains would pay for it
         unloaded = np.zeros_like(run.qd)
         terms = [term for term in residual_law().terms if not term.loaded]
         own = np.concatenate([_by_joint(term.column(run.direction, run.qd, unloaded)) for term in terms], axis=2)
@@ -157,9 +167,9 @@ def _equations(moved: Sequence[Motion], robot: Robot, mounting: Mounting, payloa
 
 
 def _with_load(run: _Run, b: Array) -> _Run:
-    """One friction parameter a joint more, the same in both runs: a share of what the gear passes on, as b (B',) predicts it.
+    """Friction terms that depend on the load, with parameters that both runs share. The load is predicted by b (B',).
 
-    Without it a payload's friction would be taken for its weight.
+    Without them the friction that the payload causes would count as its weight.
     """
     load = run.Y[:, :, : run.rigid] @ b[: run.rigid] + run.known_nm  # (N, J)
     terms = [term for term in residual_law().terms if term.loaded]
@@ -168,7 +178,7 @@ def _with_load(run: _Run, b: Array) -> _Run:
 
 
 def _by_joint(column: Array) -> Array:
-    """(N, J) → (N, J, J): a parameter of each joint that no other joint feels."""
+    """(N, J) → (N, J, J): a parameter of one joint acts on no other joint."""
     J = column.shape[1]
     result = np.zeros((*column.shape, J))
     result[:, np.arange(J), np.arange(J)] = column
@@ -176,31 +186,31 @@ def _by_joint(column: Array) -> Array:
 
 
 def _factors(runs: Sequence[_Run]) -> list[Factor]:
-    """[Y, payload, current] of each joint, reduced once."""
+    """The factor of [Y, payload, current] of each joint. The steps need no rows, only these."""
     return factors([_rows(run, np.concatenate([run.Y, run.known_nm[:, :, None]], axis=2), run.current) for run in runs])
 
 
 def _prior(typical: float, x: Array, J: int) -> Factor:
-    """Rows that hold log gains near the typical one."""
+    """Rows that hold the log gains (first J of x) near the typical one, with the standard deviation `PRIOR_STD`."""
     return Factor(np.eye(J, len(x) + 1) / PRIOR_STD + np.eye(1, len(x) + 1, len(x)) * (typical / PRIOR_STD), J)
 
 
 def _settled(joints: Sequence[Factor], weights: Array, log_gains: Array, typical: float, J: int) -> Array:
-    """(J + B',) from log gains (J,) on: Gauss and Newton in the gains, the parameters solved exactly for each.
+    """(J + B',) log gains and parameters at the minimum, from log gains (J,) on.
 
-    Raises Unidentifiable where they wander.
+    Gauss–Newton in the gains; the parameters are solved exactly for each set of gains. Raises Unidentifiable without convergence.
     """
     x, cost = _best(joints, weights, log_gains, typical)
     for _ in range(STEPS):
         step = (solve([*_linearised(joints, x, J), _prior(typical, x, J)], np.append(weights, 1.0), x).values - x)[:J]
-        step *= min(1.0, 1.0 / max(1e-12, float(np.max(np.abs(step)))))  # a gain changes at most e-fold at once
+        step *= min(1.0, 1.0 / max(1e-12, float(np.max(np.abs(step)))))  # a gain changes by a factor e at most in one step
         for _ in range(HALVINGS):
             tried, its_cost = _best(joints, weights, x[:J] + step, typical)
             if its_cost <= cost:
                 break
             step *= 0.5
         else:
-            return x  # no way leads down but rounding
+            return x  # only rounding is left
         gained = cost - its_cost
         x, cost = tried, its_cost
         if np.max(np.abs(step)) < SETTLED or gained < 1e-9 * cost:
@@ -209,7 +219,7 @@ def _settled(joints: Sequence[Factor], weights: Array, log_gains: Array, typical
 
 
 def _best(joints: Sequence[Factor], weights: Array, log_gains: Array, typical: float) -> tuple[Array, float]:
-    """(J + B',) log gains as given and the parameters that fit them best; the sum of squares, the prior's included."""
+    """(J + B',) the given log gains with the parameters that fit them best, and the sum of squares with that of the prior."""
     gains = np.exp(log_gains)
     # b given the gains: current·g − payload = Y b
     at_joint = [Factor(np.column_stack([f.R[:, :-2], g * f.R[:, -1] - f.R[:, -2]]), f.samples) for f, g in zip(joints, gains, strict=True)]
@@ -219,18 +229,22 @@ def _best(joints: Sequence[Factor], weights: Array, log_gains: Array, typical: f
 
 
 def _rows(run: _Run, Y: Array, right: Array) -> Rows:
+    """The equations with these columns Y and right side (N, J), of the samples in which a joint moves."""
     return Rows(Y, right, run.moved.moving(), block_steps(run.moved, BLOCK_S), run.moved.segments)
 
 
 def _noise(factor: Factor) -> float:
-    """σ of one joint's current: what no parameters of its own could explain [A]."""
+    """Standard deviation of one joint's current [A] about the best fit with parameters of this joint alone."""
     A, b = factor.R[:, :-1], factor.R[:, -1]
     rest = b - A @ np.linalg.lstsq(A, b, rcond=1e-9)[0]
     return float(np.linalg.norm(rest)) / math.sqrt(max(1, factor.samples))
 
 
 def _start(joints: Sequence[Factor]) -> Array:
-    """(J,) log gains, each by its own joint where the payload shows there."""
+    """(J,) first log gains: each joint's own estimate, and the median of the others where a joint gives none.
+
+    Raises Unidentifiable where no joint gives one.
+    """
     gains = np.full(len(joints), np.nan)
     for j, factor in enumerate(joints):
         per_nm = np.linalg.lstsq(factor.R[:, :-1], factor.R[:, -1], rcond=1e-9)[0][-1]
@@ -244,14 +258,18 @@ def _start(joints: Sequence[Factor]) -> Array:
 
 
 def _linearised(joints: Sequence[Factor], x: Array, J: int) -> list[Factor]:
-    """Factors of the current in [log g, b] about x, as if it were linear."""
-    return [Factor(_about(f.R[:, :-2], f.R[:, -2], f.R[:, -1], x, j, J), f.samples) for j, f in enumerate(joints)]
+    """The factors of `linearised_current` about x, one of each joint."""
+    return [Factor(linearised_current(f.R[:, :-2], f.R[:, -2], f.R[:, -1], x, j, J), f.samples) for j, f in enumerate(joints)]
 
 
-def _about(Y: Array, known: Array, current: Array, x: Array, j: int, J: int) -> Array:
-    """(n, J + B' + 1) of joint j: derivative of its model current by x, and the current that x + δ must explain."""
+def linearised_current(Y: Array, known_nm: Array, current: Array, x: Array, j: int, J: int) -> Array:
+    """The model current of joint j, i = (Y·b + known)/g, linearised about x = [log g; b]: (n, J + B' + 1).
+
+    Y : (n, B'). known_nm : (n,) torque of the payload. current : (n,) [A]. The first J + B' columns are the derivative by x. The last
+    column is the current that the derivative times (x + δ) must equal.
+    """
     per_nm = np.exp(-x[j])
-    model = (Y @ x[J:] + known) * per_nm
+    model = (Y @ x[J:] + known_nm) * per_nm
     derivative = np.zeros((len(Y), len(x)))
     derivative[:, j] = -model
     derivative[:, J:] = Y * per_nm
@@ -259,7 +277,7 @@ def _about(Y: Array, known: Array, current: Array, x: Array, j: int, J: int) -> 
 
 
 def _linear_rows(run: _Run, x: Array, J: int) -> Rows:
-    """The same from every sample."""
-    by_joint = [_about(run.Y[:, j], run.known_nm[:, j], run.current[:, j], x, j, J) for j in range(J)]
+    """The linearised equations of every sample, for the jackknife."""
+    by_joint = [linearised_current(run.Y[:, j], run.known_nm[:, j], run.current[:, j], x, j, J) for j in range(J)]
     stacked = np.stack(by_joint, axis=1)  # (N, J, J + B' + 1)
     return _rows(run, stacked[:, :, :-1], stacked[:, :, -1])

@@ -1,4 +1,4 @@
-"""Identification: what recordings say about one arm, and how sure we are of it."""
+"""Identification: the parameters of one arm by its recordings, with their uncertainty."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,16 +22,14 @@ class IdentifySettings:
     """How a motion becomes parameters."""
 
     signals: SignalSettings = field(default_factory=SignalSettings)
-    moving_rad_s: Annotated[float, Interval(ge=1e-6, le=0.5)] = (
-        STANDSTILL_SPEED_RAD_S  # slower samples of a joint are not fitted by WLS, nor counted in the RMS
-    )
-    block_s: Annotated[float, Interval(ge=0.1, le=10.0)] = (
-        0.8  # residuals stay correlated for 0.4–0.55 s: blocks must be longer, and still be many
-    )
+    # [rad/s] a joint's slower samples are not fitted by WLS, nor counted in the RMS
+    moving_rad_s: Annotated[float, Interval(ge=1e-6, le=0.5)] = STANDSTILL_SPEED_RAD_S
+    # [s] length of the jackknife's blocks: longer than the correlation of residuals (0.4–0.55 s), and short, so that there are many
+    block_s: Annotated[float, Interval(ge=0.1, le=10.0)] = 0.8
 
 
 class Source(NamedTuple):
-    """What went into an identification from one recording."""
+    """One recording that was fitted."""
 
     file: str
     samples: int
@@ -48,19 +46,19 @@ class FrictionFit:
     law: FrictionLaw
     values: Array  # (J, K) in the order of `law.parameters`
     covariance: Array  # (J, K, K); NaN where the motion did not excite it
-    load_nm: Array  # (J,) mean torque through the gear while the joint moved
+    load_nm: Array  # (J,) mean |τ| through the gear while the joint moved
 
     def at(self, speed_rad_s: float) -> tuple[Array, Array]:
-        """Friction torque at a positive speed under the recording's mean load, and its standard deviation, each (J,) [N·m]."""
+        """Friction torque (J,) [N·m] at a positive speed under the recording's mean load, and its standard deviation (J,)."""
         x = self.law.columns(np.full(len(self.load_nm), speed_rad_s), self.load_nm)  # (J, K)
         return np.einsum("jk,jk->j", x, self.values), np.sqrt(np.einsum("ji,jik,jk->j", x, self.covariance, x))
 
 
 class ResidualFrictionFit(NamedTuple):
-    """The same recording fitted by the law of the residual friction, with rigid parameters of its own. It has no covariances."""
+    """The fit of the same recording by the law of the residual friction, with rigid parameters of its own and without covariances."""
 
     law: FrictionLaw
-    rigid: Array  # (B,) base parameters, of which those of friction say nothing
+    rigid: Array  # (B,) base parameters; the entries of fc and fv have no meaning
     friction: Array  # (J, K) in the order of `law.parameters`; NaN where the motion did not excite them
     load_nm: Array  # (J,) largest |τ| through the gear over the samples used
     rms_nm: Array  # (J,) residual over moving samples
@@ -68,11 +66,11 @@ class ResidualFrictionFit(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
-    """What one recording, or several together, say about one arm.
+    """The parameters of one arm by one recording, or by several together.
 
-    Whatever the friction law, fc and fv are those of the paper: the line fc·s(q̇) + fv·q̇ nearest to the law over the speeds and loads of
-    the recording, so that they may be compared with any other. `values` contains them too. Covariances are of noise: how far another
-    recording of the same motion would come out. What another motion would change because the law is not quite the arm's is `misfit_cov`.
+    With every friction law, fc and fv mean the same: the line fc·s(q̇) + fv·q̇ nearest to the law over the speeds and loads of the
+    recording. So they can be compared between laws. `values` contains them too. The covariances are those of noise: how much another
+    recording of the same motion would differ. Another motion would differ by `misfit_cov` more, since no law is exactly that of the arm.
     """
 
     robot: str
@@ -82,13 +80,13 @@ class Identification:
     combination: Array  # (B, P): base = combination · standard parameters
     columns: tuple[int, ...]  # (B,) columns of the regressor that were kept
     values: Array  # (B,)
-    covariance: Array  # (B, B) honest: accounts for correlated residuals; NaN for what the motion did not excite
+    covariance: Array  # (B, B) by the jackknife, which accounts for correlated residuals; NaN for what the motion did not excite
     condition_number: float
     coulomb_nm: Array  # (J,) NaN where the motion did not excite it
     viscous_nm_s_per_rad: Array  # (J,)
     friction_cov: Array  # (J, 2, 2) of (fc, fv) of each joint
     temperature_c: Array | None  # (J,) mean during the recording
-    max_speed_rad_s: Array  # (J,) fastest each joint moved
+    max_speed_rad_s: Array  # (J,) largest |q̇|
     rms_nm: Array  # (J,) residual over moving samples
     relative_rms: Array  # (J,) fraction of the torque's RMS over the same samples
     rms_all_nm: Array  # (J,) over all samples
@@ -96,15 +94,15 @@ class Identification:
     samples: int
     warnings: tuple[DataWarning, ...] = ()
     sources: tuple[Source, ...] = ()
-    friction: FrictionFit | None = None  # None: the paper's law, fc and fv say all
-    total_covariance: Array | None = None  # (B, B) with misfit, and with what masses took of the law's lack: another motion's
+    friction: FrictionFit | None = None  # None: the law is the paper's, with fc and fv alone
+    total_covariance: Array | None = None  # (B, B) for another motion: with misfit, and with the error of masses that the law causes
     misfit_cov: Array | None = None  # (J, 2, 2) of (fc, fv), to be added to `friction_cov` to compare different motions
-    held_out: Mapping[str, float] | None = None  # law → RMS over the noise of data left out, where the law was chosen by it
-    paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): neither the noise's scale nor its correlation is in it
-    warming_k_per_min: Array | None = None  # (J,) how fast the joints warmed meanwhile; positive: the grease is colder than the sensor
-    mean_speed_rad_s: Array | None = None  # (J,) of |q̇|
-    residual_friction: ResidualFrictionFit | None = None  # where it was asked for
-    physical: "PhysicallyConsistentArm | None" = None  # the standard parameters of an arm that can exist, where they were asked for
+    held_out: Mapping[str, float] | None = None  # law → RMS residual on data left out, in units of the noise; with `auto` only
+    paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): without scale and correlation of the noise
+    warming_k_per_min: Array | None = None  # (J,) slope of temperature; while it is positive, the grease is colder than the sensor
+    mean_speed_rad_s: Array | None = None  # (J,) mean |q̇|
+    residual_friction: ResidualFrictionFit | None = None  # None: not asked for
+    physical: "PhysicallyConsistentArm | None" = None  # None: the method was not `consistent`
 
     @property
     def law(self) -> FrictionLaw:
@@ -118,7 +116,7 @@ class Identification:
         return deviation
 
     def friction_at(self, speed_rad_s: float) -> tuple[Array, Array]:
-        """Friction torque by the law at a positive speed (and mean load), and its standard deviation, each (J,) [N·m]."""
+        """Friction torque (J,) [N·m] by the law at a positive speed and the mean load, and its standard deviation (J,)."""
         if self.friction:
             return self.friction.at(speed_rad_s)
         x = np.array([1.0, speed_rad_s])

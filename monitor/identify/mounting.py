@@ -1,10 +1,10 @@
-"""Which way is down, by the recording itself: a mounting that contradicts the data is told.
+"""Which direction is down, by the recording itself, and whether that contradicts the configured mounting.
 
-Torque is linear in gravity's direction and in the parameters, so it is bilinear in both. With gravity free, Y = Y₀ + Σₖ gₖ·Dₖ; all of it is
-reduced to one triangular factor, and what is searched is a direction on the sphere, the parameters following by least squares (variable
-projection, Golub and Pereyra (1973)). Three things stay open, and are said: rotation about gravity never shows; a component of gravity
-along an axis that is not excited shows faintly; and turning gravity round together with every weight changes the torque only
-through the inertia that comes with the weight.
+Torque is linear in the direction of gravity and linear in the parameters. With gravity free, Y = Y₀ + Σₖ gₖ·Dₖ. All of it is reduced to one
+triangular factor. The search is over a direction on the sphere; for each direction the parameters follow by least squares (variable
+projection, Golub and Pereyra (1973)). Three things cannot be decided fully, and the warning names them. A rotation about gravity has no
+effect. A component of gravity along an axis that is not excited has a small effect. The opposite direction of gravity with all weights
+negative changes the torque only by the inertia of these weights.
 """
 
 import math
@@ -25,39 +25,39 @@ from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices, Mask
 
 CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordings the estimate is right to 0.3°
-SURE_STD = 5.0  # and the configured direction must explain the data worse by so much
-ALIKE = 0.5  # cosine between the weights of the fit and the manufacturer's: a payload or a tool leaves it above 0.9
-CORRELATED_S = 0.5  # residuals are correlated so long: a sample is evidence only once in it
-FEW_SAMPLES = 400
-SAMPLES = 1500  # of all motions together; gravity is slow, and neighbours repeat each other
-ROUNDS = 30
-NAMED_DEG = 10.0  # nearer than this, a direction is called by its mounting's name
-RIDGE = 1e-12  # of a column's square: what the motion does not excite stays near 0
+SURE_STD = 5.0  # standard deviations by which the configured direction must explain the data worse
+ALIKE = 0.5  # cosine between the fitted weights and the manufacturer's; with a payload or a tool it stays above 0.9
+CORRELATED_S = 0.5  # time over which residuals are correlated: one independent sample
+FEW_SAMPLES = 400  # for the quick check
+SAMPLES = 1500  # of all motions together: the effect of gravity changes slowly, so more samples add little
+ROUNDS = 30  # steps of one descent, at most
+NAMED_DEG = 10.0  # within this angle of a named mounting, the warning uses its name
+RIDGE = 1e-12  # of a column's square: parameters that the motion does not excite stay near 0
 
-_ASKEW = Mounting(roll_rad=0.7, pitch_rad=0.4)  # all that any attitude can reveal; kept columns and combinations hold for all of them
-_AXES = np.vstack([np.eye(3), -np.eye(3)])  # (6, 3) where the search starts
+_ASKEW = Mounting(roll_rad=0.7, pitch_rad=0.4)  # a general attitude: its base parameters serve for every attitude
+_AXES = np.vstack([np.eye(3), -np.eye(3)])  # (6, 3) starts of the search
 _KNOWN = {"ground": Mounting(), "ceiling": Mounting(roll_rad=math.pi), "wall": Mounting(roll_rad=math.pi / 2)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Upward:
-    """The direction that the data call up, beside the configured one."""
+    """The direction that is up by the data, beside the configured one."""
 
     up: Array  # (3,) unit vector in the base
     angle_rad: float  # to the configured up
-    std_rad: float  # of that angle; infinite where the data do not tell
-    sign_by: str  # "inertia": the data tell up from down; "masses": the manufacturer's do; "open": neither
+    std_rad: float  # of that angle; infinite where the data do not determine it
+    sign_by: str  # what tells up from down. "inertia": the data; "masses": the manufacturer's masses; "open": nothing
     surprise: float  # standard deviations by which the configured direction explains the data worse
-    contradicts: bool  # the configured direction is wrong, by the data or, for its sign, by the manufacturer's masses
+    contradicts: bool  # the configured direction is wrong by the data, or its sign is wrong by the manufacturer's masses
 
     @property
     def mounting(self) -> Mounting:
-        """A mounting with this up and yaw 0."""
+        """The mounting with this direction up and yaw 0."""
         return mounting_with_up(self.up)
 
 
 def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> DataWarning | None:
-    """`mounting_contradiction` where gravity in the data is not where the mounting puts it, else None.
+    """The warning `mounting_contradiction` where gravity in the data has another direction than the mounting gives it, else None.
 
     torques : (N, J) [N·m] of each motion.
     """
@@ -80,9 +80,9 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
 
 
 def _agrees(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> bool:
-    """Whether a few hundred samples already put up where the mounting does, with weights like the manufacturer's: the usual case.
+    """Whether a few hundred samples already confirm the mounting, with weights like the manufacturer's. This is the usual case.
 
-    Then no direction elsewhere can be the arm's, and the search over the sphere is spared.
+    No other direction can then be that of the arm, and the search over the sphere is not needed.
     """
     problem = _Problem(motions, torques, robot, samples=FEW_SAMPLES)
     configured = -mounting.gravity_in_base / np.linalg.norm(mounting.gravity_in_base)
@@ -91,7 +91,7 @@ def _agrees(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, m
 
 
 def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Upward:
-    """Estimate up in the base from motions and torques, starting from the axes and from the mounting."""
+    """The direction up in the base, by motions and torques (N, J) [N·m]. The search starts from the axes and from the mounting."""
     problem = _Problem(motions, torques, robot)
     configured = -mounting.gravity_in_base / np.linalg.norm(mounting.gravity_in_base)
     ends = [problem.descend(_nudged(start)) for start in (configured, *_AXES)]
@@ -110,7 +110,7 @@ def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mo
         sign_by = "masses" if max(here, there) > ALIKE else "open"
         preferred = there > here if sign_by == "masses" else opposite @ configured > best @ configured
         best = opposite if preferred else best
-        # the data bear the configured direction, but with weights that push upwards; turned over they bear it too
+        # the data agree with the configured direction, but with weights that push upwards; they agree with the opposite one too
         upside_down = surprise <= SURE_STD and problem.agreement(configured) < -ALIKE and problem.agreement(-configured) > ALIKE
         if upside_down and worse(problem.cost(-configured)) <= SURE_STD:
             best = -configured
@@ -127,6 +127,8 @@ def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mo
 
 
 class _Solved(NamedTuple):
+    """Least squares for one direction up."""
+
     values: Array  # (B,)
     residual: Array  # (r,)
     A: Array  # (r, B) columns of unit length
@@ -134,13 +136,13 @@ class _Solved(NamedTuple):
 
 
 class _Problem:
-    """Least squares with gravity free: cost(up), its Gauss–Newton step, and how sure it is."""
+    """Least squares with gravity free: the cost of a direction, its Gauss–Newton step, and the standard deviation of an angle."""
 
     def __init__(self, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, samples: int = SAMPLES) -> None:
         base = base_parameters(robot, _ASKEW)
         B = base.count
         kinds = np.array(base.columns) % PER_JOINT
-        self.weighty = np.flatnonzero(kinds < 4)  # places of masses and first moments: gravity acts on nothing else
+        self.weighty = np.flatnonzero(kinds < 4)  # places of masses and first moments: gravity acts only on these
         self.nominal = base.combination @ robot.nominal_parameters()  # (B,)
         step = max(1, sum(moved.samples for moved in motions) // samples)
         rows = [_rows(moved, torque, robot, base.columns, self.weighty, step) for moved, torque in zip(motions, torques, strict=True)]
@@ -149,9 +151,9 @@ class _Problem:
         for j in range(robot.joints):
             A = np.concatenate([one[used[:, j], j] for one, used in rows])  # (n, B + 3W + 1)
             if len(A) <= A.shape[1]:
-                continue  # hardly moves
+                continue  # the joint hardly moves
             R = triangle(A)
-            # with gravity wholly free no mounting is presumed: what remains is noise and friction that no law describes
+            # gravity is free in each sample's direction here, so the residual is noise and friction that no law describes
             left = abs(R[-1, -1]) / math.sqrt(len(A))
             weight = 1.0 / max(left, 1e-9 * float(np.linalg.norm(R[:, -1])) / math.sqrt(len(A)) + 1e-12)
             factors.append(weight * R)
@@ -166,7 +168,7 @@ class _Problem:
         self.pull = np.stack(np.split(C[:, B:-1], 3, axis=1))  # (3, r, W) what each weight does where up is x, y, z
 
     def _solved(self, up: Array) -> "_Solved":
-        """The parameters that fit best with this up. Normal equations: a search asks for hundreds of these, and digits for none."""
+        """The parameters that fit best with this direction up. Normal equations: fast, and precise enough for a search."""
         A = self.still.copy()
         A[:, self.weighty] += np.tensordot(up, self.pull, axes=1)
         norms = np.linalg.norm(A, axis=0)
@@ -178,25 +180,26 @@ class _Problem:
         return _Solved(scaled / np.where(norms > 0.0, norms, 1.0), self.torque - A @ scaled, A, solver)
 
     def cost(self, up: Array) -> float:
+        """Weighted sum of squared residuals with this direction up; up = 0: without gravity."""
         residual = self._solved(up).residual
         return float(residual @ residual)
 
     def agreement(self, up: Array) -> float:
-        """Cosine, −1 … 1, between the weights' torque in the fit and in the manufacturer's masses; 0 where those are not published."""
+        """Cosine, −1 … 1, between the torques of the fitted weights and of the manufacturer's; 0 where those are not published."""
         pull = np.tensordot(up, self.pull, axes=1)  # (r, W)
         fitted, nominal = pull @ self._solved(up).values[self.weighty], pull @ self.nominal[self.weighty]
         cosine = float(fitted @ nominal) / max(float(np.linalg.norm(fitted) * np.linalg.norm(nominal)), 1e-300)
         return cosine if math.isfinite(cosine) else 0.0
 
     def _slopes(self, up: Array) -> tuple[Array, Array, Array]:
-        """Residual (r,), its two derivatives across the sphere with the parameters following (r, 2), tangents (3, 2)."""
+        """Residual (r,), its derivatives (r, 2) along two tangents of the sphere (3, 2). The parameters follow the direction."""
         values, residual, A, solver = self._solved(up)
         tangents = np.linalg.svd(up[None])[2][1:].T  # (3, 2)
         moved = np.tensordot(tangents.T, self.pull @ values[self.weighty], axes=1).T  # (r, 2)
         return residual, A @ cho_solve(solver, A.T @ moved, check_finite=False) - moved, tangents
 
     def descend(self, up: Array) -> Array:
-        """The nearest minimum: Gauss–Newton with Kaufman's derivative, damped until the cost falls."""
+        """The nearest minimum: Gauss–Newton with Kaufman's derivative, damped so that the cost decreases."""
         cost, damping = self.cost(up), 1e-3
         for _ in range(ROUNDS):
             residual, slopes, tangents = self._slopes(up)
@@ -226,14 +229,17 @@ class _Problem:
         across = tangents.T @ towards  # (2,)
         length = float(np.linalg.norm(across))
         s, V = np.linalg.eigh(H)
-        if length < 1e-6:  # the same or the opposite: the worse of all directions is what is known
+        if length < 1e-6:  # the same or the opposite direction: the standard deviation of the least certain tangent
             return math.sqrt(noise / s[0]) if s[0] > 1e-12 * self.size else math.inf
         part = (V.T @ (across / length)) ** 2  # (2,)
         return math.sqrt(noise * float(np.sum(part / np.maximum(s, 1e-12 * self.size + 1e-300))))
 
 
 def _rows(moved: Motion, torque: Array, robot: Robot, columns: tuple[int, ...], weighty: Indices, step: int) -> tuple[Array, Mask]:
-    """(n, J, B + 3W + 1) columns without gravity, what gravity along −x, −y, −z adds, torque; and (n, J) which rows count."""
+    """Columns (n, J, B + 3W + 1) and the rows that count (n, J), of every `step`-th sample.
+
+    The columns are those without gravity, those that gravity along −x, −y and −z adds for the W weights, and the torque.
+    """
     q, qd, qdd, direction = (signal[::step] for signal in (moved.q, moved.qd, moved.qdd, moved.direction))
 
     def columns_with(up: tuple[float, float, float]) -> Array:
@@ -249,13 +255,14 @@ def _rows(moved: Motion, torque: Array, robot: Robot, columns: tuple[int, ...], 
 
 
 def _nudged(up: Array) -> Array:
-    """A degree off: exactly along the axis of joint 1 the weight of link 1 has no column, and no slope leads away."""
+    """The direction turned by a degree. Exactly along the axis of joint 1 the weight of link 1 has no column, and the slope is zero."""
     off = up + 0.02 * np.array([0.3, 0.5, 0.7])
     direction: Array = off / np.linalg.norm(off)
     return direction
 
 
 def _called(mounting: Mounting) -> str:
+    """The configured mounting by its name, else by its angles [°]."""
     for name, known in _KNOWN.items():
         if np.allclose(known.rotation, mounting.rotation, atol=1e-9):
             return name
@@ -263,6 +270,7 @@ def _called(mounting: Mounting) -> str:
 
 
 def _likely(up: Array) -> str:
+    """The direction as a mounting: its angles [°], with a name where one is near."""
     likely = mounting_with_up(up)
     roll, pitch, _ = (math.degrees(angle) + 0.0 if abs(angle) > math.radians(0.5) else 0.0 for angle in likely.angles_rad)  # no −0
     angles = f"roll {roll:.0f}°, pitch {pitch:.0f}°"

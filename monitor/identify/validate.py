@@ -1,4 +1,4 @@
-"""Validation: what an identification predicts beside what was measured."""
+"""Validation: predicted torque beside the measured torque of a recording that was not fitted."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from monitor.recording import Array, Mask, Recording
 
 
 class TorqueParts(NamedTuple):
-    """Predicted joint torque and what it is made of, each (N, J) [N·m]; torque = rigid + friction."""
+    """Predicted joint torque and its parts, each (N, J) [N·m]; torque = rigid + friction."""
 
     torque: Array
     rigid: Array
@@ -26,7 +26,7 @@ class TorqueParts(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Validation:
-    """How well an identification predicts a recording, each (J,) where not said otherwise."""
+    """The error of an identification's prediction on one recording; (J,) each where nothing else is said."""
 
     file: str
     samples: int
@@ -34,13 +34,13 @@ class Validation:
     relative_rms: Array  # RMS(residual) / RMS(torque)
     r2: Array  # 1 − residual variance / torque variance
     rms_all_nm: Array  # over all samples
-    normalised_error_nm: float  # e_N over all joints and samples
-    nominal_rms_nm: Array  # of the manufacturer's masses and centres of mass alone
-    nominal_normalised_error_nm: float  # their e_N: the paper's "before" beside "after"
+    normalised_error_nm: float  # e_N = √(eᵀe)/N over all joints, Raviola et al. (2021)
+    nominal_rms_nm: Array  # RMS error of the manufacturer's masses and centres of mass
+    nominal_normalised_error_nm: float  # their e_N: "before" in the paper, beside "after"
 
 
 def predict_torque(identification: Identification, robot: Robot, q: Array, qd: Array, qdd: Array) -> TorqueParts:
-    """Torque that the identified model expects at states q, q̇, q̈ (N, J) [rad, rad/s, rad/s²]."""
+    """Torque of the identified model at states q, qd, qdd (N, J) [rad, rad/s, rad/s²]. Raises BadInput for another robot."""
     if robot.name != identification.robot:
         raise BadInput(f"the parameters are of {identification.robot}, the robot is {robot.name}")
     Y = regressor(robot, identification.mounting, q, qd, qdd)[:, :, list(identification.columns)]  # (N, J, B)
@@ -61,9 +61,10 @@ def validate(
     gains: Array | None = None,
     settings: IdentifySettings | None = None,
 ) -> Validation:
-    """The prediction beside a recording that was not fitted, and beside the manufacturer's parameters.
+    """The errors of the identification, and of the manufacturer's parameters, on a recording that was not fitted.
 
-    Torque and prediction both come from signals filtered as for the fit. Raises as `identify` does.
+    Measured torque and prediction both come from signals filtered as for the fit. gains : (J,) [N·m/A] as for `identify`.
+    Raises BadInput and Unidentifiable as `identify` does.
     """
     settings = settings or IdentifySettings()
     refuse_other_arm(recording, robot)
@@ -88,7 +89,7 @@ def validate(
 
 
 class Errors(NamedTuple):
-    """Figures of a residual, as in `Validation`."""
+    """Figures of a residual; the fields are those of `Validation`."""
 
     rms_nm: Array
     relative_rms: Array
@@ -98,7 +99,10 @@ class Errors(NamedTuple):
 
 
 def errors_of(measured: Array, predicted: Array, moving: Mask) -> Errors:
-    """Figures of the residual; (J,) are NaN for a joint that never moves. measured, predicted : (N, J) [N·m]."""
+    """Figures of the residual; (J,) entries are NaN for a joint that never moves.
+
+    measured, predicted : (N, J) [N·m]. moving : (N, J) the samples that count.
+    """
     residual = measured - predicted
     count = np.where(moving.any(axis=0), moving.sum(axis=0), np.nan)  # (J,)
 

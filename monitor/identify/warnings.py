@@ -1,4 +1,4 @@
-"""Caveats: what the reader of an identification must know, found in the data themselves."""
+"""Warnings about the data of an identification: what the reader of its result must know."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -10,27 +10,27 @@ from monitor.identify.signals.motion import Motion
 from monitor.model.robot import Robot
 from monitor.recording import Array, Mask, Recording
 
-MOVING_SHARE = 0.2  # of the samples: below it friction rests on a few seconds
-USEFUL_SPEED_RAD_S = 0.2  # slower throughout, fc and fv cannot be told apart
-ONE_WAY_SHARE = 0.05  # of the moving samples: friction against one direction alone looks like weight
-LOW_RATE_HZ = 50.0  # slower, reversals fall between samples
-SAMPLES_A_PARAMETER = 20
-TEMPERATURE_DRIFT_K = 1.0  # fv changes by about 2 % over it
-ILL_CONDITIONED = 1000.0  # an optimised excitation reaches 50–200: Raviola et al. (2021), table 3
-FAR_FROM_PHYSICAL = 1.02  # of the residual of unconstrained least squares
-DISBELIEVED = 0.2  # weight of a sample five standard deviations off
-DISBELIEVED_SHARE = 0.01  # of the samples; a normal distribution has none
+MOVING_SHARE = 0.2  # fraction of the samples in which a joint moves: with less, its friction rests on a few seconds
+USEFUL_SPEED_RAD_S = 0.2  # a joint that is always slower does not separate fc from fv
+ONE_WAY_SHARE = 0.05  # fraction of the moving samples in one direction: with less, friction cannot be separated from weight
+LOW_RATE_HZ = 50.0  # at a lower rate, reversals fall between samples
+SAMPLES_A_PARAMETER = 20  # fewer samples for each parameter are few
+TEMPERATURE_DRIFT_K = 1.0  # over this change of temperature fv changes by about 2 %
+ILL_CONDITIONED = 1000.0  # condition number; an optimised excitation reaches 50–200: Raviola et al. (2021), table 3
+FAR_FROM_PHYSICAL = 1.02  # residual of the physically consistent fit over that of unconstrained least squares
+OUTLIER_WEIGHT = 0.2  # robust weight of a sample that is five standard deviations off
+OUTLIER_SHARE = 0.01  # fraction of the samples with a lower weight; normal noise has none
 
 
 class DataWarning(NamedTuple):
-    """Something the reader of a result must know; `code` is for programs, `text` for people."""
+    """One warning; `code` is for programs, `text` for people."""
 
     code: str
     text: str
 
 
 def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[DataWarning]:
-    """What one recording gives reason to say."""
+    """Warnings about one motion. payload_kg : the payload that the recording names [kg]."""
     name = motion.source or "recording"
     if motion.rejected_samples:
         why = ", ".join(f"{count} {reason}" for reason, count in motion.rejected_why.items())
@@ -60,7 +60,7 @@ def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[DataWarning]
 
 
 def of_joints(robot: Robot, speeds: Array, moving: Mask) -> Iterator[DataWarning]:
-    """How well each joint was moved. speeds : (N, J) [rad/s], moving : (N, J)."""
+    """Warnings about joints that hardly move, or in one direction only. speeds : (N, J) [rad/s], moving : (N, J)."""
     for j in range(robot.joints):
         share = float(np.mean(moving[:, j]))
         fastest = float(np.max(np.abs(speeds[:, j])))
@@ -73,19 +73,22 @@ def of_joints(robot: Robot, speeds: Array, moving: Mask) -> Iterator[DataWarning
 
 
 def of_robust_weights(rows: Sequence[Rows]) -> Iterator[DataWarning]:
-    """How much a robust fit did not believe."""
+    """Warnings about joints with many outliers, by the weights of a robust fit."""
     for j in range(rows[0].torque_nm.shape[1]):
         weights = [rec.robust_weight[rec.used[:, j], j] for rec in rows if rec.robust_weight is not None]
         weight = np.concatenate([np.empty(0), *weights])
-        share = float(np.mean(weight < DISBELIEVED)) if len(weight) else 0.0
-        if share > DISBELIEVED_SHARE:
+        share = float(np.mean(weight < OUTLIER_WEIGHT)) if len(weight) else 0.0
+        if share > OUTLIER_SHARE:
             yield DataWarning("outliers", f"joint {j + 1}: {share:.1%} of the samples do not fit the rest and had next to no weight")
 
 
 def of_solution(
     names: Sequence[str], excited: Mask, condition: float, samples: int, coulomb_nm: Array, viscous_nm_s_per_rad: Array
 ) -> Iterator[DataWarning]:
-    """What the solution itself betrays."""
+    """Warnings by the solution: few samples, parameters that are not excited, a bad condition, negative friction.
+
+    names, excited : (B,) of the base parameters. coulomb_nm, viscous_nm_s_per_rad : (J,).
+    """
     if samples < SAMPLES_A_PARAMETER * len(names):
         yield DataWarning(
             "few_samples", f"{samples} samples for {len(names)} parameters; {SAMPLES_A_PARAMETER * len(names)} or more are better"
@@ -104,7 +107,7 @@ def of_solution(
 
 
 def far_from_physical(residual_ratio: float) -> DataWarning:
-    """The best arm that can exist explains the data worse by more than noise and a fair law would let it."""
+    """The warning for a physically consistent fit whose residual is much larger than that of the unconstrained fit."""
     text = (
         f"the best arm that can exist leaves {residual_ratio - 1.0:.1%} more than the best that cannot: "
         f"gains, mounting, robot or friction law are doubtful"
@@ -113,6 +116,6 @@ def far_from_physical(residual_ratio: float) -> DataWarning:
 
 
 def of_recordings(recordings: Sequence[Recording]) -> Iterator[DataWarning]:
-    """Whether several recordings belong together."""
+    """Warnings about recordings that do not belong together."""
     if len({(recording.context.payload_kg, recording.context.tool) for recording in recordings}) > 1:
         yield DataWarning("mixed_payload", "the recordings differ in payload or tool: one set of parameters cannot fit them all")

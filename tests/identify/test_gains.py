@@ -10,7 +10,7 @@ from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, excitation
 from scipy.optimize import approx_fprime
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.gains import _about, payload_gains
+from monitor.identify.gains import linearised_current, payload_gains
 from monitor.model.fourier import excitation_from_document
 from monitor.model.regressor import regressor
 from monitor.model.robot import PER_JOINT, load_robot
@@ -122,7 +122,7 @@ def test_the_derivative_of_the_current_is_that_of_differences():
     """Log gain and parameters, against finite differences to 1e-6."""
     rng = np.random.default_rng(0)
     Y, known, current, x = rng.normal(size=(1, 4)), rng.normal(size=1), rng.normal(size=1), rng.normal(size=6)
-    row = _about(Y, known, current, x, 1, 2)[0]
+    row = linearised_current(Y, known, current, x, 1, 2)[0]
     numeric = approx_fprime(x, lambda z: float((Y[0] @ z[2:] + known[0]) * np.exp(-z[1])), 1e-7)
     np.testing.assert_allclose(row[:-1], numeric, atol=1e-6)
 

@@ -1,8 +1,9 @@
-"""Standard parameters of bodies that can exist: positive masses, tensors of real mass distributions, friction that brakes.
+"""Physically consistent parameters: positive masses, inertia tensors of real mass distributions, friction that opposes motion.
 
-Base parameters say all that torque can; which standard parameters they stand for is open. Among those whose links are physical
-(pseudo-inertia Σ, mc; mcᵀ, m positive semidefinite: Wensing, Kim and Slotine (2018)) this takes the ones that fit best, drawn
-gently to the manufacturer's where torque does not tell. It works on triangular factors: no recording is touched again.
+Base parameters hold all that torque reveals, but many sets of standard parameters have the same base parameters. This module chooses, among
+the sets whose links are physically consistent, the one that fits best. A link is physically consistent where its pseudo-inertia
+[Σ, mc; mcᵀ, m] is positive semidefinite: Wensing, Kim and Slotine (2018). Where torque determines no parameter, a weak prior keeps it near
+the manufacturer's. The work is done on triangular factors, without the recordings.
 """
 
 import math
@@ -22,53 +23,53 @@ from monitor.recording import Array
 
 _ENTRY = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # Jxx, Jxy, Jxz, Jyy, Jyz, Jzz
 _UPPER = tuple((row, column) for column in range(4) for row in range(column + 1))  # Clarabel's order: the upper triangle by columns
-PERFECT = 1e-3  # of the torque: a smaller residual is not believed, and would ask more of the solver than its digits hold
-UNKNOWN_WEIGHT = 0.01  # where there are no figures to be drawn to: just enough for one solution
-UNKNOWN_LINK_KG = 5.0  # order of a link's mass where the manufacturer gives none
+PERFECT = 1e-3  # fraction of the torque: the least residual that is assumed, since a smaller one exceeds the solver's digits
+UNKNOWN_WEIGHT = 0.01  # of the prior where the manufacturer gives no mass: enough to make the solution unique
+UNKNOWN_LINK_KG = 5.0  # a link's typical mass, where the manufacturer gives none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhysicalConsistencySettings:
-    """What a link of an arm may be."""
+    """The limits of what a link can be, and the weight of the prior."""
 
-    mass_factor: tuple[float, float] = (0.5, 2.0)  # of the manufacturer's mass; torque alone does not bound the masses
-    unknown_mass_kg: tuple[float, float] = (0.01, 100.0)  # where the manufacturer gives none
-    spread_m: float = 0.005  # radius of gyration that every link has at least in every direction
-    prior_weight: float = 1.0  # 1: the manufacturer's figures are trusted to about ±100 %, against residuals of unit size
+    mass_factor: tuple[float, float] = (0.5, 2.0)  # bounds, as factors on the manufacturer's mass; torque alone does not bound the masses
+    unknown_mass_kg: tuple[float, float] = (0.01, 100.0)  # bounds where the manufacturer gives no mass
+    spread_m: float = 0.005  # least radius of gyration of a link in every direction
+    prior_weight: float = 1.0  # 1: a prior of about ±100 % on the manufacturer's figures, for residuals of unit size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PhysicallyConsistentArm:
-    """An arm that can exist, and what it costs beside the best that cannot."""
+    """A physically consistent arm, and its residual beside that of the unconstrained fit."""
 
     parameters: Array  # (13·J,) standard parameters in DH frames
-    extra: Array  # (E,) further friction parameters, none negative
-    values: Array  # (B,) base parameters, and the further ones, that these make
+    extra: Array  # (E,) friction parameters after fc and fv, none negative
+    values: Array  # (B + E,) base parameters and extra friction parameters that follow from these
     robot: Robot  # masses, centres of mass and inertias as identified
     residual_ratio: float  # weighted RMS residual / that of unconstrained least squares
-    rms_nm: Array  # (J,) residual over the samples that the factors hold
+    rms_nm: Array  # (J,) residual over the samples of the factors
 
     @property
     def coulomb_nm(self) -> Array:
-        """(J,) fc."""
+        """(J,) fc of each joint [N·m]."""
         return self.parameters[COULOMB::PER_JOINT]
 
     @property
     def viscous_nm_s_per_rad(self) -> Array:
-        """(J,) fv."""
+        """(J,) fv of each joint [N·m·s/rad]."""
         return self.parameters[VISCOUS::PER_JOINT]
 
     @property
     def rotor_kg_m2(self) -> Array:
-        """(J,) rotor inertia at the joint: the armature of a simulator."""
+        """(J,) rotor inertia at the joint; simulators call it armature."""
         return self.parameters[ROTOR::PER_JOINT]
 
     def urdf(self) -> str:
-        """The arm as a URDF, with fc and fv; rotor inertia has no place there."""
+        """The arm as a URDF, with fc and fv. A URDF cannot hold rotor inertia."""
         return urdf_text(self.robot, self.coulomb_nm, self.viscous_nm_s_per_rad)
 
     def toml(self) -> str:
-        """The arm with the keys of `monitor/model/robots/*.toml`, and friction and rotor inertia in a table of their own."""
+        """The arm with the keys of `monitor/model/robots/*.toml`; friction and rotor inertia are in a table `joints`."""
         return _toml(self)
 
 
@@ -79,11 +80,11 @@ def physically_consistent(
     robot: Robot,
     settings: PhysicalConsistencySettings | None = None,
 ) -> PhysicallyConsistentArm:
-    """The physical parameters that explain the rows in the factors best.
+    """The physically consistent parameters with the smallest residual over the rows in the factors.
 
-    weights : (J,) of each joint's rows, best 1 / its residual. combination : (B, 13·J), base = combination · standard, or
-    (B + E, 13·J + E) with friction parameters beyond the paper's last; those are kept non-negative like fc, fv and Im.
-    Raises Unidentifiable where no arm within the bounds exists or the solver does not converge.
+    weights : (J,) of each joint's rows, best one over its residual [1/(N·m)]. combination : (B, 13·J), base = combination · standard; or
+    (B + E, 13·J + E) with E more friction parameters at the end, which stay non-negative as fc, fv and Im do.
+    Raises BadInput where shapes do not fit or values are not finite, Unidentifiable where no arm is within the bounds or the solver fails.
     """
     settings = settings or PhysicalConsistencySettings()
     P = PER_JOINT * robot.joints
@@ -100,7 +101,7 @@ def physically_consistent(
     A, b = R[:, :-1], R[:, -1]
     best = float(np.linalg.norm(b - A @ np.linalg.lstsq(A, b, rcond=None)[0]))
     samples = max(1, sum(factor.samples for factor in joints))
-    # residuals of unit size make the pull of the prior the same for every recording; a perfect fit is no infinite weight
+    # with residuals of unit size the prior has the same weight for every recording; a perfect fit must not have an infinite weight
     unit = max(best, PERFECT * float(np.linalg.norm(b)), 1e-12) / math.sqrt(samples)
     scale, prior = _scale(robot, E), np.append(robot.nominal_parameters(with_inertia=True), np.zeros(E))
     found = scale * _solve(A @ combination * (scale / unit), b / unit, prior / scale, scale, robot, settings)
@@ -117,7 +118,7 @@ def physically_consistent(
 
 
 def _scale(robot: Robot, extra: int) -> Array:
-    """(13·J + E,) the size that each parameter has on such an arm."""
+    """(13·J + E,) the typical size of each parameter on such an arm, for the scaling of the problem."""
     total = float(np.sum(robot.mass_kg))
     blocks = []
     for i, (mass, com, about_com, strongest) in enumerate(
@@ -133,7 +134,10 @@ def _scale(robot: Robot, extra: int) -> Array:
 
 
 def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, settings: PhysicalConsistencySettings) -> Array:
-    """Clarabel: the scaled parameters x with ‖A x − b‖² + w·‖(x − prior)‖² smallest, w on the rigid part and the rotors."""
+    """The scaled parameters x that minimise ‖A x − b‖² + w·‖(x − prior)‖², by Clarabel; w acts on links and rotors, not on friction.
+
+    Raises Unidentifiable where the solver fails or finds no solution.
+    """
     pull = np.zeros(len(prior))
     for i in range(robot.joints):
         weight = settings.prior_weight if robot.mass_kg[i] > 0.0 else UNKNOWN_WEIGHT * settings.prior_weight
@@ -173,7 +177,7 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
     )  # fmt: skip
     try:
         answer = clarabel.DefaultSolver(*problem).solve()
-    except BaseException as wrong:  # a fault inside the solver arrives as a PanicException, which is no Exception
+    except BaseException as wrong:  # an error inside the solver is a PanicException, which does not derive from Exception
         if type(wrong).__name__ != "PanicException":
             raise
         raise Unidentifiable(f"{robot.name}: the solver broke down ({wrong}); expected factors of a well-excited recording") from None
@@ -186,7 +190,7 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
 
 
 def _mass_bounds(robot: Robot, settings: PhysicalConsistencySettings) -> Array:
-    """(J, 2) [kg]; the last link may carry a tool or payload."""
+    """(J, 2) least and largest mass [kg]. The last link may carry a tool or payload."""
     known = robot.mass_kg > 0.0
     bounds = np.where(known[:, None], np.multiply.outer(robot.mass_kg, settings.mass_factor), settings.unknown_mass_kg)
     if math.isfinite(robot.payload_max_kg):
@@ -195,9 +199,9 @@ def _mass_bounds(robot: Robot, settings: PhysicalConsistencySettings) -> Array:
 
 
 def _pseudo_inertia_map(scale: Array, length: float) -> Array:
-    """(10, 10): the upper triangle of the pseudo-inertia, lengths in units of `length`, from scaled m, mx … Jzz.
+    """(10, 10) map from scaled m, mx … Jzz to the upper triangle of the pseudo-inertia, with lengths in units of `length`.
 
-    Off the diagonal times √2, so that the triangle keeps the matrix' norm.
+    Entries off the diagonal have the factor √2, so that the norm of the triangle is that of the matrix.
     """
     columns = []
     for k in range(INERTIAL):
@@ -216,7 +220,7 @@ def _pseudo_inertia_map(scale: Array, length: float) -> Array:
 
 
 def _with(robot: Robot, parameters: Array) -> Robot:
-    """The robot with masses, centres of mass and tensors about them from its standard parameters."""
+    """The robot with masses, centres of mass, and tensors about these, from its standard parameters."""
     blocks = parameters.reshape(robot.joints, PER_JOINT)
     mass = blocks[:, 0]
     com = blocks[:, 1:4] / mass[:, None]
@@ -228,6 +232,7 @@ def _with(robot: Robot, parameters: Array) -> Robot:
 
 
 def _toml(found: PhysicallyConsistentArm) -> str:
+    """The text of `PhysicallyConsistentArm.toml`."""
     robot = found.robot
 
     def row(values: Array) -> str:
