@@ -1,8 +1,11 @@
-"""A UR controller made of software, for the unmodified ur-rtde wheel: its own physics, its own friction, known to no estimator.
+"""A simulated controller of Universal Robots for the unmodified ur-rtde. Its physics and friction are its own, unknown to the monitor.
 
-The body      physics · friction · wear · thermal, seen through sensors
-The mind      controller · program · queries · scripts · reference · motions · kinematics · dashboard: no sockets, no wall clock
-The wire      rtde · inputs · variables · primary · realtime as bytes; ports · timer · server put them on a loopback address
-The world     scenario · life what happens in the arm's years; faults · arguments what goes wrong on command; settings · launch
-The back door commands · remote · stepped · view: for tests, the demo and whoever watches
+From below to above, each line imports only from the lines before it:
+
+arguments · polyscope · faults · scenario · settings   what is simulated, what happens to it, and the checks of both
+arm/                                                   the physics: bodies, friction, heat, wear, sensors, servo reference
+controller/                                            modes, registers, programs, safety, scenario; no sockets, no wall clock
+wire/                                                  RTDE, dashboard and ports 30001–30003 on a loopback address
+stepped · commands · server · launch                   replays faster than real time, the command port, the process
+remote · view                                          clients of the command port: for tests, the demo and the terminal
 """

@@ -19,7 +19,7 @@ def _numbers(text: str | None) -> tuple[float, ...] | None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Parse, listen, serve; 2 where the arguments or the ports are wrong."""
+    """Parse the arguments and simulate. Returns 2 if the arguments or the ports are wrong."""
     defaults = SimulateSettings()
     parser = argparse.ArgumentParser(prog="python -m monitor.simulate", description=__doc__)
     parser.add_argument("--robot", help=f"one of {', '.join(robot_names())}")
@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
             remote_control=not given.local_control,
             wear_per_revolution=_numbers(given.wear_per_revolution),
         )
-        from monitor.simulate.server import serve  # pinocchio: only when the arguments are right
+        from monitor.simulate.server import serve  # pinocchio is slow to import: only when the arguments are right
 
         line = f"listening {settings.bind} robot={settings.robot} rtde=30004 commands={settings.command_port}\n"
 

@@ -1,4 +1,4 @@
-"""Arguments of what happens on command or in a scenario: what each may be, checked before anything happens."""
+"""Arguments of faults and of scenarios: their kinds and their checks."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from monitor.errors import BadInput
 
 
 class Number(NamedTuple):
-    """An argument from low to high; None as default: it must be given."""
+    """A number from low to high. It is required if the default is None."""
 
     low: float
     high: float
@@ -16,20 +16,20 @@ class Number(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """An argument that is one of some words; None as default: it must be given."""
+    """One of several words. It is required if the default is None."""
 
     words: tuple[str, ...]
     default: str | None = None
 
 
 class Text(NamedTuple):
-    """Any text."""
+    """A text that is not empty. It is required if the default is None."""
 
     default: str | None = None
 
 
 class Flag(NamedTuple):
-    """True or false."""
+    """A truth value."""
 
     default: bool
 
@@ -38,9 +38,9 @@ Kind = Number | Choice | Text | Flag
 
 
 def check(what: str, known: Mapping[str, Kind], given: Mapping[str, Any], *, joints: int = 6) -> dict[str, Any]:
-    """Given values, defaults filled in; figures may come as text, from a command line.
+    """Check given values and fill in defaults. `what` begins every message. Numbers may be text, as from a command line.
 
-    Raises BadInput naming the argument, its value and what would be right.
+    An argument named `joint` is a whole number up to `joints`. Raises BadInput with the argument, its value and what is expected.
     """
     unknown = sorted(key for key, value in given.items() if key not in known and value is not None)
     if unknown:

@@ -1,4 +1,4 @@
-"""From what was typed to a running simulator: settings out of a scenario and options, and what is said when it listens."""
+"""The start of a simulator: settings from a scenario and from options, the announcement, and the end of its process."""
 
 import subprocess
 from dataclasses import fields
@@ -11,9 +11,9 @@ from monitor.simulate.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORTS, S
 
 
 def settings_from(scenario: Scenario | None, **given: Any) -> SimulateSettings:
-    """Settings: options that were given (not None), then the scenario's, then the defaults.
+    """Settings from options, a scenario and defaults. A given option (not None) goes before the scenario, which goes before a default.
 
-    Raises BadInput as `SimulateSettings` and `Mounting.parse`.
+    Raises BadInput for wrong settings, and for a payload in the scenario that the arm cannot carry.
     """
     known = {field.name for field in fields(SimulateSettings)}
     chosen: dict[str, Any] = {} if scenario is None else {key: value for key, value in scenario.arm.items() if key in known}
@@ -33,7 +33,7 @@ def settings_from(scenario: Scenario | None, **given: Any) -> SimulateSettings:
 
 
 def announcement(settings: SimulateSettings) -> str:
-    """Where it listens, what it plays, how to talk to it."""
+    """What the command prints: where the simulator listens, its scenario, and how to use it."""
     version = ".".join(map(str, settings.polyscope))
     scenario = settings.scenario
     state = "/".join(map(str, SCRIPT_PORTS))
@@ -49,7 +49,7 @@ def announcement(settings: SimulateSettings) -> str:
 
 
 def ended(process: "subprocess.Popen[str]", within_s: float = 5.0) -> None:
-    """Ask a simulator's process to end, and see to it."""
+    """End a simulator's process: ask it, and kill it if it has not ended in time."""
     process.terminate()
     try:
         process.wait(timeout=within_s)

@@ -1,4 +1,4 @@
-"""Remote: the command port of a running simulator, as an object."""
+"""The client of a simulator's command port."""
 
 import base64
 import binascii
@@ -21,9 +21,9 @@ Rows = Array | Sequence[Sequence[float]]
 
 
 class Remote:
-    """Ask the simulator for the truth, and make its time, wear and faults. Context manager; connects at once.
+    """Reads the true state of a running simulator, and changes its time, wear and faults. A context manager that connects at once.
 
-    Raises RobotUnreachable where nobody answers, BadInput or ReplayAborted as the simulator says.
+    Every method raises RobotUnreachable if the simulator does not answer, and the simulator's own errors: BadInput, ReplayAborted.
     """
 
     def __init__(self, host: str, port: int = DEFAULT_COMMAND_PORT, timeout_s: float = 120.0) -> None:
@@ -42,12 +42,12 @@ class Remote:
         self.close()
 
     def close(self) -> None:
-        """End the connection; the simulator goes on."""
+        """Close the connection. The simulator keeps running."""
         self._file.close()
         self._wire.close()
 
     def ask(self, do: str, **arguments: Any) -> Any:
-        """One request, its result."""
+        """Send one request. Returns its result."""
         try:
             self._wire.sendall(json.dumps({"do": do, **arguments}).encode() + b"\n")
             line = self._file.readline()
@@ -61,14 +61,14 @@ class Remote:
         return reply["result"]
 
     def truth(self) -> dict[str, Any]:
-        """Everything that the robot's own wire does not tell: true state, temperatures, wear, law of friction, stops."""
+        """The true state: motion, temperatures, wear, friction law, modes and stops."""
         result: dict[str, Any] = self.ask("truth")
         return result
 
     def advance(self, hours: float, ambient_c: float | None = None, duty: float | None = None) -> float:
-        """Let hours pass, `duty` (0 … 1) of them a typical job, in a room at `ambient_c`; the controller's clock afterwards [s].
+        """Let hours pass in a room at `ambient_c`, with the share `duty` (0 … 1) of work. Returns the controller's clock afterwards [s].
 
-        What is not given is as the scenario has it; without a scenario no work, and the room as it was.
+        None means as in the scenario; without a scenario it means no work and the present temperature.
         """
         return float(self.ask("advance", hours=hours, ambient_c=ambient_c, duty=duty)["clock_s"])
 
@@ -80,11 +80,11 @@ class Remote:
         viscous_factor: float | None = None,
         per_revolution: float | None = None,
     ) -> None:
-        """Set the friction multipliers of joint 1 … J, or how much they grow from now on with a revolution under rated load."""
+        """Set the wear factors of one joint (1 … J), or their growth per revolution at rated load."""
         self.ask("wear", joint=joint, coulomb_factor=coulomb_factor, viscous_factor=viscous_factor, per_revolution=per_revolution)
 
     def play(self, excitation: Excitation, *, software: str | None = None) -> Recording:
-        """A replay stepped faster than real time inside the simulator."""
+        """Make the simulator play an excitation faster than real time. Returns the recording."""
         result = self.ask("play", excitation=excitation.as_document(), software=software)
         try:
             with np.load(io.BytesIO(base64.b64decode(result["signals"], validate=True)), allow_pickle=False) as file:
@@ -96,22 +96,22 @@ class Remote:
         return Recording(**signals, context=Context(**context), quality=result["quality"], source=result["source"])
 
     def torque(self, q: Rows, qd: Rows, qdd: Rows, temperature_c: float | Array | None = None) -> Array:
-        """(N, J) noise-free motor-side torque [N·m] at states (N, J): rigid body, rotors, friction; temperature of the grease."""
+        """(N, J) drive torque without noise at states (N, J): rigid body, rotors and friction at a grease temperature [N·m]."""
         return np.array(self._states("torque", q=q, qd=qd, qdd=qdd, temperature_c=temperature_c)["torque"])
 
     def friction(self, qd: Rows, temperature_c: float | Array | None = None, load_nm: Rows | None = None) -> Array:
-        """(N, J) friction torque [N·m] at speeds (N, J), with today's wear; load through the gear defaults to none."""
+        """(N, J) friction torque at speeds (N, J) with the present wear [N·m]. The load through the gears is zero if it is None."""
         return np.array(self._states("friction", qd=qd, temperature_c=temperature_c, load_nm=load_nm))
 
     def _states(self, do: str, **arrays: Any) -> Any:
         return self.ask(do, **{name: None if value is None else np.asarray(value, dtype=float).tolist() for name, value in arrays.items()})
 
     def fault(self, name: str, **arguments: Any) -> str:
-        """Make one of `faults.FAULTS` happen, e.g. `fault("stall", seconds=2)`; what was done."""
+        """Inject one of `faults.FAULTS`, for example `fault("stall", seconds=2)`. Returns a sentence that says what was done."""
         return str(self.ask("fault", name=name, **arguments))
 
     def protective_stop(self) -> None:
-        """As if the arm had hit something."""
+        """Make a protective stop, as if the arm had hit something."""
         self.fault("protective_stop")
 
     def shutdown(self) -> None:

@@ -1,7 +1,7 @@
-"""Scenarios: what the life of one simulated arm is like, from TOML; shipped ones by name, one's own by file.
+"""Scenarios: what happens to one simulated arm over its life. A scenario is a TOML file; some are shipped and have names.
 
-Keys, each optional: `about`; `starts` (date and time: the weekday and the hour count); `[arm]` what the arm is; `[room]` how warm
-it is; `[work]` when the arm works between the replays; `[[event]]` what happens on which day. An unknown key is an error.
+All keys are optional: `about`; `starts`, a date and time of which the weekday and the hour matter; `[arm]`, the arm; `[room]`, the
+temperature around it; `[work]`, when the arm works between the replays; `[[event]]`, what happens on which day. Other keys are errors.
 """
 
 import math
@@ -20,30 +20,30 @@ from monitor.simulate import faults
 from monitor.simulate.arguments import Choice, Flag, Kind, Number, Text, check
 
 DAY_S, HOUR_S = 86_400.0, 3600.0
-DAYS_MAX = 36_600.0
-HEATING_OFF_H, HEATING_ON_H = 20.0, 6.0  # from Friday's evening to Monday's morning
+DAYS_MAX = 36_600.0  # latest day of an event
+HEATING_OFF_H, HEATING_ON_H = 20.0, 6.0  # the heating is off from Friday 20 h to Monday 6 h
 COOLING_H, WARMING_H = 10.0, 2.5  # time constants of a hall without and with heating
 FILE_MAX_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Room:
-    """The air around the arm."""
+    """The temperature of the air around the arm."""
 
     mean_c: float = 22.0
-    daily_swing_k: float = 0.0  # half of what lies between the warmest and the coldest hour
-    warmest_h: float = 15.0
-    weekend_drop_k: float = 0.0  # where a hall without heating would end; Friday 20 h to Monday 6 h
+    daily_swing_k: float = 0.0  # half of the difference between the warmest and the coldest hour
+    warmest_h: float = 15.0  # hour of the day
+    weekend_drop_k: float = 0.0  # drop of the temperature after a long time without heating
 
     def at(self, since_monday_s: float) -> float:
-        """[°C], this long after a Monday's midnight."""
+        """The temperature at a time after the midnight that begins a Monday [°C]."""
         hour = since_monday_s / HOUR_S
         swing = self.daily_swing_k * math.cos(2.0 * math.pi * (hour - self.warmest_h) / 24.0)
         return self.mean_c + swing - self.weekend_drop_k * _cold(hour % 168.0)
 
 
 def _cold(hour: float) -> float:
-    """Share of the weekend's drop at an hour of the week, Monday 0 h being 0."""
+    """The share of the weekend's drop at an hour of the week; Monday 0 h is 0."""
     off = 4 * 24.0 + HEATING_OFF_H
     if hour >= off:
         return 1.0 - math.exp(-(hour - off) / COOLING_H)
@@ -56,16 +56,16 @@ def _cold(hour: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Work:
-    """When the arm does its job between the replays: only where time is made to pass on command."""
+    """When the arm works between the replays. It matters only where time passes on command."""
 
-    duty: float = 0.5  # of the working hours
+    duty: float = 0.5  # share of the working hours in which the arm moves
     from_h: float = 7.0
     to_h: float = 17.0
     days: tuple[int, ...] = (1, 2, 3, 4, 5)  # Monday is 1
-    pauses: tuple[tuple[float, float], ...] = ()  # days of the scenario from … to, e.g. a holiday
+    pauses: tuple[tuple[float, float], ...] = ()  # days of the scenario [from, to) without work, such as a holiday
 
     def duty_at(self, since_monday_s: float, day: float) -> float:
-        """Share of this moment's hour in which the arm moves; `day` counts from the scenario's start."""
+        """The share of time in which the arm moves. `day` counts from the scenario's start."""
         weekday, hour = int(since_monday_s // DAY_S) % 7 + 1, since_monday_s % DAY_S / HOUR_S
         if any(begin <= day < end for begin, end in self.pauses):
             return 0.0
@@ -73,26 +73,26 @@ class Work:
 
     @property
     def duty_hours_a_month(self) -> float:
-        """In thirty days without a pause."""
+        """Hours of motion in thirty days without a pause."""
         return self.duty * (self.to_h - self.from_h) * len(self.days) * 30.0 / 7.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScenarioEvent:
-    """What happens, once."""
+    """One event of a scenario. `do` is a key of EVENTS."""
 
-    at_s: float  # after the start
+    at_s: float  # after the start of the scenario
     do: str
     arguments: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """One life."""
+    """What happens to one arm."""
 
     name: str = "fresh"
     about: str = "a healthy arm"
-    started_s: float = 0.0  # after the midnight of the Monday before
+    started_s: float = 0.0  # time between the midnight that began the week's Monday and the start
     arm: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     room: Room | None = None
     work: Work = field(default_factory=Work)
@@ -125,14 +125,14 @@ ROOM: dict[str, Kind] = {
 
 
 def scenario_names() -> list[str]:
-    """The shipped ones, sorted."""
+    """The names of the shipped scenarios, sorted."""
     return sorted(file.stem for folder in _folders() if folder.is_dir() for file in folder.glob("*.toml"))
 
 
 def load_scenario(name: str) -> Scenario:
-    """A shipped scenario by its name, or one's own by the path of its file.
+    """Load a shipped scenario by its name, or any scenario by the path of its file.
 
-    Raises BadInput where it is neither, naming the shipped ones, or what is wrong in the file, with the key.
+    Raises BadInput with the names of the shipped scenarios if it is neither, or with the key that is wrong in the file.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -154,7 +154,7 @@ def load_scenario(name: str) -> Scenario:
 
 
 def scenario_from_document(document: dict[str, Any], name: str, where: str) -> Scenario:
-    """A scenario from the keys of a file. Raises BadInput as `load_scenario`."""
+    """A scenario from the keys of a file. `where` begins every message. Raises BadInput with the key that is wrong."""
     known = {"about", "starts", "arm", "room", "work", "event"}
     unknown = sorted(set(document) - known)
     if unknown:
@@ -166,9 +166,9 @@ def scenario_from_document(document: dict[str, Any], name: str, where: str) -> S
     if not isinstance(events, list):
         raise BadInput(f"{where}: event is a list of tables; write [[event]]")
     room = _table(document, "room", where)
-    happenings = [_event(entry, f"{where}: [[event]] {i + 1}") for i, entry in enumerate(events)]
+    parsed_events = [_event(entry, f"{where}: [[event]] {i + 1}") for i, entry in enumerate(events)]
     work = _work(_table(document, "work", where) or {}, f"{where}: [work]")
-    if work.duty_hours_a_month == 0.0 and any(event.arguments.get("percent_a_month") for event in happenings):
+    if work.duty_hours_a_month == 0.0 and any(event.arguments.get("percent_a_month") for event in parsed_events):
         raise BadInput(f"{where}: a joint wears by percent_a_month of work, and [work] has none; expected a duty above 0 on some days")
     return Scenario(
         name=name,
@@ -177,7 +177,7 @@ def scenario_from_document(document: dict[str, Any], name: str, where: str) -> S
         arm=MappingProxyType(check(f"{where}: [arm]", ARM, _table(document, "arm", where) or {})),
         room=None if room is None else Room(**check(f"{where}: [room]", ROOM, room)),
         work=work,
-        events=tuple(sorted(happenings, key=lambda event: event.at_s)),
+        events=tuple(sorted(parsed_events, key=lambda event: event.at_s)),
     )
 
 
@@ -237,6 +237,6 @@ def _event(entry: Any, where: str) -> ScenarioEvent:
 
 
 def _folders() -> tuple[Path, Path]:
-    """Where the shipped scenarios are: in an installed wheel, or beside the package."""
+    """The folders that may hold the shipped scenarios: in an installed wheel, and beside the package."""
     package = Path(str(files("monitor")))
     return package / "_config" / "scenarios", package.parent / "config" / "scenarios"

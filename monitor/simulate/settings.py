@@ -1,4 +1,4 @@
-"""What one simulated arm is: model, place, seed, and how its life goes."""
+"""The settings of one simulated arm."""
 
 import ipaddress
 import math
@@ -10,35 +10,35 @@ from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.simulate.polyscope import BUILD_DATE, DEFAULT_VERSION, Version
 from monitor.simulate.scenario import Scenario
 
-RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # fixed in ur-rtde
+RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # ur-rtde cannot use others
 DEFAULT_COMMAND_PORT = 30020
 PAYLOAD_COM_MAX_M = 2.0  # largest distance of a payload's centre of mass from the flange, along each axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulateSettings:
-    """One simulated arm on one loopback address."""
+    """One simulated arm on one loopback address. `version` is that of PolyScope; its default is in DEFAULT_VERSION."""
 
     robot: str = "ur5"
     bind: str = "127.0.0.1"
-    seed: int = 0  # of the measurement noise
+    seed: int = 0  # of the measurement noise and of the wire's faults
     ambient_c: float = 22.0
     mounting: Mounting = field(default_factory=Mounting)
     payload_kg: float = 0.0
-    payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.05)  # in the flange's frame
+    payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.05)  # in the frame of the flange
     command_port: int = DEFAULT_COMMAND_PORT
-    version: str | None = None  # "3.15.8"; None: DEFAULT_VERSION of the generation
+    version: str | None = None  # for example "3.15.8"
     serial: str = "20180500001"
     home_rad: tuple[float, ...] = (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0)
-    initial_temperature_c: tuple[float, ...] | None = None  # per joint; None: idle equilibrium in `ambient_c`
-    wear_per_revolution: tuple[float, ...] | None = None  # per joint, added to the wear factor at rated load; None: that of a healthy arm
-    remote_control: bool = True  # dashboard's answer to `is in remote control`
-    current_noise: float = 1.0  # times what the recorded arms show
-    scenario: Scenario | None = None  # what happens in this arm's life
-    protective_runtime: str = "paused"  # runtime_state in a protective stop; a real controller's is not documented
+    initial_temperature_c: tuple[float, ...] | None = None  # per joint; None means a powered arm at rest in equilibrium with the room
+    wear_per_revolution: tuple[float, ...] | None = None  # per joint, at rated load; None means that of a healthy arm
+    remote_control: bool = True  # the dashboard's reply to `is in remote control`
+    current_noise: float = 1.0  # multiplies the noise of the recorded arms
+    scenario: Scenario | None = None  # the events and the room of this arm
+    protective_runtime: str = "paused"  # what a protective stop does to the program; it is not documented for real controllers
 
     def __post_init__(self) -> None:
-        """Raises BadInput naming the field, its value and what would be right."""
+        """Check the fields. Raises BadInput with the field, its value and what is expected."""
         check_loopback(self.bind)
         robot = load_robot(self.robot)
         for name, values in (("home_rad", self.home_rad), ("initial_temperature_c", self.initial_temperature_c)):
@@ -72,24 +72,24 @@ class SimulateSettings:
 
     @property
     def arm(self) -> Robot:
-        """The model's published parameters."""
+        """The published parameters of the robot."""
         return load_robot(self.robot)
 
     @property
     def tick_s(self) -> float:
-        """Control period: 8 ms on CB3, 2 ms on e-Series."""
+        """The control period: 8 ms on CB3, 2 ms on the e-Series."""
         return 1.0 / self.arm.rate_hz
 
     @property
     def build_date(self) -> str:
-        """When the software was built."""
+        """The date when the emulated software was built."""
         return BUILD_DATE[self.polyscope.major]
 
     @property
     def polyscope(self) -> Version:
-        """`version` as four numbers.
+        """The version as four numbers.
 
-        Raises BadInput for text that is not one, and for 5.0 … 5.3 and 3.0 … 3.3, at which ur-rtde 1.6.5 crashes.
+        Raises BadInput for a text that is no version, and for 5.0 … 5.3 and 3.0 … 3.3, with which ur-rtde 1.6.5 crashes.
         """
         text = self.version or DEFAULT_VERSION[self.arm.generation]
         if not re.fullmatch(r"\d+(\.\d+){1,3}", text):
@@ -103,7 +103,7 @@ class SimulateSettings:
 
 
 def check_loopback(address: str) -> None:
-    """Raises BadInput unless the address is an IPv4 loopback one: a simulated robot must not look real on a network."""
+    """Check an address. Raises BadInput unless it is an IPv4 loopback address: nobody may take a simulated robot for a real one."""
     try:
         loopback = ipaddress.IPv4Address(address).is_loopback
     except ValueError:

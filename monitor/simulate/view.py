@@ -1,4 +1,4 @@
-"""The state of a running simulator, live in the terminal: a process beside the simulator asks its command port."""
+"""The state of a running simulator in the terminal. The view is a process of its own and asks the command port."""
 
 import math
 import subprocess
@@ -16,16 +16,16 @@ from monitor.errors import BadInput, MonitorError, RobotUnreachable
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
 
-PERIOD_S = 0.25
-PRINTED_EVERY_S = 2.0  # where no terminal can be drawn anew
-START_S = 30.0
+PERIOD_S = 0.25  # between two pictures
+PRINT_PERIOD_S = 2.0  # where the output is no terminal
+START_S = 30.0  # time that a simulator may need to report why it does not start
 SAFETY = {1: "normal", 3: "PROTECTIVE STOP", 7: "EMERGENCY STOP"}
 MODE = {3: "power off", 4: "power on", 5: "idle", 7: "running"}
 RUNTIME = {1: "stopped", 2: "playing", 4: "paused"}
 
 
 def screen(truth: dict[str, Any]) -> Group:
-    """One picture of the arm."""
+    """One picture of the arm from its true state."""
     table = Table()
     for title in ("joint", "q [°]", "q̇ [°/s]", "torque [Nm]", "motor [°C]", "grease [°C]", "dry wear", "viscous wear"):
         table.add_column(title, justify="right")
@@ -44,23 +44,23 @@ def screen(truth: dict[str, Any]) -> Group:
     modes = f"{MODE[truth['robot_mode']]}, {safety}, program {RUNTIME[truth['runtime_state']]} ({truth['program'] or 'none'})"
     life = f"day {truth['lived_days']:.3f} of {truth['scenario']}, room {truth['ambient_c']:.1f} °C, controller up {truth['clock_s']:.1f} s"
     ticks = truth["ticks"]
-    pace = f"{ticks['run']} ticks, {ticks['late']} late, {ticks['dropped']} dropped"
+    timing = f"{ticks['run']} ticks, {ticks['late']} late, {ticks['dropped']} dropped"
     stops = [f"{stop['at_s']:.2f} s  {stop['kind']}: {stop['reason']}" for stop in truth["stops"][-3:]]
     return Group(
         Text(f"{truth['robot']}: {modes}", style="" if safety == "normal" else "bold red"),
         Text(life),
         table,
-        Text(pace, style="dim"),
+        Text(timing, style="dim"),
         *(Text(line, style="dim") for line in [*truth["happened"][-3:], *stops]),
     )
 
 
 def watch(host: str, port: int, seconds: float | None = None) -> None:
-    """Show it until Ctrl-C, until the simulator ends, or for so long."""
+    """Show a simulator until Ctrl-C, until it ends, or for the given time."""
     console = Console()
     until = math.inf if seconds is None else time.monotonic() + seconds
     if not console.is_terminal:
-        _print_now_and_then(console, host, port, until)
+        _print_pictures(console, host, port, until)
         return
     with Remote(host, port) as remote, Live(screen(remote.truth()), console=console, refresh_per_second=1.0 / PERIOD_S) as live:
         while time.monotonic() < until:
@@ -71,8 +71,8 @@ def watch(host: str, port: int, seconds: float | None = None) -> None:
                 return
 
 
-def _print_now_and_then(console: Console, host: str, port: int, until: float) -> None:
-    """For a file or a pipe: one picture after the other."""
+def _print_pictures(console: Console, host: str, port: int, until: float) -> None:
+    """Print one picture after the other, for a file or a pipe."""
     with Remote(host, port) as remote:
         while time.monotonic() < until:
             try:
@@ -80,16 +80,16 @@ def _print_now_and_then(console: Console, host: str, port: int, until: float) ->
                 console.file.flush()
             except (RobotUnreachable, BrokenPipeError):
                 return
-            time.sleep(min(PRINTED_EVERY_S, max(0.0, until - time.monotonic())))
+            time.sleep(min(PRINT_PERIOD_S, max(0.0, until - time.monotonic())))
 
 
 def simulate_and_watch(arguments: list[str], host: str, port: int, seconds: float | None = None) -> None:
-    """A simulator in a process of its own, shown until Ctrl-C; it ends with the view.
+    """Start a simulator in a process of its own and show it until Ctrl-C. The simulator ends with the view.
 
-    Raises BadInput where its arguments or ports are wrong, MonitorError where it does not start for another reason, as it said.
+    Raises BadInput if its arguments or ports are wrong, MonitorError with its message if it does not start for another reason.
     """
     command = [sys.executable, "-m", "monitor.simulate", *arguments]
-    with tempfile.TemporaryFile("w+") as log:  # not a pipe: nobody would empty it
+    with tempfile.TemporaryFile("w+") as log:  # a pipe would block the simulator when it is full
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
         try:
             assert process.stdout is not None

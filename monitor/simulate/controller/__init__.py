@@ -1,1 +1,1 @@
-"""The simulated controller: program, motions, registers, modes, and the life of its arm."""
+"""The simulated controller: modes, registers, programs, safety and the scenario of its arm. It opens no socket."""

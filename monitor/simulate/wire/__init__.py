@@ -1,1 +1,1 @@
-"""The wire of the simulated controller: RTDE, dashboard, ports 30001 to 30003, sockets and clock."""
+"""The wire of the simulated controller: RTDE, dashboard and ports 30001–30003, with their sockets and the timer."""

@@ -107,20 +107,15 @@ def _inverse_near(call: Call) -> Result:
     return _inverse(call, _finite("get_inverse_kin", call.vector(6)))
 
 
-def _has_solution(call: Call) -> Result:
-    try:
-        _inverse(call)
-    except ImpossibleArguments:
-        return False
-    return True
+def _solvable(inverse: Callable[[Call], Result]) -> Callable[[Call], Result]:
+    def has_solution(call: Call) -> Result:
+        try:
+            inverse(call)
+        except ImpossibleArguments:
+            return False
+        return True
 
-
-def _has_solution_near(call: Call) -> Result:
-    try:
-        _inverse_near(call)
-    except ImpossibleArguments:
-        return False
-    return True
+    return has_solution
 
 
 def _forward_of(call: Call) -> Result:
@@ -159,8 +154,8 @@ ONCE: dict[int, Callable[[Call], Result]] = {  # executed once
     46: _inverse,
     47: _steady,
     59: _set_gravity,
-    60: _has_solution,
-    61: _has_solution_near,
+    60: _solvable(_inverse),
+    61: _solvable(_inverse_near),
     65: _set_target_payload,
 }
 
