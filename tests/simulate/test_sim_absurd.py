@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from test_sim_controller import DOUBLES, MOVE, SERVO, Pendant
+from sim_pendant import DOUBLES, MOVE, SERVO, Pendant
 
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.arm.kinematics import Kinematics, se3

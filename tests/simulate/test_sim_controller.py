@@ -1,70 +1,15 @@
-"""The controller without sockets: the register machine, the watchdog, stops and the dashboard's rules."""
+"""Programs of a controller without sockets: the register machine, the watchdog, moves and queries."""
 
 import math
 
 import numpy as np
 import pytest
-from test_sim_scripts import CONTROL
+from sim_pendant import COMMAND, CONTROL, DOUBLES, FOUR, FOURTEEN, MOVE, ONE, SIX, SPEED, Pendant
 
-from monitor.errors import BadInput
-from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
+from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.controller.registers import INPUT_TYPES, recipe
 from monitor.simulate.controller.truth import truth
-from monitor.simulate.settings import SimulateSettings
-from monitor.simulate.wire import dashboard
 from monitor.simulate.wire.variables import output_variables
-
-DOUBLES = [f"input_double_register_{i}" for i in range(11)]
-COMMAND = recipe(["input_int_register_0"], INPUT_TYPES)
-SERVO = recipe(["input_int_register_0", *DOUBLES], INPUT_TYPES)
-MOVE = recipe(["input_int_register_0", *DOUBLES[:8], "input_int_register_1"], INPUT_TYPES)
-ONE = recipe(["input_int_register_0", DOUBLES[0]], INPUT_TYPES)
-CLEAR = (COMMAND, [0])
-
-
-class Pendant:
-    """Writes registers as ur-rtde does."""
-
-    def __init__(self, **settings) -> None:
-        self.controller = Controller(SimulateSettings(**settings))
-        self.controller.step()
-        self.controller.run_script(CONTROL.rstrip())
-
-    def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / self.controller.clock.tick_s)):
-            self.controller.step()
-
-    def do(self, written, values, within_s: float = 20.0) -> int:
-        """A blocking command: wait for done, then clear. Returns OI1."""
-        c = self.controller
-        c.write_inputs(written, values)
-        until = c.clock.now_s + within_s
-        while c.registers.output_ints[0] != 2 and c.clock.now_s < until and c.modes.runtime == Runtime.PLAYING:
-            c.step()
-        result = c.registers.output_ints[1] if c.registers.output_ints[0] == 2 else -1
-        c.write_inputs(*CLEAR)
-        c.step()
-        return result
-
-    def servo(self, q) -> None:
-        self.controller.write_inputs(SERVO, [11, *q, 0, 0, 0.008, 0.03, 500])
-
-    def stream(self, seconds: float, speed: float = 1.0) -> None:
-        """servoj at 125 Hz, all joints at a constant speed after a soft start."""
-        c = self.controller
-        q = c.reference.q.copy()
-        v = 0.0
-        for _ in range(round(seconds / 0.008)):
-            v = min(speed, v + 0.05)
-            q = q + 0.008 * v
-            self.servo(q)
-            for _ in range(round(0.008 / c.clock.tick_s)):
-                c.step()
-
-    @property
-    def standing(self) -> bool:
-        return self.controller.reference.at_rest and np.abs(self.controller.arm.qd).max() < 0.01
 
 
 @pytest.fixture
@@ -153,12 +98,6 @@ def test_the_watchdog_ends_with_the_program(pendant):
     pendant.controller.run_script(CONTROL.rstrip())
     pendant.run(1.0)
     assert pendant.controller.modes.runtime == Runtime.PLAYING
-
-
-SIX = recipe(["input_int_register_0", *DOUBLES[:6]], INPUT_TYPES)
-FOUR = recipe(["input_int_register_0", *DOUBLES[:4]], INPUT_TYPES)
-FOURTEEN = recipe(["input_int_register_0", *[f"input_double_register_{i}" for i in range(14)]], INPUT_TYPES)
-SPEED = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
 
 
 def test_queries_and_settings(pendant):
@@ -324,157 +263,6 @@ def test_a_target_that_is_no_number_stops_the_arm(pendant, broken):
     assert other.controller.modes.runtime == Runtime.STOPPED
 
 
-def test_beyond_the_limits_the_arm_protects_itself(pendant):
-    """speedj into the elbow's end stop: a protective stop that names the joint."""
-    speed = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
-    pendant.controller.write_inputs(speed, [9, 0, 0, 2.0, 0, 0, 0, 2.0, 0.0])
-    pendant.run(4.0)
-    stop = pendant.controller.journal.stops[-1]
-    assert stop.kind == "protective_stop"
-    assert "joint 3" in stop.reason
-
-
-def test_a_joint_beyond_its_range_finds_its_way_back_and_no_further_out(pendant):
-    """Unlocked, it may stand there and go back; further out it is protected again, and back within the range as ever."""
-    c = pendant.controller
-    limit = c.robot.max_position_rad[5]
-    speed = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
-
-    def turn(rad_s: float, seconds: float) -> None:
-        c.stop_program("test")
-        c.run_script(CONTROL.rstrip())
-        c.write_inputs(speed, [9, 0, 0, 0, 0, 0, rad_s, 10.0, 0.0])
-        pendant.run(seconds)
-
-    turn(3.0, 3.0)
-    assert c.arm.q[5] > limit
-    pendant.run(5.0)
-    assert c.safety.unlock()
-    c.write_inputs(*CLEAR)
-    pendant.run(1.0)
-    assert c.modes.safety == SafetyMode.NORMAL
-    turn(0.5, 0.5)
-    assert "beyond" in c.journal.stops[-1].reason
-    pendant.run(5.0)
-    assert c.safety.unlock()
-    turn(-0.5, 2.0)
-    assert c.modes.safety == SafetyMode.NORMAL
-    assert c.arm.q[5] < limit
-    turn(3.0, 1.0)
-    assert c.modes.safety == SafetyMode.PROTECTIVE_STOP
-
-
-def test_a_blocked_drive_becomes_a_protective_stop():
-    """Joint 5 so worn that its drive cannot turn it: torque limit or following error, within a second of motion."""
-    pendant = Pendant()
-    pendant.controller.arm.set_wear(4, coulomb=40.0)
-    pendant.stream(1.0)
-    assert pendant.controller.modes.safety == SafetyMode.PROTECTIVE_STOP
-
-
-@pytest.mark.parametrize(("runtime", "state"), [("paused", 4), ("stopped", 1), ("playing", 2)])
-def test_a_protective_stop_halts_the_arm_in_each_variant(runtime, state):
-    """Bits, modes, runtime; servo packets do not move it meanwhile."""
-    pendant = Pendant(protective_runtime=runtime)
-    pendant.stream(0.3)
-    pendant.controller.protective_stop("test")
-    pendant.run(0.3)
-    assert pendant.standing
-    at = pendant.controller.reference.q.copy()
-    pendant.stream(0.2)
-    assert np.array_equal(pendant.controller.reference.q, at)
-    read = {
-        name: output_variables(pendant.controller)[name].read()[0]
-        for name in ("safety_mode", "safety_status_bits", "robot_mode", "runtime_state")
-    }
-    assert read == {"safety_mode": 3, "safety_status_bits": (1 << 2) | (1 << 10), "robot_mode": 7, "runtime_state": state}
-    stop = pendant.controller.journal.stops[0]
-    assert stop.stood_at_s is not None
-    assert stop.stood_at_s - stop.at_s < 0.2
-
-
-def test_a_protective_stop_unlocks_after_five_seconds_and_not_before(pendant):
-    """Dashboard's replies literally; the program stays paused until play."""
-    pendant.controller.protective_stop("test")
-    pendant.run(4.9)
-    assert dashboard.reply(pendant.controller, "unlock protective stop").startswith("Cannot unlock protective stop until 5s")
-    assert dashboard.reply(pendant.controller, "play") == "Failed to execute: play"
-    pendant.run(0.2)
-    assert dashboard.reply(pendant.controller, "unlock protective stop") == "Protective stop releasing"
-    assert pendant.controller.modes.safety == SafetyMode.NORMAL
-    assert pendant.controller.modes.runtime == Runtime.PAUSED
-    assert dashboard.reply(pendant.controller, "play") == "Starting program"
-    assert pendant.controller.modes.runtime == Runtime.PLAYING
-
-
-def test_an_emergency_stop_takes_the_power_and_the_dashboard_brings_it_back(pendant):
-    """Arm at rest before the drives go off; scripts are refused until it runs again."""
-    pendant.stream(0.3)
-    pendant.controller.safety.emergency_stop()
-    pendant.run(0.5)
-    assert pendant.controller.modes.robot == RobotMode.POWER_OFF
-    assert output_variables(pendant.controller)["safety_status_bits"].read() == ((1 << 6) | (1 << 7) | (1 << 10),)
-    pendant.controller.run_script(CONTROL.rstrip())
-    assert pendant.controller.modes.runtime == Runtime.STOPPED
-    assert "ROBOT_EMERGENCY_STOP" in pendant.controller.journal.refused_scripts[-1]
-    assert dashboard.reply(pendant.controller, "power on") == "Failed to execute: power on"
-    pendant.controller.safety.release_emergency_stop()
-    assert [dashboard.reply(pendant.controller, line) for line in ("power on", "brake release")] == ["Powering on", "Brake releasing"]
-    pendant.controller.run_script(CONTROL.rstrip())
-    pendant.run(0.1)
-    assert pendant.controller.modes.runtime == Runtime.PLAYING
-
-
-def test_the_dashboard_answers_literally(pendant):
-    """The replies that ur-rtde compares or parses."""
-    replies = {
-        "PolyscopeVersion": "URSoftware 3.15.8.106339 (Mar 10 2022)",
-        "get serial number": "20180500001",
-        "is in remote control": "true",
-        "robotmode": "Robotmode: RUNNING",
-        "safetymode": "Safetymode: NORMAL",
-        "safetystatus": "Safetystatus: NORMAL",
-        "running": "Program running: true",
-        "programState": "PLAYING rtde_control.urp",
-        "pause": "Pausing program",
-        "stop": "Stopped",
-        "play": "Failed to execute: play",
-        "close safety popup": "closing safety popup",
-        "popup hello": "showing popup",
-        "addToLog hello": "Added log message",
-        "load nothing.urp": "File not found: nothing.urp",
-        "load installation nothing.installation": "File not found: nothing.installation",
-        "version": "3.15.8.106339",
-        "setUserRole operator": "Setting user role: operator",
-        "getUserRole": "OPERATOR",
-        "setUserRole king": "Failed setting user role: king",
-        "quit": "Disconnected",
-        "sing": "could not understand: sing",
-    }
-    assert {line: dashboard.reply(pendant.controller, line) for line in replies} == replies
-
-
-def test_the_dashboard_knows_its_generations_commands():
-    """The role of a user is CB3's, operational modes are the e-Series'; a mode that was set is told until it is cleared."""
-    cb3, e_series = Controller(SimulateSettings()), Controller(SimulateSettings(robot="ur5e"))
-    assert dashboard.reply(cb3, "get operational mode").startswith("could not understand")
-    assert dashboard.reply(e_series, "setUserRole operator").startswith("could not understand")
-    asked = (
-        "set operational mode sideways",
-        "set operational mode automatic",
-        "get operational mode",
-        "clear operational mode",
-        "get operational mode",
-    )
-    assert [dashboard.reply(e_series, line) for line in asked] == [
-        "Failed setting operational mode: sideways",
-        "Setting operational mode: automatic",
-        "AUTOMATIC",
-        "operational mode is no longer controlled by Dashboard Server",
-        "NONE",
-    ]
-
-
 def test_months_pass_at_once_only_without_a_program(pendant):
     """live: heat, wear and clock go on; refused while a program plays."""
     assert pendant.controller.live(1.0, 22.0, 0.0) == "a program is running"
@@ -483,33 +271,3 @@ def test_months_pass_at_once_only_without_a_program(pendant):
     assert pendant.controller.live(24.0 * 30, 30.0, 0.5) == ""
     assert pendant.controller.clock.now_s - before == pytest.approx(24 * 30 * 3600)
     assert np.all(pendant.controller.arm.temperatures.motor_c > 31.0)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "named"),
-    [
-        ({"bind": "0.0.0.0"}, "bind"),
-        ({"bind": "192.168.56.101"}, "bind"),
-        ({"bind": "localhost"}, "bind"),
-        ({"robot": "ur7"}, "ur7"),
-        ({"version": "5.3.0"}, "version"),
-        ({"version": "new"}, "version"),
-        ({"robot": "ur5", "version": "5.11.0"}, "for a ur5"),
-        ({"robot": "ur20", "version": "3.15.0"}, "for a ur20"),
-        ({"payload_kg": -1.0}, "payload_kg"),
-        ({"home_rad": (0.0,) * 5}, "home_rad"),
-        ({"serial": "abc"}, "serial"),
-        ({"ambient_c": 99.0}, "ambient_c"),
-        ({"wear_per_revolution": (-1.0,) * 6}, "wear_per_revolution"),
-        ({"protective_runtime": "shrugs"}, "protective_runtime"),
-        ({"command_port": 0}, "command_port"),
-        ({"command_port": 30004}, "command_port"),
-        ({"seed": -1}, "seed"),
-        ({"wear_per_revolution": (math.nan,) * 6}, "wear_per_revolution"),
-        ({"payload_com_m": (0.0, 0.0, math.nan)}, "payload_com_m"),
-    ],
-)
-def test_wrong_settings_are_named(wrong, named):
-    """Every mistake is a BadInput that names the field."""
-    with pytest.raises(BadInput, match=named):
-        SimulateSettings(**wrong)

@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 import pytest
 from raw_rtde import RawRtde
-from sim_process import eventually
-from test_sim_controller import Pendant
-from test_sim_wire import DASHBOARD, result_of
+from sim_clients import DASHBOARD
+from sim_pendant import Pendant
+from sim_process import eventually, result_of
 
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
@@ -78,6 +78,20 @@ def test_every_fault_says_what_it_takes_and_refuses_the_rest(controller):
         parse("stall 2")
     assert parse("late seconds=0.02 share=0.5") == ("late", {"seconds": "0.02", "share": "0.5"})
     assert all(fault.about for fault in FAULTS.values())
+
+
+def test_the_controller_makes_every_fault_happen_that_the_wire_does_not():
+    """Without a wire, each fault of the catalogue happens or is refused because it belongs to the wire."""
+    examples = {"joint": 1, "value": 0.1, "seconds": 1.0, "names": "actual_q", "version": "5.11", "factor": 1.0, "number": 1}
+    refused = set()
+    for name, fault in FAULTS.items():
+        controller = Controller(SimulateSettings())
+        try:
+            assert controller.inject(name, {key: value for key, value in examples.items() if key in fault.arguments})
+        except BadInput as wrong:
+            assert "of the wire" in str(wrong), name
+            refused.add(name)
+    assert refused == {"stall", "close", "reset", "listener_gone", "restart", "freeze", "late", "skip", "mute", "text_at_connect"}
 
 
 def test_frozen_temperatures_stay_and_clear_thaws_them(controller):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_sim_controller import CLEAR, MOVE, ONE, Pendant
+from sim_pendant import CLEAR, MOVE, ONE, Pendant
 
 from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.controller.registers import INPUT_TYPES, recipe

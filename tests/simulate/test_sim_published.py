@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.published import OUTPUT_TYPES
+from monitor.simulate.controller.registers import width
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.rtde import RtdeSession
 from monitor.simulate.wire.variables import output_variables
@@ -133,6 +135,13 @@ def test_every_input_has_its_published_type_from_its_version_on(version):
 def test_the_table_has_nothing_that_the_guide_has_not():
     """What any version answers is in the list above."""
     assert set(output_variables(Controller(SimulateSettings(robot="ur5e")))) <= set(table(OUTPUTS, "5.23.0"))
+
+
+def test_every_published_output_has_a_source():
+    """The table of types and the table of sources name the same variables, and each source gives as many numbers as the type has."""
+    variables = output_variables(Controller(SimulateSettings(robot="ur5e")))
+    assert set(variables) == set(OUTPUT_TYPES)
+    assert all(len(variable.read()) == width(OUTPUT_TYPES[name]) for name, variable in variables.items())
 
 
 def test_the_sensor_at_the_flange_shows_a_payload_that_nobody_told_of():

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sim_pendant import Pendant
 from sim_process import excitation
-from test_sim_controller import Pendant
 
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, load_robot, robot_names

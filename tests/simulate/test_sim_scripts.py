@@ -4,6 +4,7 @@ import itertools
 
 from hypothesis import given
 from hypothesis import strategies as st
+from sim_pendant import CONTROL
 
 from monitor.simulate.controller.moves import Move, StopMotion
 from monitor.simulate.controller.program.scripts import (
@@ -18,21 +19,6 @@ from monitor.simulate.controller.program.scripts import (
     Write,
     parse,
 )
-
-CONTROL = """def rtde_control():
-    global reg_offset_float = # float register offset
-0
-    global reg_offset_int = # int register offset
-0
-    def exec_move_path():
-        # inject move path
-    end
-    # NODE_CONTROL_LOOP_BEGINS
-    while keep_running:
-        sync()
-    end
-end
-"""
 
 
 @given(cuts=st.lists(st.integers(0, len(CONTROL) + 40), max_size=12))

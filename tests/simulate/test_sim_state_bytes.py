@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from test_sim_controller import Pendant
+from sim_pendant import Pendant
 
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage

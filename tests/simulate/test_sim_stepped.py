@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sim_pendant import CONTROL
 from sim_process import excitation
-from test_sim_scripts import CONTROL
 
 from monitor.errors import BadInput, ReplayAborted
 from monitor.model.fourier import excitation_from_document

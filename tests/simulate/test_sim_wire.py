@@ -6,115 +6,17 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
 from raw_rtde import RawRtde
-from sim_process import eventually, excitation, fresh_address, result_of
+from sim_clients import CONSTRUCT_CONTROL, DASHBOARD, HOLD_CONTROL, MOVE_AND_STREAM, RECEIVE, STREAM_FOR_EVER
+from sim_process import eventually, excitation, result_of
 
-from monitor.errors import BadInput, RobotUnreachable
+from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.remote import Remote
 from monitor.simulate.settings import SimulateSettings
-
-RECEIVE = """
-import json, sys, time
-from rtde_receive import RTDEReceiveInterface
-r = RTDEReceiveInterface(sys.argv[1])
-first = r.getTimestamp(); seen = {first}; end = time.monotonic() + 1.0
-while time.monotonic() < end:
-    seen.add(r.getTimestamp()); time.sleep(0.0003)
-ticks = sorted(seen)
-print(json.dumps(dict(
-    q=r.getActualQ(), qd=r.getActualQd(), current=r.getActualCurrent(), temperature=r.getJointTemperatures(), moment=r.getTargetMoment(),
-    target_q=r.getTargetQ(), robot_mode=r.getRobotMode(), safety_mode=r.getSafetyMode(), runtime=r.getRuntimeState(),
-    status=r.getRobotStatus(), safety=r.getSafetyStatusBits(), pose=r.getActualTCPPose(), scaling=r.getSpeedScaling(),
-    joint_mode=r.getJointMode(), main_voltage=r.getActualMainVoltage(), protective=r.isProtectiveStopped(),
-    seconds=ticks[-1] - ticks[0], packets=len(ticks))))
-"""
-
-MOVE_AND_STREAM = """
-import json, math, sys, time
-from rtde_control import RTDEControlInterface
-from rtde_receive import RTDEReceiveInterface
-r, c = RTDEReceiveInterface(sys.argv[1]), RTDEControlInterface(sys.argv[1], 125.0)
-goal = r.getActualQ(); goal[0] += 0.2; goal[3] -= 0.1
-moved = c.moveJ(goal, 1.0, 1.5)
-at = r.getActualQ()
-watched = c.setWatchdog(5.0)
-start, begun = r.getTargetQ(), r.getTimestamp()
-errors, beside = [], []  # while this client was in time, and while it had been asleep just before
-last = late = begun
-while last - begun < 3.0:
-    deadline = time.monotonic() + 1.0
-    while r.getTimestamp() == last and time.monotonic() < deadline:
-        time.sleep(0.0003)
-    now = r.getTimestamp()
-    late = now if now - last > 0.012 else late
-    last = now
-    swing = 0.2 * (1 - math.cos(math.pi * (now - begun)))
-    if now - begun > 0.1:
-        (errors if now - late > 0.2 else beside).append(max(abs(a - s - swing) for a, s in zip(r.getActualQ(), start)))
-    assert c.servoJ([s + swing for s in start], 0.0, 0.0, 0.008, 0.03, 500.0)
-stopped = c.servoStop(10.0)
-deadline = time.monotonic() + 1.0
-while not (steady := c.isSteady()) and time.monotonic() < deadline:  # the arm settles; asking feeds the watchdog
-    time.sleep(0.02)
-answers = dict(moved=moved, watched=watched, stopped=stopped, steady=steady, payload=c.setPayload(1.0, [0, 0, 0.1]),
-               within=c.isJointsWithinSafetyLimits([0.0] * 6), beyond=c.isJointsWithinSafetyLimits([0.0, 0, 4.0, 0, 0, 0]))
-c.stopScript()
-deadline = time.monotonic() + 1.0
-while (runtime := r.getRuntimeState()) != 1 and time.monotonic() < deadline:  # what c was told r hears a packet later
-    time.sleep(0.002)
-print(json.dumps(dict(goal=goal, at=at, errors=errors, beside=beside, runtime=runtime, **answers)), flush=True)
-"""
-
-STREAM_FOR_EVER = """
-import math, sys, time
-from rtde_control import RTDEControlInterface
-from rtde_receive import RTDEReceiveInterface
-r, c = RTDEReceiveInterface(sys.argv[1]), RTDEControlInterface(sys.argv[1], 125.0)
-c.setWatchdog(10.0)
-start, begun = r.getTargetQ(), r.getTimestamp()
-print("streaming", flush=True)
-while True:
-    swing = 0.3 * (1 - math.cos(math.pi * (r.getTimestamp() - begun)))
-    c.servoJ([s + swing for s in start], 0.0, 0.0, 0.008, 0.03, 500.0)
-    time.sleep(0.008)
-"""
-
-HOLD_CONTROL = """
-import sys, time
-from rtde_control import RTDEControlInterface
-c = RTDEControlInterface(sys.argv[1])
-print("controlling", flush=True)
-time.sleep(60)
-"""
-
-CONSTRUCT_CONTROL = """
-import json, sys
-from rtde_control import RTDEControlInterface
-try:
-    c = RTDEControlInterface(sys.argv[1]); c.stopScript(); answer = "constructed"
-except RuntimeError as wrong:
-    answer = str(wrong)
-print(json.dumps(dict(answer=answer)), flush=True)
-"""
-
-DASHBOARD = """
-import json, sys
-from dashboard_client import DashboardClient
-d = DashboardClient(sys.argv[1]); d.connect()
-answers = dict(version=d.polyscopeVersion(), mode=d.robotmode(), safety=d.safetymode(), running=d.running(), state=d.programState())
-for name in sys.argv[2:]:
-    try:
-        answers[name] = getattr(d, name)()
-    except RuntimeError as wrong:
-        answers[name] = str(wrong)
-print(json.dumps(answers), flush=True)
-"""
 
 
 def wait_for(process: subprocess.Popen[str], word: str) -> None:
@@ -352,64 +254,6 @@ def test_the_back_door_plays_ages_and_tells(ur5):
         remote.wear(3, coulomb_factor=1.0, viscous_factor=1.0)
 
 
-def test_a_taken_port_is_named(ur5):
-    """A second simulator on the same address: exit 2, the port in the message, no traceback."""
-    second = subprocess.run(
-        [sys.executable, "-m", "monitor.simulate", "--bind", ur5.address], capture_output=True, text=True, timeout=30, check=False
-    )
-    assert second.returncode == 2
-    assert "30004" in second.stderr
-    assert "in use" in second.stderr
-    assert "Traceback" not in second.stderr
-
-
-def test_an_address_of_the_network_is_refused():
-    """Exit 2 before anything is opened."""
-    wrong = subprocess.run(
-        [sys.executable, "-m", "monitor.simulate", "--bind", "0.0.0.0"], capture_output=True, text=True, timeout=30, check=False
-    )
-    assert wrong.returncode == 2
-    assert "loopback" in wrong.stderr
-
-
-def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
-    """Exit 0; the same address can be used again at once; nobody there is RobotUnreachable."""
-    first = spawn()
-    assert first.end() == 0
-    again = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", first.address], stdout=subprocess.PIPE, text=True)
-    try:
-        assert again.stdout.readline().startswith("listening")
-        with Remote(first.address) as remote:
-            remote.shutdown()
-        assert again.wait(timeout=5) == 0
-    finally:
-        again.kill()
-        again.communicate()
-    with pytest.raises(RobotUnreachable, match=first.address):
-        Remote(first.address)
-
-
-def test_it_ends_without_a_word_while_somebody_is_connected_to_every_port(spawn):
-    """No traceback for whoever presses Ctrl-C with a view open elsewhere."""
-    simulator = spawn("--robot", "ur5")
-    wires = [socket.create_connection((simulator.address, port), timeout=5) for port in (29999, 30001, 30002, 30003, 30004, 30020)]
-    wires[-1].sendall(b'{"do": "truth"}\n')
-    assert wires[-1].recv(10)
-    simulator.process.send_signal(signal.SIGINT)
-    assert simulator.process.communicate(timeout=10)[1] == ""
-    assert simulator.process.returncode == 0
-    for wire in wires:
-        wire.close()
-
-
-def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client):
-    """As somebody who turns it off from afar: answered, then gone, exit 0."""
-    simulator = spawn()
-    code = "import sys; from dashboard_client import DashboardClient; d = DashboardClient(sys.argv[1]); d.connect(); d.shutdown()"
-    assert client(code, simulator.address).wait(timeout=20) == 0
-    assert simulator.process.wait(timeout=5) == 0
-
-
 def test_requests_are_json_lines(ur5):
     """By hand, without Remote: a question, an answer; an error says what would be right."""
     with socket.create_connection((ur5.address, 30020), timeout=5) as wire, wire.makefile("rwb") as file:
@@ -441,82 +285,3 @@ def test_several_arms_stand_side_by_side(spawn, client):
     seen = [result_of(one) for one in [client(RECEIVE, arm.address) for arm in arms]]
     assert all(one["robot_mode"] == 7 and 0.2 < one["seconds"] < 1.2 for one in seen)  # a busy machine may take time from both
     assert seen[0]["pose"] != seen[1]["pose"]
-
-
-def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
-    """`simulate --view` in a process of its own: a table of joints, then SIGINT ends both."""
-    address = fresh_address()
-    heard = ["env", "--default-signal=INT"]  # what runs in the background of a script has inherited that SIGINT is ignored
-    command = [*heard, sys.executable, "-m", "monitor", "simulate", "--bind", address, "--scenario", "hot-summer", "--view"]
-    with (tmp_path / "screen").open("w") as screen:
-        view = subprocess.Popen(command, stdout=screen, stderr=subprocess.PIPE, text=True)
-        try:
-            assert eventually(lambda: _answers(address), 30.0)
-            time.sleep(1.0)
-            view.send_signal(signal.SIGINT)
-            assert view.wait(timeout=15) == 0, view.stderr.read()
-        finally:
-            view.kill()
-            view.communicate()
-    assert not _answers(address)
-    shown = (tmp_path / "screen").read_text()
-    assert "hot-summer" in shown
-    assert "grease" in shown
-    assert "running" in shown
-
-
-def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_reader():
-    """As `--view | head` does it; the simulator ends too."""
-    address = fresh_address()
-    command = [sys.executable, "-m", "monitor", "simulate", "--bind", address, "--view"]
-    view = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        assert "running, normal" in view.stdout.readline()
-        assert _answers(address)
-        view.stdout.close()
-        assert view.wait(timeout=15) in {0, 1}  # as of every command whose reader has gone
-        assert view.stderr.read() == ""
-    finally:
-        view.kill()
-        view.wait()
-    assert not _answers(address)
-
-
-def test_a_view_of_an_address_in_use_says_so(spawn):
-    """One line and exit 2, as without the view."""
-    command = [sys.executable, "-m", "monitor", "simulate", "--bind", spawn().address, "--view"]
-    second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert second.returncode == 2, second.stderr
-    assert "in use" in second.stderr
-    assert len(second.stderr.strip().splitlines()) == 1
-
-
-def _answers(address: str) -> bool:
-    try:
-        Remote(address).close()
-    except RobotUnreachable:
-        return False
-    return True
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["--command-port", "30004"], "own ports"),
-        (["--seed", "-1"], "seed = -1"),
-        (["--scenario", "sunshine"], "cold-mondays"),
-        (["--fault", "stall"], "seconds is missing"),
-        (["--mounting", "sideways"], "sideways"),
-        (["--payload", "500"], "payload_kg"),
-        (["--polyscope", "5.11.0"], "for a ur5"),
-        (["--robot", "ur5e", "--polyscope", "3.15"], "for a ur5e"),
-        (["--protective-runtime", "shrugs"], "protective_runtime"),
-    ],
-)
-def test_wrong_options_are_sentences(arguments, named):
-    """Exit 2, no traceback."""
-    command = [sys.executable, "-m", "monitor", "simulate", "--bind", fresh_address(), *arguments]
-    wrong = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert wrong.returncode == 2
-    assert named in wrong.stderr
-    assert "Traceback" not in wrong.stderr

@@ -1,0 +1,150 @@
+"""The simulator as a process: how it starts and ends, its options and its view."""
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from sim_process import eventually, fresh_address
+
+from monitor.errors import RobotUnreachable
+from monitor.simulate.remote import Remote
+
+
+def test_a_taken_port_is_named(ur5):
+    """A second simulator on the same address: exit 2, the port in the message, no traceback."""
+    second = subprocess.run(
+        [sys.executable, "-m", "monitor.simulate", "--bind", ur5.address], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert second.returncode == 2
+    assert "30004" in second.stderr
+    assert "in use" in second.stderr
+    assert "Traceback" not in second.stderr
+
+
+def test_an_address_of_the_network_is_refused():
+    """Exit 2 before anything is opened."""
+    wrong = subprocess.run(
+        [sys.executable, "-m", "monitor.simulate", "--bind", "0.0.0.0"], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert wrong.returncode == 2
+    assert "loopback" in wrong.stderr
+
+
+def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
+    """Exit 0; the same address can be used again at once; nobody there is RobotUnreachable."""
+    first = spawn()
+    assert first.end() == 0
+    again = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", first.address], stdout=subprocess.PIPE, text=True)
+    try:
+        assert again.stdout.readline().startswith("listening")
+        with Remote(first.address) as remote:
+            remote.shutdown()
+        assert again.wait(timeout=5) == 0
+    finally:
+        again.kill()
+        again.communicate()
+    with pytest.raises(RobotUnreachable, match=first.address):
+        Remote(first.address)
+
+
+def test_it_ends_without_a_word_while_somebody_is_connected_to_every_port(spawn):
+    """No traceback for whoever presses Ctrl-C with a view open elsewhere."""
+    simulator = spawn("--robot", "ur5")
+    wires = [socket.create_connection((simulator.address, port), timeout=5) for port in (29999, 30001, 30002, 30003, 30004, 30020)]
+    wires[-1].sendall(b'{"do": "truth"}\n')
+    assert wires[-1].recv(10)
+    simulator.process.send_signal(signal.SIGINT)
+    assert simulator.process.communicate(timeout=10)[1] == ""
+    assert simulator.process.returncode == 0
+    for wire in wires:
+        wire.close()
+
+
+def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client):
+    """As somebody who turns it off from afar: answered, then gone, exit 0."""
+    simulator = spawn()
+    code = "import sys; from dashboard_client import DashboardClient; d = DashboardClient(sys.argv[1]); d.connect(); d.shutdown()"
+    assert client(code, simulator.address).wait(timeout=20) == 0
+    assert simulator.process.wait(timeout=5) == 0
+
+
+def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
+    """`simulate --view` in a process of its own: a table of joints, then SIGINT ends both."""
+    address = fresh_address()
+    heard = ["env", "--default-signal=INT"]  # what runs in the background of a script has inherited that SIGINT is ignored
+    command = [*heard, sys.executable, "-m", "monitor", "simulate", "--bind", address, "--scenario", "hot-summer", "--view"]
+    with (tmp_path / "screen").open("w") as screen:
+        view = subprocess.Popen(command, stdout=screen, stderr=subprocess.PIPE, text=True)
+        try:
+            assert eventually(lambda: _answers(address), 30.0)
+            time.sleep(1.0)
+            view.send_signal(signal.SIGINT)
+            assert view.wait(timeout=15) == 0, view.stderr.read()
+        finally:
+            view.kill()
+            view.communicate()
+    assert not _answers(address)
+    shown = (tmp_path / "screen").read_text()
+    assert "hot-summer" in shown
+    assert "grease" in shown
+    assert "running" in shown
+
+
+def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_reader():
+    """As `--view | head` does it; the simulator ends too."""
+    address = fresh_address()
+    command = [sys.executable, "-m", "monitor", "simulate", "--bind", address, "--view"]
+    view = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert "running, normal" in view.stdout.readline()
+        assert _answers(address)
+        view.stdout.close()
+        assert view.wait(timeout=15) in {0, 1}  # as of every command whose reader has gone
+        assert view.stderr.read() == ""
+    finally:
+        view.kill()
+        view.wait()
+    assert not _answers(address)
+
+
+def test_a_view_of_an_address_in_use_says_so(spawn):
+    """One line and exit 2, as without the view."""
+    command = [sys.executable, "-m", "monitor", "simulate", "--bind", spawn().address, "--view"]
+    second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert second.returncode == 2, second.stderr
+    assert "in use" in second.stderr
+    assert len(second.stderr.strip().splitlines()) == 1
+
+
+def _answers(address: str) -> bool:
+    try:
+        Remote(address).close()
+    except RobotUnreachable:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--command-port", "30004"], "own ports"),
+        (["--seed", "-1"], "seed = -1"),
+        (["--scenario", "sunshine"], "cold-mondays"),
+        (["--fault", "stall"], "seconds is missing"),
+        (["--mounting", "sideways"], "sideways"),
+        (["--payload", "500"], "payload_kg"),
+        (["--polyscope", "5.11.0"], "for a ur5"),
+        (["--robot", "ur5e", "--polyscope", "3.15"], "for a ur5e"),
+        (["--protective-runtime", "shrugs"], "protective_runtime"),
+    ],
+)
+def test_wrong_options_are_sentences(arguments, named):
+    """Exit 2, no traceback."""
+    command = [sys.executable, "-m", "monitor", "simulate", "--bind", fresh_address(), *arguments]
+    wrong = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert wrong.returncode == 2
+    assert named in wrong.stderr
+    assert "Traceback" not in wrong.stderr
