@@ -11,8 +11,9 @@ from monitor.assess import Rejected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, StoreError
 from monitor.publish.timestamps import rfc3339
-from monitor.recording import JOINT_COLUMNS, Recording
+from monitor.recording import Recording
 from monitor.service.assess_and_store import assess_stored, load_state, state_after
+from monitor.store.columns import named_columns
 from monitor.store.recordings import read_recording, write_recording
 from monitor.store.series import Entry, Series, dated
 from monitor.store.store import Store
@@ -101,19 +102,8 @@ def export_recording(store: Store, replay: int, path: Path) -> Recording:
     if path.suffix == ".parquet":
         write_recording(path, recording)
     else:
-        write_table(_as_csv(recording), path)
+        write_table(pd.DataFrame(named_columns(recording)), path)
     return recording
-
-
-def _as_csv(recording: Recording) -> pd.DataFrame:
-    names: dict[str, str] = {"t_s": "timestamp"}
-    for name, field in JOINT_COLUMNS.items():
-        names.setdefault(field, name)
-    columns: dict[str, Any] = {}
-    for field, values in recording.signals.items():
-        name = names.get(field, field)
-        columns |= {name: values} if values.ndim == 1 else {f"{name}_{j}": column for j, column in enumerate(values.T)}
-    return pd.DataFrame(columns)
 
 
 def import_recordings(store: Store, configuration: Configuration, entries: list[Entry], columns: str | None) -> dict[str, Any]:
