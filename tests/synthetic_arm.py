@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from monitor.assess import Assessment, AssessSettings, judge_identification
+from monitor.assess import AssessSettings, judge_identification
 from monitor.identify.identification import Identification
+from monitor.judge.assessment import Assessment
 from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, START_S, Arm, History, weather
 
-from monitor.assess import Assessment, AssessSettings, Rejected, assess, judge_identification
+from monitor.assess import AssessSettings, Rejected, assess, judge_identification
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document
+from monitor.judge.assessment import Assessment
 from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot

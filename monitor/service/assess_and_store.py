@@ -10,11 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from monitor.assess import Assessment, Rejected, assess
+from monitor.assess import Rejected, assess
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document, health_from_document
 from monitor.judge.alerts.health import Health
+from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document

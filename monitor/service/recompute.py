@@ -7,9 +7,10 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from monitor.assess import Assessment, AssessSettings, Rejected, assess, model_after
+from monitor.assess import AssessSettings, Rejected, assess, model_after
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_from_document, health_from_document
+from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.robot import Mounting, Robot, load_robot

@@ -8,10 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from monitor.assess import Assessment, AssessSettings, Rejected, assess
+from monitor.assess import AssessSettings, Rejected, assess
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.why_not import why_not_alerting
+from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.timestamps import unix_s

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import ks_2samp
 
-from monitor.assess import Assessment, AssessSettings, assess
+from monitor.assess import AssessSettings, assess
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
+from monitor.judge.assessment import Assessment
 from monitor.judge.drift.observation import observe
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.fourier import Excitation

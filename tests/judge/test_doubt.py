@@ -9,8 +9,9 @@ import pytest
 from scipy.signal import lfilter
 from synthetic_arm import Arm, History
 
-from monitor.assess import Assessment, assess
+from monitor.assess import assess
 from monitor.config.files import find_excitation
+from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
 from monitor.judge.torque.evaluation import measure_prediction_error

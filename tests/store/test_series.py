@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.assess import Assessment, assess
+from monitor.assess import assess
 from monitor.errors import BadInput
+from monitor.judge.assessment import Assessment
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.controller.controller import Controller

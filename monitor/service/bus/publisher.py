@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from monitor.assess import JointFriction
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert
+from monitor.judge.assessment import JointFriction
 from monitor.judge.document import plain
 from monitor.publish.bus import Bus
 from monitor.publish.health_document import health_told
