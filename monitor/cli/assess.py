@@ -83,7 +83,7 @@ def rehearse(
     as_json: JsonOption = False,
 ) -> None:
     """Would these thresholds catch wear? A simulated fleet: false alarms a year, days to detect, coverage, remaining life."""
-    from monitor.studies.rehearsal import rehearse as play
+    from monitor.studies.rehearsal.rehearse import rehearse as play
     from monitor.views.terminal.progress import status as status_line
     from monitor.views.terminal.studies import print_rehearsal
 

@@ -14,8 +14,8 @@ from typing import Any
 from monitor.assess import AssessSettings
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.studies.figures import Share
-from monitor.studies.fleet import FleetSettings
-from monitor.studies.rehearsal import LATEST_ONSET, LEARNING_DAYS, Kind, detected, play, rehearse
+from monitor.studies.rehearsal.fleet import FleetSettings
+from monitor.studies.rehearsal.rehearse import LATEST_ONSET, LEARNING_DAYS, Kind, detected, play, rehearse
 from monitor.studies.torque_study import foresee, summary, surrogate
 
 TARGET = Path("docs/validation.md")

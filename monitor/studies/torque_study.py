@@ -26,7 +26,7 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.studies.figures import MOVING_RAD_S, NINETY, over_arms
-from monitor.studies.fleet import WITHIN_SHARE, various
+from monitor.studies.rehearsal.fleet import WITHIN_SHARE, various
 
 START_UNIX_S, DAY_S = 1_750_000_000.0, 86_400.0
 ROOM_C = (4.0, 34.0)  # with its joints some kelvins above, at rest and at work

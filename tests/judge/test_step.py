@@ -14,8 +14,8 @@ from monitor.assess import AssessSettings
 from monitor.identify.warnings import DataWarning
 from monitor.judge.drift import filter_update, step
 from monitor.judge.drift.filter_state import RATE, WEAR
-from monitor.studies.fleet import FleetSettings, Wear
-from monitor.studies.rehearsal import play
+from monitor.studies.rehearsal.fleet import FleetSettings, Wear
+from monitor.studies.rehearsal.rehearse import play
 
 ASSESS = AssessSettings()
 DAYS, JUMP_DAY = 26, 14

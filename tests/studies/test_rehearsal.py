@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import kstest
 from synthetic_arm import CONTEXT, START_S, Arm
 
-import monitor.studies.rehearsal as rehearse_module
+import monitor.studies.rehearsal.rehearse as rehearse_module
 from monitor.assess import AssessSettings
 from monitor.identify.identify import identify
 from monitor.judge.drift.observation import Observation, observe
@@ -17,9 +17,9 @@ from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.learn import begin, learn
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.figures import Rate, Share
-from monitor.studies.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
 from monitor.studies.performance_card import card, notes
-from monitor.studies.rehearsal import COMPARABLE, Felt, Kind, delay, detection_row, false_alarms, life, onsets, play, rehearse
+from monitor.studies.rehearsal.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
+from monitor.studies.rehearsal.rehearse import COMPARABLE, Felt, Kind, delay, detection_row, false_alarms, life, onsets, play, rehearse
 
 ASSESS = AssessSettings()
 FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise as it told it alone

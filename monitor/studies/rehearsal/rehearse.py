@@ -19,7 +19,7 @@ from monitor.judge.drift.step import DriftState, Replay, initial_state, step
 from monitor.judge.drift.undetected_change import undetected_change
 from monitor.recording import Array
 from monitor.studies.figures import NINETY, Figure, Rate, Share, over_arms
-from monitor.studies.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
+from monitor.studies.rehearsal.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, Fleet, FleetSettings, Wear
 
 LEARNING_DAYS = 60
 LATEST_ONSET = 425  # as long as alerts that mean nothing are counted: wear may begin on any day of it
