@@ -1,7 +1,7 @@
-"""The commands that judge series of recordings and thresholds: `assess` and `rehearse`."""
+"""The commands `assess`, which judges a series of recordings, and `rehearse`, which tries thresholds on a simulated fleet."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,7 +20,11 @@ from monitor.cli.options import (
 )
 from monitor.errors import BadInput
 
-EXIT_DIFFERENT = 3  # assess --from-store: a verdict came out otherwise
+if TYPE_CHECKING:
+    from monitor.store.series import Entry, Series
+
+EXIT_DIFFERENT = 3  # of `assess --from-store`: the recomputation of a verdict gave another result
+FLEET_JOINTS = 6  # of an arm of the simulated fleet
 
 
 def assess(
@@ -39,17 +43,32 @@ def assess(
     """Judge a series of recordings in the order of their times, as the daemon would. Exit 3: --from-store found a verdict that differs."""
     if from_store:
         given = (files, robot, mounting, columns, gains, manifest, interval)
-        _from_store(config, others=any(value is not None for value in given), as_json=as_json)
+        _assess_from_store(config, others=any(value is not None for value in given), as_json=as_json)
         return
-    from monitor.assess import AssessSettings
-    from monitor.model.robot import Mounting
     from monitor.publish.timestamps import outside
-    from monitor.store import identify_files as offline
-    from monitor.store.series import Series, assess_series, given_entries
+    from monitor.store.series import assess_series, given_entries
     from monitor.views.terminal.progress import status as status_line
     from monitor.views.terminal.studies import print_assessment
 
     entries = given_entries(files or [], manifest, interval)
+    series = _series(entries, config, robot, mounting, columns, gains)
+    with status_line(f"judging {len(entries)} recordings of a {series.robot.name}"):
+        document: Any = outside(assess_series(series))
+    if as_json:
+        print_json(document, indent=None)
+    else:
+        print_assessment(document, why=why)
+
+
+def _series(
+    entries: "list[Entry]", config: Path | None, robot: str | None, mounting: str | None, columns: str | None, gains: str | None
+) -> "Series":
+    """The recordings with the arm, its mounting and the settings: from the configuration, or from the options. Raises BadInput."""
+    from monitor.assess import AssessSettings
+    from monitor.model.robot import Mounting
+    from monitor.store import identify_files as offline
+    from monitor.store.series import Series
+
     configuration = None
     if config is not None:
         if robot is not None:
@@ -63,15 +82,8 @@ def assess(
         joint_gains = configuration.gains_nm_per_a
     if mounting is not None:
         standing = Mounting.parse(mounting)
-        entries = [entry._replace(mounting=entry.mounting or standing) for entry in entries]  # said by the user, it holds for every file
-    series = Series(entries=entries, robot=arm, mounting=standing, columns=columns, gains=joint_gains, settings=settings)
-    with status_line(f"judging {len(entries)} recordings of a {arm.name}"):
-        document = assess_series(series)
-    told: Any = outside(document)
-    if as_json:
-        print_json(told, indent=None)
-    else:
-        print_assessment(told, why=why)
+        entries = [entry._replace(mounting=entry.mounting or standing) for entry in entries]  # the option holds for every file
+    return Series(entries=entries, robot=arm, mounting=standing, columns=columns, gains=joint_gains, settings=settings)
 
 
 def rehearse(
@@ -88,7 +100,7 @@ def rehearse(
     from monitor.views.terminal.studies import print_rehearsal
 
     configuration = load_configuration(config)
-    if configuration.robot_description.joints != 6:
+    if configuration.robot_description.joints != FLEET_JOINTS:
         raise BadInput(
             f"rehearse: the fleet has six joints an arm; {configuration.robot.model} has {configuration.robot_description.joints}"
         )
@@ -108,7 +120,8 @@ def rehearse(
         print_rehearsal(document)
 
 
-def _from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
+def _assess_from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
+    """Recompute every past verdict of a history. `others`: options beside --config were given, which is a mistake."""
     from monitor.service.recompute import recompute
     from monitor.store.store import Store
     from monitor.views.terminal.progress import status as status_line

@@ -1,4 +1,4 @@
-"""The commands that speak with a running daemon: alerts, ack, shelve; and what its documents look like: schema."""
+"""The commands `alerts`, `ack` and `shelve`, which ask a running daemon, and `schema`, which prints the form of its documents."""
 
 from typing import Annotated
 
@@ -11,6 +11,8 @@ AlertArgument = Annotated[str, typer.Argument(metavar="ALERT", help="As `alerts`
 ByOption = Annotated[str, typer.Option("--by", help="Who acts: it is kept with the alert.", show_default=False)]
 WhyOption = Annotated[str, typer.Option("--why", help="Why: for whoever reads it later.")]
 
+LONGEST_SHELVING_DAYS = 90  # `cmd/shelve` on the bus has the same bound: an alert must come back before it is forgotten
+
 
 def alerts(
     config: ConfigOption,
@@ -21,16 +23,16 @@ def alerts(
     from monitor.views.terminal.arm import print_alerts
 
     with client_of(load_configuration(config)) as client:
-        told = [alert.model_dump(mode="json") for alert in client.alerts(cleared=cleared)]
+        documents = [alert.model_dump(mode="json") for alert in client.alerts(cleared=cleared)]
     if as_json:
-        print_json({"alerts": told})
+        print_json({"alerts": documents})
     else:
-        print_alerts(told)
+        print_alerts(documents)
 
 
 def ack(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
     """Acknowledge an alert: somebody has seen it. It clears by itself once its condition is gone."""
-    joint, condition = _named(alert)
+    joint, condition = _joint_and_condition(alert)
     with client_of(load_configuration(config)) as client:
         done = client.acknowledge(joint, condition, by=by, why=why).model_dump(mode="json")
     if as_json:
@@ -48,9 +50,9 @@ def shelve(
     as_json: JsonOption = False,
 ) -> None:
     """Shelve an alert: it stays active, and need not be shown for some hours."""
-    joint, condition = _named(alert)
-    if not 0.0 < hours <= 24.0 * 90:
-        raise BadInput(f"--hours {hours:g}: expected more than 0, at most {24 * 90} (90 days)")
+    joint, condition = _joint_and_condition(alert)
+    if not 0.0 < hours <= 24.0 * LONGEST_SHELVING_DAYS:
+        raise BadInput(f"--hours {hours:g}: expected more than 0, at most {24 * LONGEST_SHELVING_DAYS} ({LONGEST_SHELVING_DAYS} days)")
     with client_of(load_configuration(config)) as client:
         done = client.shelve(joint, condition, hours=hours, by=by, why=why).model_dump(mode="json")
     if as_json:
@@ -77,8 +79,8 @@ def schema(
     print_json(schema_of(kind))
 
 
-def _named(alert: str) -> tuple[int | None, str]:
-    """`j3/wear_rising` → (3, "wear_rising"), `arm/common_mode` → (None, "common_mode")."""
+def _joint_and_condition(alert: str) -> tuple[int | None, str]:
+    """Joint (from 1; None: the arm) and condition of an alert's name: `j3/wear_rising` gives (3, "wear_rising"). Raises BadInput."""
     place, _, condition = alert.partition("/")
     if not condition or not (place == "arm" or (place[:1] == "j" and place[1:].isascii() and place[1:].isdigit())):
         raise BadInput(f"alert {alert!r}: expected j1/CONDITION … j6/CONDITION or arm/CONDITION, as `joint-monitor alerts` names them")

@@ -1,4 +1,4 @@
-"""The command `demo`: the main job on one machine without hardware."""
+"""The command `demo`: a simulated arm and its monitor on one machine, without hardware."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,16 +1,22 @@
-"""The command `design`: reads its arguments, lets `design` search and prove, writes the file, tells what it is worth."""
+"""The command `design`: search an excitation trajectory, prove it, write its file and print what it is worth."""
 
 import json
 import signal
 import time
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from monitor import __version__
 from monitor.cli.options import Commands, JsonOption, figures, optional_figures, print_json, stop_on
 from monitor.errors import BadInput
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from monitor.design.optimise import Progress
 
 POSE_HELP = "one angle a joint [rad], comma-separated"
 
@@ -49,14 +55,10 @@ def design(
     from monitor.design.trajectory import design as design_trajectory
     from monitor.model.robot import Mounting, load_robot
     from monitor.views.plots.picture import check_target
-    from monitor.views.terminal.progress import search_progress
 
-    if output.suffix.lower() != ".json" or not output.parent.is_dir():
-        raise BadInput(f"-o {output}: expected a name that ends in .json, in a folder that exists")
+    _check(output, time_limit)
     if plot is not None:
         check_target(plot)
-    if time_limit is not None and not time_limit > 0.0:
-        raise BadInput(f"--time {time_limit:g}: expected a positive number of seconds")
     arm = load_robot(robot)
     task = Task(
         robot=arm,
@@ -75,17 +77,7 @@ def design(
         torque_share=torque_share,
         noise_nm=optional_figures(noise, "--noise", arm.joints),
     )
-    began = time.monotonic()
-    with stop_on(signal.SIGINT) as interrupts, search_progress(objective, evaluations) as show:
-
-        def go_on(at: Any) -> bool:
-            if at.evaluations == 1:
-                typer.echo(f"searching, {evaluations} evaluations; Ctrl-C keeps the best so far", err=True)
-            show(at.evaluations, at.best)
-            late = time_limit is not None and time.monotonic() - began > time_limit
-            # a search that is stopped before it found anything allowed goes on: there would be nothing to keep
-            return not ((interrupts.count or late) and at.best < float("inf")) and interrupts.count < 2
-
+    with _watched_search(objective, evaluations, time_limit) as go_on:
         excitation, found = design_trajectory(
             task,
             software=f"joint-monitor {__version__}",
@@ -102,14 +94,41 @@ def design(
 
         design_plot(plot, arm, excitation)
     if as_json:
-        told = {"file": str(output), "digest": excitation.digest, "stopped": found.stopped, "evaluations": found.evaluations, **document}
-        print_json(told, indent=None)
+        about = {"file": str(output), "digest": excitation.digest, "stopped": found.stopped, "evaluations": found.evaluations}
+        print_json(about | document, indent=None)
         return
     from monitor.views.terminal.identification import print_design
 
     if found.stopped:
         typer.echo(f"stopped after {found.evaluations} evaluations: the best so far is kept, and it is proved", err=True)
     print_design(str(output), document)
+
+
+def _check(output: Path, time_limit: float | None) -> None:
+    """Raises BadInput where the trajectory cannot be written to `output`, or a time limit is not positive."""
+    if output.suffix.lower() != ".json" or not output.parent.is_dir():
+        raise BadInput(f"-o {output}: expected a name that ends in .json, in a folder that exists")
+    if time_limit is not None and not time_limit > 0.0:
+        raise BadInput(f"--time {time_limit:g}: expected a positive number of seconds")
+
+
+@contextmanager
+def _watched_search(objective: str, evaluations: int, time_limit: float | None) -> "Iterator[Callable[[Progress], bool]]":
+    """Show a search, and decide after each evaluation whether it goes on: until Ctrl-C, or until `time_limit` seconds have passed."""
+    from monitor.views.terminal.progress import search_progress
+
+    began = time.monotonic()
+    with stop_on(signal.SIGINT) as interrupts, search_progress(objective, evaluations) as show:
+
+        def go_on(at: "Progress") -> bool:
+            if at.evaluations == 1:
+                typer.echo(f"searching, {evaluations} evaluations; Ctrl-C keeps the best so far", err=True)
+            show(at.evaluations, at.best)
+            late = time_limit is not None and time.monotonic() - began > time_limit
+            # a search that has found nothing allowed goes on, because there is nothing to keep; a second Ctrl-C ends it
+            return not ((interrupts.count or late) and at.best < float("inf")) and interrupts.count < 2
+
+        yield go_on
 
 
 COMMANDS: Commands = {"design": design}

@@ -1,8 +1,8 @@
-"""The commands of a service that lasts: `schedule`, `history`, `export`, `import`."""
+"""The commands `schedule`, which lists windows, and `history`, `export` and `import`, which read and fill the history."""
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,6 +19,11 @@ from monitor.cli.options import (
     print_json,
 )
 from monitor.errors import BadInput, StoreError
+
+if TYPE_CHECKING:
+    from monitor.store.store import Store
+
+ROWS_PER_READ = 10_000  # the store gives its history in pages of at most so many rows
 
 
 def schedule(
@@ -66,18 +71,13 @@ def history(
     configuration = load_configuration(config)
     begin, end = _when(since, "--from"), _when(until, "--to")
     with Store.reader(configuration.state_directory) as store:
-        rows, after = [], 0
-        while True:
-            page, following = store.assessments.history(joint=joint, from_unix_s=begin, to_unix_s=end, after=after, limit=10_000)
-            rows += page
-            if following is None:
-                break
-            after = following
-    told: Any = outside(rows[-limit:])
+        rows = _all_rows(store, joint, begin, end)
+    shown: Any = outside(rows[-limit:])
+    left_out = max(0, len(rows) - limit)
     if as_json:
-        print_json({"robot": configuration.robot.id, "rows": told, "left_out": max(0, len(rows) - limit)})
+        print_json({"robot": configuration.robot.id, "rows": shown, "left_out": left_out})
     else:
-        print_history(told, max(0, len(rows) - limit))
+        print_history(shown, left_out)
 
 
 def export(
@@ -126,18 +126,32 @@ def import_(
     with status_line(f"importing {len(entries)} recordings"), Store.open(configuration.state_directory) as store:
         if store.ledger.unfinished():
             raise StoreError("the last run left a replay half-way: start `joint-monitor run` once, so that it is finished first")
-        told = import_recordings(store, configuration, entries, columns)
+        outcome = import_recordings(store, configuration, entries, columns)
     if as_json:
-        print_json({"robot": configuration.robot.id, **told})
+        print_json({"robot": configuration.robot.id, **outcome})
         return
     typer.echo(
-        f"{configuration.robot.id}: {told['assessed']} assessed, {len(told['rejected'])} rejected, {told['known_already']} known already"
+        f"{configuration.robot.id}: {outcome['assessed']} assessed, {len(outcome['rejected'])} rejected, "
+        f"{outcome['known_already']} known already"
     )
-    for each in told["rejected"]:
+    for each in outcome["rejected"]:
         typer.echo(f"  {each['file']}: {each['reason']}")
 
 
+def _all_rows(store: "Store", joint: int | None, begin_unix_s: float | None, end_unix_s: float | None) -> list[dict[str, Any]]:
+    """The rows of the history in a span of time, oldest first; of one joint (from 1), or of all."""
+    rows: list[dict[str, Any]] = []
+    after: int | None = 0
+    while after is not None:
+        page, after = store.assessments.history(
+            joint=joint, from_unix_s=begin_unix_s, to_unix_s=end_unix_s, after=after, limit=ROWS_PER_READ
+        )
+        rows += page
+    return rows
+
+
 def _when(text: str | None, option: str) -> float | None:
+    """The time of an option, in seconds since 1970; None where the option is absent. Raises BadInput."""
     from monitor.store.series import when
 
     return None if text is None else when(text, option)

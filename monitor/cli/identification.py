@@ -1,4 +1,4 @@
-"""The commands that identify an arm from recordings: `identify`, `base` and `energy`."""
+"""The commands `identify`, `base` and `energy`, which work on recordings and models without a daemon."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from monitor.identify.identification import Identification
     from monitor.model.robot import Robot
     from monitor.recording import Array, Recording
+    from monitor.store.identify_files import PayloadPair
 
 
 def identify(
@@ -75,14 +76,7 @@ def identify(
         check_target(plot)
     if export is not None:
         offline.check_export(export, method)
-    if (payload_pair is None) != (payload is None):
-        raise BadInput("--payload-pair FILE and --payload KILOGRAMS belong together; one of them is missing")
-    if payload_com is not None and payload_pair is None:
-        raise BadInput("--payload-com: says where the mass of --payload-pair is; without the pair it means nothing")
-    pair = None
-    if payload_pair is not None and payload is not None:
-        com = (0.0, 0.0, 0.0) if payload_com is None else tuple(figures(payload_com, "--payload-com", 3, "coordinates").tolist())
-        pair = offline.PayloadPair(file=payload_pair, payload_kg=payload, com_m=com, std_kg=payload_std)
+    pair = _payload_pair(payload_pair, payload, payload_com, payload_std)
     request = offline.Request(
         files=files,
         robot=arm,
@@ -108,7 +102,22 @@ def identify(
         print_identification(outcome.document)
 
 
+def _payload_pair(file: Path | None, payload_kg: float | None, com: str | None, std_kg: float) -> "PayloadPair | None":
+    """The recording with a known mass, and that mass; None where no such recording is given. Raises BadInput."""
+    from monitor.store import identify_files as offline
+
+    if (file is None) != (payload_kg is None):
+        raise BadInput("--payload-pair FILE and --payload KILOGRAMS belong together; one of them is missing")
+    if com is not None and file is None:
+        raise BadInput("--payload-com: says where the mass of --payload-pair is; without the pair it means nothing")
+    if file is None or payload_kg is None:
+        return None
+    com_m = (0.0, 0.0, 0.0) if com is None else tuple(figures(com, "--payload-com", 3, "coordinates").tolist())
+    return offline.PayloadPair(file=file, payload_kg=payload_kg, com_m=com_m, std_kg=std_kg)
+
+
 def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: "Array | None") -> None:
+    """Draw what the identified model does not explain of these recordings. Raises BadInput like `residual_plot`."""
     from monitor.identify.signals.motion import motion
     from monitor.identify.signals.torque import joint_torque
     from monitor.identify.validate import predict_torque

@@ -1,17 +1,20 @@
-"""The friction laws in the help of a command. The registry is read when the help is needed: it imports numpy, which is slow."""
+"""The names of the friction laws in the help of a command.
+
+The registry of laws imports numpy, which is slow. So it is read when a command is parsed, and not when the program starts.
+"""
 
 from typing import Any
 
 from typer.core import TyperCommand
 
-LAWS = "{laws}"  # in the help of an option: the names of the friction laws
+LAWS = "{laws}"  # stands in the help text of an option for the names of the friction laws
 
 
 class CommandWithLaws(TyperCommand):
-    """A command in whose help the names of the laws of `model.friction` stand in the place of `LAWS`."""
+    """A command that replaces LAWS in its options' help by the names of the registered friction laws."""
 
-    def get_params(self, ctx: Any) -> list[Any]:
-        """The parameters, as they are asked for before arguments are parsed or help is printed."""
+    def get_params(self, ctx: Any) -> list[Any]:  # the types are private to typer
+        """The parameters. Click calls this before it parses arguments or prints help."""
         parameters: list[Any] = super().get_params(ctx)
         for parameter in parameters:
             text = getattr(parameter, "help", None)

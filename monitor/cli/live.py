@@ -1,4 +1,4 @@
-"""The commands that show the arm as it is now: `predict`, `watch` and `status`."""
+"""The commands `predict`, `watch` and `status`, which show the arm as it is now."""
 
 import json
 from typing import TYPE_CHECKING, Annotated, Any
@@ -32,7 +32,7 @@ def predict(
         for name, text in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", temperature))
         if text is not None
     }
-    answer = torque_from_history(configuration, request) if local else _asked_torque(configuration, request)
+    answer = torque_from_history(configuration, request) if local else _queried_torque(configuration, request)
     if as_json:
         print_json(answer)
         return
@@ -45,7 +45,8 @@ def predict(
         )
 
 
-def _asked_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
+def _queried_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:
+    """The running daemon's answer to a torque query. Raises BusError where nobody answers."""
     with client_of(configuration) as client:
         answer: dict[str, Any] = client.torque(**request).model_dump(mode="json")
         return answer

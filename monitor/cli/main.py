@@ -1,4 +1,8 @@
-"""The command `joint-monitor`: each topic's module offers its commands; heavy imports stand where they are used."""
+"""The program `joint-monitor`, made of the commands of its topics.
+
+A topic is a module with a table COMMANDS. A further topic is one entry of TOPICS. Modules import what is heavy inside of their functions,
+so that `--help` is quick.
+"""
 
 import os
 import sys
@@ -28,8 +32,8 @@ for _topic in TOPICS:
 
 
 def main() -> None:
-    """Entry point: a user's mistake becomes a sentence and an exit code, never a traceback."""
-    # before numpy is imported: threads for matrices of 60 columns only wait for each other, several times longer than one works
+    """Run the program. A user's mistake becomes a sentence on standard error and an exit code, never a traceback."""
+    # set before numpy is imported: with matrices of 60 columns, several threads take several times as long as one
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         app()
@@ -37,7 +41,7 @@ def main() -> None:
         typer.echo(f"joint-monitor: {error}", err=True)
         sys.exit(error.exit_code)
     except BrokenPipeError:
-        sys.stderr.close()  # `joint-monitor watch | head`: the reader has left
+        sys.stderr.close()  # the reader of standard output has ended, as in `joint-monitor watch | head`
         sys.exit(0)
 
 

@@ -1,4 +1,4 @@
-"""The commands around a motion: `check` looks, `replay` moves, `record` listens, `allow` lets a person have the last word."""
+"""The commands around a motion: `check` reads conditions, `replay` moves, `record` listens, `allow` releases the arm after a stop."""
 
 import signal
 import time
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from monitor.acquire.watch import ReplayProgress
     from monitor.config.schema import Configuration
     from monitor.recording import Recording
+    from monitor.service.motion import AskAnswer
 
-
-EXIT_NOT_NOW = 3  # check: the arm may not move now
-# a moving arm is stopped first, also where its terminal is closed
+EXIT_NOT_NOW = 3  # of `check`: the arm may not move now
+# each of them stops a moving arm before the command ends; SIGHUP comes when the terminal is closed
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -33,21 +33,21 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
 
     configuration = load_configuration(config)
     service = service_conditions(configuration)
-    with _asking(configuration) as ask:
+    with _permit_query(configuration) as ask:
         try:
             found = look(configuration, ask=ask)
-        except StoreError as error:  # without its history nobody knows whether a stop waits for a person
+        except StoreError as error:  # the history says whether a stop waits for a person
             found = (ConditionResult(name="previous_stop", holds=False, text=str(error)),)
     may = all(condition.holds for condition in found)
-    bus = _reached(configuration)
+    bus = _bus_reach(configuration)
     if as_json:
-        told, ours = (
+        of_motion, of_service = (
             [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.text} for each in part]
             for part in (found, service)
         )
         may_run = all(condition.holds for condition in service)
         about = {"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "may_run": may_run}
-        print_json(about | {"service": ours, "conditions": told, "bus": bus})
+        print_json(about | {"service": of_service, "conditions": of_motion, "bus": bus})
     else:
         from monitor.views.terminal.arm import print_bus, print_conditions
 
@@ -71,7 +71,7 @@ def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOpt
     with (
         stop_on(*STOP_SIGNALS) as stopping,
         Store.beside(configuration.state_directory) as store,
-        _asking(configuration) as ask,
+        _permit_query(configuration) as ask,
         progress("replay") as show,
     ):
 
@@ -102,13 +102,13 @@ def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOpt
             raise
         slowly = store.first_passes.latest() != before
     write_recording(output, recording)
-    facts = _facts(output, recording)
+    facts = _recording_document(output, recording)
     if as_json:
         print_json(facts | {"first_pass": str(first) if slowly else None})
         return
     if slowly:
         typer.echo(f"{first}: slow first pass, because arm, trajectory, cell, tool or payload are new")
-    _say(facts)
+    _print_recording(facts)
 
 
 def record(
@@ -137,11 +137,11 @@ def record(
             on_progress=lambda lasted_s, rows: show(f"{rows} rows", lasted_s, seconds or 0.0),
         )
     write_recording(output, recording)
-    facts = _facts(output, recording)
+    facts = _recording_document(output, recording)
     if as_json:
         print_json(facts)
     else:
-        _say(facts)
+        _print_recording(facts)
 
 
 def allow(
@@ -160,20 +160,20 @@ def allow(
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
     with Store.beside(configuration.state_directory) as store:
         waiting = store.stops.allow(by.strip(), why.strip(), time.time())
-    told = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.text} for stop in waiting]
+    stops = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.text} for stop in waiting]
     if as_json:
-        print_json({"robot": configuration.robot.id, "allowed": told, "by": by.strip(), "why": why.strip()})
+        print_json({"robot": configuration.robot.id, "allowed": stops, "by": by.strip(), "why": why.strip()})
         return
     if not waiting:
         typer.echo(f"{configuration.robot.id}: no stop is waiting for a person")
-    for stop in told:
+    for stop in stops:
         typer.echo(f"{configuration.robot.id}: {stop['at']}  {stop['told']}")
     if waiting:
         typer.echo(f"allowed by {by.strip()}: {why.strip()}")
 
 
-def _reached(configuration: "Configuration") -> list[dict[str, Any]]:
-    """How far daemon and commands get on the bus; the daemon's own way where it connects to a router."""
+def _bus_reach(configuration: "Configuration") -> list[dict[str, Any]]:
+    """How far the commands get on the bus; and the daemon, where it connects to a router."""
     from monitor.publish.diagnosis import reach
 
     bus, prefix = configuration.bus, configuration.key_prefix
@@ -183,8 +183,8 @@ def _reached(configuration: "Configuration") -> list[dict[str, Any]]:
 
 
 @contextmanager
-def _asking(configuration: "Configuration") -> Iterator[Any]:
-    """The way to ask for a permit, where the configuration wants one."""
+def _permit_query(configuration: "Configuration") -> "Iterator[AskAnswer | None]":
+    """How a permit is asked for; None where the configuration wants none. Raises BusError."""
     if configuration.replay.permit != "zenoh":
         yield None
         return
@@ -195,17 +195,20 @@ def _asking(configuration: "Configuration") -> Iterator[Any]:
 
 
 def _check_output(output: Path) -> None:
+    """Raises BadInput unless a recording can be written to `output`."""
     if output.suffix != ".parquet":
         raise BadInput(f"{output}: a recording is written as Parquet; give a name that ends in .parquet")
     if not output.parent.is_dir():
         raise BadInput(f"{output}: the folder {output.parent} does not exist")
 
 
-def _facts(output: Path, recording: "Recording") -> dict[str, Any]:
+def _recording_document(output: Path, recording: "Recording") -> dict[str, Any]:
+    """The JSON document of a recording that was written."""
     return {"file": str(output), "samples": recording.samples, "duration_s": recording.duration_s, "quality": dict(recording.quality)}
 
 
-def _say(facts: dict[str, Any]) -> None:
+def _print_recording(facts: dict[str, Any]) -> None:
+    """Print what `_recording_document` gives: a line for the file, a line for each figure of quality."""
     typer.echo(f"{facts['file']}: {facts['samples']} samples in {facts['duration_s']:.1f} s")
     for name, value in facts["quality"].items():
         typer.echo(f"  {name}: {value:.4g}" if isinstance(value, float) and abs(value) < 1e6 else f"  {name}: {value}")

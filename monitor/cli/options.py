@@ -1,11 +1,11 @@
-"""What the commands share: options, reading of figures and files, JSON on standard output, signals."""
+"""What the commands share: options, the reading of figures and configurations, JSON on standard output, signals."""
 
 import json
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from monitor.publish.client import Client
     from monitor.recording import Array
 
-Commands = Mapping[str, Callable[..., None]]  # what a topic's module offers: name on the command line → function
+Commands = Mapping[str, Callable[..., None]]  # of one topic: name on the command line → function
 
 FIGURES_HELP = "one figure a joint, comma-separated"
 ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
@@ -37,29 +37,29 @@ ToOption = Annotated[str | None, typer.Option("--to", help="Time, not included."
 
 
 def load_configuration(path: Path) -> "Configuration":
-    """The configuration of one robot from its TOML file. Raises BadConfiguration naming every mistake."""
+    """Read the configuration of one robot from its TOML file. Raises BadConfiguration, which names every mistake."""
     from monitor.config.load import load
 
     return load(path)
 
 
 def client_of(configuration: "Configuration") -> "Client":
-    """A bus client for the daemon of this configuration."""
+    """A bus client for the daemon of this configuration. Raises BusError where nobody answers."""
     from monitor.publish.client import Client
 
     endpoint = (configuration.bus.connect or configuration.bus.listen)[0]
     return Client(endpoint, configuration.robot.site, configuration.robot.id, zenoh_file=configuration.bus.client_zenoh)
 
 
-def print_json(document: Any, *, indent: int | None = 1) -> None:
-    """One JSON document on standard output. Raises ValueError for NaN, which JSON does not know."""
+def print_json(document: object, *, indent: int | None = 1) -> None:
+    """Print one JSON document on standard output. Raises ValueError for NaN, which JSON does not have."""
     typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False, indent=indent))
 
 
 def figures(text: str, option: str, count: int, what: str = "figures, one a joint") -> "Array":
-    """(count,) comma-separated figures of an option.
+    """Read the comma-separated figures of an option as an array (count,).
 
-    Raises BadInput where they are not `count` finite numbers.
+    what : names the figures in an error message. Raises BadInput where they are not `count` finite numbers.
     """
     import numpy as np
 
@@ -75,28 +75,31 @@ def figures(text: str, option: str, count: int, what: str = "figures, one a join
 
 
 def optional_figures(text: str | None, option: str, count: int) -> "Array | None":
-    """(count,) comma-separated figures of an option; None where the option is absent. Raises BadInput like `figures`."""
+    """Like `figures`; None where the option is absent."""
     return None if text is None else figures(text, option, count)
 
 
 class StopRequest:
-    """A request to stop. threading.Event does not serve: a second signal inside the first handler would wait for its lock for ever."""
+    """Counts how often a person or the system has asked the command to stop.
+
+    A threading.Event could block: a second signal inside the first one's handler would wait for the event's lock for ever.
+    """
 
     def __init__(self) -> None:
         self.count = 0
 
     def ask(self, *_: object) -> None:
-        """Count one more request; this is the signal handler."""
+        """Count one more request. This is the signal handler."""
         self.count += 1
 
     def is_set(self) -> bool:
-        """Whether anybody asked."""
+        """Whether a request has come."""
         return self.count > 0
 
 
 @contextmanager
 def stop_on(*signals: signal.Signals) -> Iterator[StopRequest]:
-    """Within this context these signals ask to stop instead of ending the process; the earlier handlers return afterwards."""
+    """While the context lasts, these signals request a stop and do not end the process. Afterwards the earlier handlers are in place."""
     request = StopRequest()
     before = {number: signal.signal(number, request.ask) for number in signals}
     try:

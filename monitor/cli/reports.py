@@ -1,4 +1,4 @@
-"""The commands that end in a page to print: `reproduce` and `report`."""
+"""The commands `reproduce` and `report`, which write a page to print."""
 
 from pathlib import Path
 from typing import Annotated
@@ -74,6 +74,7 @@ def report(
 
 
 def _moment(text: str, option: str) -> float:
+    """The time of an option, in seconds since 1970. Raises BadInput."""
     try:
         return unix_s(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The command `run`: the monitor of one robot as a service."""
+"""The command `run`, which the service manager starts: the monitor of one robot."""
 
 import logging
 from typing import Annotated
@@ -8,7 +8,7 @@ import typer
 from monitor.cli.options import Commands, ConfigOption, load_configuration
 from monitor.errors import BadConfiguration
 
-EXIT_CONFIG = 78  # sysexits.h EX_CONFIG: the service manager must not restart into the same mistake
+EXIT_CONFIG = 78  # EX_CONFIG of sysexits.h; the unit file tells systemd not to restart after it
 
 
 def run(

@@ -1,4 +1,4 @@
-"""The command `simulate`: a UR controller made of software."""
+"""The command `simulate`: a simulated UR controller."""
 
 from typing import Annotated
 
