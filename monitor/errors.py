@@ -1,7 +1,7 @@
-"""What can go wrong, named by what the operator can do about it.
+"""Errors, each named by what the operator can do about it.
 
-A `MonitorError` is a sentence for a person: what was wrong, where, and what would be right. The command line prints
-it without a traceback and ends with the error's `exit_code`; anything else that escapes is a fault of ours (exit 1).
+A `MonitorError` is a sentence for a person: what was wrong, where, and what would be right. The command line prints it without a traceback
+and ends with the error's `exit_code`. Any other exception is a defect of this software (exit code 1).
 """
 
 
@@ -12,13 +12,13 @@ class MonitorError(Exception):
 
 
 class BadInput(MonitorError):
-    """A file, argument or message is not what it should be: correct it and call again."""
+    """A file, argument or message is wrong: correct it and call again."""
 
     exit_code = 2
 
 
 class BadConfiguration(BadInput):
-    """The configuration is wrong: every mistake is listed with its key. `run` ends with 78 (EX_CONFIG)."""
+    """The configuration is wrong: the message lists every mistake with its key. `run` ends with 78 (EX_CONFIG)."""
 
 
 class Unidentifiable(BadInput):
@@ -26,22 +26,22 @@ class Unidentifiable(BadInput):
 
 
 class MotionRefused(MonitorError):
-    """A guard does not allow the arm to move: nothing was sent to it."""
+    """A guard does not allow the arm to move. Nothing was sent to the arm."""
 
     exit_code = 2
 
 
 class RobotUnreachable(MonitorError):
-    """No answer from the controller: look at the cable, the address, the power."""
+    """The controller does not answer: check the cable, the address and the power."""
 
 
 class ReplayAborted(MonitorError):
-    """The arm was moving and was stopped: the message says why; nothing of it is learnt from.
+    """The arm was moving and was stopped. The message gives the reason. The replay is not learnt from.
 
     `cause` is the reason in one word, for the history: "protective_stop", "connection_lost", "child_died", …
     """
 
-    # nothing was wrong with the arm or with what stands around it: the next window may try again without anybody
+    # causes that need no person: neither the arm nor its surroundings had a fault, so the next window may try again
     HARMLESS = frozenset(
         {
             "parent_asked_to_stop",
@@ -67,17 +67,17 @@ class ReplayAborted(MonitorError):
 
     @property
     def needs_a_person(self) -> bool:
-        """Before the arm moves again, somebody must look: a protective or emergency stop, torque or a path that was not as expected."""
+        """Whether a person must check the arm before it moves again, as after a protective stop or an unexpected torque or path."""
         return self.cause not in self.HARMLESS
 
 
 class StoreError(MonitorError):
-    """The history cannot be read or written: look at the disk and at who else uses the folder."""
+    """The history cannot be read or written: check the disk, and which other program uses the folder."""
 
 
 class StoreUnavailable(StoreError):
-    """The disk does not take it now: full, read-only, failing. It may again, so whoever can waits for it."""
+    """The disk does not accept data now: it is full, read-only or failing. This may pass, so a caller that can wait tries again."""
 
 
 class BusError(MonitorError):
-    """The Zenoh session cannot be opened, or nobody answered: look at the endpoint and at the daemon."""
+    """The Zenoh session cannot be opened, or nobody answered: check the endpoint and the daemon."""

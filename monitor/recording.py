@@ -1,6 +1,6 @@
-"""Recording: what one replay, or one foreign file, measured, and under which circumstances.
+"""Recording: the signals of one replay, or of one file from elsewhere, and the circumstances of its measurement.
 
-The alphabet of shapes, here and everywhere: N samples, J joints, P parameters (13 a joint), B base parameters.
+The letters of shapes are the same in all rooms: N samples, J joints, P parameters (13 for each joint), B base parameters.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
-# RTDE's names of the columns that carry one value a joint, and the field of `Recording` that each becomes
+# RTDE's names of the columns with one value for each joint, and the field of `Recording` that each becomes
 JOINT_COLUMNS = {
     "actual_q": "q",
     "actual_qd": "qd",
@@ -35,37 +35,37 @@ JOINT_COLUMNS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """What must be equal for two replays to be comparable, and who measured when.
+    """The circumstances that must be equal for two replays to be comparable, and the origin of the measurement.
 
-    `None` means unknown, which is never equal to a known value.
+    `None` means unknown. An unknown value is not equal to a known value.
     """
 
-    robot: str | None = None  # model, "ur5"
+    robot: str | None = None  # the model, e.g. "ur5"
     serial: str | None = None
     firmware: str | None = None
-    mounting_rad: tuple[float, float, float] | None = None  # roll, pitch, yaw
+    mounting_rad: tuple[float, float, float] | None = None  # roll, pitch, yaw [rad]
     payload_kg: float | None = None
     tool: str | None = None
     trajectory_digest: str | None = None
     software: str | None = None
-    recorded_at_unix_s: float | None = None  # host clock, UTC, at the first sample
+    recorded_at_unix_s: float | None = None  # the host's clock (UTC) at the first sample [s]
     note: str | None = None
-    joint_serials: tuple[str, ...] | None = None  # of the type plates: not readable over RTDE, so somebody says them
-    maintenance: str | None = None  # the last work done on the arm that may have changed its friction, in somebody's words
-    revolutions: tuple[float, ...] | None = None  # of every joint, as counted by whoever listens; only differences count
+    joint_serials: tuple[str, ...] | None = None  # from the type plates, as a person entered them: RTDE does not give them
+    maintenance: str | None = None  # the last work on the arm that may have changed its friction, in a person's words
+    revolutions: tuple[float, ...] | None = None  # of each joint, from a counter whose zero is arbitrary: only differences have a meaning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """Signals as they came from the controller, one row a tick; nothing filtered, nothing repaired."""
+    """Signals as the controller sent them, one row for each tick, neither filtered nor corrected."""
 
-    t_s: Array  # (N,) controller's clock
+    t_s: Array  # (N,) the controller's clock [s]
     q: Array  # (N, J) [rad]
     qd: Array | None = None  # (N, J) [rad/s]
     qdd: Array | None = None  # (N, J) [rad/s²]
     current: Array | None = None  # (N, J) [A]
-    torque: Array | None = None  # (N, J) [N·m], where the source gives torque itself
-    temperature_c: Array | None = None  # (N, J)
+    torque: Array | None = None  # (N, J) [N·m], where the source gives torque
+    temperature_c: Array | None = None  # (N, J) [°C]
     target_q: Array | None = None  # (N, J) [rad]
     target_qd: Array | None = None  # (N, J) [rad/s]
     target_qdd: Array | None = None  # (N, J) [rad/s²]
@@ -76,11 +76,11 @@ class Recording:
     runtime_state: Array | None = None  # (N,)
     speed_scaling: Array | None = None  # (N,)
     context: Context = field(default_factory=Context)
-    quality: Mapping[str, Any] = field(default_factory=dict)  # missed_ticks, duplicated_ticks, … as acquired
-    source: str = ""  # file name, for messages
+    quality: Mapping[str, Any] = field(default_factory=dict)  # counts of the acquisition: missed_ticks, duplicated_ticks, …
+    source: str = ""  # the file's name, for messages
 
     def __post_init__(self) -> None:
-        """Refuse shapes that do not belong together.
+        """Check the shapes.
 
         Raises BadInput naming the signal, its shape and the shape that was expected.
         """
@@ -103,18 +103,18 @@ class Recording:
 
     @property
     def duration_s(self) -> float:
-        """From the first to the last sample on the controller's clock."""
+        """Time from the first to the last sample on the controller's clock [s]."""
         return float(self.t_s[-1] - self.t_s[0]) if self.samples else 0.0
 
     @property
     def signals(self) -> dict[str, Array]:
-        """Every signal that is present, by the name of its field."""
+        """Every signal of the recording, by the name of its field."""
         present = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in {"context", "quality", "source"}}
         return {name: value for name, value in present.items() if value is not None}
 
     @property
     def mean_temperature_c(self) -> Array | None:
-        """(J,) mean over the samples, or None where nothing measured it."""
+        """(J,) mean over the samples [°C]; None without temperatures."""
         if self.temperature_c is None or not self.samples:
             return None
         mean: Array = np.mean(self.temperature_c, axis=0)

@@ -1,1 +1,1 @@
-"""The arm as mathematics: what design, identify and judge share. Pure."""
+"""The arm as mathematics, which design, identification and judging share. Pure: no clock, no threads, no I/O but the shipped files."""

@@ -1,7 +1,7 @@
-"""Base parameters: what of the standard parameters any motion can reveal, Raviola et al. (2021), §2.3; Gautier (1991).
+"""Base parameters: the combinations of standard parameters that motion reveals, Raviola et al. (2021), §2.3; Gautier (1991).
 
-The regressor stacked at random states shows which columns depend on columns to their left. Going left to right without pivoting
-gives the basis of the paper's appendix; pivoting would give another, equally valid one that nobody could compare.
+The regressor stacked at random states shows which columns depend on columns to their left. Column by column from left to right, without
+pivoting, this gives the basis of the paper's appendix. Pivoting would give another basis, as valid, but not comparable with the paper's.
 """
 
 from dataclasses import dataclass
@@ -14,27 +14,27 @@ from monitor.model.regressor import parameter_names, regressor
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array
 
-RANDOM_STATES = 25  # as the paper; 150 equations for 78 columns
-SEED = 20210083  # any seed gives the same basis: the states are only in general position
-RANK_TOLERANCE = 1e-9  # of the largest column: rounding leaves 1e-15, the faintest true column of any UR stands above 1e-2
+RANDOM_STATES = 25  # as in the paper; 150 equations for 78 columns
+SEED = 20210083  # of the random states; every seed gives the same basis, since the states are in general position
+RANK_TOLERANCE = 1e-9  # of the largest column: rounding leaves 1e-15, and the smallest independent column of any UR is above 1e-2
 
 
 class Classification(NamedTuple):
-    """The standard parameters by what a motion can reveal of them; every one is in exactly one of the three."""
+    """The standard parameters in three classes, by what a motion reveals of them. Every parameter is in one class."""
 
-    fully: tuple[str, ...]  # alone: its value may be quoted
-    in_combination: tuple[str, ...]  # only in a sum with others
-    not_identifiable: tuple[str, ...]  # no torque depends on it
+    fully: tuple[str, ...]  # identifiable individually
+    in_combination: tuple[str, ...]  # identifiable only in a sum with others
+    not_identifiable: tuple[str, ...]  # without effect on any torque
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """How many of each."""
+        """The number of parameters in each class."""
         return len(self.fully), len(self.in_combination), len(self.not_identifiable)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Base:
-    """A basis of the identifiable: base = combination · standard parameters, and Y[:, :, columns] · base = torque."""
+    """A basis of the identifiable parameters: base = combination · standard, and torque = Y[:, :, columns] · base."""
 
     columns: tuple[int, ...]  # (B,) columns of the regressor that are kept
     combination: Array  # (B, P)
@@ -48,7 +48,7 @@ class Base:
 
     @property
     def terms(self) -> tuple[dict[str, float], ...]:
-        """(B,) every combination as coefficients by the name of the standard parameter; the kept one leads."""
+        """(B,) the coefficients of each combination, by the name of the standard parameter; the kept parameter is the first."""
         rows = []
         for column, row in zip(self.columns, self.combination, strict=True):
             others = [int(k) for k in np.flatnonzero(row) if k != column]
@@ -57,35 +57,35 @@ class Base:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """(B,) short readable names: `m1z1 − 4.104·J2xz + …`."""
+        """(B,) short names: `m1z1 − 4.104·J2xz + …`."""
         return tuple(_short(terms) for terms in self.terms)
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """(B,) the combinations in full, four significant digits."""
+        """(B,) the full combinations, with four significant digits."""
         return tuple(_short(terms, len(self.parameters)) for terms in self.terms)
 
     @property
     def cumulative_energy(self) -> Array:
-        """(P,) share of the regressor's energy Σσ² in its first singular values; 1 from the rank on."""
+        """(P,) fraction of the regressor's energy Σσ² in its first singular values; 1 from the rank on."""
         energy = np.cumsum(self.singular_values**2)
         share: Array = energy / energy[-1]
         return share
 
     @property
     def by_column(self) -> Classification:
-        """Fully identifiable is a kept column that no dropped column leans on.
+        """The classes by columns: a parameter is fully identifiable where its column is kept and no dropped column depends on it.
 
-        The choice of basis does not matter: those are the unit vectors in the row space of the regressor.
+        They do not depend on the basis: the fully identifiable parameters are the unit vectors in the row space of the regressor.
         """
         fully = {name for terms in self.terms if len(terms) == 1 for name in terms}
         return sorted_into(self.parameters, fully, set(self.without_effect))
 
     @property
     def as_in_paper(self) -> Classification:
-        """As Raviola et al. (2021) count: a first moment m·x is a product, hence a combination of a mass and a coordinate.
+        """The classes as Raviola et al. (2021) count them: a first moment m·x is a combination, as the product of mass and coordinate.
 
-        So no first moment is fully identifiable, and a mass without a column of its own is in combination where one of its moments shows.
+        So no first moment is fully identifiable. A mass without a column of its own is in combination where one of its moments is.
         """
         columns = self.by_column
         moments = {f"m{k}{axis}{k}": f"m{k}" for k in range(1, len(self.parameters) // PER_JOINT + 1) for axis in "xyz"}
@@ -100,7 +100,7 @@ class Base:
 
 
 def sorted_into(parameters: tuple[str, ...], fully: set[str], hidden: set[str]) -> Classification:
-    """Each parameter in its class, in the order of the parameters."""
+    """Each parameter in its class, in the order of `parameters`. hidden : those without effect."""
     return Classification(
         tuple(name for name in parameters if name in fully),
         tuple(name for name in parameters if name not in fully and name not in hidden),
@@ -109,6 +109,7 @@ def sorted_into(parameters: tuple[str, ...], fully: set[str], hidden: set[str]) 
 
 
 def _short(terms: dict[str, float], longest: int = 4) -> str:
+    """A combination as text, with `longest` terms at most."""
     (lead, _), *others = terms.items()
     text = lead
     for name, factor in others[: longest - 1]:
@@ -118,20 +119,20 @@ def _short(terms: dict[str, float], longest: int = 4) -> str:
 
 
 def base_parameters(robot: Robot, mounting: Mounting, tol: float = RANK_TOLERANCE, seed: int = SEED) -> Base:
-    """The base parameters of a robot on a mounting; computed once for each pair.
+    """The base parameters of a robot on a mounting, computed once for each pair.
 
-    `tol` is relative to the largest column. Friction (fc, fv) always stands for itself.
+    tol : relative to the largest column. seed : of the random states. The friction parameters fc and fv are always base parameters.
     """
     return _base_parameters(_ByIdentity(robot), mounting, tol, seed)
 
 
 class _ByIdentity:
-    """A robot as a key of the cache: it holds arrays, so equality is being the same object."""
+    """A robot as a key of the cache. It holds arrays, so two robots are equal where they are the same object."""
 
     __slots__ = ("robot",)
 
     def __init__(self, robot: Robot) -> None:
-        self.robot = robot  # held, so its id cannot be given to another robot
+        self.robot = robot  # the reference keeps its id from being given to another robot
 
     def __hash__(self) -> int:
         return id(self.robot)
@@ -148,7 +149,7 @@ def _base_parameters(key: _ByIdentity, mounting: Mounting, tol: float, seed: int
     Y = regressor(robot, mounting, q, qd, qdd).reshape(-1, PER_JOINT * robot.joints)  # (25·J, P)
     columns = _left_to_right(Y, tol)
     dependence = np.linalg.lstsq(Y[:, columns], Y, rcond=None)[0]  # (B, P): Y = Y_kept · combination
-    # 1e-15 of rounding is not a dependence, and 1.0 reads better than 0.9999999999999981
+    # 1e-15 of rounding is no dependence
     combination: Array = np.round(dependence, 12).astype(np.float64)
     combination[:, columns] = np.eye(len(columns))
     return Base(
@@ -160,16 +161,16 @@ def _base_parameters(key: _ByIdentity, mounting: Mounting, tol: float, seed: int
 
 
 def _left_to_right(Y: Array, tol: float) -> list[int]:
-    """Unpivoted QR that keeps a column if what the kept ones leave of it exceeds `tol` of the largest column.
+    """The kept columns of Y (n, P): those whose remainder, without the part along the columns kept before, exceeds `tol`·largest column.
 
-    A plain QR would also take a direction of rounding from every dependent column. Returns the kept columns.
+    An unpivoted QR without this test would also keep a direction of rounding from every dependent column.
     """
     largest = np.linalg.norm(Y, axis=0).max()
     Q = np.empty((len(Y), 0))
     kept: list[int] = []
     for k in range(Y.shape[1]):
         new = Y[:, k]
-        for _ in range(2):  # twice is enough: Giraud et al. (2005)
+        for _ in range(2):  # twice gives orthogonality to rounding: Giraud et al. (2005)
             new = new - Q @ (Q.T @ new)
         remainder = np.linalg.norm(new)
         if remainder > tol * largest:

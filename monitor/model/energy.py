@@ -1,9 +1,9 @@
-"""Kinetic energy of the arm along a trajectory, and what of it a person could be hit with, in the manner of ISO/TS 15066.
+"""Kinetic energy of the arm along a trajectory, and the energy of a collision with a person as ISO/TS 15066 computes it.
 
-T = ½ q̇ᵀM(q)q̇, and M(q)·q̇ is the torque that q̈ := q̇ takes at rest: T is linear in the base parameters, so it inherits their uncertainty,
-and what no torque depends on carries no kinetic energy either. Rotors are part of it: seen from the joint they are most of a wrist.
+T = ½ q̇ᵀM(q)q̇, and M(q)·q̇ is the torque at rest with q̈ := q̇. So T is linear in the base parameters and has their uncertainty. A parameter
+without effect on torque has no part in T either. Rotors are included; they are most of a wrist's inertia as seen from the joint.
 
-All of it is an estimate for a risk assessment. It watches over nothing and stops nothing: not a safety function.
+All figures are estimates for a risk assessment. They supervise nothing and stop nothing: this is not a safety function.
 """
 
 import math
@@ -18,27 +18,27 @@ from monitor.model.regressor import regressor
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
-ONE_SIDED_95 = 1.645  # standard deviations above the mean that 95 % stay below
-SERIES_POINTS = 500  # of a document; its figures are of all samples
+ONE_SIDED_95 = 1.645  # standard deviations above the mean, for a one-sided bound of 95 %
+SERIES_POINTS = 500  # of the series in a document; its other figures are of all samples
 STATEMENT = "an estimate for a risk assessment, not a safety function"
 
 
 class Energy(NamedTuple):
-    """Kinetic energy of the whole arm, rotors included, and of what `with_payload` added, each (N,) [J]."""
+    """Kinetic energy of the whole arm with its rotors, and of a payload added by `with_payload`, each (N,) [J]."""
 
     mean: Array
-    std: Array  # NaN where it rests on parameters that the identification did not excite
+    std: Array  # standard deviation; NaN where parameters count that the identification did not excite
 
     @property
     def upper(self) -> Array:
-        """(N,) below which it stays with 95 % probability, one-sided."""
+        """(N,) upper bound with 95 % probability, one-sided."""
         bound: Array = self.mean + ONE_SIDED_95 * self.std
         return bound
 
     def with_payload(self, payload_kg: float, speed_m_s: Array) -> "Energy":
-        """The same with a mass at the flange, ½·m·v², its speed (N,) [m/s]; for what was not in the hand when the arm was identified.
+        """The energy with another ½·m·v² of a mass at the flange, which was not in the hand when the arm was identified.
 
-        Raises BadInput for a mass that is negative or not finite.
+        speed_m_s : (N,) of the flange. Raises BadInput for a mass that is negative or not finite.
         """
         if not 0.0 <= payload_kg < math.inf:
             raise BadInput(f"energy: a payload of {payload_kg:g} kg; expected 0 or more")
@@ -47,17 +47,17 @@ class Energy(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyRegion:
-    """A limit that the user's risk assessment gives for one region of the body."""
+    """The limit that the user's risk assessment gives for one region of the body."""
 
     name: str
     limit_j: float
-    mass_kg: float = math.inf  # effective mass of the region; infinite: it cannot yield, as where it is clamped
+    mass_kg: float = math.inf  # effective mass of the region; infinite where it cannot move away, since it is clamped
 
     @classmethod
     def parse(cls, text: str) -> "BodyRegion":
-        """`NAME=JOULES` or `NAME=JOULES@KILOGRAMS`.
+        """The region in `NAME=JOULES` or `NAME=JOULES@KILOGRAMS`.
 
-        Raises BadInput for anything else, and for figures that are not positive.
+        Raises BadInput for another form, and for figures that are not positive.
         """
         name, equals, figures = text.partition("=")
         limit, at, mass = figures.partition("@")
@@ -72,33 +72,33 @@ class BodyRegion:
 
 
 class Comparison(NamedTuple):
-    """One region's limit beside what the trajectory holds."""
+    """One region's limit beside the energies along the trajectory."""
 
     region: BodyRegion
     reduced_mass_kg: float
-    transfer_j: Array  # (N,)
+    transfer_j: Array  # (N,) energy of a collision
     worst_sample: int
-    share_above: float  # of the samples, by the transfer energy
-    transfer_below: bool  # everywhere
-    arm_below: bool | None  # the whole arm's kinetic energy, at its upper 95 %, everywhere; None where its uncertainty is unknown
+    share_above: float  # fraction of the samples whose transfer energy exceeds the limit
+    transfer_below: bool  # the transfer energy never exceeds the limit
+    arm_below: bool | None  # the upper 95 % bound of the whole arm's energy never exceeds the limit; None where the bound is unknown
 
 
 def kinetic_energy(robot: Robot, q: Array, qd: Array, columns: Sequence[int], values: Array, covariance: Array) -> Energy:
-    """Kinetic energy at states (N, J) [rad, rad/s] from base parameters.
+    """Kinetic energy at states q, qd (N, J) [rad, rad/s] from base parameters.
 
-    columns, values, covariance : as in `identify.solve.Identification`, (B,), (B,), (B, B).
-    Raises BadInput where they do not belong together.
+    columns, values, covariance : (B,), (B,), (B, B) as in `identify.identification.Identification`.
+    Raises BadInput where their shapes do not fit.
     """
     if values.shape != (len(columns),) or covariance.shape != (len(columns), len(columns)):
         raise BadInput(f"energy: values are {values.shape} and covariance {covariance.shape}; expected those of {len(columns)} columns")
     rest, level = np.zeros_like(qd), Mounting()
-    # at rest the torque is M·q̈ + weight; the weight is the same on any mounting, so it is taken out rather than known
+    # at rest the torque is M·q̈ + weight; the difference takes the weight out, so any mounting serves
     momentum = regressor(robot, level, q, rest, qd) - regressor(robot, level, q, rest, rest)  # (N, J, P)
     T = 0.5 * np.einsum("nj,njb->nb", qd, momentum[:, :, list(columns)])  # (N, B)
     unknown = np.isnan(np.diag(covariance))  # (B,)
     known = np.where(unknown[:, None] | unknown, 0.0, covariance)
     variance = np.einsum("nb,bc,nc->n", T, known, T)
-    # friction has exact zeros; of a rigid one, a millionth of the energy is nothing
+    # friction has exact zeros here; for a rigid parameter, a millionth of the energy counts as none
     size = np.abs(T @ values) + 1e-12
     rests_on_unknown = np.any(np.abs(T[:, unknown] * values[unknown]) > 1e-6 * size[:, None], axis=1)
     return Energy(T @ values, np.where(rests_on_unknown, np.nan, np.sqrt(np.maximum(variance, 0.0))))
@@ -123,9 +123,10 @@ def flange_speed(robot: Robot, q: Array, qd: Array) -> Array:
 
 
 def effective_mass_kg(robot: Robot, payload_kg: float) -> float:
-    """m_R = M/2 + m_L: half of the moving parts and the payload, the two-body model of ISO/TS 15066:2016, A.3.4.
+    """m_R = M/2 + m_L: half of the moving mass and the payload, by the two-body model of ISO/TS 15066:2016, A.3.4.
 
-    M is the manufacturer's: torques do not reveal it (the mass of link 1 has no effect at all). Raises BadInput where it is not published.
+    M is the manufacturer's, since torque does not reveal it: the mass of link 1, for instance, has no effect on any torque.
+    Raises BadInput where the masses are not published, or the payload is negative or not finite.
     """
     if not 0.0 <= payload_kg < math.inf:
         raise BadInput(f"energy: a payload of {payload_kg:g} kg; expected 0 or more")
@@ -138,8 +139,9 @@ def effective_mass_kg(robot: Robot, payload_kg: float) -> float:
 def compare(region: BodyRegion, speed_m_s: Array, robot_mass_kg: float, energy: Energy) -> Comparison:
     """The limit beside the transfer energy E = ½·μ·v² with 1/μ = 1/m_H + 1/m_R, and beside the whole arm's kinetic energy.
 
-    The first is what ISO/TS 15066 compares: a collision at the flange's speed with a region that may yield. The second does not know
-    where the arm is touched: without work of the motors nothing more than it can be handed over.
+    ISO/TS 15066 compares the transfer energy: a collision at the flange's speed with a region that can move away. The whole arm's energy
+    is a bound for contact anywhere on the arm: without work of the motors, a collision cannot transfer more.
+    speed_m_s : (N,) of the flange.
     """
     reduced = 1.0 / (1.0 / region.mass_kg + 1.0 / robot_mass_kg)
     transfer = 0.5 * reduced * speed_m_s**2
@@ -158,7 +160,7 @@ def compare(region: BodyRegion, speed_m_s: Array, robot_mass_kg: float, energy: 
 def energy_document(
     robot: Robot, t_s: Array, energy: Energy, speed_m_s: Array, regions: Sequence[BodyRegion], payload_kg: float
 ) -> dict[str, object]:
-    """What `energy --json` prints of one trajectory; null for unknown."""
+    """The JSON object of `energy --json` for one trajectory with times t_s (N,) and flange speeds (N,); null for unknown."""
 
     def number(value: float) -> float | None:
         return float(value) if math.isfinite(value) else None
@@ -195,6 +197,7 @@ def energy_document(
 
 
 def _told(found: Comparison, t_s: Array) -> dict[str, object]:
+    """One region's comparison as a JSON object."""
     region = found.region
     return {
         "region": region.name,

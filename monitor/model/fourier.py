@@ -21,7 +21,7 @@ MOST_REPETITIONS = 1000
 
 
 class State(NamedTuple):
-    """Position, velocity and acceleration at the asked times, each (N, J) in rad, rad/s, rad/s²."""
+    """Position, velocity and acceleration at N times, each (N, J) [rad, rad/s, rad/s²]."""
 
     q: Array
     qd: Array
@@ -39,11 +39,11 @@ class Excitation:
     offset_rad: Array  # (J,) q0
     a_rad_s: Array  # (H, J)
     b_rad_s: Array  # (H, J)
-    source: str = ""  # how it was found
-    time_scale: float = 1.0  # 0 … 1: the same way, so much slower; for a first pass with a hand on the stop
-    cell: Mapping[str, Any] | None = None  # what it was proved against, with its digest; `design.cell` reads it
-    proof: Mapping[str, Any] | None = None  # clearances and margins of limits, and how they were found
-    objectives: Mapping[str, Any] | None = None  # how informative it is
+    source: str = ""  # how it was designed
+    time_scale: float = 1.0  # 0 … 1: the same path at this fraction of the speed, for a first pass under supervision
+    cell: Mapping[str, Any] | None = None  # the cell of its proof, with its digest; `design.cell` reads it
+    proof: Mapping[str, Any] | None = None  # clearances, margins to limits, and how they were computed
+    objectives: Mapping[str, Any] | None = None  # figures of how informative it is
 
     def __post_init__(self) -> None:
         """Raises BadInput where a field is not finite, a shape does not fit, or a period or count is not positive."""
@@ -67,33 +67,33 @@ class Excitation:
 
     @property
     def pass_s(self) -> float:
-        """One repetition as it is played: the period over the time scale."""
+        """Duration of one repetition as it is played [s]: the period over the time scale."""
         return self.period_s / self.time_scale
 
     @property
     def duration_s(self) -> float:
-        """All repetitions as they are played."""
+        """Duration of all repetitions as they are played [s]."""
         return self.pass_s * self.repetitions
 
     @property
     def digest(self) -> str:
-        """Identifies the motion: equal digests, equal motion. Repetitions, cell, proof and figures of merit do not enter."""
+        """Identifies the motion: equal digests, equal motion. Repetitions, cell, proof and objectives are not part of it."""
         return self._digest(slowed=True)
 
     @property
     def path_digest(self) -> str:
-        """Identifies the way through joint space, however slowly it is played; a proof of clearance belongs to it."""
+        """Identifies the path through joint space at any time scale; a proof of clearance belongs to the path."""
         return self._digest(slowed=False)
 
     def _digest(self, *, slowed: bool) -> str:
         document = self.as_document()
         curve = {key: document[key] for key in ("robot", "mounting_deg", "period_s", "offset_rad", "a_rad_s", "b_rad_s")}
-        if slowed and self.time_scale != 1.0:  # at full speed the digest is what it was before there was a time scale
+        if slowed and self.time_scale != 1.0:  # digests of older documents have no time scale
             curve["time_scale"] = self.time_scale
         return hashlib.sha256(json.dumps(curve, sort_keys=True).encode()).hexdigest()[:16]
 
     def at(self, t_s: Array) -> State:
-        """The curve at times t (N,) of the clock: a time scale below 1 makes it slower, not another way."""
+        """The state at times t (N,) [s]. A time scale below 1 makes the motion slower on the same path."""
         k = np.arange(1, self.harmonics + 1)
         w = 2.0 * np.pi / self.period_s * k  # (H,)
         pace = self.time_scale
@@ -110,7 +110,7 @@ class Excitation:
         return t_s, self.at(t_s)
 
     def as_document(self) -> dict[str, Any]:
-        """Plain JSON; `excitation_from_document` is its inverse."""
+        """The trajectory as a JSON object; `excitation_from_document` is its inverse."""
         document: dict[str, Any] = {
             "kind": "joint-monitor.excitation.v1",
             "robot": self.robot,
@@ -128,7 +128,7 @@ class Excitation:
 
 
 def excitation_from_document(document: Any) -> Excitation:
-    """An Excitation from the keys of `config/excitation/*.json`.
+    """The trajectory in a JSON object with the keys of `config/excitation/*.json`.
 
     Raises BadInput naming the key that is missing or wrong.
     """
@@ -155,6 +155,7 @@ def excitation_from_document(document: Any) -> Excitation:
 
 
 def _table(document: dict[str, Any], key: str) -> dict[str, Any] | None:
+    """The object under an optional key; None where it is missing. Raises BadInput where it is no object."""
     value = document.get(key)
     if value is not None and not isinstance(value, dict):
         raise BadInput(f"excitation: {key} is {type(value).__name__}; expected an object")

@@ -1,4 +1,4 @@
-"""What may be quoted: the classification of the standard parameters in any frames, and the document that tells a person all of it."""
+"""Individually identifiable parameters in any frames, and the document that presents base parameters to a person."""
 
 import math
 from collections.abc import Callable
@@ -10,15 +10,16 @@ from monitor.model.base import Base, Classification, base_parameters, sorted_int
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
 from monitor.recording import Array
 
-LEVEL_RAD = math.radians(1.0)  # less tilt than this, and what only the tilt reveals is fainter than the friction beside it
+LEVEL_RAD = math.radians(1.0)  # with less tilt, the parameters that only the tilt reveals are fainter than friction
 
 
 def _standard_dh(robot: Robot) -> list[tuple[Array, Array]]:
+    """The frames of the standard convention: DH frame i itself."""
     return [(np.eye(3), np.zeros(3)) for _ in range(robot.joints)]
 
 
 def _on_own_axis(robot: Robot) -> list[tuple[Array, Array]]:
-    """Link i's frame on the axis of joint i itself, at DH origin i−1: the frames of pinocchio's joints."""
+    """Frames on the axis of joint i, with the origin of DH frame i−1: those of pinocchio's joints."""
     frames = []
     for i in range(robot.joints):
         ca, sa = math.cos(robot.alpha_rad[i]), math.sin(robot.alpha_rad[i])
@@ -28,7 +29,7 @@ def _on_own_axis(robot: Robot) -> list[tuple[Array, Array]]:
 
 
 def _modified_dh(robot: Robot) -> list[tuple[Array, Array]]:
-    """Craig's: on the axis of joint i too, at the foot of the common normal to axis i + 1."""
+    """Frames by Craig's convention: on the axis of joint i, at the foot of the common normal to axis i + 1."""
     shifts = [np.array([0.0, 0.0, d]) for d in robot.d_m]
     return [(turn, origin + turn @ shift) for (turn, origin), shift in zip(_on_own_axis(robot), shifts, strict=True)]
 
@@ -41,11 +42,11 @@ FRAMES: dict[str, Callable[[Robot], list[tuple[Array, Array]]]] = {
 
 
 def individually_identifiable(robot: Robot, mounting: Mounting, frames: str | list[tuple[Array, Array]] = "standard-dh") -> Classification:
-    """What of the standard parameters is identifiable where each link's are written in another frame fixed to it.
+    """The classes of the standard parameters where each link's parameters are given in another frame that is fixed to the link.
 
-    frames : a name in `FRAMES`, or for each link (R, r): R (3, 3) turns components into DH frame i, r (3,) [m] is the origin in DH frame i.
-    The base parameters are the same physics in any frame, but what stands alone in one is a sum in another. Raises BadInput for an unknown
-    name or a wrong number of frames.
+    frames : a name in `FRAMES`, or for each link (R, r): R (3, 3) turns components into DH frame i; r (3,) [m] is the origin in DH frame i.
+    The base parameters are the same physics in any frame, but a parameter that is alone in one frame is a sum in another. Raises BadInput
+    for an unknown name or a wrong number of frames.
     """
     if isinstance(frames, str):
         if frames not in FRAMES:
@@ -63,14 +64,15 @@ def individually_identifiable(robot: Robot, mounting: Mounting, frames: str | li
     reach = np.sum(Q**2, axis=1)  # 1 for a unit vector that lies in the row space
     effect = np.linalg.norm(seen, axis=0)
     names = np.array(base.parameters)
-    # cos² of the angle, so 1e-9 is 3e-5 rad: combinations are exact to 1e-12, and a true one shares 1e-4 or more with its neighbours
+    # cos² of the angle, so 1e-9 is 3e-5 rad: combinations are exact to 1e-12, and a true one shares at least 1e-4 with its neighbours
     return sorted_into(base.parameters, set(names[reach > 1.0 - 1e-9].tolist()), set(names[effect < 1e-9].tolist()))
 
 
 def inertial_change(turn: Array, origin: Array) -> Array:
-    """(10, 10) from the inertial parameters in a frame to those in DH frame i: p_dh = change · p_frame.
+    """(10, 10) map from the inertial parameters in a frame to those in DH frame i: p_dh = change · p_frame.
 
-    Mass, first moments and the second moments Σ = ½tr(J)·1 − J of a body move like those of its points, x → R·x + r.
+    Mass, first moments and second moments Σ = ½tr(J)·1 − J of a body change as its points do, x → R·x + r.
+    turn : R (3, 3). origin : r (3,) [m].
     """
     columns = []
     for unit in np.eye(INERTIAL):
@@ -86,14 +88,11 @@ def inertial_change(turn: Array, origin: Array) -> Array:
     return np.array(columns).T
 
 
-# --- what is told ------------------------------------------------------------------------------------
-
-
 def base_document(robot: Robot, mounting: Mounting, frames: str = "standard-dh") -> dict[str, object]:
-    """The object that `base --json` prints."""
+    """The JSON object that `base --json` prints. frames : a name in `FRAMES`."""
     base = base_parameters(robot, mounting)
 
-    def told(classes: Classification) -> dict[str, object]:
+    def class_document(classes: Classification) -> dict[str, object]:
         fully, combined, none = classes.counts
         return {
             "fully": fully,
@@ -118,21 +117,22 @@ def base_document(robot: Robot, mounting: Mounting, frames: str = "standard-dh")
             {"name": name, "text": text, "terms": terms} for name, text, terms in zip(base.names, base.texts, base.terms, strict=True)
         ],
         "classification": {
-            "by_column": told(base.by_column),
-            "as_in_paper": told(base.as_in_paper),
+            "by_column": class_document(base.by_column),
+            "as_in_paper": class_document(base.as_in_paper),
         },
-        "quotable": {"frames": frames, **told(individually_identifiable(robot, mounting, frames))},
+        "quotable": {"frames": frames, **class_document(individually_identifiable(robot, mounting, frames))},
         "notes": list(_notes(robot, mounting, base)),
     }
 
 
 def mounting_with_up(up_in_base: Array) -> Mounting:
-    """The mounting with yaw 0 on which a unit vector (3,) of the base points up; where roll and yaw are one axis, roll is 0."""
+    """The mounting with yaw 0 on which a unit vector (3,) of the base points up. Where roll and yaw have the same axis, roll is 0."""
     x, y, z = (float(component) for component in up_in_base)
     return Mounting(roll_rad=math.atan2(y, z) if math.hypot(y, z) > 1e-9 else 0.0, pitch_rad=math.atan2(-x, math.hypot(y, z)))
 
 
 def _notes(robot: Robot, mounting: Mounting, base: Base) -> list[str]:
+    """Sentences about parameters that only a small tilt of the base reveals, and about yaw."""
     notes = []
     gravity = robot.gravity(mounting)  # (3,) in frame 0, whose z is the axis of joint 1
     tilt = float(np.arctan2(np.hypot(gravity[0], gravity[1]), abs(gravity[2])))

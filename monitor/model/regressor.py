@@ -1,8 +1,8 @@
 """The regressor: joint torque as a matrix of the motion times the standard parameters, Raviola et al. (2021), eq. (1)–(4).
 
-Parameters of joint i, in this order: m, mx, my, mz (first moments), Jxx, Jxy, Jxz, Jyy, Jyz, Jzz (about the DH origin, so
-not about the centre of mass), all in standard DH frame i; then fc, fv (friction) and Im (rotor inertia referred to the joint).
-Joint j feels only the links from j outward: Y is upper block-triangular, and only that half is computed.
+Parameters of joint i, in this order: m, mx, my, mz (first moments), Jxx, Jxy, Jxz, Jyy, Jyz, Jzz (about the DH origin, not about the
+centre of mass), all in standard DH frame i; then fc, fv (friction) and Im (rotor inertia referred to the joint).
+The links from j outward act on joint j, and no others. So Y is upper block-triangular, and only that half is computed.
 """
 
 import math
@@ -14,27 +14,27 @@ from monitor.model.friction import PAPER
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices
 
-ROUNDING = 1e-15  # of a sine: α = π/2 has a cosine of 6e-17
+ROUNDING = 1e-15  # a smaller sine or cosine is zero: the cosine of α = π/2 is 6e-17 in floating point
 COULOMB, VISCOUS, ROTOR = INERTIAL, INERTIAL + 1, INERTIAL + 2  # columns within a joint's block
 _KINDS = ("m{0}", "m{0}x{0}", "m{0}y{0}", "m{0}z{0}", "J{0}xx", "J{0}xy", "J{0}xz", "J{0}yy", "J{0}yz", "J{0}zz", "fc{0}", "fv{0}", "Im{0}")
 
 
 def parameter_names(joints: int) -> tuple[str, ...]:
-    """(13·J,) names as the paper's appendix spells them: m1, m1x1, …, J1zz, fc1, fv1, Im1, m2, …"""
+    """(13·J,) names in the spelling of the paper's appendix: m1, m1x1, …, J1zz, fc1, fv1, Im1, m2, …"""
     return tuple(kind.format(joint) for joint in range(1, joints + 1) for kind in _KINDS)
 
 
 def friction_columns(joints: int) -> tuple[Indices, Indices]:
-    """Columns of fc and of fv among the 13·J, each (J,) of int."""
+    """Columns of fc and of fv among the 13·J, (J,) each."""
     first = PER_JOINT * np.arange(joints)
     return first + COULOMB, first + VISCOUS
 
 
 def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array) -> Array:
-    """Y with torque = Y · parameters.
+    """Y (N, J, 13·J) with torque = Y · parameters.
 
-    q, qd, qdd : (N, J) [rad, rad/s, rad/s²]. Returns (N, J, 13·J); memory runs along the samples (a transposed view), because
-    every use of it walks down the samples of one joint. Raises BadInput where the shapes do not fit the robot.
+    q, qd, qdd : (N, J) [rad, rad/s, rad/s²]. Memory runs along the samples (the result is a transposed view), because users read the
+    samples of one joint. Raises BadInput where the shapes do not fit the robot.
     """
     J = robot.joints
     if q.ndim != 2 or q.shape[1] != J or qd.shape != q.shape or qdd.shape != q.shape:
@@ -45,7 +45,7 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
     cos, sin = np.cos(angle), np.sin(angle)  # (J, N)
     speed, acceleration = np.ascontiguousarray(qd.T), np.ascontiguousarray(qdd.T)  # (J, N)
 
-    # Newton–Euler outward. The base accelerates upward: gravity then needs no term of its own.
+    # Newton–Euler outward. The base accelerates upward, which has the effect of gravity.
     link = np.zeros((3, 3, N))  # (xyz, [ω, ω̇, a], N) in the present frame
     link[:, 2] = -robot.gravity(mounting)[:, None]
     # axes of joints 1…J and their moment arms (axis × vector from the axis to the origin), in the present frame
@@ -86,7 +86,7 @@ def _into_next(v: Array, c: Array, s: Array, ca: float, sa: float) -> None:
     x *= c
     y *= s
     x += y
-    if ca == 0.0:  # axes at right angles, as most are
+    if ca == 0.0:  # axes at right angles, which is the usual case
         np.multiply(z, sa, out=y)
         np.multiply(across, -sa, out=z)
     elif sa == 0.0:
@@ -101,7 +101,7 @@ def _into_next(v: Array, c: Array, s: Array, ca: float, sa: float) -> None:
 
 
 def _turning(w: Array, dw: Array) -> Array:
-    """(3, 3, N) S(ω̇) + S(ω)²: what a point of the link gains in acceleration per metre from the origin. ω, ω̇ : (3, N)."""
+    """(3, 3, N) S(ω̇) + S(ω)²: the acceleration that a point of the link has per metre from the origin. ω, ω̇ : (3, N)."""
     turning = w[:, None] * w[None]  # ωωᵀ
     squares = [turning[k, k].copy() for k in range(3)]
     for k in range(3):
@@ -120,10 +120,10 @@ def _add_cross(total: Array, v: Array, k: int, length: float) -> None:
 
 
 def _link_block(block: Array, axis: Array, arm: Array, w: Array, dw: Array, a: Array, turning: Array, scratch: Array) -> None:
-    """Fill (i, 10, N): what one link's ten inertial parameters do on each axis inward of it.
+    """Fill (i, 10, N): the torque of one link's ten inertial parameters on each axis inward of it.
 
-    The link pushes with f = m·a + (S(ω̇) + S(ω)²)·mc and n = mc × a + Jω̇ + ω × Jω at its DH origin; an axis feels z·n + (z × r)·f.
-    axis, arm : (3, i, N); ω, ω̇, a : (3, N); turning : (3, 3, N); scratch : (6, i, N).
+    The link's force is f = m·a + (S(ω̇) + S(ω)²)·mc, and its moment n = mc × a + Jω̇ + ω × Jω at its DH origin. The torque on an axis is
+    z·n + (z × r)·f. axis, arm : (3, i, N); ω, ω̇, a : (3, N); turning : (3, 3, N); scratch : (6, i, N).
     """
     force = np.concatenate([a[:, None], turning], axis=1)  # (3, 4, N) by m, mx, my, mz
     _combined(arm, force, block[:, :4], scratch)

@@ -1,8 +1,9 @@
 """Robot: kinematics, masses, drives and limits of a serial arm, and how it is mounted.
 
 Frames are standard Denavit–Hartenberg: frame i is fixed to link i, joint i turns about z of frame i−1, and
-frame i−1 → i is Rot(z, qᵢ)·Trans(z, dᵢ)·Trans(x, aᵢ)·Rot(x, αᵢ). An arm from elsewhere may need more: where its joints read
-zero, how frame 0 lies in its base, and an offset along y where two axes are nearly parallel and their common normal is far away.
+frame i−1 → i is Rot(z, qᵢ)·Trans(z, dᵢ)·Trans(x, aᵢ)·Rot(x, αᵢ). An arm of another source may need three more figures: the DH angle where
+a joint reads zero, the attitude of frame 0 in the base, and an offset along y where two axes are nearly parallel, so that their common
+normal is far away.
 """
 
 import math
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 STANDARD_GRAVITY_M_S2 = 9.80665
 MAX_LINKS = 8
 INERTIAL = 10  # m, mx, my, mz, Jxx, Jxy, Jxz, Jyy, Jyz, Jzz
-PER_JOINT = 13  # the inertial ones, then fc, fv, Im (rotor inertia referred to the joint)
+PER_JOINT = 13  # the ten inertial parameters, then fc, fv, Im (rotor inertia referred to the joint)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +38,7 @@ class Mounting:
 
     @classmethod
     def parse(cls, text: str) -> "Mounting":
-        """`ground`, `ceiling`, `wall`, or `ROLL,PITCH,YAW` in degrees.
+        """The mounting in the text `ground`, `ceiling`, `wall`, or `ROLL,PITCH,YAW` in degrees.
 
         Raises BadInput for anything else.
         """
@@ -52,18 +53,18 @@ class Mounting:
 
     @classmethod
     def of(cls, angles_rad: Sequence[float]) -> "Mounting":
-        """From roll, pitch, yaw, as `angles_rad` gives them."""
+        """The mounting with roll, pitch, yaw [rad]; the inverse of `angles_rad`."""
         roll, pitch, yaw = angles_rad
         return cls(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw)
 
     @property
     def angles_rad(self) -> tuple[float, float, float]:
-        """Roll, pitch, yaw."""
+        """Roll, pitch, yaw [rad]."""
         return self.roll_rad, self.pitch_rad, self.yaw_rad
 
     @property
     def rotation(self) -> Array:
-        """(3, 3) base → world."""
+        """(3, 3) rotation from the base to the world."""
         cr, sr = math.cos(self.roll_rad), math.sin(self.roll_rad)
         cp, sp = math.cos(self.pitch_rad), math.sin(self.pitch_rad)
         cy, sy = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
@@ -75,14 +76,14 @@ class Mounting:
 
     @property
     def gravity_in_base(self) -> Array:
-        """(3,) [m/s²]. Components below rounding are zero: ψ = π would otherwise leave g_y ≈ 1e-15 and two false base parameters."""
+        """(3,) gravity [m/s²]. Components of the size of rounding are zero: g_y = 1e-15 would add two false base parameters."""
         gravity: Array = self.rotation.T @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
         return np.where(np.abs(gravity) < 1e-12 * STANDARD_GRAVITY_M_S2, 0.0, gravity)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Robot:
-    """One arm as its manufacturer publishes it. NaN where a figure is not published."""
+    """One arm as its manufacturer publishes it. A figure that is not published is NaN."""
 
     name: str
     generation: str  # "cb3" | "e-series"
@@ -100,12 +101,12 @@ class Robot:
     max_speed_rad_s: Array  # (J,)
     max_position_rad: Array  # (J,)
     payload_max_kg: float
-    zero_rad: Array = field(default_factory=lambda: np.zeros(0))  # (J,) DH angle where the joint reads zero; not given: 0
-    y_m: Array = field(default_factory=lambda: np.zeros(0))  # (J,) offset beside aᵢ and dᵢ, after Rot(z), Hayati (1983); not given: 0
+    zero_rad: Array = field(default_factory=lambda: np.zeros(0))  # (J,) DH angle where the joint reads zero; default: 0
+    y_m: Array = field(default_factory=lambda: np.zeros(0))  # (J,) offset along y after Rot(z), beside aᵢ and dᵢ: Hayati (1983); default: 0
     base_rotation: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) DH frame 0 → the robot's base
 
     def __post_init__(self) -> None:
-        """Offsets that were not given are zero."""
+        """Sets offsets that were not given to zero."""
         for name in ("zero_rad", "y_m"):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros(self.joints))
@@ -117,14 +118,14 @@ class Robot:
 
     @property
     def drive_gain_nm_per_a(self) -> Array:
-        """(J,) joint torque per motor current, Kt·G; NaN where the torque constant is not published."""
+        """(J,) joint torque per motor current Kt·G [N·m/A]; NaN where the torque constant is not published."""
         gain: Array = self.torque_constant_nm_per_a * self.gear_ratio
         return gain
 
     def nominal_parameters(self, *, with_inertia: bool = False) -> Array:
         """(13·J,) the manufacturer's masses and centres of mass as standard parameters about the DH origins.
 
-        `with_inertia` adds the published tensors about the centres of mass. Friction and rotor inertia are zero.
+        with_inertia : also the published tensors about the centres of mass. Friction and rotor inertia are zero.
         """
         blocks = []
         for mass, com, about_com in zip(self.mass_kg, self.com_m, self.inertia_kg_m2, strict=True):
@@ -134,16 +135,16 @@ class Robot:
         return np.array(blocks).ravel()
 
     def gravity(self, mounting: Mounting) -> Array:
-        """(3,) in DH frame 0 [m/s²]; components below rounding are zero, as in `Mounting.gravity_in_base`."""
+        """(3,) gravity in DH frame 0 [m/s²]; components of the size of rounding are zero, as in `Mounting.gravity_in_base`."""
         gravity: Array = self.base_rotation.T @ mounting.gravity_in_base
         return np.where(np.abs(gravity) < 1e-12 * STANDARD_GRAVITY_M_S2, 0.0, gravity)
 
     def pinocchio_model(self, mounting: Mounting | None = None) -> "pinocchio.Model":
-        """The arm in pinocchio, published inertias included, gravity in the frame of the robot's base.
+        """The arm in pinocchio with the published inertias; gravity in the frame of the robot's base.
 
-        Joint frame i of pinocchio coincides with DH frame i−1 turned by qᵢ and its zero, so DH frame i is fixed in it.
+        Joint frame i of pinocchio is DH frame i−1 turned by qᵢ and its zero, so DH frame i is fixed in it.
         """
-        import pinocchio as pin  # 0.2 s: only where dynamics are asked for
+        import pinocchio as pin  # takes 0.2 s: only where dynamics are asked for
 
         model = pin.Model()
         model.name = self.name
@@ -165,13 +166,13 @@ class Robot:
 
 
 def robot_names() -> list[str]:
-    """Models that `load_robot` knows, sorted."""
+    """The models that `load_robot` knows, sorted."""
     return sorted(entry.name.removesuffix(".toml") for entry in files("monitor.model.robots").iterdir() if entry.name.endswith(".toml"))
 
 
 @lru_cache
 def load_robot(name: str) -> Robot:
-    """The published parameters of one model.
+    """The published parameters of one model, by its name.
 
     Raises BadInput for a name that is not in `robot_names()`.
     """
@@ -181,9 +182,9 @@ def load_robot(name: str) -> Robot:
 
 
 def robot_from_document(document: dict[str, Any]) -> Robot:
-    """A Robot from the keys of `monitor/model/robots/*.toml`.
+    """The robot in a document with the keys of `monitor/model/robots/*.toml`.
 
-    Raises BadInput naming the key whose value no arm can have, KeyError or TypeError where one is missing or of another kind.
+    Raises BadInput naming the key whose value no arm can have, KeyError or TypeError where a key is missing or of another kind.
     """
     links = document["link"]
     if not 1 <= len(links) <= MAX_LINKS:
@@ -220,7 +221,7 @@ def robot_from_document(document: dict[str, Any]) -> Robot:
 
 
 def _refuse_impossible(robot: Robot) -> None:
-    """Raises BadInput naming what no arm can have. Torque constants, gear ratios and masses may be unknown: NaN; limits may be infinite."""
+    """Raises BadInput naming a figure that no arm can have. Torque constants, gear ratios, masses may be NaN, limits may be infinite."""
     J = robot.joints
     vectors = ("a_m", "d_m", "alpha_rad", "zero_rad", "y_m", "mass_kg", "gear_ratio", "torque_constant_nm_per_a")
     for key in (*vectors, "max_torque_nm", "max_speed_rad_s", "max_position_rad"):

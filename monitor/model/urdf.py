@@ -1,8 +1,8 @@
-"""URDF: any serial arm in, an identified arm out.
+"""URDF: read any serial arm, and write an identified arm.
 
-In: revolute and continuous joints in one chain, fixed ones merged. Consecutive joint axes give standard DH frames; where two axes are
-parallel only nearly, their common normal is far away, and an offset along y takes its place (`Robot.y_m`).
-Out: link frame i is DH frame i−1 turned by qᵢ, so that every joint turns about z.
+Reading: revolute and continuous joints in one chain; fixed joints are merged. Consecutive joint axes give standard DH frames. Where two
+axes are nearly parallel, their common normal is far away, and an offset along y takes its place (`Robot.y_m`).
+Writing: link frame i is DH frame i−1 turned by qᵢ, so every joint turns about z.
 """
 
 import math
@@ -17,27 +17,27 @@ from monitor.model.robot import Robot
 from monitor.recording import Array
 
 MAX_JOINTS = 8
-LARGEST = 1e5  # metres, kilograms, radians: no arm's
-UNLIMITED = 1e9  # a URDF must give effort and speed, and cannot spell infinity: this or more means that none is known
-PARALLEL = 1e-12  # sine of the angle between two axes below which it is rounding
-NEARLY_PARALLEL = 1e-3  # sine below which the common normal may be kilometres away
+LARGEST = 1e5  # [m, kg, rad] no arm has a larger figure
+UNLIMITED = 1e9  # a URDF must give effort and speed, and has no infinity: a limit of this size or more counts as unknown
+PARALLEL = 1e-12  # sine of the angle between two axes; a smaller one is rounding
+NEARLY_PARALLEL = 1e-3  # sine; with a smaller one the common normal may be kilometres away
 
 
 @dataclass(slots=True, eq=False)
 class _Body:
-    """What moves together, at the joints' zero, seen from the base link: mass, first moment, second moments about its origin."""
+    """Links that move together, with all joints at zero, in the base link's frame: mass, first and second moments about its origin."""
 
     name: str
-    origin: Array  # (3,) on the axis of the joint that carries it
-    axis: Array  # (3,)
-    limits: dict[str, float]  # sizes; infinite where not given
+    origin: Array  # (3,) a point on the axis of the joint that carries the body [m]
+    axis: Array  # (3,) unit vector of that axis
+    limits: dict[str, float]  # sizes of the joint's limits; infinite where not given
     mass_kg: float = 0.0
     first_kg_m: Array = field(default_factory=lambda: np.zeros(3))
-    second_kg_m2: Array = field(default_factory=lambda: np.zeros((3, 3)))  # ∫ x xᵀ dm
+    second_kg_m2: Array = field(default_factory=lambda: np.zeros((3, 3)))  # (3, 3) ∫ x xᵀ dm
 
 
 def robot_from_urdf(path: str | Path) -> Robot:
-    """The arm that a URDF file describes; `robot_from_urdf_text` says how.
+    """The arm in a URDF file, as `robot_from_urdf_text` reads it.
 
     Raises BadInput where the file is missing or unreadable, or is not one serial arm of 1 to 8 turning joints.
     """
@@ -52,10 +52,10 @@ def robot_from_urdf(path: str | Path) -> Robot:
 
 
 def robot_from_urdf_text(text: str, source: str = "URDF") -> Robot:
-    """The arm that a URDF describes, joints numbered outward from the base.
+    """The arm that a URDF describes; joint 1 is the one next to the base.
 
-    What a URDF does not say (torque constants, gear ratios, payload) is NaN; a limit that it does not give is infinite. The flange's
-    frame is the last joint's, turned so that z is its axis. Raises BadInput saying what is wrong where, and what would be right.
+    Torque constants, gear ratios and payload are not part of a URDF and are NaN. A limit that is not given is infinite. The flange's frame
+    is that of the last joint, turned so that z is its axis. Raises BadInput that says what is wrong, where, and what would be right.
     """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise BadInput(f"{source}: holds a document type; a URDF needs none, and entities can be made to explode")
@@ -74,14 +74,17 @@ def robot_from_urdf_text(text: str, source: str = "URDF") -> Robot:
 # --- reading --------------------------------------------------------------------------------------------------------------
 
 
-def _chain(tree: ET.Element, source: str) -> list[_Body]:
-    """The moving bodies from the base outward."""
+def _tree(tree: ET.Element, source: str) -> tuple[dict[str, ET.Element], dict[str, list[ET.Element]], str]:
+    """Links by name, joints by parent link, and the name of the base link.
+
+    Raises BadInput where a name stands twice, a joint's link does not exist, a link has two parents, or there is not one base.
+    """
     named = [(_named(link, source), link) for link in tree.findall("link")]
     links = dict(named)
     if len(links) != len(named):
         twice = next(name for name in links if sum(name == other for other, _ in named) > 1)
         raise BadInput(f"{source}: link {twice!r} stands there twice; expected every name once")
-    joints: dict[str, list[ET.Element]] = {}  # by parent link
+    joints: dict[str, list[ET.Element]] = {}
     children = set()
     for joint in tree.findall("joint"):
         name = _named(joint, source)
@@ -101,13 +104,18 @@ def _chain(tree: ET.Element, source: str) -> list[_Body]:
     roots = [name for name in links if name not in children]
     if len(roots) != 1:
         raise BadInput(f"{source}: {len(roots)} links are nobody's child ({', '.join(roots) or 'none'}); expected one, the base")
+    return links, joints, roots[0]
 
+
+def _chain(tree: ET.Element, source: str) -> list[_Body]:
+    """The moving bodies, from the base outward. Raises BadInput where links and joints are not one chain."""
+    links, joints, root = _tree(tree, source)
     bodies: list[_Body] = []
     reached: set[str] = set()
-    at: tuple[str, Array, Array] | None = (roots[0], np.eye(3), np.zeros(3))
+    at: tuple[str, Array, Array] | None = (root, np.eye(3), np.zeros(3))
     while at is not None:
         moving: list[tuple[ET.Element, Array, Array]] = []
-        fixed = [at]  # this link and all that is screwed to it
+        fixed = [at]  # this link, and all links that fixed joints attach to it
         while fixed:
             name, R, p = fixed.pop()
             reached.add(name)
@@ -143,6 +151,7 @@ def _chain(tree: ET.Element, source: str) -> list[_Body]:
 
 
 def _named(element: ET.Element, source: str) -> str:
+    """The element's name. Raises BadInput where it has none."""
     name = element.get("name")
     if not name:
         raise BadInput(f"{source}: a <{element.tag}> has no name")
@@ -150,11 +159,13 @@ def _named(element: ET.Element, source: str) -> str:
 
 
 def _child(joint: ET.Element) -> str:
+    """The name of a joint's child link; `_tree` has checked that it exists."""
     child = joint.find("child")
-    return "" if child is None else child.get("link", "")  # checked when the chain was begun
+    return "" if child is None else child.get("link", "")
 
 
 def _numbers(element: ET.Element | None, key: str, default: str, source: str, where: str) -> Array:
+    """The numbers of an attribute, or those of `default` without the element or attribute. Raises BadInput where they are no numbers."""
     text = default if element is None else element.get(key, default)
     try:
         values = np.array([float(part) for part in text.split()])
@@ -179,7 +190,7 @@ def _origin(element: ET.Element, source: str) -> tuple[Array, Array]:
 
 
 def _add_inertia(body: _Body, link: ET.Element, R: Array, p: Array, source: str) -> None:
-    """Add a link that lies at (R, p) in the base; a link without <inertial> weighs nothing."""
+    """Add a link that lies at (R, p) in the base's frame. A link without <inertial> has no mass."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -202,7 +213,7 @@ def _add_inertia(body: _Body, link: ET.Element, R: Array, p: Array, source: str)
 
 
 def _limit(joint: ET.Element, key: str, source: str) -> float:
-    """One limit of a joint as a size, infinite where it is not given or does not apply."""
+    """The size of one limit of a joint; infinite where it is not given or does not apply. Raises BadInput where it is no number."""
     limit = joint.find("limit")
     text = None if limit is None else limit.get(key)
     if text is None or (joint.get("type") == "continuous" and key in {"lower", "upper"}):
@@ -220,10 +231,11 @@ def _limit(joint: ET.Element, key: str, source: str) -> float:
 
 
 def _in_dh_frames(name: str, bodies: list[_Body]) -> Robot:
+    """The robot whose links are the bodies, in standard DH frames."""
     axes = [body.axis for body in bodies]
-    axes.append(axes[-1])  # frame J: nothing turns on it, so it is frame J−1 turned
+    axes.append(axes[-1])  # frame J: no joint turns about it, so its z is that of frame J−1
     R = _first_frame(axes[0])
-    o = bodies[0].origin - axes[0] * (axes[0] @ bodies[0].origin)  # as near to the base's origin as the axis comes
+    o = bodies[0].origin - axes[0] * (axes[0] @ bodies[0].origin)  # the point of the axis nearest to the base's origin
     base = R
     J = len(bodies)
     a, y, d, alpha, zero = np.zeros((5, J))
@@ -244,7 +256,7 @@ def _in_dh_frames(name: str, bodies: list[_Body]) -> Robot:
         else:
             second = R.T @ body.second_kg_m2 @ R
         tensor[i] = np.trace(second) * np.eye(3) - second
-    # 1e-17 m left by rounding is no offset, and -0.0 reads badly
+    # an offset of 1e-17 m is rounding
     a, y, d = (np.where(np.abs(v) < 1e-12, 0.0, v) for v in (a, y, d))
     unknown = np.full(J, np.nan)
     return Robot(
@@ -271,7 +283,7 @@ def _in_dh_frames(name: str, bodies: list[_Body]) -> Robot:
 
 
 def _first_frame(z: Array) -> Array:
-    """A frame whose z is the first axis: the base's own where that stands upright."""
+    """(3, 3) a frame whose z is the first joint's axis; the base's own frame where that axis is vertical."""
     x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     x = x - z * (z @ x)
     x /= np.linalg.norm(x)
@@ -279,9 +291,11 @@ def _first_frame(z: Array) -> Array:
 
 
 def _normal(x_before: Array, z: Array, z_next: Array, o: Array, on_next: Array) -> tuple[Array, Array]:
-    """Direction x and origin of the frame on the next axis, by the convention where that is well-conditioned.
+    """Direction x (3,) and origin (3,) of the frame on the next axis.
 
-    Skew and crossing axes: along the common normal, at its foot. Parallel ones leave the height free: that of the frame before.
+    For skew and crossing axes, x is along the common normal and the origin is its foot. For parallel axes every height is possible; the
+    height of the frame before is taken. x_before : (3,) x of the frame before. z, z_next : (3,) the two axes. o : (3,) origin of the frame
+    before. on_next : (3,) a point on the next axis.
     """
     across = np.cross(z, z_next)
     sine = float(np.linalg.norm(across))
@@ -289,13 +303,13 @@ def _normal(x_before: Array, z: Array, z_next: Array, o: Array, on_next: Array) 
         x = across / sine
         # o + d·z + a·x = on_next + t·z_next, along z and z_next
         t = float(np.cross(on_next - o, z) @ across) / sine**2
-        return (x if x @ x_before > -1e-9 else -x), on_next + t * z_next  # of the two directions the one that needs less of a turn
-    level = on_next + z_next * (float((o - on_next) @ z) / float(z_next @ z))  # where the next axis is as high as o
+        return (x if x @ x_before > -1e-9 else -x), on_next + t * z_next  # of the two directions the one with the smaller turn
+    level = on_next + z_next * (float((o - on_next) @ z) / float(z_next @ z))  # the point of the next axis at the height of o
     apart = level - o
     distance = float(np.linalg.norm(apart))
     if sine > PARALLEL:
         x = across / sine
-        x = x - z * (z @ x)  # the cross product of nearly equal vectors is upright only to 1e-16/sine
+        x = x - z * (z @ x)  # the cross product of nearly equal vectors is perpendicular only to 1e-16/sine
         return x / np.linalg.norm(x), level
     return (apart / distance if distance > 1e-9 else x_before), level
 
@@ -304,9 +318,9 @@ def _normal(x_before: Array, z: Array, z_next: Array, o: Array, on_next: Array) 
 
 
 def urdf_text(robot: Robot, coulomb_nm: Array | None = None, viscous_nm_s_per_rad: Array | None = None) -> str:
-    """The arm as a URDF: kinematics, inertias, limits, and (J,) friction as <dynamics> where given.
+    """The arm as a URDF: kinematics, inertias, limits, and friction as <dynamics> where both arrays (J,) are given.
 
-    A URDF has no place for rotor inertia: set it as the armature of whatever loads this. Mounting is the loader's gravity.
+    A URDF cannot hold rotor inertia: set it as the armature in the program that loads the file. The mounting is that program's gravity.
     """
     root = ET.Element("robot", name=robot.name)
     ET.SubElement(root, "link", name="base")
@@ -344,25 +358,29 @@ def urdf_text(robot: Robot, coulomb_nm: Array | None = None, viscous_nm_s_per_ra
 
 
 def _spelled(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)  # repr: the shortest text that reads back as the same number
+    """The numbers as text; repr is the shortest text that reads back as the same number."""
+    return " ".join(repr(float(value)) for value in values)
 
 
 def _bounded(value: float) -> str:
+    """A limit as text; `UNLIMITED` for an unknown one."""
     return repr(float(value)) if math.isfinite(value) else repr(UNLIMITED)
 
 
 def _turn_z(angle: float) -> Array:
+    """(3, 3) Rot(z, angle)."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _turn_x(angle: float) -> Array:
+    """(3, 3) Rot(x, angle)."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def _roll_pitch_yaw(R: Array) -> Array:
-    """(3,) with R = Rot(z, yaw)·Rot(y, pitch)·Rot(x, roll); where the pitch is upright the yaw is zero."""
+    """(3,) with R = Rot(z, yaw)·Rot(y, pitch)·Rot(x, roll). Where the pitch is ±90° the yaw is zero."""
     upright = math.hypot(R[0, 0], R[1, 0])
     pitch = math.atan2(-R[2, 0], upright)
     if upright < 1e-9:
