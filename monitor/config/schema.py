@@ -8,7 +8,7 @@ from typing import Annotated, Literal, get_type_hints
 import numpy as np
 from annotated_types import Interval
 
-from monitor.acquire.schedule.windows import ScheduleSettings
+from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import AssessSettings
 from monitor.model.fourier import Excitation

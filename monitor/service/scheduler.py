@@ -12,7 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from monitor.acquire.schedule.windows import ColdStart, Triggers, WarmUp, Window, check_windows, reach_back_s, upcoming
+from monitor.acquire.schedule.check import check_windows, reach_back_s
+from monitor.acquire.schedule.observers import ColdStart, WarmUp
+from monitor.acquire.schedule.triggers import Triggers
+from monitor.acquire.schedule.windows import Window, upcoming
 from monitor.config.schema import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339

@@ -9,18 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.acquire.schedule.windows import (
-    DAY_S,
-    ColdStart,
-    ScheduleSettings,
-    Triggers,
-    WarmUp,
-    check_windows,
-    evidence_window,
-    reach_back_s,
-    upcoming,
-    windows,
-)
+from monitor.acquire.schedule.check import check_windows, reach_back_s
+from monitor.acquire.schedule.observers import ColdStart, WarmUp
+from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.triggers import Triggers, evidence_window
+from monitor.acquire.schedule.windows import DAY_S, upcoming, windows
 from monitor.errors import BadInput
 
 BERLIN = ZoneInfo("Europe/Berlin")

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from monitor import __version__
-from monitor.acquire.schedule.windows import ScheduleSettings, expected
+from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import expected
 from monitor.publish.timestamps import rfc3339
 from monitor.store.store import Store
 
