@@ -122,7 +122,7 @@ def rehearse(
 
 def _assess_from_store(config: Path | None, *, others: bool, as_json: bool) -> None:
     """Recompute every past verdict of a history. `others`: options beside --config were given, which is a mistake."""
-    from monitor.service.recompute import recompute
+    from monitor.service.history.recompute import recompute
     from monitor.store.store import Store
     from monitor.views.terminal.progress import status as status_line
 

@@ -32,7 +32,7 @@ def schedule(
     as_json: JsonOption = False,
 ) -> None:
     """The next windows, and what became of the last ones; works without the daemon."""
-    from monitor.service.status import schedule_document
+    from monitor.service.history.status import schedule_document
 
     configuration = load_configuration(config)
     settings, document = configuration.schedule, schedule_document(configuration, time.time(), count)
@@ -89,7 +89,7 @@ def export(
     until: ToOption = None,
 ) -> None:
     """The history as a table for other programs: CSV or Parquet, times in UTC; or one recording."""
-    from monitor.service.transfer import export_recording, table, write_table
+    from monitor.service.history.transfer import export_recording, table, write_table
     from monitor.store.store import Store
 
     if output.suffix not in {".csv", ".parquet"}:
@@ -116,7 +116,7 @@ def import_(
     as_json: JsonOption = False,
 ) -> None:
     """Recordings made elsewhere into the history, judged in time order and marked as imported. The daemon must not run."""
-    from monitor.service.transfer import import_recordings
+    from monitor.service.history.transfer import import_recordings
     from monitor.store.series import given_entries
     from monitor.store.store import Store
     from monitor.views.terminal.progress import status as status_line

@@ -23,7 +23,7 @@ def predict(
     as_json: JsonOption = False,
 ) -> None:
     """Torque from the temperature-compensated model of a running daemon, or of its history."""
-    from monitor.service.status import torque_from_history
+    from monitor.service.history.status import torque_from_history
 
     configuration = load_configuration(config)
     joints = configuration.robot_description.joints
@@ -80,7 +80,7 @@ def status(
     """What is known of the arm now, from its history; works without the daemon."""
     import time
 
-    from monitor.service.status import status_document
+    from monitor.service.history.status import status_document
     from monitor.views.terminal.arm import print_not_alerting, print_status
 
     document = status_document(load_configuration(config), time.time(), why)

@@ -48,7 +48,7 @@ def report(
     """One page to print for the maintenance file: verdicts, evidence, context changes, what was not monitored and why."""
     import time
 
-    from monitor.service.report import report as collect
+    from monitor.service.history.report import report as collect
     from monitor.store.store import Store
     from monitor.views.report.page import report_page
 

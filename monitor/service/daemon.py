@@ -6,13 +6,13 @@ from collections.abc import Callable
 from monitor.config.schema import Configuration
 from monitor.errors import StoreUnavailable
 from monitor.publish.bus import Bus
-from monitor.service.alert_changes import AlertChanges
-from monitor.service.assess_and_store import adopt_orphans, load_state
+from monitor.service.bus.alert_changes import AlertChanges
 from monitor.service.bus.handlers import Handlers
+from monitor.service.bus.live import LiveComparison
+from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
-from monitor.service.live import LiveComparison
+from monitor.service.history.assess_and_store import adopt_orphans, load_state
 from monitor.service.monitor import Monitor, Replay
-from monitor.service.production import Production
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState, last_recording
 from monitor.store.store import Store

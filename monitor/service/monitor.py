@@ -11,10 +11,10 @@ from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, Store
 from monitor.judge.alerts.staleness import stale_joints
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
-from monitor.service.assess_and_store import assess_stored, state_after
+from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
-from monitor.service.production import Production
-from monitor.service.recompute import roll_back
+from monitor.service.history.assess_and_store import assess_stored, state_after
+from monitor.service.history.recompute import roll_back
 from monitor.service.shared_state import SharedState, last_recording
 from monitor.store.ledger import LedgerRow
 from monitor.store.recordings import write_recording

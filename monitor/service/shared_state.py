@@ -10,7 +10,7 @@ from monitor.judge.alerts.health import Health
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.publish.live_torque import LiveTorque
 from monitor.recording import Array, Recording
-from monitor.service.assess_and_store import EstimatorState
+from monitor.service.history.assess_and_store import EstimatorState
 from monitor.store.recordings import read_recording
 from monitor.store.store import Store
 

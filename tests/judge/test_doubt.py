@@ -19,7 +19,7 @@ from monitor.judge.torque.prediction_error import FIT_REPLAYS, MAX_RATIO, Predic
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
-from monitor.service.assess_and_store import load_state
+from monitor.service.history.assess_and_store import load_state
 from monitor.store.store import Store
 
 UR5 = load_robot("ur5")

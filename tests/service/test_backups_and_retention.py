@@ -17,10 +17,10 @@ from monitor.config.load import from_document
 from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.recording import Recording
-from monitor.service.assess_and_store import EstimatorState, assess_stored, load_state, state_after
+from monitor.service.history.assess_and_store import EstimatorState, assess_stored, load_state, state_after
+from monitor.service.history.recompute import recompute
 from monitor.service.motion import look
 from monitor.service.preflight import service_conditions
-from monitor.service.recompute import recompute
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay

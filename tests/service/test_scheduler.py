@@ -13,9 +13,9 @@ from test_backups_and_retention import configuration, lived, recordings  # noqa:
 
 from monitor.errors import StoreError
 from monitor.recording import Recording
-from monitor.service.assess_and_store import EstimatorState, load_state
+from monitor.service.history.assess_and_store import EstimatorState, load_state
+from monitor.service.history.recompute import roll_back
 from monitor.service.problems import Problems
-from monitor.service.recompute import roll_back
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler, too_little_room
 from monitor.store.ledger import LedgerRow

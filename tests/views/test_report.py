@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from monitor.cli.main import app
 from monitor.errors import BadInput
 from monitor.publish.timestamps import rfc3339
-from monitor.service.report import report
+from monitor.service.history.report import report
 from monitor.store.store import Store
 from monitor.views.report.charts import law_points, single_replay_change
 from monitor.views.report.page import report_page

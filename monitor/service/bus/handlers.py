@@ -12,7 +12,7 @@ from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
 from monitor.publish.queries import MOST_EVENTS, events_after, history_question, request
 from monitor.publish.timestamps import rfc3339
 from monitor.publish.torque_query import torque_answer
-from monitor.service.alert_changes import AlertChanges
+from monitor.service.bus.alert_changes import AlertChanges
 from monitor.service.bus.publisher import event_document
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState

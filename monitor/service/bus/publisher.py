@@ -11,7 +11,7 @@ from monitor.publish.bus import Bus
 from monitor.publish.health_document import health_told
 from monitor.publish.timestamps import outside
 from monitor.service.bus.info import info
-from monitor.service.production import Production
+from monitor.service.bus.production import Production
 from monitor.service.shared_state import SharedState
 from monitor.store.events import AlertEvent
 from monitor.store.store import Store

@@ -12,7 +12,7 @@ from monitor.config.schema import Configuration
 from monitor.errors import BadInput, StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Recording
-from monitor.service.assess_and_store import assess_stored, load_state, state_after
+from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
 from monitor.store.columns import named_columns
 from monitor.store.recordings import read_recording, write_recording
 from monitor.store.series import Entry, Series, dated

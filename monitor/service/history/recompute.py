@@ -15,7 +15,7 @@ from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.recording import Array, Recording
-from monitor.service.assess_and_store import EstimatorState, robot_digest
+from monitor.service.history.assess_and_store import EstimatorState, robot_digest
 from monitor.store.assessments import StoredAssessment
 from monitor.store.events import AlertEvent
 from monitor.store.provenance import differences, provenance

@@ -9,8 +9,8 @@ from monitor.acquire.listen import LiveState
 from monitor.publish.bus import Bus
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Array
+from monitor.service.bus.production import Production, Sample
 from monitor.service.bus.publisher import Publisher
-from monitor.service.production import Production, Sample
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
 
