@@ -225,7 +225,7 @@ def simulated() -> list[Assessment]:
     excitation = replace(excitation_from_document(json.loads((ROOT / "config/excitation/ur5-ground.json").read_text())), repetitions=1)
     verdicts: list[Assessment] = []
     for day in range(12):
-        controller.live(23.5, 20.0 + 6.0 * (day % 3), 0.3)
+        controller.pass_time(23.5, 20.0 + 6.0 * (day % 3), 0.3)
         if day == 7:
             controller.arm.set_wear(2, coulomb=1.25, viscous=1.25)
         recording = stepped_replay(controller, excitation)

@@ -95,7 +95,7 @@ class Commands:
         scenario = self._controller.settings.scenario
         duty = None if scenario and request.get("duty") is None else _number(request, "duty", 0.0, 1.0, default=0.0)
         ambient_c = None if request.get("ambient_c") is None else _number(request, "ambient_c", -20.0, 60.0)
-        obstacle = self._controller.live(hours, ambient_c, duty)
+        obstacle = self._controller.pass_time(hours, ambient_c, duty)
         if obstacle:
             raise BadInput(f"advance: {obstacle}")
         return {"clock_s": self._controller.clock.now_s, "lived_days": self._controller.scenario.lived_s / 86_400.0}

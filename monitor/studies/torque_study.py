@@ -206,5 +206,5 @@ def _by_law(controller: Controller, recording: Recording, grease_c: Array, setti
 def _live(controller: Controller, dice: np.random.Generator) -> None:
     """A night at one temperature of the room, then up to an hour of more or less work."""
     room = dice.uniform(*ROOM_C)
-    controller.live(20.0, room, 0.0)
-    controller.live(dice.uniform(0.0, 1.0), room, dice.uniform(0.0, 1.0))
+    controller.pass_time(20.0, room, 0.0)
+    controller.pass_time(dice.uniform(0.0, 1.0), room, dice.uniform(0.0, 1.0))

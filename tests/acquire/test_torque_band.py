@@ -210,8 +210,8 @@ def test_no_sound_replay_leaves_the_band_of_the_model_before_it(soak_row):
     last, shares = None, []
     for day in range(51):
         room = dice.uniform(4.0, 34.0)
-        arm.live(20.0, room, 0.0)
-        arm.live(dice.uniform(0.0, 1.0), room, dice.uniform(0.0, 1.0))
+        arm.pass_time(20.0, room, 0.0)
+        arm.pass_time(dice.uniform(0.0, 1.0), room, dice.uniform(0.0, 1.0))
         seen = stepped_replay(arm, excitation)
         seen = replace(seen, context=replace(seen.context, recorded_at_unix_s=1.75e9 + day * 86_400.0))
         if last is not None:

@@ -74,7 +74,7 @@ def life(tmp_path_factory):
     excitation = excitation_from_document(json.loads((ROOT / "config/excitation/ur5-ground.json").read_text("utf-8")))
     controller, rows = Controller(SimulateSettings(robot="ur5", seed=4)), ["file,recorded_at"]
     for day in range(3):
-        controller.live(23.5, 20.0 + 3.0 * day, 0.3)
+        controller.pass_time(23.5, 20.0 + 3.0 * day, 0.3)
         recording = stepped_replay(controller, replace(excitation, repetitions=1))
         context = replace(recording.context, recorded_at_unix_s=FIRST_UNIX_S + day * 86_400.0)
         write_recording(folder / f"day-{day + 1}.parquet", replace(recording, context=context))

@@ -129,10 +129,10 @@ def test_an_arm_without_power_is_as_warm_as_its_room():
     """And three kelvins warmer with it, at rest."""
     c = Controller(SimulateSettings(ambient_c=20.0))
     c.safety.power(RobotMode.POWER_OFF)
-    c.live(48.0)
+    c.pass_time(48.0)
     assert np.allclose(c.arm.temperatures.motor_c, 20.0, atol=0.1)
     c.safety.power(RobotMode.IDLE)
-    c.live(48.0)
+    c.pass_time(48.0)
     assert np.allclose(c.arm.temperatures.motor_c, 23.0, atol=0.1)
 
 

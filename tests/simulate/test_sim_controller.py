@@ -264,10 +264,10 @@ def test_a_target_that_is_no_number_stops_the_arm(pendant, broken):
 
 
 def test_months_pass_at_once_only_without_a_program(pendant):
-    """live: heat, wear and clock go on; refused while a program plays."""
-    assert pendant.controller.live(1.0, 22.0, 0.0) == "a program is running"
+    """`pass_time` advances heat, wear and clock. It is refused while a program plays."""
+    assert pendant.controller.pass_time(1.0, 22.0, 0.0) == "a program is running"
     pendant.controller.stop_program("test")
     before = pendant.controller.clock.now_s
-    assert pendant.controller.live(24.0 * 30, 30.0, 0.5) == ""
+    assert pendant.controller.pass_time(24.0 * 30, 30.0, 0.5) == ""
     assert pendant.controller.clock.now_s - before == pytest.approx(24 * 30 * 3600)
     assert np.all(pendant.controller.arm.temperatures.motor_c > 31.0)

@@ -97,7 +97,7 @@ def test_frozen_temperatures_stay_and_clear_thaws_them(controller):
     """Even while the joint warms."""
     controller.inject("temperatures_frozen", {})
     before = controller.measurements.latest.temperature_c
-    controller.live(1.0, 35.0, 1.0)
+    controller.pass_time(1.0, 35.0, 1.0)
     controller.step()
     assert np.array_equal(controller.measurements.latest.temperature_c, before)
     controller.inject("clear", {})

@@ -236,7 +236,7 @@ def test_wear_grows_with_use_under_load():
     arm.wear.use(np.ones(6), np.full(6, 0.25))
     assert np.allclose(arm.wear.coulomb, 1.001)
     assert np.allclose(arm.wear.viscous, 1.0005)
-    arm.live(24.0, 22.0, 0.5)
+    arm.pass_time(24.0, 22.0, 0.5)
     assert np.all(arm.wear.revolutions > 1000)
     assert np.all(arm.wear.coulomb > 1.1)
 
@@ -259,10 +259,10 @@ def test_a_leap_in_time_is_many_small_steps(hours, watts, ambient):
 def test_an_idle_arm_cools_to_a_little_above_the_room():
     """After a day; and a working one is warmer, the grease most of all."""
     arm = Arm(load_robot("ur5"), q=HOME)
-    arm.live(8.0, 22.0, 1.0)
+    arm.pass_time(8.0, 22.0, 1.0)
     assert np.all(arm.temperatures.motor_c > 30.0)
     assert np.all(arm.temperatures.grease_c > arm.temperatures.motor_c)
-    arm.live(24.0, 12.0, 0.0)
+    arm.pass_time(24.0, 12.0, 0.0)
     assert np.allclose(arm.temperatures.motor_c, 12.0 + 3.0, atol=0.1)
 
 

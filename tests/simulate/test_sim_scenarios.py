@@ -30,7 +30,7 @@ def friction(controller: Controller, joint: int) -> float:
 
 
 def live_days(controller: Controller, days: float) -> None:
-    assert controller.live(24.0 * days) == ""
+    assert controller.pass_time(24.0 * days) == ""
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -164,7 +164,7 @@ def test_stepped_and_tick_by_tick_give_the_same_life():
     ticked, leapt = (Controller(SimulateSettings(scenario=Scenario(events=(event,)))) for _ in range(2))
     for _ in range(round(3.0 / ticked.clock.tick_s)):
         ticked.step()
-    leapt.live(3.0 / 3600.0)
+    leapt.pass_time(3.0 / 3600.0)
     for controller in (ticked, leapt):
         assert controller.arm.wear.coulomb[0] == pytest.approx(1.5, abs=1e-6)
     assert np.allclose(ticked.arm.temperatures.motor_c, leapt.arm.temperatures.motor_c, atol=0.02)

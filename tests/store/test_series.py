@@ -33,7 +33,7 @@ def recordings(tmp_path_factory) -> list[Path]:
     excitation = replace(excitation_from_document(json.loads(text)), repetitions=1)
     paths = []
     for day in range(3):
-        controller.live(23.5, 20.0 + 3.0 * day, 0.3)
+        controller.pass_time(23.5, 20.0 + 3.0 * day, 0.3)
         recording = stepped_replay(controller, excitation)
         context = replace(recording.context, recorded_at_unix_s=START_S + day * 86_400.0)
         paths.append(folder / f"day-{day}.parquet")

@@ -243,8 +243,8 @@ def test_the_surrogate_is_what_identify_makes_of_full_physics(seed):
     controller, robot, dice = Controller(SimulateSettings(seed=seed)), load_robot("ur5"), np.random.default_rng(seed)
     left, grease = [], []
     for _ in range(150):
-        controller.live(20.0, dice.uniform(5.0, 35.0), 0.0)
-        controller.live(dice.uniform(0.0, 1.0), controller.arm.ambient_c, dice.uniform(0.0, 1.0))
+        controller.pass_time(20.0, dice.uniform(5.0, 35.0), 0.0)
+        controller.pass_time(dice.uniform(0.0, 1.0), controller.arm.ambient_c, dice.uniform(0.0, 1.0))
         before = controller.arm.temperatures.grease_c.copy()
         recording = stepped_replay(controller, excitation)
         mean = 0.5 * (before + controller.arm.temperatures.grease_c)

@@ -289,7 +289,7 @@ class Arm:
             self.wear.viscous[joint] = viscous
         self._update_friction()
 
-    def live(self, hours: float, ambient_c: float, duty: float) -> None:
+    def pass_time(self, hours: float, ambient_c: float, duty: float) -> None:
         """Let time pass without computing motion. The arm does a typical job in the share `duty` of the time and rests otherwise."""
         self.ambient_c = ambient_c
         speed = np.full(self.robot.joints, PRODUCTION_SPEED_RAD_S)

@@ -54,5 +54,5 @@ class Wear:
 
 
 def rated_revolutions_an_hour(duty: float) -> float:
-    """Rated revolutions of every joint in one hour of a typical job with this duty, as `Arm.live` counts them."""
+    """Rated revolutions of every joint in one hour of a typical job with this duty, as `Arm.pass_time` counts them."""
     return duty * PRODUCTION_MOVING * PRODUCTION_SPEED_RAD_S * 3600.0 / (2.0 * np.pi) * PRODUCTION_LOAD / RATED_LOAD

@@ -199,7 +199,7 @@ class Controller:
         """Make one fault happen. Returns a sentence that says what was done. Raises BadInput for what is unknown or impossible."""
         return inject(fault, arguments, self._fault_target)
 
-    def live(self, hours: float, ambient_c: float | None = None, duty: float | None = None) -> str:
+    def pass_time(self, hours: float, ambient_c: float | None = None, duty: float | None = None) -> str:
         """Let hours pass without computing motion, in a room at this temperature, with this share of work.
 
         None means as in the scenario. Returns why this is not possible, or an empty text.

@@ -70,7 +70,7 @@ class ScenarioPlayer:
             now_s = clock.lived_s
             self.advance(now_s, target, ambient_c=ambient_c)
             slice_s = min(LEAP_S, seconds, max(self.next_event_s - now_s, 1e-3))
-            arm.live(slice_s / 3600.0, arm.ambient_c, self.duty(now_s) if duty is None else duty)
+            arm.pass_time(slice_s / 3600.0, arm.ambient_c, self.duty(now_s) if duty is None else duty)
             clock.leap(slice_s)
             seconds -= slice_s
         self.advance(clock.lived_s, target, ambient_c=ambient_c)
