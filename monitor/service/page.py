@@ -10,14 +10,14 @@ import numpy as np
 from monitor.config.schema import Configuration
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.store.store import Store
-from monitor.views.web.content import Ask, Content
+from monitor.views.web.content import BusAccess, Content
 
 if TYPE_CHECKING:
     from monitor.views.web.server import PageServer
 
 
 def page(
-    configuration: Configuration, bus: Ask, store: Store, now: Callable[[], float] = time.time
+    configuration: Configuration, bus: BusAccess, store: Store, now: Callable[[], float] = time.time
 ) -> "AbstractContextManager[PageServer | None]":
     """The page's server while the context lasts; None where the configuration names no address.
 

@@ -1,1 +1,1 @@
-"""What a person looks at: web page, printed report, plots, terminal. I/O."""
+"""What a person looks at: the web page, the printed report, plots, and tables on a terminal."""

@@ -16,8 +16,8 @@ from life import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
 
 from monitor.errors import BadConfiguration, BadInput, BusError
 from monitor.publish.registry import KINDS
+from monitor.views.web.app import COMMANDS, HEADERS, STATIC
 from monitor.views.web.content import columns, thinned
-from monitor.views.web.server import COMMANDS, HEADERS, STATIC
 from monitor.views.web.settings import PageSettings
 
 pytestmark = pytest.mark.xdist_group("page")
@@ -127,7 +127,7 @@ def test_what_is_live_is_what_the_bus_says(served):
 
 def test_a_stream_says_the_monitors_time_so_that_silence_is_news(served, monkeypatch):
     """Nothing new on the bus: the clock comes all the same, and comes again."""
-    monkeypatch.setattr("monitor.views.web.server.SAYS_TIME_S", 0.3)
+    monkeypatch.setattr("monitor.views.web.app.CLOCK_PERIOD_S", 0.3)
     server, _, _ = served
     host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
     connection = http.client.HTTPConnection(host, int(port), timeout=10)

@@ -1,1 +1,1 @@
-"""The status page: what the bus says, for a person with a browser. I/O."""
+"""The status page: the bus's documents and the history for a person with a browser. I/O."""

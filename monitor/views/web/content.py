@@ -1,4 +1,4 @@
-"""What the page shows besides the bus's last values: the past, thinned for a screen, the ledger, and the monitor's own condition."""
+"""What the page shows beside the bus's last values: the history thinned for a screen, windows and events, and the monitor's own state."""
 
 import math
 import os
@@ -16,59 +16,60 @@ from monitor.acquire.schedule.windows import expected
 from monitor.publish.timestamps import rfc3339
 from monitor.store.store import Store
 
-MOST_REPLAYS = 400  # of a joint's line: more would be less than three pixels apart
-NEWEST = 60  # never thinned
-EVENTS = 60
-WINDOWS = 40
-COMING = 5
-DIGITS = 5  # of a figure that becomes a pixel
-SERIES = (
+MAX_REPLAYS = 400  # in a joint's line; more would be less than three pixels apart
+NEWEST_REPLAYS = 60  # all of them are shown, as a change shows there first
+EVENTS = 60  # newest transitions of alerts in the page's list
+PAST_WINDOWS = 40  # newest windows in the page's list
+COMING_WINDOWS = 5
+COUNTED_WINDOWS = 200  # newest windows of which the page counts how they ended
+DIGITS = 5  # significant digits of a figure that becomes a pixel
+SERIES = (  # fields of a friction document that the page draws
     "wear", "wear_std", "viscous_nm_s_per_rad", "temperature_c", "reference_torque_nm", "replay_torque_nm", "replay_torque_std_nm",
 )  # fmt: skip
 
 
-class Ask(Protocol):
-    """What the page asks of the bus."""
+class BusAccess(Protocol):
+    """What the page needs of the bus."""
 
-    dropped: int
+    dropped: int  # documents that could not be sent
 
     def last_payloads(self) -> dict[str, bytes]:
-        """Last values as they were sent, by key."""
+        """The last value of every key, encoded as it was sent."""
 
     def ask(self, key: str, about: Mapping[str, Any]) -> Mapping[str, Any]:
-        """What a query on a key would be answered."""
+        """The answer to a query on a key. Raises BadInput where the query is refused."""
 
 
 @dataclass(slots=True)
 class Content:
-    """Everything behind the page's addresses. Called from several threads."""
+    """The documents behind the page's addresses. Its methods may be called from any thread."""
 
-    past: Store
-    bus: Ask
-    about: dict[str, Any]  # who, and the arm's geometry
+    store: Store
+    bus: BusAccess
+    about: dict[str, Any]  # the robot's names, alert conditions and geometry
     schedule_settings: ScheduleSettings = field(default_factory=ScheduleSettings)
     now: Callable[[], float] = time.time
     _began: float = field(default_factory=time.monotonic)
     _lock: threading.Lock = field(default_factory=threading.Lock)
-    _made_of: tuple[int, int] = (-1, -1)
+    _history_of: tuple[int, int] = (-1, -1)  # count and newest number of the replays that `_history` was made of
     _history: dict[str, Any] = field(default_factory=dict)
 
     def history(self) -> dict[str, Any]:
-        """Every joint's past as columns; old replays thinned, the newest all there. Made anew only after a replay."""
-        ids = self.past.assessments.replays()
-        made_of = (len(ids), ids[-1] if ids else 0)
+        """The history of every joint as columns: old replays thinned, the newest complete. It is read again only after a replay."""
+        ids = self.store.assessments.replays()
+        history_of = (len(ids), ids[-1] if ids else 0)
         with self._lock:
-            if made_of != self._made_of:
-                shown = thinned(ids, MOST_REPLAYS, NEWEST)
-                self._history = columns(self.past.assessments.friction_of(shown)) | {"replays": len(ids), "shown": len(shown)}
-                self._made_of = made_of
+            if history_of != self._history_of:
+                shown = thinned(ids, MAX_REPLAYS, NEWEST_REPLAYS)
+                self._history = columns(self.store.assessments.friction_of(shown)) | {"replays": len(ids), "shown": len(shown)}
+                self._history_of = history_of
             return self._history
 
     def schedule(self) -> dict[str, Any]:
-        """What is to come, and what was attempted, the newest first."""
+        """The next windows; the last windows and transitions of alerts, newest first."""
         rows = [
             {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
-            for row in reversed(self.past.ledger.rows(limit=WINDOWS))
+            for row in reversed(self.store.ledger.rows(limit=PAST_WINDOWS))
         ]
         events = [
             {
@@ -76,21 +77,21 @@ class Content:
                 "at": rfc3339(event.at_unix_s),
                 **{key: event.document.get(key) for key in ("kind", "joint", "condition", "tier")},
             }
-            for event in reversed(self.past.events.rows(limit=EVENTS))
+            for event in reversed(self.store.events.rows(limit=EVENTS))
         ]
         return {"coming": self._coming(), "timezone": self.schedule_settings.timezone, "windows": rows, "events": events}
 
     def _coming(self) -> list[dict[str, Any]]:
-        """The next windows, why each is there; one that waits for the arm says so by its `why`."""
-        found = expected(self.schedule_settings, self.now(), COMING, self.past.ledger, str(self.about.get("key_prefix", "")))
+        """The next windows with the reason of each; that of a window that waits for the arm says so."""
+        found = expected(self.schedule_settings, self.now(), COMING_WINDOWS, self.store.ledger, str(self.about.get("key_prefix", "")))
         return [{"opens": rfc3339(w.opens_unix_s), "closes": rfc3339(w.closes_unix_s), "why": w.why} for w in found]
 
     def monitor(self) -> dict[str, Any]:
-        """The monitor's own condition."""
-        disk = shutil.disk_usage(self.past.directory)
-        history = self.past.directory / "history.sqlite"
+        """The monitor's own state: version, memory, disk, how windows ended, stops that wait for a person."""
+        disk = shutil.disk_usage(self.store.directory)
+        history = self.store.directory / "history.sqlite"
         counts: dict[str, int] = {}
-        for row in self.past.ledger.rows(limit=200):
+        for row in self.store.ledger.rows(limit=COUNTED_WINDOWS):
             counts[row.state] = counts.get(row.state, 0) + 1
         return {
             "version": __version__,
@@ -102,19 +103,19 @@ class Content:
             "history_mb": round(history.stat().st_size / 1e6, 2) if history.is_file() else None,
             "documents_dropped": self.bus.dropped,
             "last_windows": counts,
-            "stops": [stop.text for stop in self.past.stops.waiting()],
+            "stops": [stop.text for stop in self.store.stops.waiting()],
         }
 
 
 def thinned(ids: Sequence[int], most: int, newest: int) -> list[int]:
-    """At most about `most` of them in order: evenly spaced, the first always, and the `newest` all."""
+    """About `most` of the numbers in their order: the `newest` last ones all, the others evenly spaced from the first."""
     old, new = ids[:-newest], ids[-newest:]
     every = max(1, math.ceil(len(old) / max(1, most - newest)))
     return [*old[::every], *new]
 
 
 def columns(rows: Sequence[tuple[int, int, float, dict[str, Any]]]) -> dict[str, Any]:
-    """Rows of (replay, joint, when, document) → times, and for every joint a column of each figure."""
+    """Times [s since 1970], and for every joint a column of each figure; from rows (replay, joint, time, document)."""
     at: dict[int, int] = {}
     times: list[float] = []
     for replay, _, when, _ in rows:
@@ -131,6 +132,7 @@ def columns(rows: Sequence[tuple[int, int, float, dict[str, Any]]]) -> dict[str,
 
 
 def _resident_mb() -> float | None:
+    """Memory of this process [MB]; None where the system has no /proc."""
     try:
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
     except (OSError, ValueError, IndexError):

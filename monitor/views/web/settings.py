@@ -1,4 +1,4 @@
-"""Where the page is served, and who may see it."""
+"""Settings of the page: its address, and who may see it."""
 
 import ipaddress
 import os
@@ -7,18 +7,18 @@ from pathlib import Path
 
 from monitor.errors import BadInput
 
-SHORTEST_TOKEN = 16
+SHORTEST_TOKEN = 16  # characters: as many as 64 random bits have in hexadecimal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageSettings:
-    """The status page; off until an address is given."""
+    """The section [page]. Without an address there is no page."""
 
     listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:8420"; empty: no page
-    token_file: str = ""  # holds the token to ask for; needed beyond loopback; ${CREDENTIALS_DIRECTORY} is known
+    token_file: str = ""  # holds the token that a browser must enter; needed beyond loopback; may begin with ${CREDENTIALS_DIRECTORY}
 
     def __post_init__(self) -> None:
-        """Raises BadInput where this is no address, or an open one without a token."""
+        """Raises BadInput where `listen` is no address, or an address beyond loopback without a token."""
         if not self.listen:
             return
         self.address()
@@ -36,21 +36,21 @@ class PageSettings:
 
     @property
     def loopback(self) -> bool:
-        """Only this machine can reach it."""
+        """Whether only this machine can reach the page."""
         host, _ = self.address()
         try:
             return ipaddress.ip_address(host).is_loopback
         except ValueError:
             return host == "localhost"
 
-    def token(self, beside: Path) -> str | None:
-        """The secret, where one is asked for; `beside` anchors a relative name.
+    def token(self, directory: Path) -> str | None:
+        """The token; None where none is asked for. A relative `token_file` begins at `directory`.
 
-        Raises BadInput where the file cannot be read or the token is short enough to be guessed.
+        Raises BadInput where the file cannot be read, or where the token is short enough to be guessed.
         """
         if not self.token_file:
             return None
-        path = beside / self.token_file.replace("${CREDENTIALS_DIRECTORY}", os.environ.get("CREDENTIALS_DIRECTORY", ""))
+        path = directory / self.token_file.replace("${CREDENTIALS_DIRECTORY}", os.environ.get("CREDENTIALS_DIRECTORY", ""))
         try:
             token = path.read_text("utf-8").strip()
         except (OSError, UnicodeDecodeError) as error:

@@ -1,0 +1,206 @@
+"""The page's addresses: its files, its documents, the stream of what is new, sign-in, and commands.
+
+Live values go out as server-sent events. Each browser receives the newest value of every key at its own pace, never a backlog. Commands go
+the same way as `cmd/*` on the bus.
+"""
+
+import asyncio
+import json
+import math
+import threading
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from importlib.resources import files
+from typing import Any
+from urllib.parse import parse_qs
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from monitor.errors import BadInput
+from monitor.views.web.access import Access
+from monitor.views.web.content import Content
+
+STATIC = {
+    "page.css": "text/css",
+    "page.js": "text/javascript",
+    "arm.js": "text/javascript",
+    "charts.js": "text/javascript",
+    "uPlot.iife.min.js": "text/javascript",
+    "uPlot.min.css": "text/css",
+    "uPlot.LICENSE.txt": "text/plain",
+    "icon.svg": "image/svg+xml",
+}
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+COMMANDS = ("ack", "shelve", "replay")
+STREAM_PERIOD_S = 0.2  # how often a stream looks for new values: as often as live torque is published by default
+CLOCK_PERIOD_S = 5.0  # between two times in a stream: a page that misses them knows that it is cut off, and a proxy keeps the stream open
+MAX_STREAMS = 32  # browsers at once; each costs a task and a copy of what was sent to it
+MAX_BODY_BYTES = 20_000  # of a command; a long reason has some hundred bytes
+BODY_TIMEOUT_S = 10.0  # for the body of a command to arrive
+WRONG_TOKEN_DELAY_S = 1.0  # before a wrong token is refused: guessing gets slow
+
+Endpoint = Callable[[Request], Awaitable[Response]]
+
+
+class PageApp:
+    """The routes. `starlette` is the application; setting `closing` ends all streams."""
+
+    def __init__(self, content: Content, access: Access) -> None:
+        self._content, self._access = content, access
+        self._streams = 0
+        self.closing = threading.Event()
+        package = files("monitor.views.web").joinpath("static")
+        self._static = {name: package.joinpath(name).read_bytes() for name in STATIC}
+        self._index = package.joinpath("index.html").read_text("utf-8")
+        self._login = package.joinpath("login.html").read_text("utf-8")
+        self.starlette = Starlette(
+            routes=[
+                Route("/", self._guarded(self._page)),
+                Route("/static/{name}", self._file),
+                Route("/login", self._sign_in, methods=["GET", "POST"]),
+                Route("/api/about", self._guarded(self._about)),
+                Route("/api/history", self._guarded(_document_of(content.history))),
+                Route("/api/schedule", self._guarded(_document_of(content.schedule))),
+                Route("/api/monitor", self._guarded(_document_of(content.monitor))),
+                Route("/api/live", self._guarded(self._live)),
+                Route("/api/cmd/{command}", self._guarded(self._command), methods=["POST"]),
+            ]
+        )
+
+    def _guarded(self, endpoint: Endpoint) -> Endpoint:
+        """The endpoint for those who may see the page; others get a refusal."""
+
+        async def guarded(request: Request) -> Response:
+            if not self._access.knows_host(request):
+                return with_headers(Response("this name is not this page's", status_code=421))
+            if not self._access.signed_in(request):
+                if request.url.path == "/":
+                    return with_headers(Response(self._login, status_code=401, media_type="text/html"))
+                return with_headers(JSONResponse({"error": "sign in first"}, status_code=401))
+            return with_headers(await endpoint(request))
+
+        return guarded
+
+    async def _sign_in(self, request: Request) -> Response:
+        if request.method != "POST":  # a wrong token leaves a person at this address, and a reload asks for it
+            return with_headers(RedirectResponse("/", status_code=303))
+        body = await _body(request)
+        given = parse_qs((body or b"").decode("utf-8", "replace")).get("token", [""])[0].strip()
+        if not (self._access.knows_host(request) and self._access.same_origin(request)):
+            return with_headers(Response("not from here", status_code=403))
+        if not self._access.token_matches(given):
+            await asyncio.sleep(WRONG_TOKEN_DELAY_S)
+            return with_headers(Response(self._login.replace("hidden", "", 1), status_code=401, media_type="text/html"))
+        response = RedirectResponse("/", status_code=303)
+        self._access.open_session(request, response)
+        return with_headers(response)
+
+    async def _page(self, _: Request) -> Response:
+        return Response(self._index.replace("%CSRF%", self._access.page_token), media_type="text/html")
+
+    async def _file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in self._static:
+            return with_headers(Response("not found", status_code=404))
+        response = with_headers(Response(self._static[name], media_type=STATIC[name]))
+        response.headers["Cache-Control"] = "no-cache"
+        return response
+
+    async def _about(self, _: Request) -> Response:
+        return JSONResponse(self._content.about)
+
+    async def _live(self, _: Request) -> Response:
+        if self._streams >= MAX_STREAMS:
+            return JSONResponse({"error": f"{MAX_STREAMS} browsers are looking already"}, status_code=503)
+        return StreamingResponse(self._events(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
+
+    async def _events(self) -> AsyncIterator[bytes]:
+        """Server-sent events: `value` for every key that has a new value, `time` every CLOCK_PERIOD_S, until the server closes."""
+        self._streams += 1
+        try:
+            sent: dict[str, bytes] = {}
+            clock_sent = -math.inf
+            while not self.closing.is_set():
+                last = self._content.bus.last_payloads()
+                new = [(key, payload) for key, payload in last.items() if sent.get(key) is not payload]
+                sent.update(new)
+                events = []
+                if time.monotonic() - clock_sent >= CLOCK_PERIOD_S:
+                    clock_sent = time.monotonic()
+                    events.append(f"event: time\ndata: {1000.0 * self._content.now():.0f}\n\n".encode())
+                # a document is one line: JSON as the bus encodes it has no line break
+                events += [b"event: value\ndata: " + json.dumps(key).encode() + b" " + payload + b"\n\n" for key, payload in new]
+                if events:
+                    yield b"".join(events)
+                await asyncio.sleep(STREAM_PERIOD_S)
+        finally:
+            self._streams -= 1
+
+    async def _command(self, request: Request) -> Response:
+        """Answer like `cmd/*` on the bus; a command that does not come from our own page is refused."""
+        command = request.path_params["command"]
+        if command not in COMMANDS:
+            return JSONResponse({"error": f"no command {command!r}; known are {', '.join(COMMANDS)}"}, status_code=404)
+        if not self._access.from_page(request):
+            return JSONResponse({"error": "commands come from the page itself; load it anew"}, status_code=403)
+        if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+            return JSONResponse({"error": "expected application/json"}, status_code=415)
+        body = await _body(request)
+        if body is None:
+            return JSONResponse({"error": f"more than {MAX_BODY_BYTES} bytes, or slower than {BODY_TIMEOUT_S:g} s"}, status_code=413)
+        try:
+            document = json.loads(body)
+            if not isinstance(document, dict):
+                raise BadInput("expected a JSON object")
+            answer = await asyncio.to_thread(self._content.bus.ask, f"cmd/{command}", document)
+        except (ValueError, RecursionError):
+            return JSONResponse({"error": "is no JSON"}, status_code=400)
+        except BadInput as error:
+            return JSONResponse({"error": str(error)}, status_code=409)
+        return JSONResponse(answer)
+
+
+def _document_of(read: Callable[[], dict[str, Any]]) -> Endpoint:
+    """An endpoint that answers with what `read` returns. It reads in a thread, so that SQL does not hold up the streams."""
+
+    async def endpoint(_: Request) -> Response:
+        document = await asyncio.to_thread(read)
+        return Response(await asyncio.to_thread(_encoded, document), media_type="application/json")
+
+    return endpoint
+
+
+async def _body(request: Request) -> bytes | None:
+    """At most MAX_BODY_BYTES bytes; None where there are more, or they do not arrive within BODY_TIMEOUT_S."""
+    body = b""
+    try:
+        async with asyncio.timeout(BODY_TIMEOUT_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > MAX_BODY_BYTES:
+                    return None
+    except TimeoutError:
+        return None
+    return body
+
+
+def _encoded(document: dict[str, Any]) -> bytes:
+    return json.dumps(document, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+def with_headers(response: Response) -> Response:
+    """The response with HEADERS, where it does not set them itself."""
+    for name, value in HEADERS.items():
+        response.headers.setdefault(name, value)
+    return response
