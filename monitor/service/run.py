@@ -17,10 +17,10 @@ from monitor.publish.metrics import MetricsServer
 from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Context, Recording
-from monitor.service.bus.monitor_document import MonitorDocument
 from monitor.service.daemon import Daemon
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
 from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument
 from monitor.service.motion import move
 from monitor.service.page import page
 from monitor.service.problems import Problems

@@ -17,10 +17,10 @@ from monitor.config.load import from_document
 from monitor.judge.alerts.health import Alert
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
-from monitor.service.bus.monitor_document import MonitorDocument
 from monitor.service.daemon import Daemon
 from monitor.service.main_loop import Workers, monitor_document
 from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader
 from monitor.service.replay_requests import ReplayRequests

@@ -25,10 +25,10 @@ from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
 from monitor.service.bus.handlers import Handlers
 from monitor.service.bus.info import digest
-from monitor.service.bus.monitor_document import MonitorDocument
 from monitor.service.daemon import Daemon
 from monitor.service.main_loop import MainLoop, Workers
 from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader
 from monitor.service.replay_requests import ReplayRequests

@@ -13,8 +13,8 @@ from monitor.errors import StoreUnavailable
 from monitor.publish.metrics import families
 from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside
-from monitor.service.bus.monitor_document import MonitorDocument, read_monitor_document, silent_s
 from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument, read_monitor_document, silent_s
 from monitor.service.problems import Problems
 from monitor.store.backup import backups
 from monitor.store.store import Store

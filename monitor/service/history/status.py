@@ -17,7 +17,7 @@ from monitor.judge.torque.compensated_model import model_from_document
 from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
-from monitor.service.bus.monitor_document import read_monitor_document, silent_s
+from monitor.service.monitor_document import read_monitor_document, silent_s
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present
 from monitor.store.ledger import LedgerRow
