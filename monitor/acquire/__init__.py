@@ -1,1 +1,1 @@
-"""Robot → Recording: guarded motion and listening, each in a child process that may die. All I/O."""
+"""Robot → Recording: replays under guard, and listening; each connection in a process of its own that may be killed."""

@@ -1,4 +1,4 @@
-"""How a replay is allowed, announced, played, watched and given up: the settings of this room."""
+"""How a replay is allowed, announced, played, supervised and ended: the settings of this room."""
 
 import math
 import re
@@ -17,41 +17,37 @@ _INPUT = re.compile(r"digital_input:([0-9]|1[0-7])\Z")  # 0–7 standard, 8–15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplaySettings:
-    """How a replay approaches, plays, watches and gives up."""
+    """How a replay is allowed, played and supervised."""
 
     host: str
-    allow_motion: bool = False
-    windows_utc: tuple[str, ...] = ()  # "22:00-05:00": an arm moves only within one of these; empty: at any time
-    permit: str = "none"  # who else must agree: none, zenoh (`permit/replay` is asked), or digital_input:N (must be on)
-    permit_timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 5.0  # no answer by then is a no
+    allow_motion: bool = False  # nothing moves unless this is true
+    windows_utc: tuple[str, ...] = ()  # "22:00-05:00": the arm moves only within one of these spans; empty: at any time
+    permit: str = "none"  # who else must agree: none; zenoh: `permit/replay` is asked; digital_input:N: this input must be on
+    permit_timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 5.0  # a permit that has not come by then counts as refused
     announce_s: Annotated[float, Interval(ge=0.0, le=600.0)] = 0.0  # from the announcement to the first motion
-    first_pass: bool = True  # after a change of trajectory, cell, tool or payload, slowly and within a band of torque first
-    first_pass_time_scale: Annotated[float, Interval(ge=0.05, le=0.5)] = 0.25  # of the replay's own pace
-    first_pass_band: Annotated[float, Interval(ge=0.02, le=0.5)] = (
-        0.25  # of a joint's largest torque, where no model of this arm is known yet
-    )
+    first_pass: bool = True  # after a change of trajectory, cell, tool or payload, play slowly and within a torque band first
+    first_pass_time_scale: Annotated[float, Interval(ge=0.05, le=0.5)] = 0.25  # speed of a first pass, as a share of the replay's own
+    first_pass_band: Annotated[float, Interval(ge=0.02, le=0.5)] = 0.25  # share of a joint's largest torque, where no model is known
     max_payload_error_kg: Annotated[float, Interval(ge=0.0, le=5.0)] = 0.05  # between the controller's payload and the configuration's
     max_gravity_error_deg: Annotated[float, Interval(ge=1.0, le=45.0)] = 5.0  # between the tool's accelerometer and the configured mounting
-    rate_hz: float = 125.0  # rows and targets; e-Series is asked for every fourth tick
-    lookahead_s: float = 0.03
-    gain: float = 500.0
-    watchdog_hz: float = 10.0  # the controller stops the program when no target came for 1/f
+    rate_hz: float = 125.0  # [Hz] of rows and of targets; an e-Series controller, which runs at 500 Hz, is asked for every fourth tick
+    lookahead_s: float = 0.03  # servoJ's lookahead time: a larger one makes the motion smoother and later
+    gain: float = 500.0  # servoJ's proportional gain: a larger one follows more stiffly
+    watchdog_hz: float = 10.0  # the controller stops the program when no target has come for 1/watchdog_hz
     approach_speed_rad_s: float = 0.5
     approach_acceleration_rad_s2: float = 1.5
-    max_approach_rad: float = 2.5  # farther from the start than this in any joint: somebody parked the arm elsewhere
-    max_timestamp_age_s: float = 0.1
-    max_following_error_rad: float = 0.05  # outside the band of the targets of the last 0.2 s
-    joint_temperature_range_c: tuple[float, float] = (0.0, 75.0)
-    startup_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 10.0  # interpreter, imports, connections, checks
+    max_approach_rad: float = 2.5  # an arm with a joint farther from the start than this was parked elsewhere on purpose
+    max_timestamp_age_s: float = 0.1  # without a new row for so long the replay ends
+    max_following_error_rad: float = 0.05  # largest distance of a joint from the range of the targets of the last 0.2 s
+    joint_temperature_range_c: tuple[float, float] = (0.0, 75.0)  # lowest and highest temperature with which a joint may move
+    startup_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 10.0  # for interpreter, imports, connections and checks together
     control_timeout_s: Annotated[float, Interval(ge=6.0, le=60.0)] = (
-        12.0  # upload of the control script; ur-rtde itself waits 5 s for it to run
+        12.0  # upload of the control program; ur-rtde waits up to 5 s for its start
     )
-    phase_grace_s: Annotated[float, Interval(ge=0.5, le=60.0)] = 4.0  # beyond a phase's own duration
-    silence_timeout_s: Annotated[float, Interval(ge=0.2, le=1.5)] = (
-        1.0  # the child tells something at least every 0.1 s while the arm moves
-    )
-    finish_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 6.0
-    cell: Cell | None = None  # what stands around the arm; None: nobody said, and no clearance is checked
+    phase_grace_s: Annotated[float, Interval(ge=0.5, le=60.0)] = 4.0  # a phase may last so much longer than planned
+    silence_timeout_s: Annotated[float, Interval(ge=0.2, le=1.5)] = 1.0  # while the arm moves something comes at least every 0.1 s
+    finish_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 6.0  # for the end of the control program
+    cell: Cell | None = None  # what stands around the arm; None: it is unknown, and no clearance is checked
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the setting, its value and what would be right."""
@@ -83,12 +79,12 @@ class ReplaySettings:
 
     @property
     def permit_input(self) -> int | None:
-        """The digital input that must be on; None where it is not an input that is asked."""
+        """The number of the digital input that gives the permit; None where no input does."""
         match = _INPUT.match(self.permit)
         return int(match[1]) if match else None
 
     def minutes_left(self, unix_s: float) -> float | None:
-        """Until the end of the window that is open at that time; inf where every time is allowed, None where none is open."""
+        """Minutes until the window that is open at that time closes; inf where every time is allowed, None where no window is open."""
         if not self.windows_utc:
             return math.inf
         at = datetime.fromtimestamp(unix_s, tz=UTC)
@@ -98,7 +94,7 @@ class ReplaySettings:
 
 
 def _left(window: str, minute: float) -> float | None:
-    """Minutes from a minute of the day to the end of HH:MM-HH:MM, which may pass midnight; None outside."""
+    """Minutes from a minute of the day to the end of HH:MM-HH:MM, which may pass midnight; None outside the window."""
     begin, end = (60.0 * int(part[:2]) + int(part[3:]) for part in window.split("-"))
     if begin < end:
         return end - minute if begin <= minute < end else None

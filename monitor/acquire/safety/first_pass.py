@@ -1,4 +1,4 @@
-"""The first pass after a change: the same way at a fraction of the pace, within a band of torque, recorded and not assessed."""
+"""The first pass after a change: the same trajectory, slowly and within a torque band; it is recorded and not assessed."""
 
 import dataclasses
 import hashlib
@@ -15,13 +15,13 @@ from monitor.recording import Array, Context
 
 
 def slowed(excitation: Excitation, settings: ReplaySettings) -> Excitation:
-    """One repetition of the same way, at a fraction of its pace."""
+    """One repetition of the same trajectory, at the configured fraction of its speed."""
     return dataclasses.replace(excitation, repetitions=1, time_scale=settings.first_pass_time_scale * excitation.time_scale)
 
 
 def first_pass_key(excitation: Excitation, settings: ReplaySettings, context: Context) -> str:
-    """Digest of everything whose change asks for a first pass: arm, trajectory and pace, cell, mounting, payload, tool."""
-    told = [
+    """Digest of everything whose change asks for a first pass: arm, trajectory and time scale, cell, mounting, payload, tool."""
+    relevant = [
         context.robot,
         context.serial,
         excitation.digest,
@@ -30,19 +30,23 @@ def first_pass_key(excitation: Excitation, settings: ReplaySettings, context: Co
         context.payload_kg,
         context.tool,
     ]
-    return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(relevant).encode()).hexdigest()[:16]
 
 
 def band_for(
     robot: Robot, excitation: Excitation, settings: ReplaySettings, context: Context, *, gains: Array | None, model: CompensatedModel | None
 ) -> TorqueBand:
-    """The band of a first pass. A model of another trajectory of this arm still knows its torque; one of another payload does not."""
-    known = gains if gains is not None else robot.drive_gain_nm_per_a
+    """The torque band of a first pass.
+
+    `gains` (J,) are the configured drive gains; None takes the published ones. `model` may come from another trajectory of this arm, but
+    not from another payload; None where there is no such model.
+    """
+    drive_gains = gains if gains is not None else robot.drive_gain_nm_per_a
     return TorqueBand(
         robot,
         excitation.mounting,
         payload_kg=context.payload_kg or 0.0,
-        gains_nm_per_a=np.asarray(known, dtype=float),
+        gains_nm_per_a=np.asarray(drive_gains, dtype=float),
         share=settings.first_pass_band,
         rate_hz=settings.rate_hz,
         model=model,

@@ -1,4 +1,4 @@
-"""What a trajectory itself must keep: limits of position, speed and acceleration, rest at its ends, clearance in its cell."""
+"""What a trajectory must keep: limits of position, speed and acceleration, rest at its ends, clearance in its cell."""
 
 import math
 
@@ -13,14 +13,18 @@ from monitor.model.robot import Robot
 from monitor.recording import Array
 
 MAX_ACCELERATION_RAD_S2 = 5.5 * math.pi  # Raviola et al. (2021), section 2.3: the limit of the excitation's optimisation
-MAX_HARMONIC_HZ = 5.0  # ten times the paper's; what is faster would slip between the samples at which limits are checked
-MAX_DURATION_S = 600.0  # twenty full replays: longer is a slip of the pen
-END_SPEED_RAD_S = 1e-3  # coefficients are stored to 1e-6: ends that are "zero" are so to about 1e-5
-END_ACCELERATION_RAD_S2 = 2e-2
+MAX_HARMONIC_HZ = 5.0  # ten times the paper's; a faster motion could exceed a limit between the samples that are checked
+MAX_DURATION_S = 600.0  # as long as twenty full replays: a longer one is a mistake in the file
+END_SPEED_RAD_S = 1e-3  # coefficients are stored with 6 decimals, so a speed that is meant to be zero is within about 1e-5
+END_ACCELERATION_RAD_S2 = 2e-2  # for the same reason
+CHECK_RATE_HZ = 500.0  # between two samples a curve below 10 Hz exceeds them by less than 0.05 %
 
 
 def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_rad_s: Array) -> None:
-    """Raises MotionRefused naming the joint, the value and the limit that the sampled curve breaks."""
+    """Check the limits of one excitation on a robot with limits of position (J,) and speed (J,).
+
+    Raises MotionRefused naming the joint, the value and the limit that the sampled curve breaks.
+    """
     fastest_hz = excitation.harmonics / excitation.pass_s
     if fastest_hz > MAX_HARMONIC_HZ:
         raise MotionRefused(f"the excitation's highest harmonic is {fastest_hz:.3g} Hz; expected at most {MAX_HARMONIC_HZ:g} Hz")
@@ -29,8 +33,7 @@ def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_
     joints = len(max_position_rad)
     if len(excitation.offset_rad) != joints:
         raise MotionRefused(f"the excitation moves {len(excitation.offset_rad)} joints, the arm has {joints}")
-    # one period tells all; between samples at 500 Hz a curve below 10 Hz exceeds its samples by less than 0.05 %
-    t_s = np.linspace(0.0, excitation.pass_s, max(2, round(excitation.pass_s * 500.0) + 1))  # (N,)
+    t_s = np.linspace(0.0, excitation.pass_s, max(2, round(excitation.pass_s * CHECK_RATE_HZ) + 1))  # (N,) one period: the rest repeats it
     curve = excitation.at(t_s)
     limits = (
         ("position", "rad", curve.q, max_position_rad),
@@ -38,7 +41,7 @@ def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_
         ("acceleration", "rad/s²", curve.qdd, np.full(joints, MAX_ACCELERATION_RAD_S2)),
         ("speed at the start", "rad/s", curve.qd[:1], np.full(joints, END_SPEED_RAD_S)),
         ("acceleration at the start", "rad/s²", curve.qdd[:1], np.full(joints, END_ACCELERATION_RAD_S2)),
-    )  # the series is periodic: its start is its end
+    )  # the Fourier series is periodic, so its end is its start
     for what, unit, values, limit in limits:
         worst = np.max(np.abs(values), axis=0)  # (J,)
         beyond = np.flatnonzero(~(worst <= limit))
@@ -48,7 +51,7 @@ def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_
 
 
 def clear_of(cell: Cell, excitation: Excitation, robot: Robot) -> None:
-    """Raises MotionRefused unless the trajectory was proved against this very cell, and the proof holds when done again."""
+    """Raises MotionRefused unless the trajectory was proved against exactly this cell, and the proof succeeds again now."""
     try:
         proved = cell_of(excitation)
         if proved is None:
@@ -69,9 +72,9 @@ def clear_of(cell: Cell, excitation: Excitation, robot: Robot) -> None:
 
 
 def clear_approach(cell: Cell, excitation: Excitation, robot: Robot, q: Array) -> Clearance:
-    """What the straight way in joint space from q (J,) to the start keeps clear.
+    """The clearance of the straight way in joint space from q (J,) to the start of the excitation.
 
-    Raises MotionRefused where that is less than the cell's margins.
+    Raises MotionRefused where it is less than the margins of the cell.
     """
     try:
         line = surroundings(robot, excitation.mounting, cell).line(q, excitation.at(np.zeros(1)).q[0])
@@ -84,7 +87,7 @@ def clear_approach(cell: Cell, excitation: Excitation, robot: Robot, q: Array) -
 
 
 def _difference(one: Cell, other: Cell) -> str:
-    """Which tables of two cells differ."""
+    """In which tables two cells differ, in words."""
     a, b = one.as_document(), other.as_document()
     keys = [f"cell.{key}" for key in {*a["cell"], *b["cell"]} - {"name"} if a["cell"].get(key) != b["cell"].get(key)]
     keys += [table for table in ("wall", "box", "tool") if a[table] != b[table]]

@@ -6,6 +6,7 @@ from monitor.errors import MotionRefused
 
 
 def _identity(inputs: ConditionInputs) -> Identity:
+    """Who the controller is, which must be known."""
     if inputs.identity is None:
         raise MotionRefused("unknown: the dashboard does not answer")
     return inputs.identity

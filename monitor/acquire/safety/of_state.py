@@ -27,6 +27,7 @@ ACCELEROMETER_ERROR_M_S2 = 1.5  # a real arm's reads 9.28 at rest; a larger diff
 
 
 def _state(inputs: ConditionInputs) -> ArmState:
+    """The state, which must be known."""
     if inputs.state is None:
         raise MotionRefused("unknown: no RTDE data")
     return inputs.state
@@ -125,12 +126,13 @@ def gravity(inputs: ConditionInputs) -> str:
 
 
 def tilt_deg(robot: Robot, mounting: Mounting, q: Array, accelerometer_m_s2: Array) -> float:
-    """Angle between up by the flange's accelerometer (3,) through forward kinematics at q (J,), and up by the mounting.
+    """Angle [°] between two directions that should both be up: the accelerometer's reading, and the z axis of the configured mounting.
 
-    An accelerometer at rest reads what holds it against gravity: +9.81 m/s² upwards, as recordings of a real arm confirm.
+    The reading (3,) in the flange's frame is turned into the world by forward kinematics at q (J,). An accelerometer at rest reads the
+    force that holds it against gravity, +9.81 m/s² upwards; recordings of a real arm confirm it.
     """
     attitudes, _ = frames(robot, mounting, q[None])
-    up = attitudes[0, -1] @ (accelerometer_m_s2 / np.linalg.norm(accelerometer_m_s2))  # (3,) in the world, whose z is up
+    up = attitudes[0, -1] @ (accelerometer_m_s2 / np.linalg.norm(accelerometer_m_s2))  # (3,) in the world frame, whose z axis is up
     return math.degrees(math.acos(min(max(float(up[2]), -1.0), 1.0)))
 
 

@@ -1,1 +1,1 @@
-"""Universal Robots over ur-rtde: connections, rows, states and the child processes that hold them."""
+"""The driver of Universal Robots: ur-rtde in child processes, and the dashboard server."""
