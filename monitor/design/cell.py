@@ -1,7 +1,7 @@
-"""Cell: what stands around an arm, and what it carries. A TOML file of the site.
+"""Cell: the surroundings of an arm and its tool, as a TOML file of the site describes them.
 
-The cell's frame is the world's at the robot's base: the base's origin, z up, turned about z as the mounting's yaw says. So the same
-file fits a robot on the ground and one on the wall.
+The cell's frame has its origin in the robot's base and its z axis up; it is turned about z by the mounting's yaw. So the same file serves
+a robot on the ground and one on the wall.
 """
 
 import hashlib
@@ -23,21 +23,21 @@ TOOL_KEYS = {
     "capsule": ("shape", "start_m", "end_m", "radius_m"),
     "box": ("shape", "centre_m", "size_m", "rpy_deg"),
 }
-PLAIN_TABLE_BELOW_M = -2.0  # under a ceiling or beside a wall the table-top is so far below the base
+PLAIN_TABLE_BELOW_M = -2.0  # height of the assumed table-top, from the base of a robot that is not on the ground
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wall:
-    """A keep-out plane: everything behind it is forbidden."""
+    """A keep-out plane: the space behind it is forbidden."""
 
     name: str
-    point_m: Vector  # any point of it
-    normal: Vector  # to the free side; any length
+    point_m: Vector  # any point of the plane
+    normal: Vector  # towards the free side; any length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """Something solid, or a keep-out space."""
+    """A solid box, or a keep-out space."""
 
     name: str
     centre_m: Vector
@@ -47,25 +47,25 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tool:
-    """What is at the flange, in DH frame 6 (z out of the flange): a capsule from start to end, or a box."""
+    """The tool at the flange, in DH frame 6 (z out of the flange): a capsule from start to end, or a box."""
 
     shape: str = "none"  # none, capsule or box
-    start_m: Vector = (0.0, 0.0, 0.0)  # capsule: ends of its axis
+    start_m: Vector = (0.0, 0.0, 0.0)  # capsule: one end of its axis
     end_m: Vector = (0.0, 0.0, 0.1)
     radius_m: float = 0.05
-    centre_m: Vector = (0.0, 0.0, 0.05)  # box
+    centre_m: Vector = (0.0, 0.0, 0.05)  # box: its centre
     size_m: Vector = (0.1, 0.1, 0.1)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """What a trajectory must not touch, and by how much it must stay away."""
+    """What a trajectory must stay away from, and the margins."""
 
     name: str = "cell"
-    margin_m: float = 0.03  # from everything of the cell
-    self_margin_m: float = 0.01  # of the arm from itself, tool included
-    mounting_surface: bool = True  # what the base is bolted to is a plane without end
+    margin_m: float = 0.03  # from everything in the cell
+    self_margin_m: float = 0.01  # of the arm and its tool from itself
+    mounting_surface: bool = True  # the surface under the base is an infinite plane
     table_top_m: float | None = None  # height of a table-top or floor in the cell's frame
     walls: tuple[Wall, ...] = ()
     boxes: tuple[Box, ...] = ()
@@ -111,7 +111,7 @@ class Cell:
 
     @property
     def tool_capsules(self) -> Capsules | None:
-        """The tool in DH frame 6; a box is covered by capsules along its longest edge, so it is taken for a little larger than it is."""
+        """The tool in DH frame 6. A box is covered by capsules along its longest edge, so it counts as a little larger than it is."""
         tool = self.tool
         if tool.shape == "none":
             return None
@@ -123,7 +123,7 @@ class Cell:
         return Capsules(names=names, link=link, ends_m=ends, radius_m=np.full(len(ends), radius))
 
     def as_document(self) -> dict[str, Any]:
-        """The tables of a cell's TOML file; `cell_from_document` is its inverse."""
+        """The tables of the cell's TOML file; `cell_from_document` is the inverse."""
         plain = json.loads(json.dumps(asdict(self)))
         document: dict[str, Any] = {"cell": {key: value for key, value in plain.items() if key not in {"walls", "boxes", "tool"}}}
         if self.table_top_m is None:
@@ -133,7 +133,7 @@ class Cell:
 
     @property
     def digest(self) -> str:
-        """Identifies what there is to hit; names do not enter."""
+        """Identifies the obstacles and margins; names are not part of it."""
         document = self.as_document()
         for part in (document["cell"], *document["wall"], *document["box"]):
             del part["name"]
@@ -141,7 +141,7 @@ class Cell:
 
 
 def cell_from_document(document: Any) -> Cell:
-    """A Cell from the tables [cell], [[wall]], [[box]], [tool]; a `digest` beside them is ignored.
+    """The cell in the tables [cell], [[wall]], [[box]], [tool]; a `digest` beside them is ignored.
 
     Raises BadInput that names every key that is unknown or wrong.
     """
@@ -160,6 +160,7 @@ _TABLES = ("cell", "wall", "box", "tool")
 
 
 def _several(kind: type, tables: Any, key: str, mistakes: list[str]) -> list[dict[str, Any]]:
+    """`_made` for each table of a list; mistakes are added to the list."""
     if not isinstance(tables, list):
         mistakes.append(f"{key}: expected tables [[{key}]]")
         return []
@@ -167,7 +168,7 @@ def _several(kind: type, tables: Any, key: str, mistakes: list[str]) -> list[dic
 
 
 def _made(kind: type, table: Any, where: str, apart: tuple[str, ...], mistakes: list[str]) -> dict[str, Any]:
-    """Checked keyword arguments of a dataclass; fields `apart` come from elsewhere."""
+    """Checked keyword arguments of a dataclass. Fields in `apart` come from elsewhere. Mistakes are added to the list."""
     if not isinstance(table, dict):
         mistakes.append(f"{where}: expected a table")
         return {}
@@ -195,7 +196,7 @@ def _made(kind: type, table: Any, where: str, apart: tuple[str, ...], mistakes: 
 
 
 def plain_cell(mounting: Mounting) -> Cell:
-    """Where nothing was said: the surface under the base, and if that is not the ground, a table-top two metres below."""
+    """The cell without a file: the surface under the base, and, for a base that is not on the ground, a table-top two metres below."""
     upright = mounting.rotation[2, 2] > 0.99
     return Cell(name="plain", table_top_m=None if upright else PLAIN_TABLE_BELOW_M)
 
@@ -206,7 +207,7 @@ def rotation(rpy_deg: Vector) -> Array:
 
 
 def _cover(tool: Tool) -> tuple[Array, float]:
-    """(C, 2, 3) axes and the radius of capsules that together hold a box: strips of its cross-section, each in a circle."""
+    """Axes (C, 2, 3) and the radius of capsules that together hold a box: strips of its cross-section, each within a circle."""
     size = np.array(tool.size_m)
     long, wide, thin = np.argsort(-size, kind="stable")
     strips = max(1, round(float(size[wide] / size[thin])))
@@ -218,6 +219,7 @@ def _cover(tool: Tool) -> tuple[Array, float]:
 
 
 def _finite(what: str, *vectors: tuple[float, ...]) -> None:
+    """Raises BadInput where a vector is not three finite numbers."""
     for vector in vectors:
         if len(vector) != 3 or not all(math.isfinite(part) for part in vector):
             raise BadInput(f"cell: {what}: {vector!r}; expected three finite numbers")

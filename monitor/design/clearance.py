@@ -1,8 +1,8 @@
-"""How far an arm stays from itself and from its cell along a path, between the samples too.
+"""The clearance of an arm from itself and from its cell along a path, between the samples too.
 
-A point of link i moves by at most Σ |Δqⱼ|·Lⱼᵢ, where Lⱼᵢ is the farthest that any of its points can be from joint j's axis. So a gap seen
-as c₀ and c₁ at two neighbouring samples is nowhere between them less than (c₀ + c₁)/2 − ½·Σ |Δqⱼ|·Lⱼᵢ, the sum over the joints that
-move the two bodies against each other.
+A point of link i moves by Σ |Δqⱼ|·Lⱼᵢ at most, where Lⱼᵢ is the largest distance that any of its points can have from the axis of joint j.
+So a gap with the values c₀ and c₁ at two neighbouring samples is between them at least (c₀ + c₁)/2 − ½·Σ |Δqⱼ|·Lⱼᵢ, where the sum is over
+the joints that move the two bodies relative to each other.
 """
 
 from collections.abc import Iterator
@@ -17,39 +17,39 @@ from monitor.design.shapes import Capsules, arm_capsules
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Indices, Mask
 
-# links with two joints between them that every UR may turn all the way round, as the manufacturer's meshes confirm (UR3, 5, 10: 0.3 mm
-# apart and more); our capsules, being larger, would touch for ever
+# Pairs of links with two joints between them, which every UR can turn all the way round. The manufacturer's meshes of UR3, UR5 and
+# UR10 stay 0.3 mm or more apart; the capsules are larger and would always touch.
 FREE_BY_DESIGN = ((3, 5), (4, 6))
-CHUNK = 512  # samples at once: the working set stays in the cache
+CHUNK = 512  # samples at once: so many fit in the processor's cache
 
 
 class Gaps(NamedTuple):
-    """Clearances in excess of nothing: negative is penetration. N samples."""
+    """Smallest gaps at each of N samples; a negative gap is a penetration."""
 
     to_itself_m: Array  # (N,)
-    to_cell_m: Array  # (N,); inf where the cell is empty
+    to_cell_m: Array  # (N,) infinite where the cell is empty
 
 
 class Nearest(NamedTuple):
     """The closest approach of two bodies along a path."""
 
-    gap_m: float  # between the samples too
-    between: str  # "forearm and table-top"
-    sample: int  # near which
+    gap_m: float  # the least, between the samples too
+    between: str  # the two bodies, e.g. "forearm and table-top"
+    sample: int  # the sample nearest to it
 
 
 class Clearance(NamedTuple):
-    """A path's closest approaches."""
+    """The closest approaches along a path."""
 
     itself: Nearest
-    cell: Nearest | None  # None where the cell is empty
+    cell: Nearest | None  # None: the cell is empty
 
     def keeps(self, cell: Cell) -> bool:
-        """Within both margins?"""
+        """Whether both margins of the cell are kept."""
         return self.short_of(cell) is None
 
     def short_of(self, cell: Cell) -> str | None:
-        """What comes too near, how near, and by how much: a clause; None if nothing does."""
+        """The bodies that are too near, their gap, and the missing distance, as a clause; None where both margins are kept."""
         for nearest, margin, key in ((self.cell, cell.margin_m, "margin_m"), (self.itself, cell.self_margin_m, "self_margin_m")):
             if nearest is not None and not nearest.gap_m >= margin:
                 gap_mm, margin_mm = 1000.0 * nearest.gap_m, 1000.0 * margin
@@ -60,14 +60,14 @@ class Clearance(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surroundings:
-    """An arm with its tool, in its cell, ready to be asked; made once by `surroundings`."""
+    """An arm with its tool in its cell, prepared for many questions; `surroundings` makes it."""
 
     robot: Robot
     mounting: Mounting
     cell: Cell
     capsules: Capsules
-    pairs: Indices  # (S, 2) capsules that could meet
-    lever_m: Array  # (C, J) farthest that a capsule's points can be from each joint's axis; 0 where the joint does not move it
+    pairs: Indices  # (S, 2) pairs of capsules that can meet
+    lever_m: Array  # (C, J) largest distance of a capsule's points from each joint's axis; 0 where the joint does not move it
     planes: tuple[tuple[str, Array, Array], ...]
     boxes: tuple[tuple[str, Array, Array, Array], ...]  # name, centre (3,), rotation (3, 3), half sizes (3,)
 
@@ -82,7 +82,7 @@ class Surroundings:
         return ends.transpose(3, 2, 1, 0)
 
     def pair_gaps(self, ends: Array) -> Array:
-        """(N, S) gap of every pair of capsules."""
+        """(N, S) gap of every pair of capsules [m]. ends : as from `placed`."""
         first, second = self.pairs.T
         A, B = ends[:, first], ends[:, second]
         radii = self.capsules.radius_m[first] + self.capsules.radius_m[second]
@@ -90,10 +90,10 @@ class Surroundings:
         return gaps
 
     def cell_gaps(self, ends: Array) -> tuple[Array, Indices, list[str]]:
-        """(N, K) gap of every capsule to every thing it could meet; (K,) which capsule; K names of things."""
+        """(N, K) gaps [m] of capsules to obstacles; (K,) the capsule of each gap; K names of the obstacles. ends : as from `placed`."""
         columns, which, names = [], [], []
         for name, point, normal in self.planes:
-            # joint 1 turns the shoulder in a plane square to its axis: it comes no nearer to one, and neither does the base
+            # joint 1 turns the shoulder in a plane parallel to the surface, so neither shoulder nor base comes nearer to it
             square = abs(float(normal @ self.mounting.rotation @ self.robot.base_rotation[:, 2])) > 1.0 - 1e-9
             mobile = self._mobile(2 if square else 1)
             columns.append(segment_to_half_space(ends[:, mobile, 0], ends[:, mobile, 1], point, normal))
@@ -112,7 +112,7 @@ class Surroundings:
         return gaps, capsule, names
 
     def gaps(self, q: Array) -> Gaps:
-        """Least gaps at the samples q (N, J) alone: what an optimiser asks thousands of times."""
+        """Smallest gaps at the samples q (N, J) only; an optimiser asks for this thousands of times."""
         ends = self.placed(q)
         cell, _, _ = self.cell_gaps(ends)
         return Gaps(self.pair_gaps(ends).min(axis=1), cell.min(axis=1) if cell.shape[1] else np.full(len(q), np.inf))
@@ -120,7 +120,7 @@ class Surroundings:
     def along(self, q: Array, bow_rad: Array | None = None) -> Clearance:
         """Closest approaches along the path through the samples q (N, J), between them too.
 
-        bow_rad : (J,) what a joint may travel beyond |Δq| between two samples, because the path between them is no straight line.
+        bow_rad : (J,) travel of a joint beyond |Δq| between two samples, since the path between them is curved; None: 0.
         """
         itself: Nearest | None = None
         around: Nearest | None = None
@@ -137,7 +137,7 @@ class Surroundings:
         return Clearance(itself, around)
 
     def doubtful(self, q: Array, bow_rad: Array | None = None) -> Mask:
-        """(N−1,) between which samples the bound alone does not promise the cell's margins."""
+        """(N − 1,) the intervals between samples in which the bound alone does not show that the cell's margins are kept."""
         doubt = np.zeros(len(q), dtype=bool)
         for first, pairs, (cell, _, names) in self._bounds(q, bow_rad):
             near = pairs.min(axis=1) < self.cell.self_margin_m
@@ -147,12 +147,12 @@ class Surroundings:
         return doubt[:-1]
 
     def _bounds(self, q: Array, bow_rad: Array | None) -> Iterator[tuple[int, Array, tuple[Array, Indices, list[str]]]]:
-        """By chunks: first sample, then what the gaps of pairs and of the cell cannot fall below until the next sample."""
-        travel = np.zeros(q.shape)  # to the next sample; after the last there is none
+        """By chunks: the first sample, then lower bounds of the gaps of pairs and of the cell until the next sample."""
+        travel = np.zeros(q.shape)  # to the next sample; 0 after the last
         travel[:-1] = np.abs(np.diff(q, axis=0)) + (0.0 if bow_rad is None else bow_rad)
         pair_lever = self._pair_lever()
         for first in range(0, max(1, len(q) - 1), CHUNK):
-            part = q[first : first + CHUNK + 1]  # one more: the interval that leads to the next chunk
+            part = q[first : first + CHUNK + 1]  # one more sample: the interval that leads to the next chunk
             step = travel[first : first + len(part) - 1]
             ends = self.placed(part)
             cell, capsule, names = self.cell_gaps(ends)
@@ -160,34 +160,36 @@ class Surroundings:
             yield first, _lowest(self.pair_gaps(ends), step @ pair_lever.T), (bound, capsule, names)
 
     def line(self, start: Array, end: Array) -> Clearance:
-        """Along the straight line in joint space from start to end, both (J,): an approach, whatever its law of time."""
+        """Closest approaches along the straight line in joint space from start (J,) to end (J,), at any speed."""
         samples = max(2, int(np.ceil(np.max(np.abs(end - start)) / 0.002)) + 1)  # 2 mrad: a metre of lever moves by 2 mm
         return self.along(start + np.linspace(0.0, 1.0, samples)[:, None] * (end - start))
 
     def _mobile(self, from_link: int) -> Indices:
+        """(C',) the capsules of links from this one outward."""
         return np.flatnonzero(self.capsules.link >= from_link)
 
     def _pair_lever(self) -> Array:
-        """(S, J) only the joints between the two links move them against each other."""
+        """(S, J) lever of each pair: only the joints between the two links move them relative to each other."""
         low, high = (self.capsules.link[self.pairs[:, k]] for k in (0, 1))
         joint = np.arange(self.robot.joints)
         return np.where(joint >= low[:, None], self.lever_m[self.pairs[:, 1]], 0.0) * (joint < high[:, None])
 
     def _pair_name(self, pair: int) -> str:
+        """The names of the two capsules, as a text."""
         first, second = (self.capsules.names[k] for k in self.pairs[pair])
         return f"{first} and {second}"
 
 
 def surroundings(robot: Robot, mounting: Mounting, cell: Cell) -> Surroundings:
-    """An arm in its cell.
+    """The arm in its cell.
 
-    Raises BadInput for a robot whose shape we do not know.
+    Raises BadInput for a robot whose shape is not known.
     """
     capsules = arm_capsules(robot.name)
     if cell.tool_capsules is not None:
         capsules = capsules.joined(cell.tool_capsules)
     link, tool = capsules.link, np.array([name == "tool" for name in capsules.names])
-    far = link[None, :] - link[:, None] >= 2  # neighbours share a joint: their housings touch by design
+    far = link[None, :] - link[:, None] >= 2  # neighbouring links share a joint, and their housings touch by design
     for inner, outer in FREE_BY_DESIGN:
         far &= ~((link[:, None] == inner) & (link[None, :] == outer) & ~tool[None, :])
     first, second = np.nonzero(far)
@@ -206,7 +208,7 @@ def surroundings(robot: Robot, mounting: Mounting, cell: Cell) -> Surroundings:
 def frames(robot: Robot, mounting: Mounting, q: Array) -> tuple[Array, Array]:
     """Attitudes (N, J+1, 3, 3) and origins (N, J+1, 3) of the DH frames in the cell's frame, frame 0 first."""
     N, J = q.shape
-    # memory runs along the samples: long rows are what numpy is quick at
+    # memory runs along the samples: numpy is fast on long rows
     R, p = np.empty((3, 3, J + 1, N)), np.zeros((3, J + 1, N))
     R[:, :, 0] = (mounting.rotation @ robot.base_rotation)[:, :, None]
     angle = q.T + robot.zero_rad[:, None]  # (J, N)
@@ -222,7 +224,7 @@ def frames(robot: Robot, mounting: Mounting, q: Array) -> tuple[Array, Array]:
 
 
 def _lowest(gaps: Array, travel_m: Array) -> Array:
-    """(N−1, K) what a gap cannot fall below between two samples; gaps are (N, K), travel_m (N−1, K). One sample: its own gaps."""
+    """(N − 1, K) lower bounds of gaps (N, K) between two samples, by travel_m (N − 1, K). Of a single sample: its own gaps."""
     if len(gaps) == 1:
         return gaps
     between = 0.5 * (gaps[:-1] + gaps[1:] - travel_m)

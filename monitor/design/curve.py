@@ -1,8 +1,8 @@
-"""Coefficients without constraints → an excitation at rest at both ends and within the limits of position, speed and acceleration.
+"""Free coordinates → an excitation that is at rest at both ends and within the limits of position, speed and acceleration.
 
-q̇(0) = Σ aₖ and q̈(0) = ω Σ k bₖ. The free coordinates u span the null spaces of both sums, so every u starts and ends at rest, to
-rounding. Each joint's curve is then scaled down, where it must be, to its own most binding limit on the sampled curve: no conservative
-sums.
+q̇(0) = Σ aₖ and q̈(0) = ω Σ k bₖ. The free coordinates u span the null spaces of both sums, so every curve starts and ends at rest, to
+rounding. Each joint's curve is then scaled down, where needed, to the limit that binds it most on the sampled curve. This allows more than
+a bound by the sum of the amplitudes would.
 """
 
 import math
@@ -17,20 +17,20 @@ from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
 PAPER_ACCELERATION_RAD_S2 = 5.5 * math.pi  # Raviola et al. (2021), section 2.3
-USED = 0.97  # of the limits of position, speed and acceleration: peaks between the samples stay below
-SAMPLES_PER_HARMONIC = 40  # of the fastest one's period: a peak hides 0.3 % at most between two samples
+USED = 0.97  # fraction of the limits of position, speed and acceleration that is used: peaks between the samples stay below the limit
+SAMPLES_PER_HARMONIC = 40  # in a period of the fastest harmonic: between two samples a peak is higher by 0.3 % at most
 MOST_HARMONICS, LONGEST_S = 25, 120.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Limits:
-    """What a curve may reach, each (J,)."""
+    """The limits of a curve, each (J,) where nothing else is said."""
 
     position_rad: Array
     speed_rad_s: Array
     acceleration_rad_s2: Array
     torque_nm: Array
-    flange_speed_m_s: float  # one figure for the arm; inf: not limited
+    flange_speed_m_s: float  # of the arm; infinite: no limit
 
     @classmethod
     def of(
@@ -42,7 +42,7 @@ class Limits:
         torque_share: float = 0.9,
         flange_speed_m_s: float | None = None,
     ) -> "Limits":
-        """The robot's own, and those asked for where they are stricter.
+        """The robot's own limits, and the given ones where they are stricter.
 
         Raises BadInput for a limit that is not positive or not finite.
         """
@@ -67,18 +67,18 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Family:
-    """All curves with these harmonics, period, offset (or start) and limits; `excitation` picks one by its free coordinates."""
+    """All curves with these harmonics, period, offset (or start) and limits; `excitation` selects one by its free coordinates."""
 
     robot: Robot
     mounting: Mounting
     limits: Limits
     harmonics: int
     period_s: float
-    offset_rad: Array  # (J,) the curves swing about it; with a start, where they start and end
+    offset_rad: Array  # (J,) the middle of the curves; with `starts_there`, their start and end
     starts_there: bool = False
 
     def __post_init__(self) -> None:
-        """Raises BadInput naming what is wrong and by how far."""
+        """Raises BadInput naming what is wrong, and by how much."""
         if not (0.0 < self.period_s <= LONGEST_S):
             raise BadInput(f"period = {self.period_s!r} s; expected more than 0, at most {LONGEST_S:g} s")
         if not 2 <= self.harmonics <= MOST_HARMONICS:
@@ -96,22 +96,23 @@ class Family:
 
     @property
     def _pose(self) -> str:
+        """The word for `offset_rad` in messages."""
         return "start" if self.starts_there else "offset"
 
     @property
     def dimension(self) -> int:
-        """How many free coordinates."""
+        """Number of free coordinates."""
         return 2 * (self.harmonics - 1) * self.robot.joints
 
     @cached_property
     def null_spaces(self) -> tuple[Array, Array]:
-        """(H, H−1) orthonormal bases of Σ a = 0 and of Σ k·b = 0."""
+        """(H, H − 1) orthonormal bases of Σ a = 0 and of Σ k·b = 0."""
         k = np.arange(1.0, self.harmonics + 1.0)
         return _null_space(np.ones_like(k)), _null_space(k)
 
     @cached_property
     def _samples(self) -> tuple[Array, Array, Array]:
-        """Displacement, speed and acceleration at the samples as (G, 2·(H−1)) times the free coordinates of a joint."""
+        """Matrices (G, 2·(H − 1)) from the free coordinates of a joint to displacement, speed and acceleration at the G samples."""
         H = self.harmonics
         w = 2.0 * np.pi / self.period_s * np.arange(1, H + 1)  # (H,)
         t = np.linspace(0.0, self.period_s, SAMPLES_PER_HARMONIC * H, endpoint=False)  # (G,)
@@ -121,9 +122,9 @@ class Family:
         return way, np.hstack([cos @ Z_a, sin @ Z_b]), np.hstack([-(sin * w) @ Z_a, (cos * w) @ Z_b])
 
     def coefficients(self, u: Array) -> tuple[Array, Array]:
-        """a, b, each (H, J) [rad/s], of the free coordinates u (dimension,), scaled into the limits."""
+        """Coefficients a and b, each (H, J) [rad/s], of the free coordinates u (dimension,), scaled into the limits."""
         J, half = self.robot.joints, self.harmonics - 1
-        U = u.reshape(2 * half, J) * self.limits.speed_rad_s  # order one is order of the limits
+        U = u.reshape(2 * half, J) * self.limits.speed_rad_s  # a coordinate of 1 is of the size of the limits
         way, speed, acceleration = (matrix @ U for matrix in self._samples)  # (G, J) each
         limits = self.limits
         share = np.maximum.reduce(
@@ -139,7 +140,7 @@ class Family:
         return Z_a @ U[:half], Z_b @ U[half:]
 
     def excitation(self, u: Array, *, repetitions: int = 1) -> Excitation:
-        """The curve of u (dimension,)."""
+        """The curve of the free coordinates u (dimension,)."""
         a, b = self.coefficients(u)
         offset = self.offset_rad
         if self.starts_there:  # q(0) = q0 − Σ b/(kω)
@@ -157,7 +158,10 @@ class Family:
 
 
 def _null_space(row: Array) -> Array:
-    """(H, H−1) orthonormal basis of what is square to a row (H,), by a Householder reflection: the same digits everywhere."""
+    """(H, H − 1) orthonormal basis of the vectors perpendicular to a row (H,), by a Householder reflection.
+
+    Its digits are equal on all machines.
+    """
     v = row / np.linalg.norm(row)
     v[0] += math.copysign(1.0, v[0])
     reflection = np.eye(len(row)) - 2.0 * np.outer(v, v) / (v @ v)

@@ -1,7 +1,7 @@
-"""The paper's optimiser, kept as a baseline: a genetic algorithm with a population of 300, Raviola et al. (2021), §2.3.
+"""The paper's optimiser, as a baseline: a genetic algorithm with a population of 300, Raviola et al. (2021), §2.3.
 
-The paper names population and tool only; the rest is that tool's default for continuous problems: fitness by rank, stochastic universal
-selection, 5 % elite, 80 % scattered crossover, Gaussian mutation that shrinks over the generations.
+The paper gives the population and the tool. The rest are that tool's defaults for continuous problems: fitness by rank, stochastic
+universal selection, 5 % elite, 80 % scattered crossover, Gaussian mutation that decreases over the generations.
 """
 
 from collections.abc import Callable
@@ -13,15 +13,15 @@ from monitor.recording import Array
 POPULATION = 300
 ELITE = 0.05
 CROSSOVER = 0.8
-FIRST_SPREAD = 0.3  # as the first step of CMA-ES: both begin alike
-MUTATION = 0.5  # of the first spread, at first
-GENERATIONS = 100  # over which the mutation shrinks to nothing; more generations go on with a hundredth
+FIRST_SPREAD = 0.3  # standard deviation of the first generation, as the first step of CMA-ES
+MUTATION = 0.5  # first mutation, as a fraction of the first spread
+GENERATIONS = 100  # over which the mutation decreases to a hundredth; later generations keep that
 
 
 def generations(
     cost: Callable[[Array], float], first: Array, rng: np.random.Generator, over: Callable[[], bool], population: int = POPULATION
 ) -> None:
-    """Evaluate generation after generation until `over`; the caller keeps the best it sees. One of the first is given."""
+    """Evaluate one generation after the other until `over`. The caller keeps the best. The first generation contains the given curve."""
     dimension = len(first)
     people = FIRST_SPREAD * rng.standard_normal((population, dimension))
     people[0] = first
@@ -45,11 +45,12 @@ def generations(
 
 
 def _all(cost: Callable[[Array], float], people: Array, over: Callable[[], bool]) -> Array:
+    """(n,) the cost of each individual (n, dimension); infinite for those after the search was over."""
     return np.array([np.inf if over() else cost(u) for u in people])
 
 
 def _stochastic_universal(fitness: Array, count: int, rng: np.random.Generator) -> Array:
-    """(count,) indices drawn in proportion to fitness by equally spaced pointers, Baker (1987), in random order."""
+    """(count,) indices drawn in proportion to fitness with equally spaced pointers, in random order: Baker (1987)."""
     wheel = np.cumsum(fitness) / np.sum(fitness)
     pointers = (rng.random() + np.arange(count)) / count
     chosen: Array = rng.permutation(np.minimum(np.searchsorted(wheel, pointers), len(fitness) - 1))

@@ -1,7 +1,7 @@
-"""How much a motion tells: figures of merit of its regressor, and the standard deviations to expect.
+"""How informative a motion is: figures of merit of its regressor, and the expected standard deviations of friction.
 
-The figures for weighted estimates take each joint's rows over its torque noise and leave out the samples where the joint stands
-still, as `identify`'s default method does.
+The figures for weighted estimates divide each joint's rows by its torque noise, and leave out the samples in which the joint stands still,
+as the default method of `identify` does.
 """
 
 import math
@@ -18,35 +18,35 @@ from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array
 
 OBJECTIVES = ("friction", "condition", "scaled", "dopt")
-STANDSTILL_RAD_S = 0.02  # as identify's moving_rad_s
-RATE_HZ = 125.0  # at which the figures are reported
-# torque noise over the torque limit: what identified models of real UR arms leave unexplained, large joints and wrists
+STANDSTILL_RAD_S = 0.02  # as `moving_rad_s` of identification
+RATE_HZ = 125.0  # of the samples for which the figures are reported
+# torque noise as a fraction of the torque limit, for large joints and wrists: the residual of identified models of real UR arms
 NOISE_SHARE = (0.007, 0.0035)
 LARGE_JOINTS = 3
-CORRELATION_S = 0.2  # residuals e^(−τ/0.2 s): gone after about half a second, as on real arms
-# nominal friction, for the torque limit, where no identification was given: shares of the torque limit
-COULOMB_SHARE, VISCOUS_SHARE = 0.065, 0.065  # N·m, and N·m per rad/s
+CORRELATION_S = 0.2  # time constant of the residuals' correlation e^(−τ/0.2 s): gone after half a second, as on real arms
+# nominal friction for the check of torque limits, where no identification is given, as fractions of the torque limit
+COULOMB_SHARE, VISCOUS_SHARE = 0.065, 0.065  # [N·m], [N·m per rad/s]
 
 
 class Merits(NamedTuple):
-    """Smaller is better in all; infinite where the motion does not excite some parameter."""
+    """Four figures of merit. Smaller is better; infinite where the motion does not excite some parameter."""
 
-    condition: float  # cond(Y_B), SI units, all samples: the paper's
-    scaled: float  # the same with every column of length one
-    dopt: float  # log det of the covariance of all base parameters, one repetition of white noise
-    friction: float  # log det of the covariance of all fc and fv, noise correlated
+    condition: float  # the paper's: cond(Y_B) in SI units, over all samples
+    scaled: float  # the same with columns of unit length
+    dopt: float  # log det of the covariance of all base parameters, for one repetition with white noise
+    friction: float  # log det of the covariance of all fc and fv, for correlated noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Information:
-    """What is needed to judge motions of one arm on one mounting."""
+    """Everything that is needed to compute figures of merit for one arm on one mounting."""
 
     robot: Robot
     mounting: Mounting
-    columns: tuple[int, ...]  # (B,) base parameters, friction last
-    friction: int  # of them are friction: fc1…fcJ, fv1…fvJ
-    parameters: Array  # (13·J,) nominal, for the torque
-    noise_nm: Array  # (J,)
+    columns: tuple[int, ...]  # (B,) of the base parameters, friction last
+    friction: int  # number of friction parameters: fc1…fcJ, fv1…fvJ
+    parameters: Array  # (13·J,) nominal standard parameters, for the torque
+    noise_nm: Array  # (J,) standard deviation of torque noise
 
     def rows(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Y_B (J, B, N) and the torque of the nominal model (N, J) [N·m]."""
@@ -55,16 +55,17 @@ class Information:
         return Y[:, list(self.columns)], torque
 
     def _weighted(self, Y: Array, qd: Array) -> Array:
-        """(B, B) Fisher information of white noise: Σ Yᵀ Y / σ² over the moving samples."""
+        """(B, B) Fisher information for white noise: Σ YᵀY/σ² over the moving samples."""
         A = self._rows_over_noise(Y, qd).transpose(1, 0, 2).reshape(len(self.columns), -1)
         gram: Array = A @ A.T
         return gram
 
     def _covariance(self, Y: Array, qd: Array, duration_s: float) -> Array | None:
-        """(B, B) of the weighted estimate where noise is correlated; None where the motion does not excite every parameter.
+        """(B, B) covariance of the weighted estimate under correlated noise; None where the motion does not excite every parameter.
 
-        The estimator weighs as if the noise were white, so its covariance is the sandwich G⁻¹ (Aᵀ R A) G⁻¹, A the rows over the noise's
-        deviation, G = AᵀA, R the true correlation, e^(−τ/0.2 s). The motion is periodic, so R is circulant: Fourier's own.
+        The estimator's weights assume white noise, so its covariance is the sandwich G⁻¹ (Aᵀ R A) G⁻¹. A are the rows over the noise's
+        standard deviation, G = AᵀA, and R is the true correlation e^(−τ/0.2 s). The motion is periodic, so R is circulant, and the Fourier
+        transform diagonalises it.
         """
         A = self._rows_over_noise(Y, qd)  # (J, B, N)
         N = len(qd)
@@ -82,19 +83,19 @@ class Information:
         return covariance
 
     def _rows_over_noise(self, Y: Array, qd: Array) -> Array:
-        """(J, B, N) as the weighted estimate takes them: nothing where the joint stands still."""
+        """(J, B, N) the rows over the noise's standard deviation; 0 where the joint stands still."""
         weight = (np.abs(qd) > STANDSTILL_RAD_S).T / self.noise_nm[:, None]  # (J, N)
         rows: Array = Y * weight[:, None, :]
         return rows
 
     def plain_gram(self, Y: Array) -> Array:
-        """(B, B) Σ Yᵀ Y, all samples alike."""
+        """(B, B) ΣYᵀY over all samples."""
         A = Y.transpose(1, 0, 2).reshape(len(self.columns), -1)
         gram: Array = A @ A.T
         return gram
 
     def merit(self, objective: str, Y: Array, qd: Array, duration_s: float = 10.0) -> float:
-        """One of the four, of a motion with rows Y (J, B, N) and speeds qd (N, J)."""
+        """One of the four figures, for a motion with rows Y (J, B, N) and speeds qd (N, J)."""
         if objective in {"condition", "scaled"}:
             gram = self.plain_gram(Y)
             if objective == "scaled":
@@ -104,7 +105,7 @@ class Information:
         if objective == "friction":
             covariance = self._covariance(Y, qd, duration_s)
             return math.inf if covariance is None else float(np.linalg.slogdet(covariance[-self.friction :, -self.friction :])[1])
-        per_sample = duration_s * RATE_HZ / len(qd)  # a sparse sampling stands for the controller's
+        per_sample = duration_s * RATE_HZ / len(qd)  # samples of the controller for each sample here
         scaled, norms = _scaled(self._weighted(Y, qd) * per_sample)
         try:
             L = np.linalg.cholesky(scaled)
@@ -113,14 +114,14 @@ class Information:
         return float(-2.0 * np.sum(np.log(np.diag(L) * norms)))
 
     def merits(self, excitation: Excitation) -> Merits:
-        """All four, of one repetition at 125 Hz."""
+        """All four figures, for one repetition at 125 Hz."""
         qd, Y = self._played(excitation)
         return Merits(**{name: self.merit(name, Y, qd, excitation.pass_s) for name in OBJECTIVES})
 
     def friction_std(self, excitation: Excitation, repetitions: int = 1) -> tuple[Array, Array]:
-        """Expected deviations of fc [N·m] and fv [N·m·s/rad], each (J,), with residuals correlated as on real arms.
+        """Expected standard deviations of fc [N·m] and fv [N·m·s/rad], each (J,), with residuals correlated as on real arms.
 
-        Residuals of a model that does not fit come again in every repetition: the deviation falls with their number only for noise.
+        More repetitions reduce them only as far as the residual is noise. The error of a friction law is the same in every repetition.
         """
         qd, Y = self._played(excitation)
         J = Y.shape[0]
@@ -131,7 +132,7 @@ class Information:
         return std[:J], std[J:]
 
     def document(self, excitation: Excitation) -> dict[str, Any]:
-        """All figures as plain JSON, null for what is not finite."""
+        """All figures as a JSON object; null for a figure that is not finite."""
         merits = self.merits(excitation)
         fc_std, fv_std = self.friction_std(excitation)
         _, state = excitation.sampled(RATE_HZ)
@@ -155,16 +156,18 @@ class Information:
         }
 
     def _played(self, excitation: Excitation) -> tuple[Array, Array]:
+        """The rows (J, B, N) and speeds (N, J) of one repetition at 125 Hz."""
         t_s = np.arange(round(excitation.pass_s * RATE_HZ)) / RATE_HZ
         state = excitation.at(t_s)
         return state.qd, self.rows(*state)[0]
 
 
 def information(robot: Robot, mounting: Mounting, *, noise_nm: Array | None = None, parameters: Array | None = None) -> Information:
-    """What a motion tells of this arm.
+    """The `Information` of an arm.
 
-    noise_nm : (J,) deviation of the joint torque; parameters : (13·J,) standard parameters of the current model, friction included. Not
-    given: the shares above, and the manufacturer's masses with a nominal friction. Raises BadInput where they do not fit.
+    noise_nm : (J,) standard deviation of the joint torque; None: the fractions above. parameters : (13·J,) standard parameters of the
+    present model, friction included; None: the manufacturer's masses with a nominal friction.
+    Raises BadInput where a shape or value is wrong.
     """
     J = robot.joints
     if noise_nm is None:
@@ -185,12 +188,12 @@ def information(robot: Robot, mounting: Mounting, *, noise_nm: Array | None = No
 
 
 def _scaled(gram: Array) -> tuple[Array, Array]:
-    """With a unit diagonal, and the lengths of the columns; a column of zeros stays one."""
+    """The matrix with a unit diagonal, and the lengths of the columns; a column of zeros has length 1."""
     norms = np.sqrt(np.diag(gram))
     norms = np.where(norms > 0.0, norms, 1.0)
     return gram / np.outer(norms, norms), norms
 
 
 def _plain(value: float) -> float | None:
-    # six digits: the seventh is the processor's and the library's own
+    """A figure for JSON: six digits, since the seventh differs between processors and libraries; None where it is not finite."""
     return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""One task of design: which curves, in which cell, judged by what. Its cost orders them for any optimiser."""
+"""One design task: the curves, the cell, the figure of merit. Its cost gives an order for any optimiser."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,34 +13,34 @@ from monitor.model.energy import flange_speed
 from monitor.model.fourier import Excitation, State
 from monitor.recording import Array
 
-GRID = 100  # samples of a period for what a motion tells; twenty of the fastest default harmonic
-CLEARANCE_GRID = 250  # for clearance: with 10 m/s² a gap falls by 2 mm between them, less than the reserve
-APPROACH = np.linspace(0.1, 1.0, 10)[:, None]  # shares of the straight ways to where the arm rests
-FINER = 8  # samples for one, in stretches where the bound leaves a doubt
-RATE_HZ = 125.0  # of the look between samples that a new best must pass
-FORBIDDEN = 1e6  # above every allowed cost; the violation comes on top, so that a search finds its way back
-FARTHEST_START_RAD = 2.4  # from where the arm rests: a replay refuses to approach from farther than 2.5
-RESERVE_M = 0.003  # kept beyond the margins at the grid's samples: the path between them comes nearer
+GRID = 100  # samples of a period for the figure of merit; twenty in a period of the fastest default harmonic
+CLEARANCE_GRID = 250  # samples of a period for clearance: at 10 m/s² a gap falls by 2 mm between them, less than the reserve
+APPROACH = np.linspace(0.1, 1.0, 10)[:, None]  # (10, 1) samples of a straight approach, as fractions of its length
+REFINEMENT = 8  # samples for one, in stretches in which the bound is not sufficient
+RATE_HZ = 125.0  # of the check between samples that a new best must pass
+FORBIDDEN = 1e6  # above every allowed cost; the violation is added, so that a search is led back to allowed curves
+FARTHEST_START_RAD = 2.4  # [rad] from the pose of rest to the start: a replay refuses to approach from farther than 2.5
+RESERVE_M = 0.003  # kept beyond the margins at the samples of the grid, since the path between them comes nearer
 
 
 class Infeasible(BadInput):
-    """Nothing that was tried keeps the limits: the message names the one that binds, and by how far it is broken."""
+    """No curve keeps the limits. The message names the limit that binds, and by how much it is broken."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """Evaluates free coordinates of a family of curves."""
+    """The cost of curves by their free coordinates, and whether a curve is allowed."""
 
     family: Family
     surroundings: Surroundings
     information: Information
     objective: str
-    rest_rad: tuple[Array, ...] = ()  # poses (J,) from which the straight way to the start must be free, besides the offset
+    rest_rad: tuple[Array, ...] = ()  # poses (J,), besides the offset, from which the straight approach to the start must be free
     _times: Array = field(init=False)
     _between: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Raises BadInput for an unknown objective, Infeasible where the arm at rest in the middle breaks a limit already."""
+        """Raises BadInput for an unknown objective, Infeasible where the arm at rest at its offset already breaks a limit."""
         if self.objective not in OBJECTIVES:
             raise BadInput(f"objective {self.objective!r} is not known; known are {', '.join(OBJECTIVES)}")
         object.__setattr__(self, "_times", np.arange(GRID) * (self.family.period_s / GRID))
@@ -53,7 +53,7 @@ class Problem:
             raise Infeasible(f"standing at the {where} {np.round(rest, 4).tolist()} rad already, {broken}; choose another --{where}")
 
     def cost(self, u: Array) -> float:
-        """Objective of the curve of u, or FORBIDDEN and more by how far it breaks margins and torque limits at the grid's samples."""
+        """The objective of the curve of u; FORBIDDEN and more where it breaks margins or torque limits at the samples of the grid."""
         excitation = self.family.excitation(u)
         state = excitation.at(self._times)
         ways = [start + APPROACH * (pose - start) for start in state.q[:1] for pose in self.approaches_rad]
@@ -63,7 +63,7 @@ class Problem:
         for pose in self.approaches_rad:
             lacking += np.maximum(np.abs(state.q[0] - pose) - FARTHEST_START_RAD, 0.0).sum()
         if lacking > 0.0:
-            return FORBIDDEN * (2.0 + float(lacking))  # clearance first: it is quicker to ask than torque
+            return FORBIDDEN * (2.0 + float(lacking))  # clearance first: it is faster to compute than torque
         Y, torque = self.information.rows(*state)
         over = np.maximum(np.abs(torque) / self.family.limits.torque_nm - 1.0, 0.0).sum()
         if over > 0.0:
@@ -78,34 +78,34 @@ class Problem:
 
     @property
     def approaches_rad(self) -> tuple[Array, ...]:
-        """Poses (J,) from which the arm comes to the start."""
+        """Poses (J,) from which the arm approaches the start."""
         return (self.family.offset_rad, *self.rest_rad)
 
     def allowed(self, excitation: Excitation) -> bool:
-        """Do the whole path and the approaches keep their margins, between samples too?
+        """Whether the whole path and the approaches keep their margins, between samples too.
 
-        Where 125 Hz leaves a doubt, the doubtful stretches are sampled finer.
+        Where the bound at 125 Hz is not sufficient, those stretches are sampled more finely.
         """
         t = np.arange(round(excitation.period_s * RATE_HZ) + 1) / RATE_HZ
         state = excitation.at(t)
         around, cell = self.surroundings, self.surroundings.cell
         stretches = np.flatnonzero(around.doubtful(state.q, bow(state.qdd, 1.0 / RATE_HZ)))
         if len(stretches):
-            finer = np.linspace(0.0, 1.0 / RATE_HZ, FINER + 1)
-            step = bow(state.qdd, 1.0 / RATE_HZ / FINER)
-            # gaps at the samples first: most of what is not allowed ends here
+            finer = np.linspace(0.0, 1.0 / RATE_HZ, REFINEMENT + 1)
+            step = bow(state.qdd, 1.0 / RATE_HZ / REFINEMENT)
+            # gaps at the samples first: most curves that are not allowed are refused here
             near = around.gaps(state.q[stretches])
             if np.min(near.to_itself_m) < cell.self_margin_m or np.min(near.to_cell_m) < cell.margin_m:
                 return False
             fine = excitation.at((t[stretches, None] + finer).ravel()).q  # (S·9, J), the stretches one after the other
             doubt = around.doubtful(fine, step)
-            doubt[FINER :: FINER + 1] = False  # from one stretch to the next there is no way
+            doubt[REFINEMENT :: REFINEMENT + 1] = False  # there is no path from one stretch to the next
             if np.any(doubt):
                 return False
         return all(around.line(pose, state.q[0]).keeps(cell) for pose in self.approaches_rad)
 
     def broken(self, state: State) -> str | None:
-        """The first limit that a path through these samples breaks, in words; None if none."""
+        """The first limit that a path through these samples breaks, as a clause; None where it breaks none."""
         near = self.surroundings.along(state.q).short_of(self.surroundings.cell)
         if near is not None:
             return near
@@ -135,9 +135,9 @@ class Problem:
 
 
 def bow(qdd: Array, step_s: float) -> Array:
-    """(J,) how much farther than |Δq| a joint may travel within a step: it may turn back once, at most a·h²/4 off the way.
+    """(J,) travel of a joint beyond |Δq| within a step of length h [rad].
 
-    With |q̈| ≤ a within the step of length h, the way there and back beyond the end points is at most a·h²/4 in all.
+    A joint may turn back once within the step. With |q̈| ≤ a, its way beyond the two end points is a·h²/4 at most.
     """
     farther: Array = 0.25 * 1.1 * np.max(np.abs(qdd), axis=0) * step_s**2  # 1.1: q̈ may peak between the samples
     return farther

@@ -1,7 +1,7 @@
-"""What a trajectory file says of its own safety, and how anyone may check it again.
+"""The proof of safety in a trajectory file, and how it is checked again.
 
-`prove` samples the curve at the controller's rate or 500 Hz, whichever is more, and bounds the clearance between the samples too
-(see `clearance`). It trusts nothing that the search found.
+`prove` samples the curve at the controller's rate or at 500 Hz, whichever is higher, and bounds the clearance between the samples too
+(see `clearance`). It uses no result of the search.
 """
 
 from typing import Any
@@ -36,7 +36,8 @@ def prove(
 ) -> dict[str, Any]:
     """The `proof` of a trajectory file.
 
-    approaches_rad : poses (J,) from which the way to the start was checked. Raises Infeasible naming what is broken and by how far.
+    approaches_rad : poses (J,) from which the approach to the start is checked. software : its name and version.
+    Raises Infeasible naming the limit that is broken, and by how much.
     """
     rate_hz = max(FINEST_HZ, around.robot.rate_hz)
     state = _one_pass(excitation, rate_hz)
@@ -63,8 +64,8 @@ def prove(
         "cell_digest": around.cell.digest,
         "rate_hz": rate_hz,
         "method": METHOD,
-        "clearance": _told(clearance),
-        "approaches": [{"from_rad": pose.tolist(), **_told(line)} for pose, line in zip(approaches_rad, lines, strict=True)],
+        "clearance": _clearance_document(clearance),
+        "approaches": [{"from_rad": pose.tolist(), **_clearance_document(line)} for pose, line in zip(approaches_rad, lines, strict=True)],
         "end_speed_rad_s": float(np.max(np.abs(ends.qd))),
         "end_acceleration_rad_s2": float(np.max(np.abs(ends.qdd))),
         "flange_speed_m_s": _digits(fastest),
@@ -74,16 +75,16 @@ def prove(
 
 
 def along(excitation: Excitation, around: Surroundings) -> Clearance:
-    """Closest approaches of one whole pass, between its samples too."""
+    """Closest approaches along one whole pass of the trajectory, between its samples too."""
     rate_hz = max(FINEST_HZ, around.robot.rate_hz)
     state = _one_pass(excitation, rate_hz)
     return around.along(state.q, bow(state.qdd, 1.0 / rate_hz))
 
 
 def cell_of(excitation: Excitation) -> Cell | None:
-    """The cell that a trajectory file says it was proved against.
+    """The cell of the proof in a trajectory file; None where the file has no cell.
 
-    Raises BadInput where that is no cell, or not the one that its digest names.
+    Raises BadInput where the file's cell is not valid, or not the one of its digest.
     """
     if excitation.cell is None:
         return None
@@ -94,21 +95,22 @@ def cell_of(excitation: Excitation) -> Cell | None:
 
 
 def recheck(excitation: Excitation, robot: Robot, cell: Cell) -> str | None:
-    """What of a path comes too near in this cell, as a clause; None if all of it keeps the margins.
+    """The bodies that come too near along the path in this cell, as a clause; None where the whole path keeps the margins.
 
-    Raises BadInput for a robot whose shape we do not know.
+    Raises BadInput for a robot whose shape is not known.
     """
     return along(excitation, surroundings(robot, excitation.mounting, cell)).short_of(cell)
 
 
 def _one_pass(excitation: Excitation, rate_hz: float) -> State:
-    # the way is the same at every time scale: sampled at full speed, where the bound between samples is widest
+    """The states of one pass, with samples for full speed. The path is the same at every time scale."""
+    # at full speed the bound between samples is widest
     steps = int(np.ceil(excitation.period_s * rate_hz))
     return excitation.at(np.linspace(0.0, excitation.pass_s, steps + 1))
 
 
 def _shares(state: State, limits: Limits, torque: Array) -> dict[str, Array]:
-    """Largest use of each limit as a fraction, each (J,)."""
+    """The largest use of each limit as a fraction of it, each (J,)."""
     return {
         "position": np.max(np.abs(state.q), axis=0) / limits.position_rad,
         "speed": np.max(np.abs(state.qd), axis=0) / limits.speed_rad_s,
@@ -117,12 +119,14 @@ def _shares(state: State, limits: Limits, torque: Array) -> dict[str, Array]:
     }
 
 
-def _told(clearance: Clearance) -> dict[str, Any]:
-    told: dict[str, Any] = {"to_itself_m": _digits(clearance.itself.gap_m), "itself": clearance.itself.between}
+def _clearance_document(clearance: Clearance) -> dict[str, Any]:
+    """The closest approaches as a JSON object."""
+    document: dict[str, Any] = {"to_itself_m": _digits(clearance.itself.gap_m), "itself": clearance.itself.between}
     if clearance.cell is not None:
-        told |= {"to_cell_m": _digits(clearance.cell.gap_m), "cell": clearance.cell.between}
-    return told
+        document |= {"to_cell_m": _digits(clearance.cell.gap_m), "cell": clearance.cell.between}
+    return document
 
 
 def _digits(value: float) -> float:
+    """A figure with the digits that do not differ between machines."""
     return float(f"{value:.5g}")

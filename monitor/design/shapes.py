@@ -1,15 +1,16 @@
 """The arm as capsules, slightly larger than it is, in its Denavit–Hartenberg frames.
 
-Every link is one to three cylinders: the housings of its joints and the tube between them. A capsule of 1.1 times the radius,
-its axis shortened to match, holds the whole cylinder, edges included. A housing that turns about its own axis is fixed to the link
-before it: it sweeps nothing there, and the pairs that are checked stay those that can change.
+Every link is one to three cylinders: the housings of its joints and the tube between them. A capsule of 1.1 times the radius, with an axis
+shortened to match, holds the whole cylinder with its edges. A housing that turns about its own axis is fixed to the link before it: its
+space does not change by that turn, and the pairs that are checked remain those that can change.
 
-Where the figures come from. Offsets along the shoulder and elbow axes: `offsets` in the manufacturer's physical_parameters.yaml
-(Universal_Robots_ROS2_Description, BSD-3-Clause). Radii: measured on the manufacturer's collision meshes of UR3, UR5 and UR10, where
-they go by the size of the joint alone (size 0 to 4: 32, 39, 46, 60, 76 mm), plus `SLACK_M`; the same meshes gave how far a housing
-reaches along its axis, in radii of its joint. With these the capsules hold every point of those meshes. The e-Series has the same
-sizes of joints and takes their radii, with twice the slack. Not measured: UR20 and UR30, whose radii are extrapolated by the fourth
-root of the torque limit, which fits sizes 0 to 4 to 4 %, and then rounded up. Cables, dress packs and pendant hooks are not in.
+Sources of the figures. The offsets along the shoulder and elbow axes are `offsets` in the manufacturer's physical_parameters.yaml
+(Universal_Robots_ROS2_Description, BSD-3-Clause). The radii were measured on the manufacturer's collision meshes of UR3, UR5 and UR10,
+where they depend on the size of the joint alone (size 0 to 4: 32, 39, 46, 60, 76 mm), plus `SLACK_M`. The same meshes gave how far a
+housing reaches along its axis, in radii of its joint. With these figures the capsules hold every point of those meshes. The e-Series has
+the same sizes of joints and gets their radii, with twice the slack. UR20 and UR30 were not measured: their radii are extrapolated by the
+fourth root of the torque limit, which fits sizes 0 to 4 to 4 %, and rounded up. Cables, dress packs and hooks for the pendant are not
+included.
 """
 
 import math
@@ -24,18 +25,18 @@ from monitor.model.robot import Robot, load_robot
 from monitor.recording import Array, Indices
 
 SLACK_M = 0.003
-FATTER = 1.1  # a capsule's radius by its cylinder's: fatter wastes room at the side, slimmer beyond the ends
+FATTER = 1.1  # a capsule's radius over its cylinder's: a larger one needs more room at the side, a smaller one beyond the ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sizes:
-    """What the capsules of one model are made from [m]."""
+    """The dimensions of one model's capsules [m]."""
 
     base: float  # radius of the foot
-    connector: float  # the foot's cable outlet reaches so far along y of the base
+    connector: float  # reach of the foot's cable outlet along y of the base
     shoulder: float  # radius of joints 1 and 2
-    elbow: float  # of joint 3
-    wrist: float  # of joints 4, 5, 6
+    elbow: float  # radius of joint 3
+    wrist: float  # radius of joints 4, 5, 6
     upper_arm: float  # radius of the tube
     forearm: float
     shoulder_offset: float  # along joint 2's axis, to the middle of the upper arm
@@ -44,6 +45,7 @@ class Sizes:
 
 
 def _of_joints(joints: tuple[float, float, float], foot: tuple[float, float], offsets: tuple[float, float], slack: float) -> Sizes:
+    """The sizes of a model by the radii of its joints (shoulder, elbow, wrist), its foot (radius, connector) and its offsets [m]."""
     shoulder, elbow, wrist = joints
     return Sizes(
         base=foot[0], connector=foot[1], shoulder=shoulder, elbow=elbow, wrist=wrist,
@@ -56,11 +58,11 @@ _SIZE = (0.0323, 0.0390, 0.0460, 0.0600, 0.0756)  # radius of a joint by its siz
 _SMALL = (_SIZE[2], _SIZE[1], _SIZE[0])
 _MIDDLE = (_SIZE[3], _SIZE[3], _SIZE[1])
 _LARGE = (_SIZE[4], _SIZE[3], _SIZE[2])
-_LARGEST = (0.100, 0.086, 0.060)  # 738, 433 and 107 N·m
+_LARGEST = (0.100, 0.086, 0.060)  # [m] of joints with 738, 433 and 107 N·m
 SIZES = {
     "ur3": _of_joints(_SMALL, (0.064, 0.100), (0.1198, 0.0275), SLACK_M),
     "ur5": _of_joints(_MIDDLE, (0.0745, 0.110), (0.13585, 0.0165), SLACK_M),
-    "ur10": _of_joints(_LARGE, (0.095, 0.110), (0.1755, 0.049042), SLACK_M),  # its published 0.220941 is no middle of its mesh
+    "ur10": _of_joints(_LARGE, (0.095, 0.110), (0.1755, 0.049042), SLACK_M),  # the published 0.220941 is not the middle of its mesh
     "ur3e": _of_joints(_SMALL, (0.064, 0.100), (0.120, 0.027), 2 * SLACK_M),
     "ur5e": _of_joints(_MIDDLE, (0.0745, 0.110), (0.138, 0.007), 2 * SLACK_M),
     "ur10e": _of_joints(_LARGE, (0.095, 0.110), (0.1762, 0.0393), 2 * SLACK_M),
@@ -75,18 +77,18 @@ class Capsules:
     """C capsules, each fixed to one DH frame; frame 0 is the base, which does not move."""
 
     names: tuple[str, ...]  # C
-    link: Indices  # (C,) frame it is fixed to
-    ends_m: Array  # (C, 2, 3) of its axis, in that frame
+    link: Indices  # (C,) the frame that it is fixed to
+    ends_m: Array  # (C, 2, 3) ends of its axis, in that frame
     radius_m: Array  # (C,)
 
     @property
     def reach_m(self) -> Array:
-        """(C,) farthest point from the origin of its frame."""
+        """(C,) distance of its farthest point from the origin of its frame."""
         reach: Array = np.max(np.linalg.norm(self.ends_m, axis=2), axis=1) + self.radius_m
         return reach
 
     def joined(self, other: "Capsules") -> "Capsules":
-        """Both."""
+        """The capsules of both."""
         return Capsules(
             names=self.names + other.names,
             link=np.concatenate([self.link, other.link]),
@@ -96,10 +98,10 @@ class Capsules:
 
 
 def around_cylinder(start: Array, end: Array, radius: float) -> tuple[Array, Array, float]:
-    """Axis and radius of the capsule that holds the cylinder from start to end (3,), its flat ends included."""
+    """Axis ends (3,), (3,) and radius of the capsule that holds the cylinder from start to end (3,) with its flat ends."""
     length = float(np.linalg.norm(end - start))
     inset = radius * math.sqrt(FATTER**2 - 1.0)
-    if length <= 2.0 * inset:  # a disc: a ball about its middle
+    if length <= 2.0 * inset:  # a disc is held by a ball about its middle
         middle = 0.5 * (start + end)
         return middle, middle, math.hypot(radius, 0.5 * length)
     step = inset / length * (end - start)
@@ -107,35 +109,35 @@ def around_cylinder(start: Array, end: Array, radius: float) -> tuple[Array, Arr
 
 
 def sizes_of(robot: Robot) -> Sizes:
-    """Raises BadInput for a robot whose shape we do not know."""
+    """The dimensions of a model's capsules. Raises BadInput for a robot whose shape is not known."""
     if robot.name not in SIZES:
         raise BadInput(f"robot {robot.name!r}: no shapes are known for its collision check; known are {', '.join(sorted(SIZES))}")
     return SIZES[robot.name]
 
 
 class Cylinder(NamedTuple):
-    """One part of a link: solid, with flat ends."""
+    """One part of a link: a solid cylinder with flat ends."""
 
     name: str
-    link: int  # DH frame it is fixed to
-    start_m: Array  # (3,) ends of its axis, in that frame
+    link: int  # the DH frame that it is fixed to
+    start_m: Array  # (3,) one end of its axis, in that frame
     end_m: Array
     radius_m: float
 
 
 def arm_cylinders(robot: Robot) -> tuple[Cylinder, ...]:
-    """What one UR model is taken for, before any slack.
+    """The cylinders that stand for a UR model, without slack.
 
-    Raises BadInput for a robot whose shape we do not know.
+    Raises BadInput for a robot whose shape is not known.
     """
     s = sizes_of(robot)
     R, E, W = s.shoulder, s.elbow, s.wrist
     d1, d4 = float(robot.d_m[0]), float(robot.d_m[3])
     upper, fore = -float(robot.a_m[1]), -float(robot.a_m[2])
-    top = s.shoulder_offset + 1.27 * R  # of the upper arm, along joint 2's axis
-    between = s.elbow_offset + 0.9 * E  # of upper arm and forearm, along joint 3's axis
+    top = s.shoulder_offset + 1.27 * R  # end of the upper arm, along joint 2's axis
+    between = s.elbow_offset + 0.9 * E  # between upper arm and forearm, along joint 3's axis
     x, y, z = np.eye(3)
-    # name, frame, from, to, radius; the reaches beside the radii are what the meshes ask for
+    # name, frame, from, to, radius; the factors beside the radii are those that the meshes need
     parts = [
         ("foot", 0, -0.003 * z, max(0.03, d1 - 1.05 * R) * z, s.base),
         ("connector", 0, 0.018 * z, 0.018 * z + s.connector * y, 0.024),
@@ -160,7 +162,7 @@ def arm_cylinders(robot: Robot) -> tuple[Cylinder, ...]:
 def arm_capsules(robot_name: str) -> Capsules:
     """The capsules of one UR model.
 
-    Raises BadInput for a robot whose shape we do not know.
+    Raises BadInput for a robot whose shape is not known.
     """
     robot = load_robot(robot_name)
     cylinders = arm_cylinders(robot)
