@@ -10,7 +10,7 @@ import pytest
 from excitations import short
 from processes import children
 from simulated_arm import simulated_arm
-from test_arm import SETTINGS, WELL
+from test_failures import SETTINGS, WELL
 from test_guard import NOON, SIMULATED, facts, nudged, well
 
 from monitor.acquire.replay import replay
@@ -185,7 +185,7 @@ def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
     assert found[-1][0] == "torque_band"
 
 
-@pytest.mark.xdist_group("doubts")
+@pytest.mark.xdist_group("refusals")
 @pytest.mark.parametrize("unseen", ["stall", "kill"])
 def test_a_protective_stop_that_the_child_did_not_see_is_told_as_one(unseen):
     """No data came any more, or the child was killed, while the arm ran into something: harmless causes, and a person must look."""
