@@ -16,7 +16,7 @@ from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.studies.figures import Share
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.rehearse import LATEST_ONSET, LEARNING_DAYS, Kind, detected, play, rehearse
-from monitor.studies.torque_study import foresee, summary, surrogate
+from monitor.studies.torque_study import study_arm, summary, surrogate
 
 TARGET = Path("docs/validation.md")
 END = "\n<!-- `make card` writes what stands above this line, and keeps what stands below it. -->\n"
@@ -154,7 +154,7 @@ def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = 
         later = [pool.submit(detected, base, assess, kind, seed + 4) for kind in quieter]
         # 9600 lives are ± 0.6 points; of 14 400 steps a bound is 0.12 points below what was found
         document = rehearse(assess, arms=arms, seed=seed, lives=4 * arms, steps=6 * arms, each=pool.map)
-        one_arm = partial(foresee, excitation=excitation, settings=assess, replays=REPLAYS, tests=TESTS, clock=time.process_time)
+        one_arm = partial(study_arm, excitation=excitation, settings=assess, replays=REPLAYS, tests=TESTS, clock=time.process_time)
         foreseen = list(pool.map(one_arm, range(1000 * seed, 1000 * seed + max(arms // 75, 2))))
         rows = [{"between_std": 0.01, **one.result()} for one in later]
     torque, physics = summary(foreseen, replays=REPLAYS, tests=TESTS), surrogate(foreseen, base.within_std)

@@ -10,14 +10,14 @@ import pytest
 from monitor.assess import AssessSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.studies import torque_study as torque
-from monitor.studies.torque_study import Foreseen, foresee, summary, surrogate
+from monitor.studies.torque_study import TorqueErrors, study_arm, summary, surrogate
 
 EXCITATION = Path(__file__).parents[2] / "config" / "excitation" / "ur5-ground.json"
-BLANK = Foreseen(  # of two joints, one test, no replay
+BLANK = TorqueErrors(  # of two joints, one test, no replay
     squares_nm2=np.ones((2, 2)),
-    along_nm=np.ones((2, 1, 2)),
+    friction_error_nm=np.ones((2, 1, 2)),
     slope_per_k=np.zeros(2),
-    left=np.zeros((0, 2)),
+    law_residual=np.zeros((0, 2)),
     grease_c=np.zeros((0, 2)),
     covered=np.full(2, 0.9),
     range_c=(10.0, 30.0),
@@ -27,14 +27,14 @@ BLANK = Foreseen(  # of two joints, one test, no replay
 
 def arm(seed, replays, tests):
     excitation = replace(excitation_from_document(json.loads(EXCITATION.read_text("utf-8"))), repetitions=1)
-    return foresee(seed, excitation=excitation, settings=AssessSettings(), replays=replays, tests=tests, clock=lambda: 0.0)
+    return study_arm(seed, excitation=excitation, settings=AssessSettings(), replays=replays, tests=tests, clock=lambda: 0.0)
 
 
 def test_after_sixteen_replays_temperature_takes_away_most_of_the_error():
     """One arm, fewer replays than on the card: at most half of the error is left, of friction's alone a fifth; the doubt is honest."""
     found = arm(41, 16, 6)
     assert found.ratio < 0.5
-    with_T, without = np.nanmean(found.along_nm**2, axis=1)
+    with_T, without = np.nanmean(found.friction_error_nm**2, axis=1)
     assert np.sqrt(with_T.sum() / without.sum()) < 0.2
     assert np.all((found.covered > 0.75) & (found.covered < 0.99))
     assert 4.0 < found.range_c[0] < found.range_c[1] < 50.0
@@ -44,7 +44,7 @@ def test_the_range_told_is_of_the_temperatures_that_count(monkeypatch):
     """A joint warmer than the study asks for is left out of the errors, and so of the range beside them."""
     monkeypatch.setattr(torque, "WARMEST_C", 30.0)
     found = arm(41, 6, 4)
-    assert np.isnan(found.along_nm).any()
+    assert np.isnan(found.friction_error_nm).any()
     assert found.range_c[1] <= 30.0
 
 
@@ -66,7 +66,7 @@ def drawn(std, course, seed=0):
     for _ in range(4):
         grease = dice.uniform(10.0, 30.0, (100, 2))
         left = 0.02 * dice.normal() + std * dice.uniform(0.7, 1.5, (100, 2)) * dice.normal(size=(100, 2)) + course * (grease - 20.0)
-        arms.append(replace(BLANK, left=left, grease_c=grease))
+        arms.append(replace(BLANK, law_residual=left, grease_c=grease))
     return arms
 
 
@@ -78,7 +78,7 @@ def test_full_physics_that_is_not_the_surrogates_is_told():
     assert same["slope_per_k"] < 0.0002
     assert same["std"] == pytest.approx([same["surrogate_std"]] * 2, rel=0.1)
     assert surrogate(drawn(0.005, 0.002), 0.005)["slope_per_k"] == pytest.approx(0.002, rel=0.1)
-    split = [replace(arm, left=0.005 * np.sign(arm.left - arm.left.mean(axis=0))) for arm in drawn(0.005, 0.0)]
+    split = [replace(arm, law_residual=0.005 * np.sign(arm.law_residual - arm.law_residual.mean(axis=0))) for arm in drawn(0.005, 0.0)]
     assert surrogate(split, 0.005)["p"] < 1e-6
 
 
