@@ -1,7 +1,8 @@
-"""When will friction reach its limit? First passage of a Wiener process with drift, mixed over what we believe of its rate.
+"""The days until friction reaches its limit: first passage of a Wiener process with drift, averaged over the posterior of its rate.
 
-For one rate ν the time to rise by d is inverse Gaussian (Chhikara & Folks, 1989); the posterior of (wear, rate) enters by
-a fixed lattice, so the answer is the same every time. It says when a friction threshold is crossed, not when a gear breaks.
+For one rate ν the time to rise by d is inverse Gaussian (Chhikara & Folks, 1989). The posterior of (wear, rate) enters by a fixed
+lattice, so the same posterior always gives the same result. The result is when friction crosses a threshold; a gear may break earlier
+or later.
 """
 
 import math
@@ -15,10 +16,10 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from monitor.judge.bounds import check_bounds
 from monitor.recording import Array
 
-DAYS = np.geomspace(0.05, 20_000.0, 48)  # the distribution is tabulated here, then finely where it rises; 54 years end foresight
-FINE = 96
-# a golden-ratio lattice over (rate, wear given the rate), equally likely points: with few Gauss nodes the mixture of nearly
-# sharp passages would be a staircase, and its quantiles the steps
+DAYS = np.geomspace(0.05, 20_000.0, 48)  # coarse table of the distribution; 20 000 days, or 54 years, are the longest prediction
+FINE_POINTS = 96  # of the fine table, between the coarse points beside P10 and P90
+# A golden-ratio lattice over (rate, wear given the rate) with equally likely points. With few Gauss nodes the mixture of nearly sharp
+# passages would be a staircase, and its quantiles would be the steps.
 NODES = 199
 RATE_NODES = ndtri((np.arange(NODES) + 0.5) / NODES)  # (M,)
 WEAR_NODES = ndtri((np.arange(NODES) * (math.sqrt(5.0) - 1.0) / 2.0 + 0.5) % 1.0)  # (M,)
@@ -26,11 +27,11 @@ WEAR_NODES = ndtri((np.arange(NODES) * (math.sqrt(5.0) - 1.0) / 2.0 + 0.5) % 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrognosisSettings:
-    """Which limit, and when a trend is one."""
+    """The limit, and the evidence that a prediction requires."""
 
-    limit_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.30  # friction above its beginning, fraction
-    service_days: Annotated[float, Interval(ge=1.0, le=3650.0)] = 90.0  # to the next service: how likely is the limit met before it?
-    trend_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # below this P(rate > 0), no date is given
+    limit_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.30  # of friction above that at the beginning, as a fraction
+    service_days: Annotated[float, Interval(ge=1.0, le=3650.0)] = 90.0  # until the next service
+    trend_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # probability of a positive rate below which no date is given
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration where a figure is out of its bounds."""
@@ -38,22 +39,23 @@ class PrognosisSettings:
 
 
 class RemainingLife(NamedTuple):
-    """Days until the limit. None: not within 20 000 days, or, all three, no trend."""
+    """Days until the limit; None beyond 20 000 days, and for all three quantiles where there is no trend. The names are published."""
 
     trend_probability: float  # P(wear rate > 0)
     p10_days: float | None
     p50_days: float | None
     p90_days: float | None
     verdict: str  # "trend" | "no_trend" | "reached"
-    before_service_probability: float = 0.0  # that the limit is met within `service_days`
+    before_service_probability: float = 0.0  # that friction reaches the limit within `service_days`
 
 
 def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> RemainingLife:
-    """From the belief on wear, in the logarithm of friction torque, and on its rate, a fraction a day: mean (2,) and cov (2, 2).
+    """The remaining life of one joint.
 
-    The same wear every day is the same rise every day, not the same factor: the limit is approached along a straight line.
+    mean (2,), cov (2, 2) : posterior of the logarithm of friction torque over that at the beginning, and of its rate, a fraction a day.
+    The same work every day adds the same rise of friction every day, so friction approaches the limit along a straight line.
     """
-    mean, cov = straight(mean, cov)
+    mean, cov = as_rise(mean, cov)
     trend = float(ndtr(mean[1] / max(math.sqrt(cov[1, 1]), 1e-300)))
     if mean[0] >= settings.limit_rise:
         return RemainingLife(trend, 0.0, 0.0, 0.0, "reached", 1.0)
@@ -61,32 +63,33 @@ def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, se
     if trend < settings.trend_sure:
         return RemainingLife(trend, None, None, None, "no_trend", service)
     coarse = _mixture(mean, cov, DAYS, wear_walk_per_sqrt_day, settings)
-    first, last = np.searchsorted(coarse, [0.1, 0.9])  # P10 and P90 lie between these and the points before
-    days = np.geomspace(DAYS[max(first - 1, 0)], DAYS[min(last, len(DAYS) - 1)], FINE)
+    first, last = np.searchsorted(coarse, [0.1, 0.9])  # P10 and P90 lie between these points and the ones before
+    days = np.geomspace(DAYS[max(first - 1, 0)], DAYS[min(last, len(DAYS) - 1)], FINE_POINTS)
     reached = _mixture(mean, cov, days, wear_walk_per_sqrt_day, settings)
     p10, p50, p90 = (_quantile(days, reached, p) for p in (0.1, 0.5, 0.9))
     return RemainingLife(trend, p10, p50, p90, "trend", service)
 
 
-def straight(mean: Array, cov: Array) -> tuple[Array, Array]:
-    """Mean and covariance of (rise, rise per day) as fractions, from (log rise, rise per day), to first order."""
-    grown = math.exp(mean[0])
-    M = np.diag([grown, 1.0])
-    return np.array([grown - 1.0, mean[1]]), M @ cov @ M.T
+def as_rise(mean: Array, cov: Array) -> tuple[Array, Array]:
+    """Mean and covariance of (rise, rise per day) as fractions, from those of (log(1 + rise), rise per day), to first order."""
+    factor = math.exp(mean[0])
+    M = np.diag([factor, 1.0])  # Jacobian
+    return np.array([factor - 1.0, mean[1]]), M @ cov @ M.T
 
 
 def probability_within(days: float, mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> float:
-    """That the limit is crossed within so many days, e.g. before the next service. Arguments as in `remaining_life`."""
-    mean, cov = straight(mean, cov)
+    """Probability that friction reaches the limit within so many days. Arguments as in `remaining_life`."""
+    mean, cov = as_rise(mean, cov)
     if mean[0] >= settings.limit_rise:
         return 1.0
     return float(_mixture(mean, cov, np.array([days]), wear_walk_per_sqrt_day, settings)[0])
 
 
 def first_passage(days: Array, rise: Array, rate: Array, walk: float) -> Array:
-    """P(a Wiener process with drift has risen by `rise` within `days`), broadcast; a rise already made is certain.
+    """Probability that a Wiener process has risen by `rise` within `days`; 1 for a rise of 0 or less. Arguments are broadcast.
 
-    Φ((νt−d)/(σ√t)) + exp(2νd/σ²)·Φ(−(d+νt)/(σ√t)), the second term in logarithms since the exponential overflows.
+    rate : drift ν [1/d]; walk : σ [1/√d]. Chhikara & Folks (1989): Φ((νt−d)/(σ√t)) + exp(2νd/σ²)·Φ(−(d+νt)/(σ√t)). The second term is
+    computed in logarithms, since its exponential overflows.
     """
     spread = walk * np.sqrt(days)
     second = 2.0 * rate * rise / walk**2 + log_ndtr(-(rise + rate * days) / spread)
@@ -95,7 +98,7 @@ def first_passage(days: Array, rise: Array, rate: Array, walk: float) -> Array:
 
 
 def _mixture(mean: Array, cov: Array, days: Array, walk: float, settings: PrognosisSettings) -> Array:
-    """P(limit crossed within days) (D,), over the posterior of rate and of wear given the rate."""
+    """Probability that friction reaches the limit within days (D,), averaged over the posterior of (rise, rate)."""
     rate_std = math.sqrt(max(cov[1, 1], 1e-300))
     tilt = cov[0, 1] / rate_std
     rest_std = math.sqrt(max(cov[0, 0] - tilt**2, 0.0))
@@ -107,11 +110,11 @@ def _mixture(mean: Array, cov: Array, days: Array, walk: float, settings: Progno
 
 
 def _quantile(days: Array, reached: Array, p: float) -> float | None:
-    """Days at which the tabulated distribution passes p, linear in log days; None where it never does."""
+    """Days at which the tabulated distribution reaches p, interpolated in the logarithm of days; None where it does not reach p."""
     if reached[-1] < p:
         return None
     i = int(np.searchsorted(reached, p))
     if i == 0:
         return float(days[0])
-    part = (p - reached[i - 1]) / (reached[i] - reached[i - 1])
-    return float(np.exp(np.log(days[i - 1]) + part * np.log(days[i] / days[i - 1])))
+    share = (p - reached[i - 1]) / (reached[i] - reached[i - 1])
+    return float(np.exp(np.log(days[i - 1]) + share * np.log(days[i] / days[i - 1])))

@@ -9,7 +9,7 @@ scaled with temperature like viscous friction:
 the factor fc(T)/fc(T₁) for the first and third term.)
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,7 +50,7 @@ class CompensatedModel:
     wear: Array  # (J,) present wear w, logarithm of a factor on friction
     wear_std: Array  # (J,) standard deviation of w
     residual_rms_nm: Array  # (J,) RMS residual of the fit to the last replay [N·m]
-    residual_friction: ResidualFriction | None = None  # None, as in older documents: friction is fc and fv alone
+    residual_friction: ResidualFriction | None = field(default=None, metadata={"key": "finer"})  # None: friction is fc and fv alone
     error_rms_nm: Array | None = None  # (J,) RMS error of the model without measurement noise [N·m]; None: use residual_rms_nm
     measured_rms_nm: Array | None = None  # (J,) RMS of single measured samples about the model [N·m]; None: use residual_rms_nm
 
@@ -77,9 +77,8 @@ class CompensatedModel:
         """The model as a JSON object; `model_from_document` is the inverse."""
         document: dict[str, Any] = plain(replace(self, residual_friction=None))
         if self.residual_friction is not None:
-            document["residual_friction"] = _residual_document(self.residual_friction)
-        # the stored and published key is the older name
-        return {("finer" if key == "residual_friction" else key): value for key, value in document.items()}
+            document["finer"] = _residual_document(self.residual_friction)
+        return document
 
     def _worn(self, fresh: LawValue) -> LawValue:
         factor = np.exp(self.wear)
