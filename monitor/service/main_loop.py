@@ -58,7 +58,7 @@ class MainLoop:
             if now - self._monitor_at >= MONITOR_PERIOD_S or not self._monitor_at:
                 self._monitor_at = now
                 self._publish_monitor()
-            self._watchdog.look()
+            self._watchdog.check()
 
     def _observe(self) -> None:
         """Hand the arm's state to the scheduler and to the problems."""

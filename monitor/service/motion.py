@@ -1,6 +1,6 @@
-"""One motion with everything that has a say in it: the guards, the history, whoever must permit it; slowly first after a change.
+"""One motion of the arm, subject to guards, history and permit, with a slow first pass after a change.
 
-The daemon's schedule and `joint-monitor replay` both move an arm through here.
+The daemon's scheduler and `joint-monitor replay` both move an arm through `move`.
 """
 
 import dataclasses
@@ -45,7 +45,7 @@ def move(
     announce: Announce | None = None,
     model: CompensatedModel | None = None,
 ) -> Recording:
-    """A replay, preceded by a slow first pass where something has changed since the last one; that one's recording goes to a path.
+    """One replay. A slow first pass precedes it where something has changed since the last one; its recording goes to `first_pass_path`.
 
     Raises as `acquire.replay.replay`, and StoreError where the first pass cannot be kept.
     """
@@ -85,7 +85,7 @@ def move(
 
 
 def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[ConditionResult, ...]:
-    """Every condition as it is now: receive-only, and what the history has to say."""
+    """Every condition as it is now. Nothing is sent to the arm but requests for its state; the history adds its stops"""
     told = None
     try:
         with Store.reader(configuration.state_directory) as store:
@@ -93,7 +93,7 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
             told = waiting[-1].text if waiting else None
     except StoreError:
         if present(configuration.state_directory):
-            raise  # a history that cannot be read is no empty one
+            raise  # a history that cannot be read is not an empty one
     return look_at(
         configuration.replay,
         configuration.excitation,
@@ -115,7 +115,7 @@ def _permit(ask: AskAnswer) -> AskPermit:
 
 
 def _load(context: Context) -> dict[str, Any]:
-    """What the arm carries, and how it hangs: a model learnt with another load predicts another torque."""
+    """The load and mounting that a torque model holds for: with another load the torque is another."""
     mounting = None if context.mounting_rad is None else list(context.mounting_rad)
     return {"payload_kg": context.payload_kg, "tool": context.tool, "mounting_rad": mounting}
 

@@ -1,4 +1,4 @@
-"""Before anything runs: would the service find what it needs? Configuration, history, disk, clock, each by name."""
+"""Preflight: the conditions that the service itself needs, each by name: configuration, history, disk, clock."""
 
 import os
 import shutil
@@ -15,11 +15,11 @@ from monitor.publish.timestamps import rfc3339
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
 from monitor.store.schema import schema_of
 
-EARLIEST_UNIX_S = 1_767_225_600.0  # 2026-01-01: this program did not exist before; a host without a clock of its own begins in 1970
+EARLIEST_UNIX_S = 1_767_225_600.0  # 2026-01-01, before this program existed; a host whose clock has no battery starts in 1970
 
 
 def service_conditions(configuration: Configuration, now_unix_s: float | None = None) -> tuple[ConditionResult, ...]:
-    """All of them; nothing is changed."""
+    """All conditions of the service; checking them changes nothing."""
     now = time.time() if now_unix_s is None else now_unix_s
     return (_configuration(configuration), _history(configuration), _disk(configuration), _clock(configuration, now))
 
@@ -100,7 +100,7 @@ def _newest(path: Path) -> float | None:
 
 
 def _synchronised() -> bool | None:
-    """What systemd says of the host's clock; None where it is not there to ask."""
+    """Whether systemd reports the host's clock as synchronised; None where there is no systemd."""
     command = ["timedatectl", "show", "--property=NTPSynchronized", "--value"]
     try:
         said = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)

@@ -95,7 +95,7 @@ def open_store(directory: Path, stack: ExitStack) -> Store:
                 log.error("trouble=store: %s; waiting for it", reported, extra={"trouble": "store"})
             notify(f"READY=1\nSTATUS=waiting for the history, nothing is watched: {reported}")
             for _ in range(int(DISK_WAIT_S)):
-                watchdog.look()
+                watchdog.check()
                 time.sleep(1.0)
 
 

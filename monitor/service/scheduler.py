@@ -1,6 +1,6 @@
-"""The schedule's own thread: asks what is due, and has it done; one replay at a time, and none that the ledger knows already.
+"""The scheduler's thread: performs each window once, when it is due. One replay runs at a time, and no window runs twice.
 
-What is due, `check_windows` says; what may move, the guards say; what happened, the ledger says. Here is only the clock between them.
+`check_windows` decides what is due, the guards decide what may move, and the ledger records what happened.
 """
 
 import json
@@ -27,13 +27,13 @@ from monitor.store.store import Store
 log = logging.getLogger(__name__)
 
 TICK_S = 1.0
-LOOK_EVERY_S = 30.0  # also where nothing is due: notes how long the schedule was watched
-SEEN_JUMP_S = 60.0  # the clock against the monotonic one between two ticks
-DOUBTED_JUMP_S = 86_400.0  # forward by more: nothing moves for a while, for somebody may set it right again
+CHECK_EVERY_S = 30.0  # [s] also where nothing is due: it notes until when the schedule was watched
+NOTICED_JUMP_S = 60.0  # between two ticks, UTC against the monotonic clock: a larger difference means that the clock was set
+DOUBTED_JUMP_S = 86_400.0  # a larger jump forward may be a mistake: nothing moves for `DOUBT_S`, in which somebody may correct it
 DOUBT_S = 3600.0
 EARLIEST_UNIX_S = 978_307_200.0  # 2001-01-01: a host whose clock has no battery begins in 1970, 1980 or 2000
 _WATCHED, _RUNNING, _NOT_BEFORE = "schedule_watched_until", "arm_running_until", "schedule_not_before"
-_FORWARD = "clock_was_set_forward"  # JSON: what it said before a jump that was doubted, and after it
+_FORWARD = "clock_was_set_forward"  # JSON: the times before and after a doubted jump
 
 
 class Performer(Protocol):
@@ -44,24 +44,24 @@ class Performer(Protocol):
         """The settings in force."""
 
     def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
-        """One replay with all that follows."""
+        """Perform one window with all that follows; None where the ledger has it already."""
 
     def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
-        """Enter a window as skipped."""
+        """Enter a window as skipped, with the reason."""
 
     def recover(self) -> None:
-        """Finish what a failing disk left half-way."""
+        """Finish what a failing disk left half-way. Raises StoreError."""
 
     def roll_back(self) -> bool:
-        """Take back what was learnt in a future that a wrong clock made up; whether it could be."""
+        """Take back every assessment dated in the future; False where that is not possible."""
 
     def next_due(self, unix_s: float | None) -> None:
-        """Say when the next window opens."""
+        """Publish when the next window opens."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clocks:
-    """The host's: UTC, and one that nobody sets."""
+    """The host's clocks: UTC, and a monotonic one that nobody sets."""
 
     now: Callable[[], float] = time.time
     monotonic: Callable[[], float] = lambda: time.clock_gettime(time.CLOCK_BOOTTIME)
@@ -79,7 +79,7 @@ class Scheduler:
         self._evidence_unix_s: float | None = None
         self._last: tuple[float, float] | None = None  # both clocks at the last tick
         self._doubt_until = 0.0  # monotonic
-        self._next_look = 0.0  # UTC
+        self._next_check = 0.0  # UTC
         self._noted = 0.0  # monotonic
         self.lag_s: float | None = None  # of the last replay, from the opening of its window
         self._warmth = WarmUp()
@@ -90,44 +90,44 @@ class Scheduler:
         self._watched = min(now, float(watched)) if watched is not None else now
         self._not_before = float(store.notes.get(_NOT_BEFORE) or 0.0)
         if store.restored is not None:
-            # the ledger of the hours before is lost: what was open then may have been used
+            # the ledger of the hours before the backup is lost: a window that was open then may have been used
             self._not_before = now
             store.notes.set(_NOT_BEFORE, repr(now))
 
     # --- from other threads ----------------------------------------------------------------------
 
     def observe(self, running: bool, temperature_c: tuple[float, ...] | None) -> None:
-        """The arm now: whether it is ready to move, and how warm it is."""
+        """Take the arm's present state: whether it is ready to move, and its (J,) temperatures [°C], where they are known."""
         now = self._clocks.now()
         before = self._cold.at_unix_s
         self._cold.observe(running, now, self._monitor.configuration.schedule.cold_start_after_h)
         if self._cold.at_unix_s != before:
-            self._next_look = 0.0
+            self._next_check = 0.0
         if temperature_c is not None:
             self._warmth.observe(temperature_c, now)
 
     def reconsider(self) -> None:
-        """The configuration has changed."""
-        self._next_look = 0.0
+        """Consider the schedule anew: the configuration has changed."""
+        self._next_check = 0.0
         self._requests.wake()
 
     # --- the thread ------------------------------------------------------------------------------
 
     def run(self, stopping: threading.Event, beat: Callable[[], None]) -> None:
-        """Until `stopping`; whatever a tick meets is told, and the next one tries again."""
+        """Tick once a second until `stopping`. An error is reported as a problem, and the next tick tries again."""
         while not stopping.is_set():
             beat()
             try:
                 self.tick()
             except MonitorError as error:
                 self._problems.report("store", str(error))
-            except Exception as error:  # the schedule must outlive one fault of ours; the stack says which
+            except Exception as error:  # the thread must survive an error of this program; the log names it
                 log.exception("the schedule met a fault")
                 self._problems.report("fault", f"{type(error).__name__}: {error}")
             self._requests.wait(TICK_S)
 
     def tick(self) -> None:
-        """One look at the clocks; at the schedule, where it is time.
+        """Compare the clocks, and check the schedule where it is time to.
 
         Raises StoreError where the ledger cannot be written: then nothing has moved.
         """
@@ -145,14 +145,14 @@ class Scheduler:
         if monotonic < self._doubt_until:
             return
         self._problems.clear("clock")
-        if now < self._next_look and now - self._watched < LOOK_EVERY_S:
+        if now < self._next_check and now - self._watched < CHECK_EVERY_S:
             return
-        self._look(now)
+        self._check(now)
         after = self._clocks.now()
         upcoming = self.coming(1, after)
-        self._next_look = min(upcoming[0].opens_unix_s if upcoming else after + LOOK_EVERY_S, after + LOOK_EVERY_S)
+        self._next_check = min(upcoming[0].opens_unix_s if upcoming else after + CHECK_EVERY_S, after + CHECK_EVERY_S)
         self._monitor.next_due(upcoming[0].opens_unix_s if upcoming else None)
-        if monotonic - self._noted >= 10 * LOOK_EVERY_S or not self._noted:
+        if monotonic - self._noted >= 10 * CHECK_EVERY_S or not self._noted:
             self._noted = monotonic
             self._store.notes.set(_WATCHED, repr(now))
             if self._cold.last_running_unix_s is not None:
@@ -162,7 +162,7 @@ class Scheduler:
         evidence_unix_s = self._requests.take_evidence()
         if evidence_unix_s is not None:
             self._evidence_unix_s = evidence_unix_s
-            self._next_look = 0.0
+            self._next_check = 0.0
 
     def _requested(self) -> None:
         short = too_little_room(self._store, self._monitor.configuration.store.least_free_mb)
@@ -172,7 +172,7 @@ class Scheduler:
             self._monitor.skip(self._clocks.now(), short, "requested")
 
     def coming(self, count: int, now: float | None = None) -> list[Window]:
-        """The next windows."""
+        """The next `count` windows that the ledger does not have yet. Raises StoreError."""
         now = self._clocks.now() if now is None else now
         settings, began = self._monitor.configuration.schedule, self._store.ledger.began_unix_s()
         if now < EARLIEST_UNIX_S:
@@ -182,11 +182,11 @@ class Scheduler:
         more = upcoming(settings, max(believed, self._not_before), count + min(len(known), 50), began, self._salt)
         return [window for window in more if window.key_unix_s not in known][:count]
 
-    def _look(self, now: float) -> None:
+    def _check(self, now: float) -> None:
         configuration = self._monitor.configuration
         since = min(self._watched, now)
         entered = self._store.ledger.windows(since - reach_back_s(configuration.schedule), now + 86_400.0)
-        said = check_windows(
+        found = check_windows(
             configuration.schedule,
             now_unix_s=now,
             since_unix_s=since,
@@ -195,23 +195,25 @@ class Scheduler:
             salt=self._salt,
             triggers=Triggers(self._cold.at_unix_s, self._evidence_unix_s),
         )
-        for window in said.missed:
+        for window in found.missed:
             if window.opens_unix_s >= self._not_before:
                 self._monitor.skip(window.key_unix_s, self._why_missed(window))
         self._watched = now
-        if said.due is None or said.due.opens_unix_s < self._not_before:
+        if found.due is None or found.due.opens_unix_s < self._not_before:
             return
         if configuration.schedule.after_warm_up and not self._warmth.steady(now, configuration.schedule.warm_k_per_10_min):
-            return  # the window is still open; where it closes before they are, it was missed
-        for window in said.merged:
-            self._monitor.skip(window.key_unix_s, f"one replay serves this window and that of {rfc3339(said.due.key_unix_s)}")
+            return  # the window stays open; it is missed where it closes before temperatures are steady
+        for window in found.merged:
+            self._monitor.skip(window.key_unix_s, f"one replay serves this window and that of {rfc3339(found.due.key_unix_s)}")
         short = too_little_room(self._store, configuration.store.least_free_mb)
         if short is not None:
-            self._monitor.skip(said.due.key_unix_s, short)
+            self._monitor.skip(found.due.key_unix_s, short)
             return
-        self.lag_s = now - said.due.opens_unix_s
-        log.info("window=%s opens a replay: %s", rfc3339(said.due.key_unix_s), said.due.why, extra={"window": rfc3339(said.due.key_unix_s)})
-        self._monitor.perform(said.due.key_unix_s)
+        self.lag_s = now - found.due.opens_unix_s
+        log.info(
+            "window=%s opens a replay: %s", rfc3339(found.due.key_unix_s), found.due.why, extra={"window": rfc3339(found.due.key_unix_s)}
+        )
+        self._monitor.perform(found.due.key_unix_s)
 
     def _why_missed(self, window: Window) -> str:
         if self._monitor.configuration.schedule.after_warm_up and self._last_seen_before(window):
@@ -224,25 +226,25 @@ class Scheduler:
     def _compare_clocks(self, now: float, monotonic: float) -> None:
         if self._last is not None:
             jump = (now - self._last[0]) - (monotonic - self._last[1])
-            if abs(jump) > SEEN_JUMP_S:
-                self._next_look = 0.0
+            if abs(jump) > NOTICED_JUMP_S:
+                self._next_check = 0.0
                 log.warning("the host's clock was set by %+.0f s, to %s", jump, rfc3339(now))
-                # from before what the history knows, or from before this program, it was set right
+                # a clock that stood before the history's newest entry, or before this program existed, was corrected
                 if jump > DOUBTED_JUMP_S and self._last[0] >= max(
                     EARLIEST_UNIX_S, (self._store.ledger.newest_unix_s() or 0.0) - DOUBTED_JUMP_S
                 ):
                     self._store.notes.set(_FORWARD, json.dumps([self._last[0], now]))
                     self._doubt_until = monotonic + DOUBT_S
-                    told = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
-                    self._problems.report("clock", told)
+                    text = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
+                    self._problems.report("clock", text)
                 elif jump < 0:
                     self._doubt_until = 0.0
         noted = self._store.notes.get(_FORWARD) if self._last is None or now < self._last[0] else None
         self._last = (now, monotonic)
         if not noted:
             return
-        # back where it was before it was set forward, and on by as long as that lasted: that future was made up. Set back without having
-        # been forward, or to where every boot begins, it is the past
+        # The clock is back where it was before the jump, plus the time since: what was dated in between is wrong. A clock set back without
+        # an earlier jump forward, or to where every boot begins, is a wrong clock itself, and nothing is taken back.
         before, after = json.loads(noted)
         watched = max(self._watched, float(self._store.notes.get(_WATCHED) or 0.0))
         newest, lasted = max(watched, self._store.ledger.newest_unix_s() or 0.0), max(0.0, watched - after)
@@ -255,7 +257,7 @@ class Scheduler:
 
 
 def too_little_room(store: Store, least_free_mb: float) -> str | None:
-    """Why a recording would not find room; None where it does."""
+    """Why the disk has no room for a recording; None where it has."""
     try:
         about = os.statvfs(store.directory)
     except OSError as error:

@@ -1,6 +1,6 @@
-"""A service among others: what the service manager and its journal are told (sd_notify(3), systemd.journal-fields(7)).
+"""Messages to the service manager and its journal: sd_notify(3), systemd.journal-fields(7). I/O.
 
-Plain datagrams, no library. Where there is no service manager, nothing is said and nothing fails.
+They are plain datagrams. Where there is no service manager, nothing is sent and nothing fails.
 """
 
 import logging
@@ -14,50 +14,57 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 JOURNAL = "/run/systemd/journal/socket"
-FIELDS = ("robot", "replay", "verdict", "window", "alert", "trouble")  # of a record's `extra`: JOINT_MONITOR_REPLAY=17, …
+FIELDS = (
+    "robot",
+    "replay",
+    "verdict",
+    "window",
+    "alert",
+    "trouble",
+)  # keys of a record's `extra` that become fields: JOINT_MONITOR_REPLAY=17, …
 
 
 def notify(message: str) -> None:
-    """Tell the service manager, where there is one."""
+    """Send a message to the service manager, where there is one."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel, suppress(OSError):  # a manager that restarts is no reason to end
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel, suppress(OSError):  # the manager may be restarting
         channel.sendto(message.encode(), "\0" + address[1:] if address.startswith("@") else address)
 
 
 def reloading() -> None:
-    """A reload begins; READY=1 ends it."""
+    """Announce that a reload begins; READY=1 ends it."""
     notify(f"RELOADING=1\nMONOTONIC_USEC={time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000}")
 
 
 class Heartbeats:
-    """Who of the workers was alive when, by the monotonic clock."""
+    """When each worker was last known to be alive, by the monotonic clock."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._seen: dict[str, tuple[float, float]] = {}  # when last, how patient we are
+        self._seen: dict[str, tuple[float, float]] = {}  # when it was last alive, and the time it may take [s]
 
     def beat(self, worker: str, within_s: float) -> None:
-        """A worker is alive, and will say so again within that time."""
+        """Note that a worker is alive now, and is expected to be noted again within that time."""
         with self._lock:
             self._seen[worker] = (time.monotonic(), within_s)
 
     def late(self) -> list[str]:
-        """Those who have not said so in time, each with how long."""
+        """The workers that were not noted in time, each with the time since it was last noted."""
         now = time.monotonic()
         with self._lock:
             return [f"{worker} for {now - at:.0f} s" for worker, (at, within_s) in self._seen.items() if now - at > within_s]
 
     def ages_s(self) -> dict[str, float]:
-        """Since each of them was last seen alive."""
+        """Seconds since each worker was last known to be alive."""
         now = time.monotonic()
         with self._lock:
             return {worker: round(now - at, 1) for worker, (at, _) in self._seen.items()}
 
 
 class Watchdog:
-    """Tells the service manager that we are alive, and only while every worker is: a daemon that hangs is ended and started again."""
+    """Reports to the service manager that this process is alive, while every worker is. systemd restarts a process that stops reporting."""
 
     def __init__(self, heartbeats: Heartbeats) -> None:
         self._heartbeats = heartbeats
@@ -65,8 +72,8 @@ class Watchdog:
         self._kicked = 0.0
         self._late = False
 
-    def look(self) -> None:
-        """Call it often, from the main loop: that one's own heartbeat is this call."""
+    def check(self) -> None:
+        """Check the workers. The main loop calls it often, and the call itself is the main loop's heartbeat."""
         late = self._heartbeats.late()
         if late and not self._late:
             log.error("not alive: %s; the service manager is not told that all is well any more", ", ".join(late))
@@ -79,7 +86,7 @@ class Watchdog:
 
 
 def watchdog_s() -> float:
-    """The service manager's patience with this process; 0 where it does not watch."""
+    """The time [s] after which the service manager restarts a silent process; 0 where it does not watch."""
     if os.environ.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
         return 0.0
     text = os.environ.get("WATCHDOG_USEC", "")
@@ -87,7 +94,7 @@ def watchdog_s() -> float:
 
 
 class JournalHandler(logging.Handler):
-    """Records with their fields, so that `journalctl JOINT_MONITOR_REPLAY=17` finds them."""
+    """A log handler that sends records with their fields, so that `journalctl JOINT_MONITOR_REPLAY=17` finds them."""
 
     def __init__(self, about: Mapping[str, str], address: str = JOURNAL) -> None:
         """`about` goes with every record, e.g. {"JOINT_MONITOR_ROBOT": "cell-1"}. Raises OSError where there is no journal."""
@@ -129,12 +136,12 @@ def _field(name: str, value: str) -> bytes:
 
 
 def _priority(level: int) -> int:
-    """syslog's, from logging's."""
+    """The syslog priority of a logging level."""
     return next(priority for least, priority in ((50, 2), (40, 3), (30, 4), (20, 6), (0, 7)) if level >= least)
 
 
-def to_the_journal() -> bool:
-    """Whether our standard error is the journal's."""
+def stderr_is_journal() -> bool:
+    """Whether standard error is connected to the journal."""
     stream = os.environ.get("JOURNAL_STREAM", "")
     try:
         about = os.fstat(2)
@@ -144,9 +151,9 @@ def to_the_journal() -> bool:
 
 
 def log_as_a_service(site: str, robot: str) -> None:
-    """The log, where somebody reads it: the journal with its fields where standard error is the journal's, else standard error."""
+    """Set up the log: to the journal with its fields where standard error is connected to it, else to standard error."""
     handler: logging.Handler | None = None
-    if to_the_journal():
+    if stderr_is_journal():
         with suppress(OSError):
             handler = JournalHandler({"JOINT_MONITOR_SITE": site, "JOINT_MONITOR_ROBOT": robot})
     if handler is None:

@@ -41,17 +41,17 @@ def test_the_watchdog_is_kicked_while_everybody_is_alive_and_not_when_one_is_lat
     heartbeats.beat("listen", 5.0)
     heartbeats.beat("replays", 0.05)
     watchdog = Watchdog(heartbeats)
-    watchdog.look()
+    watchdog.check()
     assert heard(manager) == ["WATCHDOG=1"]
-    watchdog.look()
+    watchdog.check()
     assert heard(manager) == []  # a third of its patience is soon enough
     time.sleep(0.15)
     for _ in range(3):
-        watchdog.look()
+        watchdog.check()
     assert heard(manager) == []
     assert len([record for record in caplog.records if "not alive: replays" in record.message]) == 1
     heartbeats.beat("replays", 5.0)
-    watchdog.look()
+    watchdog.check()
     assert heard(manager) == ["WATCHDOG=1"]
 
 
@@ -61,7 +61,7 @@ def test_without_a_service_manager_nothing_is_said_and_nothing_fails(monkeypatch
         monkeypatch.delenv(name, raising=False)
     notify("READY=1")
     assert watchdog_s() == 0.0
-    Watchdog(Heartbeats()).look()
+    Watchdog(Heartbeats()).check()
     monkeypatch.setenv("NOTIFY_SOCKET", "/nowhere/at/all")
     notify("READY=1")
     monkeypatch.setenv("WATCHDOG_USEC", "1000000")

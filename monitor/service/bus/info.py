@@ -1,4 +1,4 @@
-"""Who watches which arm, with what, and since when: the document `info`."""
+"""The document `info`: who watches which arm, with which programs, and since when."""
 
 import dataclasses
 import hashlib
@@ -14,12 +14,12 @@ from monitor.config.schema import Configuration
 from monitor.judge.document import plain
 from monitor.recording import Context
 
-BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # Linux: another one after every boot of the host, proc(5)
-PACKAGES = ("eclipse-zenoh", "numpy", "pin", "ur-rtde")  # whose versions decide what is on the wire and in the numbers
+BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # Linux makes another identifier at every boot of the host, proc(5)
+PACKAGES = ("eclipse-zenoh", "numpy", "pin", "ur-rtde")  # their versions decide what is on the wire and in the figures
 
 
 def info(configuration: Configuration, *, started_at_unix_s: float, context: Context | None) -> dict[str, Any]:
-    """The document, before times are told. `context` is that of the last replay: serial and firmware as the controller said them."""
+    """The document before its times become text. `context`: of the last replay, with serial and firmware as reported by the controller."""
     seen = context or configuration.context
     return {
         "robot": dataclasses.asdict(configuration.robot),
@@ -37,19 +37,19 @@ def info(configuration: Configuration, *, started_at_unix_s: float, context: Con
 
 
 def digest(configuration: Configuration) -> str:
-    """16 hexadecimal digits of every setting in force, defaults included; where the file lies and how it is laid out do not count."""
+    """16 hexadecimal digits of every setting in force, defaults included. The file's place and layout have no influence."""
     settings = {field.name: getattr(configuration, field.name) for field in dataclasses.fields(configuration)}
     del settings["path"], settings["excitation"]
-    told = plain(settings) | {"trajectory": configuration.excitation.digest, "repetitions": configuration.excitation.repetitions}
-    told["replay"].pop("cell", None)
-    told["replay"]["cell"] = configuration.replay.cell.digest if configuration.replay.cell else None
-    for name in ("zenoh", "client_zenoh"):  # what is in these files is Zenoh's; where they lie differs from host to host
-        told["bus"][name] = Path(told["bus"][name]).name
-    return hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    plain_settings = plain(settings) | {"trajectory": configuration.excitation.digest, "repetitions": configuration.excitation.repetitions}
+    plain_settings["replay"].pop("cell", None)
+    plain_settings["replay"]["cell"] = configuration.replay.cell.digest if configuration.replay.cell else None
+    for name in ("zenoh", "client_zenoh"):  # their content belongs to Zenoh, and their folder differs from host to host
+        plain_settings["bus"][name] = Path(plain_settings["bus"][name]).name
+    return hashlib.sha256(json.dumps(plain_settings, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def boot_id() -> str | None:
-    """Of the host; None where the system has none."""
+    """The identifier of the host's present boot; None where the system has none."""
     try:
         return BOOT_ID.read_text("ascii").strip()
     except OSError:
@@ -57,7 +57,7 @@ def boot_id() -> str | None:
 
 
 def versions() -> dict[str, str]:
-    """Of Python and of the packages that matter; one that is not installed is left out."""
+    """Versions of Python and of `PACKAGES`; a package that is not installed is left out."""
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:

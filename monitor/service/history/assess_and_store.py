@@ -1,6 +1,6 @@
-"""A recording becomes history: assessed with what is held true, and committed with everything that follows from it.
+"""Assess a recording with the estimator's present state, and commit the result with everything that follows from it.
 
-The daemon, `import` and the recomputation all go through here, so that what is recomputed is what ran.
+The daemon and `import` both use these functions, and the recomputation repeats them: it recomputes what was run.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatorState:
-    """What is held true of the arm now; None before its first assessment."""
+    """The estimator's state of one arm; each part is None before the first assessment."""
 
     belief: Belief | None = None
     health: Health | None = None
@@ -39,15 +39,15 @@ class EstimatorState:
 
 
 class HistoryEntry(NamedTuple):
-    """What one recording became."""
+    """The outcome of one recording, as it entered the history."""
 
     outcome: Assessment | Rejected
     events: list[AlertEvent]
-    recording: Recording | None  # None where it cannot be read
+    recording: Recording | None  # None where the file cannot be read
 
 
 def load_state(store: Store) -> EstimatorState:
-    """As the last assessment, and what people said since, left it."""
+    """The state after the last assessment, with the alerts as people have changed them since."""
     state = store.assessments.state()
     if state is None:
         return EstimatorState()
@@ -57,7 +57,7 @@ def load_state(store: Store) -> EstimatorState:
 
 
 def made_with(configuration: Configuration) -> dict[str, Any]:
-    """Everything beside the recordings that can change a verdict: programs, processor, threads, arm and settings."""
+    """The provenance of a verdict: everything besides recordings that can change it: programs, processor, threads, arm and settings."""
     return {
         "programs": provenance(),
         "robot": configuration.robot.model,
@@ -69,16 +69,16 @@ def made_with(configuration: Configuration) -> dict[str, Any]:
 
 
 def robot_digest(robot: Robot) -> str:
-    """Identifies a robot's parameters."""
+    """16 hexadecimal digits that identify a robot's parameters."""
     return hashlib.sha256(json.dumps(plain(robot), sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def assess_recording(
     store: Store, configuration: Configuration, held: EstimatorState, ledger_id: int, recording: Recording, now: Callable[[], float]
 ) -> HistoryEntry:
-    """Assess a recording that the store has, and commit what follows; a rejection ends its window with the reason.
+    """Assess a recording that the store holds, and commit the result; a rejection ends its window with the reason.
 
-    Raises StoreError where the history does not take it.
+    Raises StoreError where the history cannot be written.
     """
     outcome = _outcome(recording, configuration, held, ledger_id)
     if isinstance(outcome, Rejected):
@@ -102,7 +102,7 @@ def assess_recording(
 def assess_stored(
     store: Store, configuration: Configuration, held: EstimatorState, ledger_id: int, now: Callable[[], float]
 ) -> HistoryEntry:
-    """The same for a recording that waits on disk; one that cannot be read is rejected."""
+    """Assess a recording that waits on disk, as `assess_recording`. One that cannot be read is rejected."""
     try:
         recording = read_recording(store.recordings.path(ledger_id))
     except BadInput as error:
@@ -112,14 +112,14 @@ def assess_stored(
 
 
 def adopt_orphans(store: Store, at_unix_s: float) -> int:
-    """After a restored backup: recordings that the ledger does not know are entered, and wait for their assessment. Returns how many."""
+    """Enter the recordings that the ledger does not hold, as after a restored backup; they wait for their assessment. Returns how many."""
     adopted = 0
     for ledger_id, path in store.ledger.orphans():
         try:
             recorded_at = read_recording(path).context.recorded_at_unix_s
         except BadInput:
             recorded_at = None
-        # its window is lost; the time of the recording is its own, and no other window's
+        # its window is lost; the recording's own time stands in, which is no other window's
         store.ledger.adopt(ledger_id, path.stat().st_mtime if recorded_at is None else recorded_at, at_unix_s)
         adopted += 1
     return adopted
@@ -139,12 +139,12 @@ def _outcome(recording: Recording, configuration: Configuration, held: Estimator
         )
     except BadInput as error:
         return Rejected(str(error))
-    except Exception as error:  # a fault of ours in one recording must not end the service, now and at every start
+    except Exception as error:  # an error of this program in one recording must not end the service, now and at every start
         log.exception("replay=%d cannot be assessed", ledger_id)
         return Rejected(f"internal: {type(error).__name__}: {error}")
 
 
 def state_after(before: EstimatorState, entered: HistoryEntry) -> EstimatorState:
-    """What is held true after it."""
+    """The estimator's state after this recording; a rejected one leaves it unchanged."""
     outcome = entered.outcome
     return before if isinstance(outcome, Rejected) else EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)

@@ -1,4 +1,4 @@
-"""Every past verdict once more, from the recordings that the store has kept: identical, or what changed it is said."""
+"""Recompute past assessments from the recordings that the store has kept, and name every difference and its possible causes."""
 
 import math
 from collections import deque
@@ -22,11 +22,11 @@ from monitor.store.provenance import differences, provenance
 from monitor.store.recordings import read_recording
 from monitor.store.store import Store
 
-MOST_TOLD = 20  # verdicts that differ, each with what differs
+MOST_LISTED = 20  # assessments in the list of differences, and figures of each
 
 
-class _Made(NamedTuple):
-    """What a verdict was made of."""
+class _Inputs(NamedTuple):
+    """The inputs of one past assessment."""
 
     recording: Recording
     robot: Robot
@@ -44,21 +44,21 @@ class _Tally:
 
 
 def recompute(store: Store) -> dict[str, Any]:
-    """Take every assessment from its recording again, with its own settings, in the order in which they were made.
+    """Repeat every assessment from its recording, with its own settings, in the original order.
 
-    The document says how many came out the same to the last bit, which did not and in what, and what has changed since they were made.
-    A verdict whose recording retention has removed cannot be recomputed; those after it go on from the next checkpoint.
+    The document counts the assessments that are identical to the last bit, lists the others with their differences, and names what has
+    changed since they were made. An assessment whose recording was pruned cannot be repeated; the next checkpoint continues the series.
     """
-    held: EstimatorState | None = EstimatorState()  # None: unknown until the next checkpoint
+    held: EstimatorState | None = EstimatorState()  # None: not known until the next checkpoint
     tally = _Tally()
     differing: list[dict[str, Any]] = []
     changed: dict[str, None] = {}
-    words = deque(event for event in store.events.rows() if event.ledger_id is None)
+    changes = deque(event for event in store.events.rows() if event.ledger_id is None)
     for verdict in store.assessments.rows():
-        told = []
-        while words and words[0].at_unix_s < verdict.judged_at_unix_s:
-            told.append(words.popleft())
-        outcome, why = (None, "") if held is None else _again(store, verdict, _with_words(held, told))
+        between = []
+        while changes and changes[0].at_unix_s < verdict.judged_at_unix_s:
+            between.append(changes.popleft())
+        outcome, why = (None, "") if held is None else _repeated(store, verdict, _with_alert_changes(held, between))
         if verdict.made_with is None:
             tally.unknown += 1
         else:
@@ -70,8 +70,8 @@ def recompute(store: Store) -> dict[str, Any]:
             wrong = differences(verdict.document, outcome.as_document())
             tally.identical += not wrong
             tally.different += bool(wrong)
-            if wrong and len(differing) < MOST_TOLD:
-                differing.append({"replay": verdict.ledger_id, "figures": len(wrong), "differs": wrong[:MOST_TOLD]})
+            if wrong and len(differing) < MOST_LISTED:
+                differing.append({"replay": verdict.ledger_id, "figures": len(wrong), "differs": wrong[:MOST_LISTED]})
             held = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
         elif held is not None and why and not why.startswith("gone"):
             tally.different += 1
@@ -94,9 +94,9 @@ def recompute(store: Store) -> dict[str, Any]:
     }
 
 
-def _again(store: Store, verdict: StoredAssessment, held: EstimatorState) -> tuple[Assessment | None, str]:
-    """The verdict once more, or why not."""
-    made, why = _made(store, verdict)
+def _repeated(store: Store, verdict: StoredAssessment, held: EstimatorState) -> tuple[Assessment | None, str]:
+    """The assessment once more; None with the reason where that is not possible."""
+    made, why = _inputs(store, verdict)
     if made is None:
         return None, why
     try:
@@ -115,8 +115,8 @@ def _again(store: Store, verdict: StoredAssessment, held: EstimatorState) -> tup
     return (None, f"is rejected now: {outcome.reason}") if isinstance(outcome, Rejected) else (outcome, "")
 
 
-def _made(store: Store, verdict: StoredAssessment) -> tuple[_Made | None, str]:
-    """What a verdict was made of, or why that is not known any more."""
+def _inputs(store: Store, verdict: StoredAssessment) -> tuple[_Inputs | None, str]:
+    """The inputs of a past assessment; None with the reason where they are gone."""
     try:
         recording = read_recording(store.recordings.path(verdict.ledger_id))
     except BadInput as error:
@@ -125,7 +125,7 @@ def _made(store: Store, verdict: StoredAssessment) -> tuple[_Made | None, str]:
         return None, "gone: made before the settings of a verdict were kept with it"
     with_ = store.assessments.provenance(verdict.made_with)
     gains = with_["gains_nm_per_a"]
-    return _Made(
+    return _Inputs(
         recording=recording,
         robot=load_robot(with_["robot"]),
         mounting=Mounting.of(with_["mounting_rad"]),
@@ -135,8 +135,8 @@ def _made(store: Store, verdict: StoredAssessment) -> tuple[_Made | None, str]:
 
 
 def _model_of(store: Store, verdict: StoredAssessment, belief: Belief) -> CompensatedModel | None:
-    """The model that a checkpoint does not hold; None where the verdict's recording is gone."""
-    made, _ = _made(store, verdict)
+    """The torque model after a past assessment, which a checkpoint does not hold; None where the recording is gone."""
+    made, _ = _inputs(store, verdict)
     if made is None:
         return None
     try:
@@ -146,23 +146,23 @@ def _model_of(store: Store, verdict: StoredAssessment, belief: Belief) -> Compen
 
 
 def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
-    """Take back what was learnt while the clock was in the future: those replays become rejected, windows skipped then open again.
+    """Take back every assessment dated later than now: those replays become rejected, and windows skipped then open again.
 
-    Returns what is held true without them; None, and nothing is changed, where the recordings to find that out are gone.
+    Returns the estimator's state without them. Returns None and changes nothing where the recordings that this needs are gone.
     """
     verdicts = [verdict for verdict in store.assessments.rows() if verdict.recorded_at_unix_s <= now_unix_s]
     known, start = EstimatorState(), 0
-    for k in range(len(verdicts) - 2, -1, -1):  # one at least is judged again: a checkpoint holds no model
+    for k in range(len(verdicts) - 2, -1, -1):  # at least one assessment is repeated, since a checkpoint holds no torque model
         if (kept := store.assessments.checkpoint(verdicts[k].ledger_id)) is not None:
             belief = belief_from_document(kept[0])
             known = EstimatorState(belief=belief, health=health_from_document(kept[1]), model=_model_of(store, verdicts[k], belief))
             start = k + 1
             break
-    words = [event for event in store.events.rows() if event.ledger_id is None]
+    changes = [event for event in store.events.rows() if event.ledger_id is None]
     since = verdicts[start - 1].judged_at_unix_s if start else -math.inf
     for verdict in verdicts[start:]:
-        told = [event for event in words if since <= event.at_unix_s < verdict.judged_at_unix_s]
-        outcome, _ = _again(store, verdict, _with_words(known, told))
+        between = [event for event in changes if since <= event.at_unix_s < verdict.judged_at_unix_s]
+        outcome, _ = _repeated(store, verdict, _with_alert_changes(known, between))
         if outcome is None:
             return None
         known = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
@@ -174,8 +174,8 @@ def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
     return known
 
 
-def _with_words(held: EstimatorState, events: list[AlertEvent]) -> EstimatorState:
-    """What people, or the monitor itself, said of alerts between two replays is part of the health that the next one begins with."""
+def _with_alert_changes(held: EstimatorState, events: list[AlertEvent]) -> EstimatorState:
+    """The state with the alerts as people and the monitor itself changed them between two replays: the next assessment starts from it."""
     health = held.health
     if health is None or not events:
         return held
@@ -187,7 +187,7 @@ def _with_words(held: EstimatorState, events: list[AlertEvent]) -> EstimatorStat
 
 
 def settings_from_document(cls: Any, document: dict[str, Any]) -> Any:
-    """A room's settings from the plain document of them; what a later version has added takes its default."""
+    """A room's settings from their plain document; a setting that a later version has added takes its default."""
     hints = get_type_hints(cls)
     values: dict[str, Any] = {}
     for field in fields(cls):

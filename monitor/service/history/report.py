@@ -1,4 +1,4 @@
-"""The report of one robot over a period, from its history: what was found, on what evidence, and what was not watched."""
+"""The report on one robot over a period, from its history: findings, their evidence, and gaps in the monitoring."""
 
 import statistics
 from collections import Counter
@@ -16,7 +16,7 @@ from monitor.store.events import AlertEvent
 from monitor.store.stops import Stop
 from monitor.store.store import Store
 
-GAP = 2.5  # times the usual interval: longer, and the arm was not watched
+GAP = 2.5  # times the usual interval between replays: a longer pause is a gap in the monitoring
 FACTS = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest")
 FAILED = ("skipped", "rejected", "aborted")
 LIMITS = (
@@ -30,7 +30,7 @@ LIMITS = (
 def report(
     configuration: Configuration, store: Store, from_unix_s: float | None, to_unix_s: float | None, now_unix_s: float
 ) -> dict[str, Any]:
-    """Everything that the page says, as one JSON document; the period is [from, to).
+    """The content of the printed page as one JSON document, for the period [from, to).
 
     Raises BadInput where the period ends before it begins, or lies before the first window or in the future.
     """
@@ -39,9 +39,9 @@ def report(
     windows = [row for row in store.ledger.rows() if begin <= row.window_unix_s < end]
     until = [event for event in store.events.rows() if event.at_unix_s < end]
     events = [event for event in until if begin <= event.at_unix_s]
-    contexts, warnings, last = _told(store, begin, end)
+    contexts, warnings, last = _facts(store, begin, end)
     state = store.assessments.state()
-    told: Any = outside(
+    document: Any = outside(
         {
             "robot": {
                 "site": configuration.robot.site,
@@ -78,8 +78,8 @@ def report(
             "history": rows,
         }
     )
-    assert isinstance(told, dict)
-    return told
+    assert isinstance(document, dict)
+    return document
 
 
 def _period(robot: str, store: Store, from_unix_s: float | None, to_unix_s: float | None, now_unix_s: float) -> tuple[float, float]:
@@ -107,8 +107,8 @@ def _rows(store: Store, begin: float, end: float) -> list[dict[str, Any]]:
     return rows
 
 
-def _told(store: Store, begin: float, end: float) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None]:
-    """Contexts that were opened or taken up in the period with what changed, warnings counted, and the last assessment."""
+def _facts(store: Store, begin: float, end: float) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None]:
+    """Contexts that were opened or resumed in the period with what changed, counted warnings, and the last assessment."""
     contexts: list[dict[str, Any]] = []
     counts: Counter[str] = Counter()
     texts: dict[str, str] = {}
@@ -155,11 +155,11 @@ def _newest(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _stale(rows: Sequence[Mapping[str, Any]], begin: float, end: float, configuration: Configuration) -> list[dict[str, Any]]:
-    """Joints of which the period's replays taught nothing in its last `stale_days`; none where the period is shorter than that."""
+    """Joints without a figure in the last `stale_days` of the period; none where the period is shorter than that."""
     limit = end - configuration.assess.health.stale_days * DAY_S
     learnt: dict[int, float | None] = dict.fromkeys(range(1, configuration.robot_description.joints + 1))
     for row in rows:
-        # without a figure of its own, or of an old history without any, the replay said nothing of the joint
+        # the replay has no figure of this joint, or the history is an old one without such figures
         if row.get("replay_torque_nm", row["reference_torque_nm"]) is not None:
             learnt[row["joint"]] = row["recorded_at_unix_s"]
     return [{"joint": joint, "learnt_at_unix_s": at} for joint, at in learnt.items() if (begin if at is None else at) < limit]
@@ -168,22 +168,22 @@ def _stale(rows: Sequence[Mapping[str, Any]], begin: float, end: float, configur
 def _alerts(until: Sequence[AlertEvent], health: Mapping[str, Any] | None, begin: float, end: float) -> list[dict[str, Any]]:
     """The last alert of every condition that was active at some time of the period, as it stood at the period's end.
 
-    until : all transitions before the end; `health` knows alerts of a history that has lost its transitions.
+    until : all transitions before the end. health : alerts of a history that has lost its transitions.
     """
     found = {(alert["joint"], alert["condition"]): dict(alert) for alert in (health or {}).get("alerts", ())}
     for event in until:
         alert = {name: value for name, value in event.document.items() if name != "kind"}
         found[alert["joint"], alert["condition"]] = alert
-    told = [
+    listed = [
         alert | {"active": alert["cleared_at_unix_s"] is None}
         for alert in found.values()
         if alert["raised_at_unix_s"] < end and (alert["cleared_at_unix_s"] is None or alert["cleared_at_unix_s"] >= begin)
     ]
-    return sorted(told, key=lambda alert: (not alert["active"], TIERS.index(alert["tier"]) * -1, alert["raised_at_unix_s"]))
+    return sorted(listed, key=lambda alert: (not alert["active"], TIERS.index(alert["tier"]) * -1, alert["raised_at_unix_s"]))
 
 
 def _stop(stop: Stop, end: float) -> dict[str, Any]:
-    """A stop that a person had to look at; who had said until the end that the arm may move again."""
+    """A stop that a person had to look at, and who allowed motion again before the period's end."""
     allowed = stop.allowed_at_unix_s is not None and stop.allowed_at_unix_s < end
     return {
         "at_unix_s": stop.at_unix_s,
@@ -202,7 +202,7 @@ def _short(event: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unwatched(windows: Sequence[Any], rows: Sequence[Mapping[str, Any]], begin: float, end: float, joints: int) -> dict[str, Any]:
-    """Windows that taught nothing with their reasons, stretches without a replay, and joints that replays said nothing of."""
+    """Windows without an assessment with their reasons, gaps without a replay, and joints without a figure."""
     times = sorted({float(row["recorded_at_unix_s"]) for row in rows})
     usual = statistics.median(b - a for a, b in pairwise(times)) if len(times) > 1 else None
     gaps = []

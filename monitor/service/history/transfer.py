@@ -1,4 +1,4 @@
-"""History out as tables, and recordings made elsewhere in."""
+"""Export of a history as tables, and import of recordings made elsewhere. I/O."""
 
 import json
 import time
@@ -18,9 +18,9 @@ from monitor.store.recordings import read_recording, write_recording
 from monitor.store.series import Entry, Series, dated
 from monitor.store.store import Store
 
-AHEAD_S = 300.0  # another host's clock may be so far ahead
-LONGEST_S = 2e11  # until the year 8307: later ones have no calendar
-# each with the columns that it has while it is empty: a reader finds a header
+AHEAD_S = 300.0  # [s] the clock of the host that made a recording may be so far ahead
+LONGEST_S = 2e11  # [s] until the year 8307; `datetime` has no later dates
+# each with the columns of an empty table, so that a reader finds a header
 TABLES = {
     "friction": ("replay", "joint", "recorded_at"),
     "ledger": ("replay", "window", "kind", "state", "reason", "started_at", "ended_at", "recording", "recording_removed_at"),
@@ -81,7 +81,7 @@ def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: 
 
 
 def write_table(frame: pd.DataFrame, path: Path) -> None:
-    """As CSV or Parquet, by the name's suffix. Raises BadInput, and StoreError where it cannot be written."""
+    """Write a table as CSV or Parquet, by the name's suffix. Raises BadInput for another suffix, StoreError where the disk refuses."""
     try:
         if path.suffix == ".parquet":
             frame.to_parquet(path, index=False, compression="zstd")
@@ -94,7 +94,7 @@ def write_table(frame: pd.DataFrame, path: Path) -> None:
 
 
 def export_recording(store: Store, replay: int, path: Path) -> Recording:
-    """One recording as our Parquet, or as CSV with RTDE's names. Raises BadInput where retention has let go of it, or it never was."""
+    """Write one recording as our Parquet, or as CSV with RTDE's names. Raises BadInput where there is no recording of the replay."""
     source = store.recordings.path(replay)
     if not source.is_file():
         raise BadInput(f"replay {replay}: there is no recording of it (aborted, skipped, or let go of by [store] recordings_days)")
@@ -107,10 +107,10 @@ def export_recording(store: Store, replay: int, path: Path) -> Recording:
 
 
 def import_recordings(store: Store, configuration: Configuration, entries: list[Entry], columns: str | None) -> dict[str, Any]:
-    """Recordings made elsewhere, judged in the order of their times, and marked as imported.
+    """Assess recordings made elsewhere in the order of their times, and mark them as imported. Returns counts and rejections.
 
-    Raises BadInput, and nothing is changed, where one is not later than what was learnt last, is of a time to come, or hangs otherwise than
-    this arm.
+    Raises BadInput and changes nothing where a recording is not later than the last assessed one, is dated in the future, or was made
+    with another mounting than this arm's.
     """
     robot, mounting = configuration.robot_description, configuration.mounting
     found = dated(Series(entries=entries, robot=robot, mounting=mounting, columns=columns))
@@ -128,22 +128,22 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
                 f"{recording.source}: was made at {rfc3339(at)}, before the last replay that was learnt from ({rfc3339(last)}); recordings "
                 "are learnt in time order: import them before the first replay, or into a history of their own"
             )
-    told: dict[str, Any] = {"assessed": 0, "known_already": 0, "rejected": []}
+    result: dict[str, Any] = {"assessed": 0, "known_already": 0, "rejected": []}
     for recording, _ in found:
         at = recording.context.recorded_at_unix_s or 0.0
         ledger_id = store.ledger.claim_import(at, time.time())
         if ledger_id is None:
-            told["known_already"] += 1
+            result["known_already"] += 1
             continue
         write_recording(store.recordings.path(ledger_id), recording)
         store.ledger.mark_recorded(ledger_id)
         entered = assess_stored(store, configuration, known, ledger_id, time.time)
         known = state_after(known, entered)
         if isinstance(entered.outcome, Rejected):
-            told["rejected"].append({"file": recording.source, "reason": entered.outcome.reason})
+            result["rejected"].append({"file": recording.source, "reason": entered.outcome.reason})
         else:
-            told["assessed"] += 1
-    return told
+            result["assessed"] += 1
+    return result
 
 
 def _inside(at: float | None, from_unix_s: float | None, to_unix_s: float | None) -> bool:
