@@ -1,0 +1,286 @@
+"""Everything of `monitor` that the golden set touches, behind thin functions: after a restructuring only this file is adapted."""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import zenoh
+
+import monitor
+from monitor import cli
+from monitor.assess import Assessment, assess
+from monitor.config import find_excitation, load
+from monitor.daemon import Daemon, _known
+from monitor.errors import MotionRefused, ReplayAborted
+from monitor.files import read_recording, write_recording
+from monitor.identify.document import document as identification_document
+from monitor.judge.document import plain
+from monitor.judge.health import alert_document
+from monitor.mover import Clocks, Mover
+from monitor.page.served import page
+from monitor.publish.bus import session_config
+from monitor.publish.metrics import MetricsServer
+from monitor.recording import Recording
+from monitor.series import Series, dated, manifest
+from monitor.service import Heartbeats
+from monitor.simulate.controller import Controller
+from monitor.simulate.launch import settings_from
+from monitor.simulate.scenario import scenario_from_document
+from monitor.simulate.stepped import stepped_replay
+from monitor.store import Store
+from monitor.troubles import Troubles
+from monitor.upkeep import Upkeep
+
+LOGGER = "monitor"  # the parent of every logger of the package
+
+
+def command_line() -> None:
+    """Be `joint-monitor` with what stands in `sys.argv`."""
+    cli.main()
+
+
+def package_folder() -> Path:
+    """Whose code this is."""
+    return Path(monitor.__file__).parent
+
+
+# --- simulated arms ------------------------------------------------------------------------------------------------------
+
+
+def simulated(robot: str, *, seed: int, mounting: str, scenario: dict[str, Any], name: str) -> Controller:
+    """One simulated arm in its scenario; nothing has moved yet."""
+    return Controller(settings_from(scenario_from_document(scenario, name, name), robot=robot, seed=seed, mounting=mounting))
+
+
+def live_until(arm: Controller, lived_s: float) -> None:
+    """Let the arm's life pass until so long after its scenario began; it may be there already."""
+    if lived_s > arm.lived_s:
+        why = arm.live((lived_s - arm.lived_s) / 3600.0)
+        assert not why, why
+
+
+def replayed(arm: Controller, excitation: str) -> Recording:
+    """One repetition of a shipped excitation, stepped."""
+    return stepped_replay(arm, replace(find_excitation(excitation, Path()), repetitions=1))
+
+
+def true_gains(arm: Controller) -> list[float]:
+    """[N·m/A] of the simulated drives."""
+    gains: list[float] = arm.arm.gain_nm_per_a.tolist()
+    return gains
+
+
+def said_of(recording: Recording, *, quality: dict[str, Any] | None = None, **context: Any) -> Recording:
+    """The recording with more said of its circumstances and of its quality."""
+    told = replace(recording.context, **context)
+    return replace(recording, context=told, quality={**recording.quality, **(quality or {})})
+
+
+def keep(path: Path, recording: Recording) -> None:
+    """As our Parquet."""
+    write_recording(path, replace(recording, source=path.name))
+
+
+def recording_of(path: Path) -> Recording:
+    """From our Parquet."""
+    return read_recording(path)
+
+
+def told_of(recording: Recording) -> dict[str, Any]:
+    """Signals, circumstances and quality."""
+    return {
+        "signals": dict(recording.signals),
+        "context": asdict(recording.context),
+        "quality": dict(recording.quality),
+        "source": recording.source,
+    }
+
+
+# --- verdicts ------------------------------------------------------------------------------------------------------------
+
+
+def judged(manifest_file: Path, config: Path) -> Iterator[dict[str, Any]]:
+    """Every document behind the verdicts of one arm's recordings, each with the state that the one before left."""
+    configuration = load(config)
+    series = Series(entries=manifest(manifest_file), robot=configuration.model, mounting=configuration.mounting)
+    last: Assessment | None = None
+    for recording, mounting in dated(series):
+        outcome = assess(
+            recording,
+            robot=configuration.model,
+            mounting=mounting,
+            belief=None if last is None else last.belief,
+            health=None if last is None else last.health,
+            model=None if last is None else last.model,
+            gains=configuration.gains_nm_per_a,
+            settings=configuration.assess,
+        )
+        if not isinstance(outcome, Assessment):
+            yield {"file": recording.source, "rejected": outcome.reason}
+            continue
+        last = outcome
+        yield {
+            "file": recording.source,
+            "assessment": outcome.as_document(),
+            "friction": plain(outcome.friction),
+            "transitions": [{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
+            "identification": identification_document(outcome.identification),
+            "belief": outcome.belief.as_document(),
+            "health": outcome.health.as_document(),
+            "model": outcome.model.as_document(),
+        }
+
+
+# --- the daemon ----------------------------------------------------------------------------------------------------------
+
+
+class Clock:
+    """The daemon's, in the hand of whoever drives it; its two clocks go alike."""
+
+    def __init__(self, unix_s: float) -> None:
+        self.began_unix_s = self.unix_s = unix_s
+
+    def now(self) -> float:
+        """UTC."""
+        return self.unix_s
+
+    def monotonic(self) -> float:
+        """The one that nobody sets."""
+        return 1000.0 + self.unix_s - self.began_unix_s
+
+
+def refused(why: str) -> Exception:
+    """What a guard says that does not let the arm move."""
+    return MotionRefused(why)
+
+
+def aborted(why: str, cause: str) -> Exception:
+    """What ends a motion."""
+    return ReplayAborted(why, cause)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Running:
+    """A daemon that is under way, with everything that the service puts around it."""
+
+    daemon: Daemon
+    store: Store
+    mover: Mover
+    upkeep: Upkeep
+    clock: Clock
+    page_url: str | None
+
+    def perform(self, window_unix_s: float) -> None:
+        """One window."""
+        self.daemon.perform(window_unix_s)
+
+    def skip(self, window_unix_s: float, why: str) -> None:
+        """One window that was missed."""
+        self.daemon.skip(window_unix_s, why)
+
+    def tick(self) -> None:
+        """The schedule looks at its clocks, and has done what is due."""
+        self.mover.tick()
+
+    def schedules(self) -> None:
+        """Somebody schedules from now on: what is asked for, and what work gives reason for, is done by the next tick."""
+        self.daemon.wanted, self.daemon.pull_forward = self.mover.want, self.mover.evidence
+
+    def heard(self, recording: Recording, row: int, heavier: Sequence[float]) -> None:
+        """One sample of the arm at work: that of a recording, with so many times the current."""
+        signals = {name: values[row] for name, values in recording.signals.items()}
+        current = signals["current"] * np.array(heavier)
+        self.daemon.live(signals["q"], signals["qd"], signals["target_qdd"], current, signals["temperature_c"])
+
+    def say(self, key: str, kind: str, document: dict[str, Any]) -> None:
+        """Anything: who listens knows that all before it has arrived."""
+        self.daemon.bus.publish(key, kind, document)
+
+    def say_health(self) -> None:
+        """As every minute."""
+        self.daemon.clear_own()
+        self.daemon.say_health()
+
+    def say_monitor(self) -> None:
+        """As every ten seconds."""
+        listener = SimpleNamespace(reachable=True, trouble=None)
+        document = self.upkeep.document(_known(self.daemon, listener, self.mover, Heartbeats()))
+        self.daemon.say_monitor(document)
+        self.upkeep.write(document)
+
+    def announce(self, moves_at_unix_s: float) -> None:
+        """As before the arm moves."""
+        self.daemon.say_replay({"state": "announced", "replay": 1, "robot": "ur5", "moves_at_unix_s": moves_at_unix_s, "duration_s": 10.0})
+
+    def look_after(self) -> None:
+        """Backup, retention, disk and clock."""
+        self.upkeep.look()
+
+
+Play = Callable[[], Recording]
+"""The next recording, or what ended its motion as an exception."""
+
+
+@contextmanager
+def running(config: Path, clock: Clock, play: Play) -> Iterator[Running]:
+    """The daemon of a configuration with its bus, schedule, upkeep, page and metrics; every replay is had from `play`."""
+    configuration = load(config)
+
+    def had(_: Any, context: Any, __: Callable[[], bool]) -> Recording:
+        recording = play()
+        seen = {"firmware": recording.context.firmware, "serial": recording.context.serial}
+        return replace(recording, context=replace(context, **seen))
+
+    with ExitStack() as stack:
+        store = stack.enter_context(Store.open(configuration.state_directory))
+        daemon = stack.enter_context(Daemon(configuration, store, now=clock.now, play=had))
+        if configuration.metrics.listen:
+            stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
+        served = stack.enter_context(page(configuration, daemon.bus, store, now=clock.now))
+        troubles = Troubles(clock.now, clock.monotonic)
+        mover = Mover(daemon, store, troubles, Clocks(now=clock.now, monotonic=clock.monotonic))
+        upkeep = Upkeep(store, lambda: daemon.configuration.store, troubles, clock.now)
+        url = None if served is None else served.url
+        yield Running(daemon=daemon, store=store, mover=mover, upkeep=upkeep, clock=clock, page_url=url)
+
+
+def listener(endpoint: str) -> zenoh.Session:
+    """A session of somebody else's on the daemon's bus."""
+    return zenoh.open(session_config(mode="client", connect=(endpoint,)))
+
+
+def key_prefix(config: Path) -> str:
+    """Under which everything of an arm is found."""
+    return load(config).key_prefix
+
+
+@contextmanager
+def log_lines(into: list[str]) -> Iterator[None]:
+    """What the package logs meanwhile, without the names of its modules."""
+
+    class Lines(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            into.append(f"{record.levelname} {record.getMessage()}")
+
+    logger, handler = logging.getLogger(LOGGER), Lines()
+    level, propagates = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    logger.propagate = False
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        logger.propagate = propagates
+
+
+def rows(recording: Recording, every: int) -> Sequence[int]:
+    """Numbers of samples, evenly spaced."""
+    numbers: list[int] = np.arange(0, recording.samples, every).tolist()
+    return numbers
