@@ -39,22 +39,27 @@ def _read(path: Path) -> Any:
     return json.loads(text) if path.suffix == ".json" else text.splitlines()
 
 
-def differences(before: Any, after: Any, where: str = "$", *, relative: float = 0.0) -> Iterator[str]:
-    """Each difference as a line with its JSON path. Numbers may differ by this fraction of the larger; text that is JSON is looked into."""
+def differences(before: Any, after: Any, where: str = "$", *, relative: float = 0.0, absolute: float = 0.0) -> Iterator[str]:
+    """Each difference as a line with its JSON path; text that is JSON is looked into.
+
+    Figures may differ by this fraction of the larger, or by this much; whole numbers may not.
+    """
+    more = {"relative": relative, "absolute": absolute}
     before, after = _opened(before), _opened(after)
     if isinstance(before, dict) and isinstance(after, dict):
         for key in [*before, *(key for key in after if key not in before)]:
-            yield from differences(before.get(key, _ABSENT), after.get(key, _ABSENT), f"{where}.{key}", relative=relative)
-        if not relative and set(before) == set(after) and list(before) != list(after):
+            yield from differences(before.get(key, _ABSENT), after.get(key, _ABSENT), f"{where}.{key}", **more)
+        if set(before) == set(after) and list(before) != list(after):
             yield f"{where}: the keys come in another order"
     elif isinstance(before, list) and isinstance(after, list):
         if len(before) != len(after):
             yield f"{where}: {len(before)} entries, now {len(after)}"
         for number, (one, other) in enumerate(zip_longest(before, after, fillvalue=_ABSENT)):
-            yield from differences(one, other, f"{where}[{number}]", relative=relative)
+            yield from differences(one, other, f"{where}[{number}]", **more)
     elif _is_number(before) and _is_number(after):
-        largest = max(abs(before), abs(after))
-        if abs(after - before) > relative * largest or (not relative and repr(before) != repr(after)):
+        largest, whole = max(abs(before), abs(after)), type(before) is int and type(after) is int
+        near = relative and not whole and abs(after - before) <= max(relative * largest, absolute)
+        if not near and repr(before) != repr(after):
             share = f" ({abs(after - before) / largest:.1e} of it)" if largest else ""
             yield f"{where}: {before!r}, now {after!r}{share}"
     elif before is not after and before != after:

@@ -96,7 +96,7 @@ class Record:
 
 
 @contextmanager
-def _alone() -> Iterator[None]:
+def alone() -> Iterator[None]:
     """The endpoints are part of the settings' digest and therefore fixed: one run of this machine at a time."""
     with (Path(tempfile.gettempdir()) / "joint-monitor-golden.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -121,7 +121,7 @@ class Days:
         return entry.recording_of(self.folder / f"day-{replay:02d}.parquet")
 
 
-def _raising(error: Exception) -> Callable[[], Any]:
+def raising(error: Exception) -> Callable[[], Any]:
     def play() -> Any:
         raise error
 
@@ -137,7 +137,7 @@ def bus(run: Run) -> bool:
     config = home / "arm.toml"
     config.write_text(worlds.configuration(WORLD, entry.true_gains(_arm())), "utf-8")
     clock = entry.Clock(WORLD.at_unix_s(0) - 60.0)
-    with _alone(), entry.log_lines(log):
+    with alone(), entry.log_lines(log):
         with entry.running(config, clock, days.play) as daemon, entry.listener(ENDPOINT) as session:
             record = Record(run, session, entry.key_prefix(config))
             record.begin(daemon)
@@ -172,11 +172,11 @@ def _one_day(record: Record, daemon: entry.Running, clock: entry.Clock, days: Da
     noon = WORLD.at_unix_s(day) + DAY_S / 2
     clock.unix_s = noon
     happens: dict[int, Callable[[], Any]] = {
-        5: _raising(entry.refused("speed_scaling: the pendant's slider is at 50 %; expected 100 %")),
-        6: _raising(entry.aborted("late: targets came late", "late")),
+        5: raising(entry.refused("speed_scaling: the pendant's slider is at 50 %; expected 100 %")),
+        6: raising(entry.aborted("late: targets came late", "late")),
         9: lambda: entry.said_of(days.recording(day), quality={"late_share": 0.3}),
-        11: _raising(entry.aborted("protective_stop in the phase 'play'", "protective_stop")),
-        13: _raising(RuntimeError("a fault of the monitor's own")),
+        11: raising(entry.aborted("protective_stop in the phase 'play'", "protective_stop")),
+        13: raising(RuntimeError("a fault of the monitor's own")),
     }
     if day == 3:
         daemon.skip(noon, "missed: the monitor or its host was not running, or had another replay under way")
@@ -289,7 +289,7 @@ def history(run: Run) -> bool:
     run.command("history/allow.json", "allow", "--config", "arm.toml", *said, cwd=home, at_unix_s=WORLD.at_unix_s(FIRST) - 7200.0)
     config.write_text(worlds.configuration(WORLD, entry.true_gains(_arm()), payload_kg=2.0), "utf-8")
     clock = entry.Clock(WORLD.at_unix_s(FIRST) - 3600.0)
-    with _alone(), entry.log_lines(log), entry.running(config, clock, days.play) as daemon, entry.listener(ENDPOINT) as session:
+    with alone(), entry.log_lines(log), entry.running(config, clock, days.play) as daemon, entry.listener(ENDPOINT) as session:
         record = Record(run, session, entry.key_prefix(config))
         record.begin(daemon)
         record.ask(daemon, "**")
@@ -412,8 +412,8 @@ def _commands(run: Run, home: Path, when: str) -> None:
         run.command(f"history/{when}-{name}.json", *arguments, cwd=home, at_unix_s=LATER_UNIX_S)
     run.command(f"history/{when}-report.json", "report", *config, "-o", page, cwd=home, at_unix_s=LATER_UNIX_S, files=[page])
     for what in ("friction", "ledger", "events", "assessments"):
-        options = ("--what", what, "-o", exported)
-        run.command(f"history/{when}-export-{what}.json", "export", *config, *options, cwd=home, at_unix_s=LATER_UNIX_S, files=[exported])
+        table = ("--what", what, "-o", exported)
+        run.command(f"history/{when}-export-{what}.json", "export", *config, *table, cwd=home, at_unix_s=LATER_UNIX_S, files=[exported])
     options = ("--what", "recording", "--replay", "3", "-o", exported)
     run.command(f"history/{when}-export-recording.json", "export", *config, *options, cwd=home, at_unix_s=LATER_UNIX_S)
     run.put(f"history/{when}-exported-recording.json", {"sha256": _digest(exported.read_text("utf-8"))})

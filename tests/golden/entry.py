@@ -13,7 +13,7 @@ import zenoh
 
 import monitor
 from monitor import cli
-from monitor.assess import Assessment, assess
+from monitor.assess import Assessment, AssessSettings, assess
 from monitor.config import find_excitation, load
 from monitor.daemon import Daemon, _known
 from monitor.errors import MotionRefused, ReplayAborted
@@ -33,6 +33,8 @@ from monitor.simulate.launch import settings_from
 from monitor.simulate.scenario import scenario_from_document
 from monitor.simulate.stepped import stepped_replay
 from monitor.store import Store
+from monitor.studies.fleet import FleetSettings, Wear
+from monitor.studies.rehearse import play as play_fleet
 from monitor.troubles import Troubles
 from monitor.upkeep import Upkeep
 
@@ -136,6 +138,16 @@ def judged(manifest_file: Path, config: Path) -> Iterator[dict[str, Any]]:
         }
 
 
+def small_fleet(*, arms: int, days: int, seed: int) -> dict[str, Any]:
+    """A fleet in which one joint of each arm takes harm, judged day by day: the arrays of what was said."""
+    none = np.zeros(arms)
+    wear = Wear(joint=np.arange(arms) % 6.0, onset_day=none + 65.0, step=none + 0.06, per_day=none + 0.002)
+    played = play_fleet(FleetSettings(arms=arms, days=days, seed=seed), AssessSettings(), wear, learning=40)
+    names = ("tier_day", "falling_day", "common_day", "early", "covered", "covered_worn", "slope_error_per_k")
+    told = {name: plain(getattr(played, name)) for name in names}
+    return {**told, "wear": plain(played.track.wear), "wear_std": plain(played.track.wear_std)}
+
+
 # --- the daemon ----------------------------------------------------------------------------------------------------------
 
 
@@ -212,6 +224,16 @@ class Running:
         document = self.upkeep.document(_known(self.daemon, listener, self.mover, Heartbeats()))
         self.daemon.say_monitor(document)
         self.upkeep.write(document)
+
+    def acknowledge(self, joint: int, by: str, why: str) -> None:
+        """As somebody does on the bus, whatever the joint's alerts are."""
+        for alert in self.daemon._health.active_alerts if self.daemon._health else ():
+            if alert.joint == joint:
+                self.daemon.bus.ask("cmd/ack", {"joint": joint, "condition": alert.condition, "by": by, "why": why})
+
+    def last_values(self) -> dict[str, Any]:
+        """What a late joiner is told, by key."""
+        return self.daemon.bus.last_values()
 
     def announce(self, moves_at_unix_s: float) -> None:
         """As before the arm moves."""

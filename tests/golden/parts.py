@@ -3,6 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 from . import daemon, entry, worlds
 from .run import ROOT, Run, data_folder
@@ -45,8 +46,8 @@ def assess(run: Run) -> bool:
             run.command(f"assess/{name}-{way}.json", *base, *options, cwd=folder, at_unix_s=LATER_UNIX_S)
         files = [f"day-{replay:02d}.parquet" for replay in (2, 0, 1, 3)]
         gains = ",".join(map(str, entry.true_gains(_arm(world))))
-        options = ("--robot", world.robot, "--mounting", world.mounting, "--gains", gains, "--interval", "6h", "--json")
-        run.command(f"assess/{name}-spaced.json", "assess", *options, *files, cwd=folder, at_unix_s=LATER_UNIX_S)
+        spaced = ("--robot", world.robot, "--mounting", world.mounting, "--gains", gains, "--interval", "6h", "--json")
+        run.command(f"assess/{name}-spaced.json", "assess", *spaced, *files, cwd=folder, at_unix_s=LATER_UNIX_S)
     folder = run.world("cold")
     for way, options in {
         "other-robot": ("--robot", "ur3", "day-00.parquet"),
@@ -58,7 +59,7 @@ def assess(run: Run) -> bool:
     return True
 
 
-def _arm(world: worlds.World) -> object:
+def _arm(world: worlds.World) -> Any:
     return entry.simulated(world.robot, seed=world.seed, mounting=world.mounting, scenario=world.scenario, name=world.name)
 
 
@@ -67,8 +68,8 @@ def rehearse(run: Run) -> bool:
     for seed in (0, 1):
         options = ("--config", "config/monitor.toml", "--arms", "16", "--seed", str(seed))
         run.command(f"rehearse/seed-{seed}.json", "rehearse", *options, "--json", cwd=ROOT, at_unix_s=LATER_UNIX_S)
-    options = ("--config", "config/monitor.toml", "--arms", "16", "--noise", "0.04")
-    run.command("rehearse/text.json", "rehearse", *options, cwd=ROOT, at_unix_s=LATER_UNIX_S)
+    noisy = ("--config", "config/monitor.toml", "--arms", "16", "--noise", "0.04")
+    run.command("rehearse/text.json", "rehearse", *noisy, cwd=ROOT, at_unix_s=LATER_UNIX_S)
     return True
 
 

@@ -1,0 +1,216 @@
+"""The small part that is committed: what a few stepped replays, a small fleet and a small search give, and histories of earlier versions.
+
+`python -m tests.golden expected` writes `expected/` anew and prints what has changed; `python -m tests.golden pack NAME` adds a history
+written by this version to `histories/`, where it stays: later versions must read it and go on.
+"""
+
+import gzip
+import json
+import shutil
+import tarfile
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from . import daemon, entry, worlds
+from .compare import differences
+from .run import Run
+from .worlds import DAY_S
+
+EXPECTED, HISTORIES = Path(__file__).with_name("expected"), Path(__file__).with_name("histories")
+DIGITS = 10  # of every figure that is kept: more than is compared
+WRITTEN, CONTINUED = 10, 13  # replays in a packed history, and after it was continued
+STEP_DAY = 6.5  # earlier, a step is still part of what the arm is like when it is new
+SMALL = worlds.World(
+    name="small",
+    robot="ur5",
+    mounting="ground",
+    seed=21,
+    replays=CONTINUED,
+    scenario={
+        "room": {"mean_c": 22.0, "daily_swing_k": 2.0, "weekend_drop_k": 6.0},
+        "work": worlds.WORK,
+        "event": [{"at_day": STEP_DAY, "do": "wear_step", "joint": 3, "coulomb_factor": 1.3, "viscous_factor": 1.2}],
+    },
+    declared=lambda _: {"payload_kg": 0.0},
+    quality={},
+)
+LATER_UNIX_S = SMALL.at_unix_s(30)
+
+
+def run_in(folder: Path) -> Run:
+    """A run whose files lie below a scratch folder."""
+    run = Run(into=folder / "set", work=folder / "work", artefacts=folder)
+    run.work.mkdir(parents=True)
+    return run
+
+
+def recorded(run: Run) -> Path:
+    """The folder of the recordings, made once a run."""
+    folder = run.artefacts / "recordings" / SMALL.name
+    if not folder.is_dir():
+        worlds.recorded(SMALL, folder)
+    return folder
+
+
+def assessed(run: Run) -> Any:
+    """What `assess` prints."""
+    return _printed(run, "assess", "--config", "arm.toml", "--manifest", "days.csv", "--json", cwd=recorded(run))
+
+
+def rehearsed(_: Run) -> Any:
+    """A fleet of sixteen arms over some months, in which a joint wears."""
+    return entry.small_fleet(arms=16, days=110, seed=3)
+
+
+def designed(run: Run) -> Any:
+    """A search cut short, with its proof, and a random trajectory."""
+    found = {}
+    for name, options in {"search": ("--seed", "3", "--evaluations", "40"), "random": ("--random", "4")}.items():
+        output = run.work / f"{name}.json"
+        document = _printed(run, "design", "--robot", "ur5", *options, "-o", output, "--json", cwd=run.work)
+        assert document.pop("digest") == document["proof"].pop("path_digest")  # of every bit: another processor's is another
+        found[name] = document
+    return found
+
+
+def continued(run: Run, archive: Path) -> Any:
+    """A packed history: what it holds as it is found, and after three more replays."""
+    home = run.work / archive.name.removesuffix(".tar.gz")
+    unpacked(archive, home)
+    shutil.copytree(_rewritten(run) / "history" / "recordings", home / "history" / "recordings", dirs_exist_ok=True)
+    found = {"as found": _told(run, home)}
+    days = daemon.Days(recorded(run))
+    clock = entry.Clock(SMALL.at_unix_s(WRITTEN - 1) + DAY_S / 2)
+    with daemon.alone(), entry.running(home / "arm.toml", clock, days.play) as running:
+        for day in range(WRITTEN, CONTINUED):
+            clock.unix_s, days.next = SMALL.at_unix_s(day) + 5.0, day
+            running.perform(SMALL.at_unix_s(day))
+        last = running.last_values()
+    found["continued"] = _told(run, home)
+    found["last values"] = json.loads(run.clean(json.dumps({key: last[key] for key in sorted(last) if key != "info"})))
+    return found
+
+
+def recomputed(run: Run, archive: Path) -> dict[str, Any]:
+    """Every verdict of the continued history once more; to be asked after `continued`."""
+    home = run.work / archive.name.removesuffix(".tar.gz")
+    found: dict[str, Any] = _printed(run, "assess", "--from-store", "--config", "arm.toml", "--json", cwd=home, may_end_with=(0, 3))
+    return found
+
+
+def unpacked(archive: Path, into: Path) -> None:
+    """The state directory and its configuration, as some version left them."""
+    with tarfile.open(archive) as tar:
+        tar.extractall(into, filter="data")
+
+
+def _told(run: Run, home: Path) -> dict[str, Any]:
+    config = ("--config", "arm.toml")
+    return {
+        "status": _printed(run, "status", *config, "--why", "3", "--json", cwd=home),
+        "history": _printed(run, "history", *config, "--joint", "3", "--json", cwd=home),
+        "report": _printed(run, "report", *config, "--json", cwd=home),
+    }
+
+
+def _printed(run: Run, *arguments: str | Path, cwd: Path, may_end_with: tuple[int, ...] = (0,)) -> Any:
+    run.command("last.json", *arguments, cwd=cwd, at_unix_s=LATER_UNIX_S)
+    told = json.loads((run.into / "last.json").read_text("utf-8"))
+    assert told["exit"] in may_end_with, told
+    return json.loads("\n".join(told["stdout"]))
+
+
+def _rewritten(run: Run) -> Path:
+    """The same life once more, by this version: a packed history is without its recordings, which are half a megabyte each."""
+    home = run.artefacts / "written"
+    if not home.is_dir():
+        written(run, home)
+    return home
+
+
+def written(run: Run, home: Path) -> None:
+    """A history as the daemon writes it: replays, a window that was missed, one that a person must look at, an alert that was seen."""
+    days = daemon.Days(recorded(run))
+    home.mkdir(parents=True)
+    shutil.copy(days.folder / "arm.toml", home)
+    clock = entry.Clock(SMALL.at_unix_s(0) - 60.0)
+    with daemon.alone(), entry.running(home / "arm.toml", clock, days.play) as running:
+        for day in range(WRITTEN):
+            clock.unix_s, days.next = SMALL.at_unix_s(day) + 5.0, day
+            running.perform(SMALL.at_unix_s(day))
+            clock.unix_s += DAY_S / 2
+            if day == 1:
+                running.skip(clock.unix_s, "missed: the monitor or its host was not running, or had another replay under way")
+            if day == 4:
+                days.next = daemon.raising(entry.aborted("protective_stop in the phase 'play'", "protective_stop"))
+                running.perform(clock.unix_s)
+            if day == WRITTEN - 1:
+                running.acknowledge(3, "Ada", "grease is ordered")
+        running.say_monitor()
+
+
+def pack(name: str) -> int:
+    """Add a history written by this version. A file that is there stays: it is somebody's past."""
+    archive = HISTORIES / f"{name}.tar.gz"
+    assert not archive.exists(), f"{archive} is there already"
+    with tempfile.TemporaryDirectory(prefix="golden-") as scratch:
+        run = run_in(Path(scratch))
+        written(run, run.artefacts / "written")
+        HISTORIES.mkdir(exist_ok=True)
+        with gzip.GzipFile(archive, "wb", mtime=0) as packed, tarfile.open(fileobj=packed, mode="w") as tar:
+            for part in ("arm.toml", "history/history.sqlite", "history/monitor.json"):
+                tar.add(run.artefacts / "written" / part, part, filter=_anonymous)
+    print(f"{archive.name}: {archive.stat().st_size / 1000:.0f} kB")
+    return 0
+
+
+def _anonymous(member: tarfile.TarInfo) -> tarfile.TarInfo:
+    member.mtime = member.uid = member.gid = 0
+    member.uname = member.gname = ""
+    return member
+
+
+def regenerated(run: Run) -> dict[str, Any]:
+    """Everything that is expected, by its name."""
+    found = {"assess": assessed(run), "rehearse": rehearsed(run), "design": designed(run)}
+    return found | {f"history-{archive.name.removesuffix('.tar.gz')}": continued(run, archive) for archive in histories()}
+
+
+def histories() -> list[Path]:
+    """Packed ones, the oldest first."""
+    return sorted(HISTORIES.glob("*.tar.gz"))
+
+
+def expected(name: str) -> Any:
+    """As it was written; None where it was not."""
+    path = EXPECTED / f"{name}.json.gz"
+    return json.loads(gzip.decompress(path.read_bytes())) if path.is_file() else None
+
+
+def rewrite() -> int:
+    """Write what is expected anew, and print what has changed. 0 where nothing has."""
+    EXPECTED.mkdir(exist_ok=True)
+    changed = False
+    with tempfile.TemporaryDirectory(prefix="golden-") as scratch:
+        run = run_in(Path(scratch))
+        for name, found in regenerated(run).items():
+            now, before = rounded(found), expected(name)
+            lines = list(differences(before, now))
+            print(f"{name}: {f'{len(lines)} differences' if lines else 'same'}")
+            for line in lines:
+                print(f"    {line}")
+            changed = changed or bool(lines)
+            text = json.dumps(now, ensure_ascii=False, separators=(",", ":")) + "\n"
+            (EXPECTED / f"{name}.json.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
+        run.close()
+    return int(changed)
+
+
+def rounded(document: Any) -> Any:
+    """The document with `DIGITS` digits of every figure: what a processor does to the rest says nothing."""
+    if isinstance(document, dict):
+        return {key: rounded(value) for key, value in document.items()}
+    if isinstance(document, list):
+        return [rounded(value) for value in document]
+    return float(f"{document:.{DIGITS}g}") if isinstance(document, float) else document

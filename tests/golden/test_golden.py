@@ -1,0 +1,67 @@
+"""A few replays, a small fleet, a small search and a history of an earlier version give what they gave when `expected/` was written.
+
+After a change that is meant to change figures: `python -m tests.golden expected` prints what has changed and writes it anew.
+"""
+
+import re
+from itertools import islice
+
+import pytest
+
+from . import small
+from .compare import differences
+
+# Another processor's linear algebra adds in another order: the last bits of a figure, and what becomes of them, may differ. Figures that
+# are a difference of nearly equal ones, such as the wear of a joint that is well, are nothing but such bits: they are held to an absolute
+# figure, far below what any unit here can mean. Everything else, words and counts, is the same.
+RELATIVE, ABSOLUTE = 1e-6, 1e-9
+SHOWN = 10
+HISTORIES = small.histories()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """One scratch folder, one set of recordings and one process for the commands."""
+    run = small.run_in(tmp_path_factory.mktemp("golden"))
+    yield run
+    run.close()
+
+
+def assert_as_expected(name: str, found: object) -> None:
+    """The first differences are told."""
+    before = small.expected(name)
+    assert before is not None, f"nothing is expected of {name}: python -m tests.golden expected"
+    told = list(islice(differences(before, found, relative=RELATIVE, absolute=ABSOLUTE), SHOWN))
+    assert told == []
+
+
+def test_two_weeks_verdicts_are_what_they_were(run):
+    """Thirteen stepped replays of a simulated arm whose joint 3 takes harm, through the command line."""
+    assert_as_expected("assess", small.assessed(run))
+
+
+def test_a_small_fleet_is_judged_as_it_was(run):
+    """Every arm's days of alerts, coverage and wear."""
+    assert_as_expected("rehearse", small.rehearsed(run))
+
+
+def test_a_small_search_finds_the_trajectory_that_it_found(run):
+    """Coefficients, proof and figures of merit; a random one beside it."""
+    assert_as_expected("design", small.designed(run))
+
+
+@pytest.mark.parametrize("archive", HISTORIES, ids=lambda archive: archive.name)
+def test_histories_of_earlier_versions_are_read_and_continued(run, archive):
+    """Status, history and report before and after three more replays; then every verdict, old and new, once more from its recording."""
+    assert_as_expected(f"history-{archive.name.removesuffix('.tar.gz')}", small.continued(run, archive))
+    again = small.recomputed(run, archive)
+    assert (again["assessments"], again["not_recomputable"], again["unknown_circumstances"]) == (small.CONTINUED, 0, 0)
+    for verdict in again["differing"]:  # none on the processor that wrote the history
+        for line in verdict["differs"]:
+            before, now = map(float, re.fullmatch(r".*?: (\S+), now (\S+)", line).groups())
+            assert now == pytest.approx(before, rel=RELATIVE, abs=ABSOLUTE), line
+
+
+def test_there_is_a_history_of_an_earlier_version():
+    """Else the one above would test nothing."""
+    assert HISTORIES
