@@ -12,31 +12,38 @@ import numpy as np
 import zenoh
 
 import monitor
-from monitor import cli
-from monitor.assess import Assessment, AssessSettings, assess
-from monitor.config import find_excitation, load
-from monitor.daemon import Daemon, _known
+from monitor.assess import AssessSettings, assess
+from monitor.cli import main as cli
+from monitor.config.files import find_excitation
+from monitor.config.load import load
 from monitor.errors import MotionRefused, ReplayAborted
-from monitor.files import read_recording, write_recording
 from monitor.identify.document import document as identification_document
+from monitor.judge.alerts.documents import alert_document
+from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
-from monitor.judge.health import alert_document
-from monitor.mover import Clocks, Mover
-from monitor.page.served import page
-from monitor.publish.bus import session_config
 from monitor.publish.metrics import MetricsServer
+from monitor.publish.session import session_config
 from monitor.recording import Recording
-from monitor.series import Series, dated, manifest
-from monitor.service import Heartbeats
-from monitor.simulate.controller import Controller
+from monitor.service.bus.handlers import Handlers
+from monitor.service.bus.monitor_document import MonitorDocument
+from monitor.service.daemon import Daemon
+from monitor.service.main_loop import Workers, monitor_document
+from monitor.service.maintenance import Maintenance
+from monitor.service.page import page
+from monitor.service.problems import Problems
+from monitor.service.reload import Reloader
+from monitor.service.replay_requests import ReplayRequests
+from monitor.service.scheduler import Clocks, Scheduler
+from monitor.service.systemd import Heartbeats
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.launch import settings_from
 from monitor.simulate.scenario import scenario_from_document
 from monitor.simulate.stepped import stepped_replay
-from monitor.store import Store
-from monitor.studies.fleet import FleetSettings, Wear
-from monitor.studies.rehearse import play as play_fleet
-from monitor.troubles import Troubles
-from monitor.upkeep import Upkeep
+from monitor.store.recordings import read_recording, write_recording
+from monitor.store.series import Series, dated, manifest
+from monitor.store.store import Store
+from monitor.studies.rehearsal.fleet import FleetSettings, Wear
+from monitor.studies.rehearsal.rehearse import play as play_fleet
 
 LOGGER = "monitor"  # the parent of every logger of the package
 
@@ -61,8 +68,8 @@ def simulated(robot: str, *, seed: int, mounting: str, scenario: dict[str, Any],
 
 def live_until(arm: Controller, lived_s: float) -> None:
     """Let the arm's life pass until so long after its scenario began; it may be there already."""
-    if lived_s > arm.lived_s:
-        why = arm.live((lived_s - arm.lived_s) / 3600.0)
+    if lived_s > arm.clock.lived_s:
+        why = arm.pass_time((lived_s - arm.clock.lived_s) / 3600.0)
         assert not why, why
 
 
@@ -109,12 +116,12 @@ def told_of(recording: Recording) -> dict[str, Any]:
 def judged(manifest_file: Path, config: Path) -> Iterator[dict[str, Any]]:
     """Every document behind the verdicts of one arm's recordings, each with the state that the one before left."""
     configuration = load(config)
-    series = Series(entries=manifest(manifest_file), robot=configuration.model, mounting=configuration.mounting)
+    series = Series(entries=manifest(manifest_file), robot=configuration.robot_description, mounting=configuration.mounting)
     last: Assessment | None = None
     for recording, mounting in dated(series):
         outcome = assess(
             recording,
-            robot=configuration.model,
+            robot=configuration.robot_description,
             mounting=mounting,
             belief=None if last is None else last.belief,
             health=None if last is None else last.health,
@@ -145,7 +152,7 @@ def small_fleet(*, arms: int, days: int, seed: int) -> dict[str, Any]:
     played = play_fleet(FleetSettings(arms=arms, days=days, seed=seed), AssessSettings(), wear, learning=40)
     names = ("tier_day", "falling_day", "common_day", "early", "covered", "covered_worn", "slope_error_per_k")
     told = {name: plain(getattr(played, name)) for name in names}
-    return {**told, "wear": plain(played.track.wear), "wear_std": plain(played.track.wear_std)}
+    return {**told, "wear": plain(played.state.filter_state.wear), "wear_std": plain(played.state.filter_state.wear_std)}
 
 
 # --- the daemon ----------------------------------------------------------------------------------------------------------
@@ -182,32 +189,34 @@ class Running:
 
     daemon: Daemon
     store: Store
-    mover: Mover
-    upkeep: Upkeep
+    workers: Workers
+    requests: ReplayRequests
     clock: Clock
     page_url: str | None
 
     def perform(self, window_unix_s: float) -> None:
         """One window."""
-        self.daemon.perform(window_unix_s)
+        self.daemon.monitor.perform(window_unix_s)
 
     def skip(self, window_unix_s: float, why: str) -> None:
         """One window that was missed."""
-        self.daemon.skip(window_unix_s, why)
+        self.daemon.monitor.skip(window_unix_s, why)
 
     def tick(self) -> None:
-        """The schedule looks at its clocks, and has done what is due."""
-        self.mover.tick()
+        """The scheduler looks at its clocks, and has done what is due."""
+        self.workers.scheduler.tick()
 
     def schedules(self) -> None:
-        """Somebody schedules from now on: what is asked for, and what work gives reason for, is done by the next tick."""
-        self.daemon.wanted, self.daemon.pull_forward = self.mover.want, self.mover.evidence
+        """From now on a scheduler serves what is requested, and what production gives reason for."""
+        daemon = self.daemon
+        daemon.bus.answer(Handlers(daemon.state, self.store, daemon.alerts, self.requests).by_key())
+        daemon.live._requests = self.requests
 
     def heard(self, recording: Recording, row: int, heavier: Sequence[float]) -> None:
         """One sample of the arm at work: that of a recording, with so many times the current."""
         signals = {name: values[row] for name, values in recording.signals.items()}
         current = signals["current"] * np.array(heavier)
-        self.daemon.live(signals["q"], signals["qd"], signals["target_qdd"], current, signals["temperature_c"])
+        self.daemon.live.sample(signals["q"], signals["qd"], signals["target_qdd"], current, signals["temperature_c"])
 
     def say(self, key: str, kind: str, document: dict[str, Any]) -> None:
         """Anything: who listens knows that all before it has arrived."""
@@ -215,19 +224,20 @@ class Running:
 
     def say_health(self) -> None:
         """As every minute."""
-        self.daemon.clear_own()
-        self.daemon.say_health()
+        self.daemon.alerts.clear_own()
+        self.daemon.publisher.health()
 
     def say_monitor(self) -> None:
         """As every ten seconds."""
-        listener = SimpleNamespace(reachable=True, trouble=None)
-        document = self.upkeep.document(_known(self.daemon, listener, self.mover, Heartbeats()))
-        self.daemon.say_monitor(document)
-        self.upkeep.write(document)
+        link = SimpleNamespace(reachable=True, problem=None)
+        document = monitor_document(self.daemon, link, self.workers)  # type: ignore[arg-type]
+        self.daemon.publisher.say("monitor", document)
+        self.workers.document.write(document)
 
     def acknowledge(self, joint: int, by: str, why: str) -> None:
         """As somebody does on the bus, whatever the joint's alerts are."""
-        for alert in self.daemon._health.active_alerts if self.daemon._health else ():
+        health = self.daemon.state.health
+        for alert in health.active_alerts if health else ():
             if alert.joint == joint:
                 self.daemon.bus.ask("cmd/ack", {"joint": joint, "condition": alert.condition, "by": by, "why": why})
 
@@ -237,11 +247,13 @@ class Running:
 
     def announce(self, moves_at_unix_s: float) -> None:
         """As before the arm moves."""
-        self.daemon.say_replay({"state": "announced", "replay": 1, "robot": "ur5", "moves_at_unix_s": moves_at_unix_s, "duration_s": 10.0})
+        self.daemon.publisher.replay(
+            {"state": "announced", "replay": 1, "robot": "ur5", "moves_at_unix_s": moves_at_unix_s, "duration_s": 10.0}
+        )
 
     def look_after(self) -> None:
         """Backup, retention, disk and clock."""
-        self.upkeep.look()
+        self.workers.maintenance.maintain()
 
 
 Play = Callable[[], Recording]
@@ -264,11 +276,18 @@ def running(config: Path, clock: Clock, play: Play) -> Iterator[Running]:
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
         served = stack.enter_context(page(configuration, daemon.bus, store, now=clock.now))
-        troubles = Troubles(clock.now, clock.monotonic)
-        mover = Mover(daemon, store, troubles, Clocks(now=clock.now, monotonic=clock.monotonic))
-        upkeep = Upkeep(store, lambda: daemon.configuration.store, troubles, clock.now)
+        problems, requests = Problems(clock.now, clock.monotonic), ReplayRequests()
+        scheduler = Scheduler(daemon.monitor, store, problems, requests, Clocks(now=clock.now, monotonic=clock.monotonic))
+        workers = Workers(
+            scheduler=scheduler,
+            maintenance=Maintenance(store, lambda: daemon.state.configuration.store, problems, clock.now),
+            document=MonitorDocument(store, problems, clock.now),
+            reloader=Reloader(daemon.monitor, scheduler),
+            problems=problems,
+            heartbeats=Heartbeats(),
+        )
         url = None if served is None else served.url
-        yield Running(daemon=daemon, store=store, mover=mover, upkeep=upkeep, clock=clock, page_url=url)
+        yield Running(daemon=daemon, store=store, workers=workers, requests=requests, clock=clock, page_url=url)
 
 
 def listener(endpoint: str) -> zenoh.Session:
