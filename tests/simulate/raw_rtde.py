@@ -1,11 +1,11 @@
-"""RTDE by hand, for tests that must not depend on a client's opinion: bytes over a socket."""
+"""RTDE as bytes over a socket, for tests that must not depend on the opinion of a client library."""
 
 import socket
 import struct
 
 
 class RawRtde:
-    """One connection."""
+    """One RTDE connection."""
 
     def __init__(self, host: str, timeout_s: float = 5.0) -> None:
         self.wire = socket.create_connection((host, 30004), timeout=timeout_s)
@@ -21,7 +21,7 @@ class RawRtde:
         self.wire.sendall(struct.pack(">H", len(payload) + 3) + kind + payload)
 
     def packet(self) -> tuple[bytes, bytes]:
-        """Type and payload of the next packet; ConnectionResetError or EOFError at the end."""
+        """Type and payload of the next packet. Raises ConnectionResetError or EOFError when the connection has ended."""
         while len(self._waiting) < 3 or len(self._waiting) < struct.unpack_from(">H", self._waiting)[0]:
             data = self.wire.recv(65536)
             if not data:
@@ -36,11 +36,11 @@ class RawRtde:
         return self.packet()[1]
 
     def stream(self, names: str, frequency_hz: float = 500.0) -> str:
-        """Ask for outputs and start; the types."""
+        """Subscribe to outputs and start the data packets. Returns the types of the outputs."""
         types = self.ask(b"O", struct.pack(">d", frequency_hz) + names.encode())[1:].decode()
         assert self.ask(b"S") == b"\x01"
         return types
 
     def timestamps(self, count: int) -> list[float]:
-        """Of the next packets; `timestamp` is the first variable."""
+        """The timestamps of the next packets. The first variable must be `timestamp`."""
         return [struct.unpack_from(">d", self.packet()[1], 1)[0] for _ in range(count)]

@@ -47,7 +47,7 @@ answers = dict(moved=moved, watched=watched, stopped=stopped, steady=steady, pay
                within=c.isJointsWithinSafetyLimits([0.0] * 6), beyond=c.isJointsWithinSafetyLimits([0.0, 0, 4.0, 0, 0, 0]))
 c.stopScript()
 deadline = time.monotonic() + 1.0
-while (runtime := r.getRuntimeState()) != 1 and time.monotonic() < deadline:  # what c was told r hears a packet later
+while (runtime := r.getRuntimeState()) != 1 and time.monotonic() < deadline:  # r sees the effect of a command of c one packet later
     time.sleep(0.002)
 print(json.dumps(dict(goal=goal, at=at, errors=errors, beside=beside, runtime=runtime, **answers)), flush=True)
 """

@@ -1,4 +1,4 @@
-"""A controller without sockets, driven as ur-rtde drives one: registers are written and read, control periods are computed."""
+"""A controller without sockets that a test drives as ur-rtde does: it writes registers, computes control periods and reads registers."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ SPEED = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
 
 
 class Pendant:
-    """Writes registers as ur-rtde does."""
+    """Runs ur-rtde's control script on a controller and writes its registers."""
 
     def __init__(self, **settings) -> None:
         self.controller = Controller(SimulateSettings(**settings))
@@ -48,7 +48,7 @@ class Pendant:
             self.controller.step()
 
     def do(self, written, values, within_s: float = 20.0) -> int:
-        """A blocking command: wait for done, then clear. Returns OI1."""
+        """Give a blocking command, wait until it is done, and clear it. Returns output integer 1, or −1 if the command was never done."""
         c = self.controller
         c.write_inputs(written, values)
         until = c.clock.now_s + within_s
@@ -63,7 +63,7 @@ class Pendant:
         self.controller.write_inputs(SERVO, [11, *q, 0, 0, 0.008, 0.03, 500])
 
     def stream(self, seconds: float, speed: float = 1.0) -> None:
-        """servoj at 125 Hz, all joints at a constant speed after a soft start."""
+        """Send servoj targets at 125 Hz: after a soft start, all joints move at a constant speed."""
         c = self.controller
         q = c.reference.q.copy()
         v = 0.0

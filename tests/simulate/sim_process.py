@@ -1,4 +1,4 @@
-"""A simulator in a process of its own, on a loopback address of its own, and the unmodified ur-rtde in another one."""
+"""A simulator in a process of its own and on an address of its own, and what the tests of the wire share."""
 
 import itertools
 import json
@@ -49,7 +49,7 @@ _numbers = itertools.count()
 
 
 def fresh_address() -> str:
-    """One that no other test of this run uses; workers of xdist have a range each."""
+    """A loopback address that no other test of this run uses. Each worker of pytest-xdist has a range of its own."""
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
     return f"127.0.1.{10 + 40 * (worker % 6) + next(_numbers) % 40}"
 

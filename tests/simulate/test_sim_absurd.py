@@ -1,4 +1,4 @@
-"""Arguments that no sane client sends: refused by name, and the arm is still somewhere afterwards."""
+"""Arguments that no sane client sends are refused with a reason, and the state of the arm stays finite."""
 
 import struct
 
@@ -28,7 +28,7 @@ def pendant() -> Pendant:
 
 
 def test_a_register_takes_32_bits_and_a_script_with_more_is_refused(pendant):
-    """Else nobody who reads the register would get another packet."""
+    """A larger value would not fit the packet, and clients that read the register would get no more packets."""
     c = pendant.controller
     session = RtdeSession(c, output_variables(c), 1)
     names = b"output_int_register_1"
@@ -44,7 +44,7 @@ def test_a_register_takes_32_bits_and_a_script_with_more_is_refused(pendant):
 
 
 def test_a_secondary_program_runs_beside_the_one_that_plays(pendant):
-    """It may take no time: with a move in it, it is refused."""
+    """A secondary program writes a register while the main program plays. It is refused if it moves the arm."""
     c = pendant.controller
     before = c.programs.current
     c.run_script("sec note():\n  write_output_integer_register(5, 7)\nend")
@@ -65,7 +65,7 @@ def test_a_secondary_program_runs_beside_the_one_that_plays(pendant):
     ],
 )
 def test_figures_that_cannot_be_meant_end_the_program(pendant, written, values, why):
-    """As a runtime exception; the arm stays where it is."""
+    """They raise a runtime exception, and the arm stays where it is."""
     c = pendant.controller
     assert pendant.do(written, values) == -1
     assert why in c.journal.stops[-1].reason
@@ -74,7 +74,7 @@ def test_figures_that_cannot_be_meant_end_the_program(pendant, written, values, 
 
 
 def test_a_motion_that_becomes_nothing_is_a_protective_stop_and_the_arm_is_still_there(pendant):
-    """A tool speed beyond all numbers, with an acceleration to match."""
+    """A tool speed and an acceleration near the largest double lead to a protective stop."""
     c = pendant.controller
     with np.errstate(all="ignore"):
         c.write_inputs(SPEED, [10, *[1.7e308] * 6, 1e308, 0.0])
@@ -86,7 +86,7 @@ def test_a_motion_that_becomes_nothing_is_a_protective_stop_and_the_arm_is_still
 
 @pytest.mark.parametrize("time_s", [1e308, 1e-320, -1.0, 1000.0])
 def test_servoj_for_any_time_leaves_the_arm_within_its_targets(pendant, time_s):
-    """`time` is unchecked by the client."""
+    """ur-rtde does not check the argument `time`."""
     c = pendant.controller
     start = c.reference.q.copy()
     for k in range(40):
@@ -96,7 +96,7 @@ def test_servoj_for_any_time_leaves_the_arm_within_its_targets(pendant, time_s):
 
 
 def test_a_moved_encoder_is_still_moved_after_a_restart():
-    """And the arm does not jump by it when the brakes open."""
+    """The arm does not jump by the offset when the brakes open."""
     c = Controller(SimulateSettings())
     c.step()
     c.inject("encoder_offset", {"joint": 2, "value": 0.1})
@@ -112,9 +112,9 @@ def test_a_moved_encoder_is_still_moved_after_a_restart():
 
 
 def test_a_restart_mends_no_sensor_and_forgets_no_installation():
-    """What is wrong in a joint stays wrong; what the installation was told of stays told; what a program said is forgotten."""
-    told = [{"at_s": 0, "do": "mounting", "mounting": "ceiling", "told": True}, {"at_s": 0, "do": "payload", "kg": 2.0, "told": True}]
-    c = Controller(SimulateSettings(scenario=scenario_from_document({"event": told}, "told", "told.toml")))
+    """Faults of sensors and the installed payload survive a restart. What a program declared does not."""
+    events = [{"at_s": 0, "do": "mounting", "mounting": "ceiling", "told": True}, {"at_s": 0, "do": "payload", "kg": 2.0, "told": True}]
+    c = Controller(SimulateSettings(scenario=scenario_from_document({"event": events}, "told", "told.toml")))
     c.step()
     c.inject("current_stuck", {"joint": 1})
     c.installation.declare(payload=(3.0, 0.0, 0.0, 0.0))
@@ -126,7 +126,7 @@ def test_a_restart_mends_no_sensor_and_forgets_no_installation():
 
 
 def test_an_arm_without_power_is_as_warm_as_its_room():
-    """And three kelvins warmer with it, at rest."""
+    """With power, an arm at rest is three kelvins warmer than its room."""
     c = Controller(SimulateSettings(ambient_c=20.0))
     c.safety.power(RobotMode.POWER_OFF)
     c.pass_time(48.0)
@@ -137,7 +137,7 @@ def test_an_arm_without_power_is_as_warm_as_its_room():
 
 
 def test_clear_brings_back_the_noise_that_the_arm_has_of_itself():
-    """Also after none at all."""
+    """`clear` restores the noise of the settings, even after the noise was zero."""
     c = Controller(SimulateSettings(current_noise=4.0))
 
     def loudness() -> float:
@@ -152,7 +152,7 @@ def test_clear_brings_back_the_noise_that_the_arm_has_of_itself():
 
 @pytest.mark.parametrize("robot", ["ur3", "ur20"])
 def test_a_pose_that_no_arm_reaches_is_not_searched_for(robot, monkeypatch):
-    """A search is twenty ticks in which everybody waits; what the arm does reach is never taken for too far."""
+    """A search would delay twenty control periods. A pose that the arm reaches is never rejected as too far."""
     kinematics = Kinematics(load_robot(robot))
     dice = np.random.default_rng(1)
     for q in dice.uniform(-np.pi, np.pi, (20, 6)):

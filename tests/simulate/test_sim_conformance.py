@@ -1,4 +1,4 @@
-"""The unmodified ur-rtde's four clients, call by call, over both generations; what each call must give is written here."""
+"""Every call of ur-rtde's four clients, on both generations. The expected results are written here."""
 
 import json
 
@@ -79,9 +79,9 @@ check("speedL goes", within(5, lambda: abs(r.getActualTCPSpeed()[2] + 0.02) < 0.
 check("speedL stop", c.speedStop(5.0) and standing())
 c.moveJ(work, 3.0, 8.0)
 for i in range(40):
-    told = c.servoJ([work[0] + 0.004 * i, *work[1:]], 0.0, 0.0, 0.008, 0.05, 300.0)
+    accepted = c.servoJ([work[0] + 0.004 * i, *work[1:]], 0.0, 0.0, 0.008, 0.05, 300.0)
     time.sleep(0.008)
-check("servoJ", told and within(5, lambda: abs(r.getActualQ()[0] - work[0] - 0.156) < 0.003))
+check("servoJ", accepted and within(5, lambda: abs(r.getActualQ()[0] - work[0] - 0.156) < 0.003))
 check("servoStop", c.servoStop(10.0) and standing())
 c.moveJ(work, 3.0, 8.0)
 for i in range(40):
@@ -131,11 +131,11 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 io, r = RTDEIOInterface(sys.argv[1]), RTDEReceiveInterface(sys.argv[1])
 results = {}
-def check(name, told, seen):
+def check(name, sent, seen):
     deadline = time.monotonic() + 3
     while not seen() and time.monotonic() < deadline:
         time.sleep(0.01)
-    results[name] = bool(told) and bool(seen())
+    results[name] = bool(sent) and bool(seen())
 check("setStandardDigitalOut", io.setStandardDigitalOut(3, True), lambda: r.getActualDigitalOutputBits() == 1 << 3)
 check("setConfigurableDigitalOut", io.setConfigurableDigitalOut(1, True), lambda: r.getDigitalOutState(9))
 check("setToolDigitalOut", io.setToolDigitalOut(0, True), lambda: r.getDigitalOutState(16))
@@ -180,7 +180,7 @@ GENERATIONS = [("ur5", "0.008"), ("ur5e", "0.002")]
 
 @pytest.mark.parametrize(("robot", "tick"), GENERATIONS)
 def test_the_control_and_receive_clients_agree_with_every_call(spawn, client, robot, tick):
-    """Moves, streams, stops, paths, kinematics, settings, custom scripts, and the refusals."""
+    """The calls cover moves, streams, stops, paths, kinematics, settings, custom scripts and refusals."""
     results = result_of(client(CONTROL, spawn("--robot", robot).address, tick), timeout_s=90)
     assert len(results) > 50
     assert [name for name, good in results.items() if not good] == []
@@ -188,23 +188,23 @@ def test_the_control_and_receive_clients_agree_with_every_call(spawn, client, ro
 
 @pytest.mark.parametrize(("robot", "tick"), GENERATIONS)
 def test_the_io_client_sets_what_the_receive_client_sees(spawn, client, robot, tick):
-    """Digital and analogue outputs, the speed slider, registers."""
+    """The calls set digital and analogue outputs, the speed slider and registers."""
     results = result_of(client(IO, spawn("--robot", robot).address))
     assert [name for name, good in results.items() if not good] == []
 
 
 @pytest.mark.parametrize(("robot", "tick"), GENERATIONS)
 def test_the_dashboard_client_gets_an_answer_to_every_command(spawn, client, robot, tick):
-    """Word by word, as it compares them; a play without a program and a file that is not there are refused."""
-    told = result_of(client(DASHBOARD, spawn("--robot", robot).address))
-    assert told["isConnected"] is True
-    assert told["polyscopeVersion"] == {"ur5": "3.15.8.106339", "ur5e": "5.11.0.108249"}[robot]
-    assert told["robotmode"] == "Robotmode: RUNNING"
-    assert "POWER_OFF" in told["mode after powerOff"]
-    assert "RUNNING" in told["mode after brakeRelease"]
-    assert told["play"].startswith("RuntimeError Failed to execute")
-    assert told["pause"].startswith("RuntimeError Failed to execute")
-    assert "not found" in told["loadURP"]
+    """ur-rtde compares the replies word by word. It reports an error for `play` without a program and for a file that does not exist."""
+    result = result_of(client(DASHBOARD, spawn("--robot", robot).address))
+    assert result["isConnected"] is True
+    assert result["polyscopeVersion"] == {"ur5": "3.15.8.106339", "ur5e": "5.11.0.108249"}[robot]
+    assert result["robotmode"] == "Robotmode: RUNNING"
+    assert "POWER_OFF" in result["mode after powerOff"]
+    assert "RUNNING" in result["mode after brakeRelease"]
+    assert result["play"].startswith("RuntimeError Failed to execute")
+    assert result["pause"].startswith("RuntimeError Failed to execute")
+    assert "not found" in result["loadURP"]
     commands = ("stop", "closePopup", "closeSafetyPopup", "restartSafety", "powerOff", "powerOn", "brakeRelease", "popup", "addToLog")
-    assert {name: told[name] for name in commands} == dict.fromkeys(commands)
-    assert json.dumps(told)  # every answer is text, a number or nothing
+    assert {name: result[name] for name in commands} == dict.fromkeys(commands)
+    assert json.dumps(result)  # every answer is text, a number or nothing

@@ -18,14 +18,14 @@ def pendant() -> Pendant:
 
 
 def test_an_uploaded_script_plays_and_is_ready(pendant):
-    """runtime 2, OI0 = 1."""
+    """The program state is 2 and output integer 0 is 1."""
     pendant.run(0.02)
     assert pendant.controller.modes.runtime == Runtime.PLAYING
     assert pendant.controller.registers.output_ints[0] == 1
 
 
 def test_a_blocking_move_is_done_when_the_arm_is_there(pendant):
-    """moveJ: OI0 stays 1 on the way and becomes 2 at the goal."""
+    """During moveJ output integer 0 is 1; at the goal it becomes 2."""
     goal = pendant.controller.reference.q + np.array([0.2, -0.1, 0.1, 0, 0, 0.3])
     pendant.controller.write_inputs(MOVE, [1, *goal, 1.0, 1.0, 0])
     pendant.run(0.3)
@@ -35,8 +35,8 @@ def test_a_blocking_move_is_done_when_the_arm_is_there(pendant):
     assert np.allclose(pendant.controller.arm.q, goal, atol=2e-3)  # the servo's error at rest
 
 
-def test_an_asynchronous_move_is_done_at_once_and_tells_its_progress(pendant):
-    """OI2: bit 15 is set while it runs and cleared at the end."""
+def test_an_asynchronous_move_is_done_at_once_and_reports_its_progress(pendant):
+    """Bit 15 of output integer 2 is set while the move runs and clear at its end."""
     goal = pendant.controller.reference.q + 0.1
     pendant.do(MOVE, [1, *goal, 1.0, 1.0, 1])
     assert pendant.controller.clock.now_s < 0.1
@@ -47,7 +47,7 @@ def test_an_asynchronous_move_is_done_at_once_and_tells_its_progress(pendant):
 
 
 def test_an_edge_command_is_processed_once(pendant):
-    """While the register keeps its value nothing happens again: a second stop log would show it."""
+    """While the command register keeps its value, the command is not executed again: the watchdog keeps its limit."""
     pendant.controller.write_inputs(ONE, [35, 10.0])
     pendant.controller.step()
     armed_at = truth(pendant.controller)["watchdog_s"]
@@ -57,7 +57,7 @@ def test_an_edge_command_is_processed_once(pendant):
 
 
 def test_servoj_latches_and_servostop_ends_it(pendant):
-    """A second without a packet and without a watchdog: still servoing at the last target; then a linear stop."""
+    """After a second without packets and without a watchdog, servoj still holds the last target. servoStop ends it with a linear stop."""
     pendant.stream(0.5)
     pendant.run(1.0)
     assert pendant.controller.reference.mode == "servo"
@@ -68,7 +68,7 @@ def test_servoj_latches_and_servostop_ends_it(pendant):
 
 @pytest.mark.parametrize("robot", ["ur5", "ur5e"])
 def test_the_watchdog_stops_a_program_whose_client_has_died(robot):
-    """10 Hz: the program ends 0.1 s after the last packet, and the arm stands within 0.3 s, from 1 rad/s."""
+    """A watchdog of 10 Hz ends the program 0.1 s after the last packet. An arm at 1 rad/s stands within 0.3 s."""
     pendant = Pendant(robot=robot)
     pendant.do(ONE, [35, 10.0])
     pendant.stream(1.0)
@@ -84,7 +84,7 @@ def test_the_watchdog_stops_a_program_whose_client_has_died(robot):
 
 
 def test_a_blocking_move_does_not_feed_the_watchdog(pendant):
-    """As measured on the wire: moveJ under a 10 Hz watchdog is stopped after 0.1 s."""
+    """A watchdog of 10 Hz stops moveJ after 0.1 s, as on the wire of a real controller."""
     pendant.do(ONE, [35, 10.0])
     assert pendant.do(MOVE, [1, *(pendant.controller.reference.q + 0.5), 1.0, 1.0, 0]) == -1
     assert pendant.controller.journal.stops[-1].kind == "watchdog"
@@ -92,7 +92,7 @@ def test_a_blocking_move_does_not_feed_the_watchdog(pendant):
 
 
 def test_the_watchdog_ends_with_the_program(pendant):
-    """A new program has none until it asks."""
+    """A new program has no watchdog until it asks for one."""
     pendant.do(ONE, [35, 10.0])
     pendant.run(0.3)
     pendant.controller.run_script(CONTROL.rstrip())
@@ -101,17 +101,17 @@ def test_the_watchdog_ends_with_the_program(pendant):
 
 
 def test_queries_and_settings(pendant):
-    """isSteady, isJointsWithinSafetyLimits, setPayload."""
+    """isSteady, isJointsWithinSafetyLimits and setPayload return what they should. A declared payload does not change the arm."""
     assert pendant.do(COMMAND, [47]) == 1
     assert pendant.do(SIX, [37, 0, 0, 0, 0, 0, 0]) == 1
     assert pendant.do(SIX, [37, 0, 0, 3.5, 0, 0, 0]) == 0  # the elbow turns ±π
     assert pendant.do(FOUR, [17, 1.5, 0, 0, 0.1]) >= 0
     assert output_variables(pendant.controller)["payload"].read() == (1.5,)
-    assert pendant.controller.arm.payload_kg == 0.0  # told is not carried
+    assert pendant.controller.arm.payload_kg == 0.0  # a declared payload is not carried
 
 
-def test_a_payloads_inertia_is_told_back(pendant):
-    """setTargetPayload: kg, centre of mass, inertia."""
+def test_a_payloads_inertia_is_published(pendant):
+    """setTargetPayload sets the published mass and inertia of the payload."""
     assert pendant.do(FOURTEEN, [65, 1.2, 0, 0, 0.1, 0.01, 0.02, 0.03, 0, 0, 0.001, 0, 0, 0, 0]) >= 0
     assert output_variables(pendant.controller)["payload"].read() == (1.2,)
     assert output_variables(pendant.controller)["payload_inertia"].read() == (0.01, 0.02, 0.03, 0.0, 0.0, 0.001)
@@ -131,7 +131,7 @@ def test_a_payloads_inertia_is_told_back(pendant):
     ],
 )
 def test_arguments_that_cannot_be_end_the_program_as_a_runtime_exception_does(pendant, written, values):
-    """Payload, watchdog, tool, gravity and inverse kinematics: never done, so that ur-rtde answers False."""
+    """A command with impossible arguments is never done, so ur-rtde returns False."""
     assert pendant.do(written, values) == -1
     assert pendant.controller.modes.runtime == Runtime.STOPPED
     assert "runtime exception" in pendant.controller.journal.stops[-1].reason
@@ -139,7 +139,7 @@ def test_arguments_that_cannot_be_end_the_program_as_a_runtime_exception_does(pe
 
 @pytest.mark.parametrize("robot", ["ur3", "ur5", "ur10e"])
 def test_a_target_that_leaps_is_a_protective_stop(robot):
-    """servoj one radian away at once: no arm goes there, and a real controller stops."""
+    """A servoj target that is one radian away at once stops the arm, as on a real controller."""
     pendant = Pendant(robot=robot)
     pendant.stream(0.2)
     pendant.servo(pendant.controller.reference.q + np.array([1.0, 0, 0, 0, 0, 0]))
@@ -149,7 +149,7 @@ def test_a_target_that_leaps_is_a_protective_stop(robot):
 
 
 def test_forward_and_inverse_kinematics_are_each_others_inverse(pendant):
-    """Commands 46, 30, 44 and 60; the pose of the outputs is that of command 43, with the tool that was set."""
+    """Commands 46, 30, 44 and 60 agree. The published pose is that of command 43 with the tool that was set."""
     c = pendant.controller
     pendant.do(SIX, [29, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     c.step()
@@ -168,7 +168,7 @@ def test_forward_and_inverse_kinematics_are_each_others_inverse(pendant):
 
 
 def test_movel_goes_in_a_straight_line(pendant):
-    """0.2 m sideways and a turn of the tool: the tool stays within 0.1 mm of the line, and ends at the goal."""
+    """0.2 m sideways with a rotation: the tool stays within 0.1 mm of the line and ends at the goal."""
     c = pendant.controller
     pendant.do(MOVE, [1, 0.0, -1.2, 1.4, -1.8, -1.57, 0.0, 2.0, 4.0, 0])
     start = c.kinematics.pose(c.reference.q)
@@ -186,7 +186,7 @@ def test_movel_goes_in_a_straight_line(pendant):
 
 
 def test_movel_to_nowhere_is_refused(pendant):
-    """Out of reach: the program ends and says so, the arm has not moved."""
+    """A pose out of reach ends the program with a reason, and the reference has not moved."""
     q = pendant.controller.reference.q.copy()
     assert pendant.do(MOVE, [3, 5.0, 0, 0, 0, 0, 0, 0.25, 1.2, 0]) == -1
     assert "no joint positions" in pendant.controller.journal.stops[-1].reason
@@ -194,7 +194,7 @@ def test_movel_to_nowhere_is_refused(pendant):
 
 
 def test_speedl_gives_the_tool_its_speed_and_stopl_takes_it(pendant):
-    """0.1 m/s downwards, without turning; then standing."""
+    """The tool moves down at 0.1 m/s without rotation, and stands after stopL."""
     c = pendant.controller
     pendant.do(MOVE, [1, 0.0, -1.2, 1.4, -1.8, -1.57, 0.0, 2.0, 4.0, 0])
     c.write_inputs(SPEED, [10, 0, 0, -0.1, 0, 0, 0, 0.5, 0.0])
@@ -204,8 +204,8 @@ def test_speedl_gives_the_tool_its_speed_and_stopl_takes_it(pendant):
     assert pendant.standing
 
 
-def test_a_path_is_played_to_its_end_and_tells_its_progress():
-    """movePath (45) asynchronously: each waypoint, progress in OI2."""
+def test_a_path_is_played_to_its_end_and_reports_its_progress():
+    """An asynchronous movePath (45) reaches each waypoint and reports its progress in output integer 2."""
     go = "signal_async_progress({0})\nmovej([{1},-1.4,0,-1.5,0,0],a=4,v=2,r=0)\n"
     lines = go.format(0, 0.0) + go.format(1, 0.2)
     pendant = Pendant()
@@ -219,8 +219,8 @@ def test_a_path_is_played_to_its_end_and_tells_its_progress():
     assert np.allclose(pendant.controller.reference.q, [0.2, -1.4, 0, -1.5, 0, 0])
 
 
-def test_told_payload_and_gravity_change_what_the_controller_reckons_with(pendant):
-    """target_moment follows what was told; the arm carries what it carries."""
+def test_declared_payload_and_gravity_change_what_the_controller_computes_with(pendant):
+    """target_moment follows the declared payload and gravity. What the arm carries does not matter."""
     c = pendant.controller
     pendant.do(MOVE, [1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 4.0, 0])
     before = np.array(output_variables(c)["target_moment"].read())
@@ -232,18 +232,18 @@ def test_told_payload_and_gravity_change_what_the_controller_reckons_with(pendan
 
 
 def test_unknown_commands_are_refused_visibly(pendant):
-    """The end of a force mode, freedrive: done, result 0, told in the truth."""
+    """The commands that end force mode and freedrive are done with result 0, and the true state lists them as refused."""
     pendant.controller.registers.output_ints[1] = 1
     assert pendant.do(COMMAND, [52]) == 0
     assert pendant.do(COMMAND, [7]) == 0
     assert truth(pendant.controller)["refused_commands"] == [52, 7]
-    pendant.controller.write_inputs(COMMAND, [6])  # a realtime one: told once, not every tick
+    pendant.controller.write_inputs(COMMAND, [6])  # a command of every control period: it is recorded once
     pendant.run(0.2)
     assert truth(pendant.controller)["refused_commands"] == [52, 7, 6]
 
 
 def test_255_ends_the_program(pendant):
-    """stopScript."""
+    """stopScript sends command 255."""
     pendant.controller.write_inputs(COMMAND, [255])
     pendant.run(0.02)
     assert pendant.controller.modes.runtime == Runtime.STOPPED
@@ -252,7 +252,7 @@ def test_255_ends_the_program(pendant):
 
 @pytest.mark.parametrize("broken", [math.nan, math.inf])
 def test_a_target_that_is_no_number_stops_the_arm(pendant, broken):
-    """servoj and speedj with NaN: a protective stop; moveJ: the program ends. The state stays finite."""
+    """NaN in servoj leads to a protective stop, NaN in moveJ ends the program. The state of the arm stays finite."""
     pendant.stream(0.2)
     pendant.servo([0, broken, 0, 0, 0, 0])
     pendant.run(0.5)

@@ -1,4 +1,4 @@
-"""What can go wrong, goes wrong on command: each fault, seen from outside."""
+"""Every fault happens on command, seen from outside."""
 
 import socket
 import time
@@ -21,7 +21,7 @@ PORTS = {"rtde": 30004, "dashboard": 29999, "primary": 30001, "secondary": 30002
 
 
 def ended(wire: socket.socket) -> str:
-    """How the other side ended the connection."""
+    """How the other side ended the connection: `reset` or `closed`."""
     wire.settimeout(5)
     try:
         while wire.recv(65536):
@@ -32,7 +32,7 @@ def ended(wire: socket.socket) -> str:
 
 
 def dropped(remote, name: str, service: str) -> bool:
-    """Whether there was a connection to drop: the server may hear of it a moment after the client."""
+    """Whether the fault dropped a connection. The server may notice a new connection a moment after the client."""
     return "0 connections" not in remote.fault(name, service=service)
 
 
@@ -55,7 +55,7 @@ def controller() -> Controller:
 
 
 def test_every_fault_says_what_it_takes_and_refuses_the_rest(controller):
-    """An argument that nobody knows, one out of range, one missing, a fault of the wire without a wire."""
+    """Unknown faults and arguments, values out of range, missing arguments and faults of a missing wire are errors with a reason."""
     for name, given, named in [
         ("earthquake", {}, "known are"),
         ("stall", {"joint": 1}, "joint"),
@@ -94,7 +94,7 @@ def test_the_controller_makes_every_fault_happen_that_the_wire_does_not():
 
 
 def test_frozen_temperatures_stay_and_clear_thaws_them(controller):
-    """Even while the joint warms."""
+    """The sensors show the same temperatures while the joints warm, until `clear`."""
     controller.inject("temperatures_frozen", {})
     before = controller.measurements.latest.temperature_c
     controller.pass_time(1.0, 35.0, 1.0)
@@ -106,7 +106,7 @@ def test_frozen_temperatures_stay_and_clear_thaws_them(controller):
 
 
 def test_a_glitching_temperature_is_wrong_now_and_then(controller):
-    """One tick of 32, one joint."""
+    """One joint is wrong in one of 32 control periods."""
     controller.inject("temperature_glitch", {"joint": 2, "value": 0.0})
     seen = []
     for _ in range(64):
@@ -116,8 +116,8 @@ def test_a_glitching_temperature_is_wrong_now_and_then(controller):
     assert wrong.sum(axis=0).tolist() == [0, 2, 0, 0, 0, 0]
 
 
-def test_a_stuck_current_sensor_goes_on_telling_the_same():
-    """While the arm moves, and the others tell the truth."""
+def test_a_stuck_current_sensor_shows_the_same_current():
+    """The current of one joint stays the same while the arm moves; those of the other joints change."""
     pendant = Pendant()
     pendant.controller.inject("current_stuck", {"joint": 3})
     currents = []
@@ -128,24 +128,24 @@ def test_a_stuck_current_sensor_goes_on_telling_the_same():
     assert len(set(np.array(currents)[:, 1])) > 5
 
 
-def test_an_encoder_offset_shifts_what_is_told_and_moves_nothing(controller):
-    """The arm stays; positions, the controller's own included, are told elsewhere; gravity acts where the arm is."""
-    true, told, moment = controller.arm.q.copy(), controller.measurements.latest.q, controller.arm.torque_nm.copy()
+def test_an_encoder_offset_shifts_what_is_measured_and_moves_nothing(controller):
+    """The arm stays and gravity acts on its true position. The measured position and the reference shift."""
+    true, measured_before, moment = controller.arm.q.copy(), controller.measurements.latest.q, controller.arm.torque_nm.copy()
     controller.inject("encoder_offset", {"joint": 2, "value": 0.05})
     for _ in range(100):
         controller.step()
     assert np.allclose(controller.arm.q, true, atol=1e-5)
-    assert controller.measurements.latest.q[1] - told[1] == pytest.approx(0.05, abs=2e-4)
+    assert controller.measurements.latest.q[1] - measured_before[1] == pytest.approx(0.05, abs=2e-4)
     assert controller.reference.q[1] - true[1] == pytest.approx(0.05, abs=1e-3)
     assert np.allclose(controller.arm.torque_nm, moment, atol=1.0)
     assert controller.modes.safety == SafetyMode.NORMAL
     controller.inject("clear", {})
     controller.step()
-    assert controller.measurements.latest.q[1] == pytest.approx(told[1], abs=2e-4)
+    assert controller.measurements.latest.q[1] == pytest.approx(measured_before[1], abs=2e-4)
 
 
-def test_louder_currents_are_louder(controller):
-    """Four times the standard deviation, and back."""
+def test_noisier_currents_are_noisier(controller):
+    """The standard deviation is four times as large with the fault, and normal after `clear`."""
 
     def spread() -> float:
         values = []
@@ -163,7 +163,7 @@ def test_louder_currents_are_louder(controller):
 
 @pytest.mark.parametrize(("runtime", "state"), [("paused", 4), ("stopped", 1), ("playing", 2)])
 def test_a_protective_stop_comes_in_each_observed_variant(runtime, state):
-    """Whatever the settings say."""
+    """The argument of the fault decides what becomes of the program, whatever the settings say."""
     pendant = Pendant()
     pendant.controller.inject("protective_stop", {"runtime": runtime})
     pendant.run(0.2)
@@ -172,7 +172,7 @@ def test_a_protective_stop_comes_in_each_observed_variant(runtime, state):
 
 
 def test_somebody_else_stops_the_program(controller):
-    """Says so if there is none."""
+    """The reply says whether a program was running."""
     assert controller.inject("program_stop", {}) == "no program was running"
     pendant = Pendant()
     assert pendant.controller.inject("program_stop", {}) == "program stopped"
@@ -195,7 +195,7 @@ def healed(request):
 
 @pytest.mark.parametrize("service", list(PORTS))
 def test_connections_of_each_service_can_be_closed_and_reset(ur5, service):
-    """FIN and RST, and only of that service."""
+    """They end with FIN or RST, and connections of other services stay."""
     other = "dashboard" if service != "dashboard" else "secondary"
     with ur5.remote() as remote, socket.create_connection((ur5.address, PORTS[other]), timeout=5) as bystander:
         for name, how in (("close", "closed"), ("reset", "reset")):
@@ -206,7 +206,7 @@ def test_connections_of_each_service_can_be_closed_and_reset(ur5, service):
 
 
 def test_a_listener_goes_away_and_comes_back(ur5):
-    """Connections are refused; those that stand go on."""
+    """New connections are refused, and open ones continue."""
     with ur5.remote() as remote, RawRtde(ur5.address) as standing:
         standing.stream("timestamp")
         remote.fault("listener_gone", service="rtde")
@@ -218,7 +218,7 @@ def test_a_listener_goes_away_and_comes_back(ur5):
 
 
 def test_a_restarted_controller_begins_its_clock_anew(ur5):
-    """Everything is reset at once; half a second later it is back, powered off, with the same arm; then power comes back."""
+    """All connections are reset. Half a second later the controller is back with the same arm and without power."""
     with ur5.remote() as remote, RawRtde(ur5.address) as before:
         before.stream("timestamp")
         old = before.timestamps(1)[0]
@@ -244,7 +244,7 @@ def test_a_restarted_controller_begins_its_clock_anew(ur5):
 
 
 def test_late_packets_come_in_a_bunch_and_in_order(ur5):
-    """Half of the packets 50 ms late: none is lost, none overtakes, gaps on the wall clock are seen."""
+    """Half of the packets are 50 ms late. None is lost, their order is kept, and there are gaps on the wall clock."""
     with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
         rtde.stream("timestamp")
         remote.fault("late", seconds=0.05, share=0.5)
@@ -258,7 +258,7 @@ def test_late_packets_come_in_a_bunch_and_in_order(ur5):
 
 
 def test_packets_that_are_all_late_still_come(ur5):
-    """Longer held back than half a second, and none is lost."""
+    """Packets are held back for more than half a second, and none is lost."""
     with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
         rtde.stream("timestamp")
         remote.fault("late", seconds=0.7, share=1.0)
@@ -267,7 +267,7 @@ def test_packets_that_are_all_late_still_come(ur5):
 
 
 def test_a_controller_that_is_killed_twice_is_born_once(spawn):
-    """Whoever connects after the first would else hear a dead one."""
+    """Otherwise a client that connects after the first restart would be connected to a dead controller."""
     simulator = spawn("--robot", "ur5")
     with simulator.remote() as remote:
         remote.fault("restart", seconds=0.2)
@@ -281,7 +281,7 @@ def test_a_controller_that_is_killed_twice_is_born_once(spawn):
 
 
 def test_a_listener_that_is_gone_for_good_does_not_come_back_with_another(ur5):
-    """One for a moment, one until `clear`."""
+    """One listener is away for a time, another until `clear`."""
     with ur5.remote() as remote:
         remote.fault("listener_gone", service="rtde", seconds=0.2)
         remote.fault("listener_gone", service="dashboard")
@@ -293,7 +293,7 @@ def test_a_listener_that_is_gone_for_good_does_not_come_back_with_another(ur5):
 
 
 def test_skipped_packets_are_missing_from_the_clock(ur5):
-    """A fifth of the ticks never comes."""
+    """A fifth of the control periods is never sent."""
     with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
         rtde.stream("timestamp")
         remote.fault("skip", share=0.2)
@@ -303,7 +303,7 @@ def test_skipped_packets_are_missing_from_the_clock(ur5):
 
 
 def test_a_mute_controller_accepts_and_says_nothing(ur5):
-    """The handshake hangs, as a constructor of ur-rtde would."""
+    """The handshake gets no reply, so a constructor of ur-rtde would hang."""
     with ur5.remote() as remote:
         remote.fault("mute")
         with RawRtde(ur5.address, timeout_s=0.3) as rtde, pytest.raises(TimeoutError):
@@ -314,7 +314,7 @@ def test_a_mute_controller_accepts_and_says_nothing(ur5):
 
 
 def test_a_text_message_at_connect_comes_before_the_first_reply(ur5):
-    """M, then V: the handshake of a client that reads one packet per request is shifted."""
+    """A client that reads one packet after each request takes the text message for the first reply."""
     with ur5.remote() as remote:
         remote.fault("text_at_connect")
         with RawRtde(ur5.address) as rtde:
@@ -326,7 +326,7 @@ def test_a_text_message_at_connect_comes_before_the_first_reply(ur5):
 
 
 def test_registers_are_held_by_somebody_who_is_gone(ur5):
-    """IN_USE until `clear`."""
+    """Clients get IN_USE until `clear`."""
     with ur5.remote() as remote:
         remote.fault("registers_in_use")
         with RawRtde(ur5.address) as rtde:
@@ -336,7 +336,7 @@ def test_registers_are_held_by_somebody_who_is_gone(ur5):
 
 
 def test_another_version_and_missing_outputs_are_reported(ur5):
-    """v on the wire and the dashboard; NOT_FOUND."""
+    """RTDE and the dashboard report the version; a missing output is NOT_FOUND."""
     with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
         remote.fault("version", version="5.3.1")
         assert rtde.ask(b"v") == bytes.fromhex("00000005 00000003 00000001 00000000")
@@ -344,8 +344,8 @@ def test_another_version_and_missing_outputs_are_reported(ur5):
         assert rtde.ask(b"O", bytes.fromhex("405f400000000000") + b"timestamp,joint_temperatures") == b"\x00DOUBLE,NOT_FOUND"
 
 
-def test_remote_control_off_is_told(spawn, client):
-    """On an e-Series, of which ur-rtde asks it."""
+def test_remote_control_off_is_reported(spawn, client):
+    """On an e-Series, ur-rtde asks whether remote control is on."""
     simulator = spawn("--robot", "ur5e")
     with simulator.remote() as remote:
         remote.fault("remote", state="off")
@@ -353,7 +353,7 @@ def test_remote_control_off_is_told(spawn, client):
 
 
 def test_a_frozen_controller_keeps_its_connections_and_loses_time(ur5):
-    """Half a second without a tick; afterwards the clock goes on where it was, late."""
+    """For half a second no control period is computed. Then the clock continues where it was."""
     with ur5.remote() as remote, RawRtde(ur5.address) as rtde:
         rtde.stream("timestamp")
         rtde.timestamps(3)
@@ -367,7 +367,7 @@ def test_a_frozen_controller_keeps_its_connections_and_loses_time(ur5):
 
 
 def test_an_emergency_stop_through_the_command_line(ur5, capsys):
-    """The command that a person types; a wrong one says what is known."""
+    """The command injects a fault. For an unknown fault it names the known ones."""
     from monitor.cli.main import app
 
     app(["simulate", "--bind", ur5.address, "--fault", "emergency_stop"], standalone_mode=False)

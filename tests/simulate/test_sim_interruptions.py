@@ -1,4 +1,4 @@
-"""What a stop, a pause or the pendant does to a motion under way: nothing moves that must not, nothing is called done too early."""
+"""Stops, pauses and the pendant interrupt a motion: nothing moves that must not, and nothing is done too early."""
 
 import numpy as np
 import pytest
@@ -22,13 +22,13 @@ def pendant() -> Pendant:
 
 
 def begin_move(pendant: Pendant, q, *, seconds: float, straight: bool = False, asynchronous: bool = False) -> None:
-    """A moveJ, or a moveL to joint positions, that is under way for so long."""
+    """Start a moveJ, or a moveL to joint positions, and let it run for the given time."""
     pendant.controller.write_inputs(MOVE, [4 if straight else 1, *q, 1.0, 1.4, int(asynchronous)])
     pendant.run(seconds)
 
 
 def test_a_move_that_waits_for_the_stop_of_the_one_before_ends_with_its_program(pendant):
-    """moveJ asynchronous, another one, and a stop while the arm still brakes for the second: the arm must stand."""
+    """A second asynchronous moveJ waits while the arm brakes. When the program is stopped then, the arm must stand."""
     c = pendant.controller
     begin_move(pendant, THERE, seconds=0.7, asynchronous=True)
     c.write_inputs(*CLEAR)
@@ -45,7 +45,7 @@ def test_a_move_that_waits_for_the_stop_of_the_one_before_ends_with_its_program(
 
 @pytest.mark.parametrize("straight", [False, True])
 def test_a_move_that_was_paused_goes_on_to_its_goal(pendant, straight):
-    """And is not called done before it is there."""
+    """The move is not done before the arm is at its goal."""
     c = pendant.controller
     pendant.do(MOVE, [1, *THERE[:1], -1.4, 1.0, -1.2, -1.3, 0.0, 2.0, 2.0, 0])  # away from the singular home
     begin_move(pendant, THERE_IN_A_LINE, seconds=0.3, straight=straight)
@@ -61,7 +61,7 @@ def test_a_move_that_was_paused_goes_on_to_its_goal(pendant, straight):
 
 
 def test_a_stopped_program_forgets_the_move_that_was_paused(pendant):
-    """The next one begins at rest."""
+    """The arm stays at rest after the program was stopped in a pause."""
     c = pendant.controller
     begin_move(pendant, THERE, seconds=0.5)
     dashboard.reply(c, "pause")
@@ -74,7 +74,7 @@ def test_a_stopped_program_forgets_the_move_that_was_paused(pendant):
 
 @pytest.mark.parametrize("runtime", ["paused", "playing"])
 def test_after_a_protective_stop_the_move_goes_on_when_the_program_does(runtime):
-    """At once after the unlock where the program has played on, else with `play`."""
+    """It continues at the unlock if the program has played on, or else at `play`."""
     pendant = Pendant(protective_runtime=runtime)
     c = pendant.controller
     begin_move(pendant, THERE, seconds=0.5)
@@ -89,7 +89,7 @@ def test_after_a_protective_stop_the_move_goes_on_when_the_program_does(runtime)
 
 
 def test_no_move_begins_in_a_protective_stop_in_which_the_program_plays_on():
-    """Neither the next of a list nor a new one."""
+    """Neither the next move of a list nor a new one begins."""
     for begin in (lambda p: p.controller.run_script(PATH), lambda p: begin_move(p, THERE, seconds=0.1)):
         pendant = Pendant(protective_runtime="playing")
         c = pendant.controller
@@ -105,7 +105,7 @@ def test_no_move_begins_in_a_protective_stop_in_which_the_program_plays_on():
 
 
 def test_a_protective_stop_is_not_made_softer_by_the_program():
-    """servoStop with 0.01 rad/s² would let the arm run on for minutes."""
+    """servoStop with 0.01 rad/s² would let the arm move on for minutes."""
     pendant = Pendant(protective_runtime="playing")
     pendant.stream(0.5)
     c = pendant.controller
@@ -116,7 +116,7 @@ def test_a_protective_stop_is_not_made_softer_by_the_program():
 
 
 def test_a_brake_release_of_a_running_arm_disturbs_no_motion(pendant):
-    """There is nothing to release."""
+    """The brakes are open already."""
     c = pendant.controller
     begin_move(pendant, THERE, seconds=0.5)
     assert dashboard.reply(c, "brake release") == "Brake releasing"
@@ -127,7 +127,7 @@ def test_a_brake_release_of_a_running_arm_disturbs_no_motion(pendant):
 
 
 def test_the_speed_slider_brings_no_jerk(pendant):
-    """From full speed to a twentieth: the arm slows down as an arm can, and gets there."""
+    """The slider goes from full speed to a twentieth. The arm slows down with a small acceleration and reaches its goal."""
     c = pendant.controller
     begin_move(pendant, THERE, seconds=0.5)
     fast = float(np.abs(c.reference.qd).max())

@@ -1,4 +1,4 @@
-"""Strangers judge the wire: the manufacturer's own RTDE client, and urx on ports 30002 and 30003; both from PyPI, neither ours."""
+"""Other RTDE clients judge the wire: the manufacturer's own, and urx on ports 30002 and 30003. Both come from PyPI."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ inputs = con.send_input_setup(["input_int_register_20", "input_double_register_2
 slider = con.send_input_setup(["speed_slider_mask", "speed_slider_fraction"], ["UINT32", "DOUBLE"])
 taken = rtde.RTDE(host, 30004); taken.connect()
 try:
-    taken.send_input_setup(["input_int_register_20"]); in_use = "not told"
+    taken.send_input_setup(["input_int_register_20"]); in_use = "not reported"
 except ValueError as wrong:
     in_use = str(wrong)
 taken.disconnect()
@@ -64,39 +64,39 @@ print(json.dumps(dict(
 
 @pytest.mark.parametrize(("robot", "hz", "version"), [("ur5", 125, [3, 15, 8, 106339]), ("ur5e", 500, [5, 11, 0, 108249])])
 def test_the_manufacturers_own_rtde_client_is_content(spawn, client, robot, hz, version):
-    """Version, outputs and inputs with their types, IN_USE, start, data without a gap, pause."""
-    told = result_of(client(MANUFACTURERS, spawn("--robot", robot).address, str(hz)))
-    assert told["version"] == version
-    assert told["outputs"]
-    assert told["started"]
-    assert told["paused"]
-    assert "already in use" in told["in_use"]
-    assert told["register"] == 42
-    assert told["mode"] == 7
-    assert told["safety"] == 1
-    assert told["joint_mode"] == [253] * 6
-    assert np.allclose(told["q"], [0, -np.pi / 2, 0, -np.pi / 2, 0, 0], atol=1e-3)
-    assert told["elbow"][2] > 0.4  # an upright upper arm
-    steps = np.rint(np.diff(told["stamps"]) * hz)
-    assert np.sum(steps - 1) <= told["skipped"]  # what is missing, the client itself threw away as older than the newest
-    assert told["stamps"][-1] - told["stamps"][0] < 2.2  # a busy machine may take time from the controller, never give it any
+    """It checks the version, the types of outputs and inputs, IN_USE, the start, data without a gap, and the pause."""
+    result = result_of(client(MANUFACTURERS, spawn("--robot", robot).address, str(hz)))
+    assert result["version"] == version
+    assert result["outputs"]
+    assert result["started"]
+    assert result["paused"]
+    assert "already in use" in result["in_use"]
+    assert result["register"] == 42
+    assert result["mode"] == 7
+    assert result["safety"] == 1
+    assert result["joint_mode"] == [253] * 6
+    assert np.allclose(result["q"], [0, -np.pi / 2, 0, -np.pi / 2, 0, 0], atol=1e-3)
+    assert result["elbow"][2] > 0.4  # an upright upper arm
+    steps = np.rint(np.diff(result["stamps"]) * hz)
+    assert np.sum(steps - 1) <= result["skipped"]  # what is missing, the client itself threw away as older than the newest
+    assert result["stamps"][-1] - result["stamps"][0] < 2.2  # a busy machine may take time from the controller, never give it any
 
 
 @pytest.mark.parametrize("robot", ["ur5", "ur3e"])
 def test_urx_reads_the_secondary_and_the_realtime_port_and_moves_the_arm(spawn, client, robot):
-    """Layouts by a stranger's reading: modes, joints, tool pose, temperatures; a program written to 30002 runs."""
-    told = result_of(client(URX, spawn("--robot", robot).address))
+    """urx decodes modes, joints, tool pose and temperatures by its own layouts. A program that it writes to 30002 runs."""
+    result = result_of(client(URX, spawn("--robot", robot).address))
     goal = [0.2, -1.4, 0.1, -1.5, 0.1, 0.3]
-    assert np.allclose(told["q"], goal, atol=3e-3)
-    assert np.allclose(told["target"], goal, atol=1e-6)
-    assert np.allclose([told["joints"][f"q_actual{i}"] for i in range(6)], goal, atol=3e-3)
-    assert np.allclose([told["joints"][f"T_motor{i}"] for i in range(6)], 25.0, atol=0.3)
-    assert [told["joints"][f"jointMode{i}"] for i in range(6)] == [253] * 6
-    mode = told["mode"]
+    assert np.allclose(result["q"], goal, atol=3e-3)
+    assert np.allclose(result["target"], goal, atol=1e-6)
+    assert np.allclose([result["joints"][f"q_actual{i}"] for i in range(6)], goal, atol=3e-3)
+    assert np.allclose([result["joints"][f"T_motor{i}"] for i in range(6)], 25.0, atol=0.3)
+    assert [result["joints"][f"jointMode{i}"] for i in range(6)] == [253] * 6
+    mode = result["mode"]
     assert (mode["robotMode"], mode["isPowerOnRobot"], mode["isEmergencyStopped"], mode["isSecurityStopped"]) == (7, True, False, False)
     if robot == "ur5":  # urx knows no robot mode package of 5.x, takes the controller for one before 3.0, and misreads what differs
         assert (mode["speedFraction"], mode["speedScaling"]) == (1.0, 1.0)
-        assert told["board"]["robotVoltage48V"] == 48.0
-    assert told["tool"]["toolMode"] == 253
-    assert 0.1 < abs(told["pose"]["Z"]) < 1.5
-    assert np.median(np.diff(told["stamps"])) == pytest.approx(0.008 if robot == "ur5" else 0.002, abs=1e-6)
+        assert result["board"]["robotVoltage48V"] == 48.0
+    assert result["tool"]["toolMode"] == 253
+    assert 0.1 < abs(result["pose"]["Z"]) < 1.5
+    assert np.median(np.diff(result["stamps"])) == pytest.approx(0.008 if robot == "ur5" else 0.002, abs=1e-6)

@@ -1,4 +1,4 @@
-"""The simulated arm obeys the laws that it claims to obey."""
+"""The simulated arm obeys its laws."""
 
 import math
 
@@ -32,7 +32,7 @@ def frictionless() -> FrictionLaw:
 
 
 def swing(t: float, amplitude: float = 0.5, period_s: float = 2.0) -> Target:
-    """All joints to and fro, from rest."""
+    """A periodic motion of all joints that starts at rest."""
     w = 2 * math.pi / period_s
     ones = np.ones(6)
     return Target(
@@ -41,7 +41,7 @@ def swing(t: float, amplitude: float = 0.5, period_s: float = 2.0) -> Target:
 
 
 def worst_energy_error(robot: str, seconds: float) -> float:
-    """Of a free fall without friction from a spread pose: the largest deviation over the largest kinetic energy."""
+    """The largest error of the energy over the largest kinetic energy, in a free fall without friction."""
     arm = Arm(load_robot(robot), q=SPREAD, law=frictionless())
     start, worst, swung = arm.energy_j(), 0.0, 0.0
     for i in range(round(seconds / H)):
@@ -54,7 +54,7 @@ def worst_energy_error(robot: str, seconds: float) -> float:
 
 
 def test_without_friction_a_swinging_arm_keeps_its_energy():
-    """Five seconds of a chaotic six-fold pendulum, to 0.1 %."""
+    """Five seconds of a chaotic pendulum with six joints keep the energy to 0.1 %."""
     assert worst_energy_error("ur5", 5.0) < 1e-3
 
 
@@ -62,7 +62,7 @@ def test_without_friction_a_swinging_arm_keeps_its_energy():
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("robot", ["ur3", "ur5", "ur10e", "ur20"])
 def test_without_friction_a_minute_of_swinging_costs_no_energy(robot, soak_row):
-    """0.1 % over 60 s."""
+    """The energy stays within 0.1 % over 60 s."""
     error = worst_energy_error(robot, 60.0)
     soak_row(f"energy, 60 s of free swinging, {robot}", f"{100 * error:.4f} %", "0.1 %")
     assert error < 1e-3
@@ -71,7 +71,7 @@ def test_without_friction_a_minute_of_swinging_costs_no_energy(robot, soak_row):
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10**6), worn=st.floats(1.0, 2.0), payload_kg=st.floats(0.0, 4.0))
 def test_the_work_of_the_drives_is_heat_and_energy_in_any_replay(seed, worn, payload_kg):
-    """Random swings of all joints under the servo, worn and loaded: ∫τ·q̇ = dissipation by the law + change of energy, to 1 %."""
+    """Random motions under the servo, with wear and payload: ∫τ·q̇ is dissipation plus change of energy, to 1 %."""
     dice = np.random.default_rng(seed)
     arm = Arm(load_robot("ur5"), q=HOME, payload_kg=payload_kg)
     arm.set_wear(int(dice.integers(6)), coulomb=worn, viscous=worn)
@@ -91,7 +91,7 @@ def test_the_work_of_the_drives_is_heat_and_energy_in_any_replay(seed, worn, pay
 
 
 def test_work_of_the_drives_is_heat_and_energy():
-    """∫τ·q̇ = dissipation by the law, evaluated apart from the integrator, plus the change of mechanical energy; to 1 %."""
+    """∫τ·q̇ is the dissipation, computed without the integrator, plus the change of mechanical energy, to 1 %."""
     arm = Arm(load_robot("ur5"), q=HOME)
     start = arm.energy_j()
     work = heat = 0.0
@@ -108,7 +108,7 @@ def test_work_of_the_drives_is_heat_and_energy():
 
 
 def test_an_arm_held_by_friction_does_not_creep():
-    """Drive torques off the balance by less than stiction, in turn to both sides: not one bit of motion in two seconds."""
+    """Drive torques differ from the balance by less than stiction, with changing sign. The arm does not move at all in two seconds."""
     arm = Arm(load_robot("ur5"), q=SPREAD)
     rigid, _ = arm.rigid_torque(SPREAD[None], np.zeros((1, 6)), np.zeros((1, 6)))
     slack = 0.9 * arm.law.coulomb_nm
@@ -119,7 +119,7 @@ def test_an_arm_held_by_friction_does_not_creep():
 
 
 def test_a_push_beyond_stiction_moves_that_joint():
-    """Base joint: stiction plus a newton-metre accelerates it by 1 N·m over its inertia, rotor included."""
+    """Stiction plus 1 N·m accelerates the base joint by 1 N·m over its inertia with the rotor."""
     arm = Arm(load_robot("ur5"), q=HOME)
     rigid, load = arm.rigid_torque(HOME[None], np.zeros((1, 6)), np.zeros((1, 6)))
     over = np.array([1.0, 0, 0, 0, 0, 0])
@@ -132,7 +132,7 @@ def test_a_push_beyond_stiction_moves_that_joint():
 
 
 def test_a_joint_that_reverses_sticks_without_chatter():
-    """A slow swing passes standstill twice a period: the sign of each speed changes only there."""
+    """A slow periodic motion reverses twice a period. The sign of each speed changes only there."""
     arm = Arm(load_robot("ur5"), q=HOME)
     signs = []
     for i in range(2000):
@@ -145,7 +145,7 @@ def test_a_joint_that_reverses_sticks_without_chatter():
 
 
 def test_the_servo_follows_within_two_milliradians():
-    """The swing peaks at 1.6 rad/s and 4.9 rad/s², which is what an excitation asks for."""
+    """The motion has peaks of 1.6 rad/s and 4.9 rad/s², as excitations have."""
     arm = Arm(load_robot("ur5"), q=HOME)
     errors = []
     for i in range(2000):
@@ -154,8 +154,8 @@ def test_the_servo_follows_within_two_milliradians():
     assert np.abs(errors).max() < 2.5e-3  # friction 20 N·m over M·(100 rad/s)²
 
 
-def test_the_told_torque_is_the_torque_that_moved_the_arm():
-    """`rigid_torque` + `friction_torque` at recorded states give back the drives' torque within the step's own error."""
+def test_the_computed_torque_is_the_torque_that_moved_the_arm():
+    """`rigid_torque` + `friction_torque` at recorded states give the torque of the drives, within the error of the integration step."""
     arm = Arm(load_robot("ur5"), q=HOME)
     states, drives = [], []
     for i in range(1500):
@@ -174,7 +174,7 @@ def test_the_told_torque_is_the_torque_that_moved_the_arm():
 
 @given(cold=st.floats(0.0, 40.0), warmer=st.floats(1.0, 15.0), speed=st.floats(0.05, 3.0))
 def test_viscous_friction_falls_as_the_grease_warms(cold, warmer, speed):
-    """By 1.2–1.9 % a kelvin, while dry friction falls by less than 0.1 %."""
+    """Viscous friction falls by 1.2–1.9 % per kelvin, dry friction by less than 0.1 %."""
     law = default_law(load_robot("ur5"))
     qd, one, zero = np.full(6, speed), np.ones(6), np.zeros(6)
     viscous = [law.viscous_coefficient(qd, np.full(6, t), one) for t in (cold, cold + warmer)]
@@ -185,7 +185,7 @@ def test_viscous_friction_falls_as_the_grease_warms(cold, warmer, speed):
 
 
 def test_friction_is_concave_in_speed_and_grows_with_load():
-    """Doubling the speed adds less than double the viscous part; a loaded gear drags more."""
+    """Twice the speed gives less than twice the viscous friction. A loaded gear has more friction."""
     law = default_law(load_robot("ur5"))
     cool, one = np.full(6, 25.0), np.ones(6)
     slow, fast = (law.viscous_coefficient(np.full(6, v), cool, one) * v for v in (0.5, 1.0))
@@ -195,7 +195,7 @@ def test_friction_is_concave_in_speed_and_grows_with_load():
 
 
 def test_magnitudes_are_those_of_the_joint_sizes():
-    """UR5: 6–10 N·m and 8–14 N·m·s/rad on the big joints, 1–2 on the wrists; no two joints alike."""
+    """A UR5 has 6–10 N·m and 8–14 N·m·s/rad on the big joints and 1–2 on the wrists. All joints differ."""
     law = default_law(load_robot("ur5"))
     at_one = law.viscous_coefficient(np.ones(6), np.full(6, 25.0), np.ones(6))
     for values, low, high in ((law.coulomb_nm[:3], 6, 10), (at_one[:3], 8, 14), (law.coulomb_nm[3:], 1, 2), (at_one[3:], 1, 2.5)):
@@ -204,7 +204,7 @@ def test_magnitudes_are_those_of_the_joint_sizes():
 
 
 def test_wear_scales_the_friction_of_its_joint_alone():
-    """Factors 1.5 on dry and 1.2 on viscous friction of joint 3."""
+    """The wear factors of joint 3 are 1.5 for dry and 1.2 for viscous friction."""
     arm = Arm(load_robot("ur5"), q=HOME)
     qd, load = np.full((1, 6), 0.7), np.full((1, 6), 20.0)
     before = arm.friction_torque(qd, load)
@@ -217,7 +217,7 @@ def test_wear_scales_the_friction_of_its_joint_alone():
 
 
 def test_a_worn_joint_needs_more_torque_in_motion():
-    """Not only in the law: the drive really has to give it."""
+    """The torque of the drive really grows, not only that of the law."""
     means = []
     for factor in (1.0, 1.5):
         arm = Arm(load_robot("ur5"), q=HOME)
@@ -231,7 +231,7 @@ def test_a_worn_joint_needs_more_torque_in_motion():
 
 
 def test_wear_grows_with_use_under_load():
-    """A joint that turned once at the rated load has worn by its rate, by half of it in viscous friction."""
+    """A joint that turned once at rated load has worn by its rate, and by half of it in viscous friction."""
     arm = Arm(load_robot("ur5"), q=HOME, wear_per_revolution=np.full(6, 1e-3))
     arm.wear.use(np.ones(6), np.full(6, 0.25))
     assert np.allclose(arm.wear.coulomb, 1.001)
@@ -244,7 +244,7 @@ def test_wear_grows_with_use_under_load():
 @settings(max_examples=25, deadline=None)
 @given(hours=st.floats(0.01, 3.0), watts=st.floats(0.0, 30.0), ambient=st.floats(0.0, 40.0))
 def test_a_leap_in_time_is_many_small_steps(hours, watts, ambient):
-    """The closed form against explicit steps of one second."""
+    """The closed form agrees with explicit steps of one second."""
     model = default_thermal(load_robot("ur5"))
     heat = watts * model.motor_room_w_per_k
     leapt = slow = Temperatures(np.full(6, 20.0), np.full(6, 25.0))
@@ -257,7 +257,7 @@ def test_a_leap_in_time_is_many_small_steps(hours, watts, ambient):
 
 
 def test_an_idle_arm_cools_to_a_little_above_the_room():
-    """After a day; and a working one is warmer, the grease most of all."""
+    """After a day of rest. A working arm is warmer, and its grease is warmest."""
     arm = Arm(load_robot("ur5"), q=HOME)
     arm.pass_time(8.0, 22.0, 1.0)
     assert np.all(arm.temperatures.motor_c > 30.0)
@@ -267,7 +267,7 @@ def test_an_idle_arm_cools_to_a_little_above_the_room():
 
 
 def test_half_an_hour_of_motion_warms_a_joint_by_twelve_to_seventeen_kelvin():
-    """Raviola et al. (2021) saw 10–17 K on a UR5; here the base joint under the mean losses of a hard swing."""
+    """Raviola et al. (2021) measured 10–17 K on a UR5. Here the base joint has the mean losses of a fast motion."""
     arm = Arm(load_robot("ur5"), q=HOME)
     lost = np.zeros(6)
     for i in range(2000):
@@ -280,7 +280,7 @@ def test_half_an_hour_of_motion_warms_a_joint_by_twelve_to_seventeen_kelvin():
 
 
 def test_a_joint_pulled_slowly_through_a_spring_sticks_and_slips():
-    """Base joint behind 60 N·m/rad pulled at 12 mrad/s stands most of the time and jumps; at 0.3 rad/s it slides without a stop."""
+    """A spring of 60 N·m/rad pulls the base joint. At 12 mrad/s it stands most of the time and jumps; at 0.3 rad/s it slides."""
 
     def share_standing(speed: float, seconds: float) -> float:
         arm = Arm(load_robot("ur5"), q=HOME)
@@ -297,7 +297,7 @@ def test_a_joint_pulled_slowly_through_a_spring_sticks_and_slips():
 
 
 def test_standing_in_one_long_step_is_standing_in_many():
-    """`stand` is `step` while nothing moves: the same torques after a second, bit for bit the same place."""
+    """While nothing moves, `stand` equals `step`: the same torque after a second, and exactly the same position."""
     short, long = (Arm(load_robot("ur5"), q=HOME) for _ in range(2))
     still = Target(HOME + 3e-6, np.zeros(6), np.zeros(6))  # an error that the servo cannot take away against friction
     for _ in range(125):
@@ -308,8 +308,8 @@ def test_standing_in_one_long_step_is_standing_in_many():
     assert np.allclose(short.torque_nm, long.torque_nm, atol=1e-9)
 
 
-def test_an_untold_payload_is_carried_but_not_reckoned_with():
-    """2 kg at the flange: the drives give its weight, the controller's model does not know it."""
+def test_an_undeclared_payload_is_carried_but_not_computed_with():
+    """The drives carry 2 kg at the flange, and the model of the controller does not know it."""
     arm = Arm(load_robot("ur5"), q=np.zeros(6))
     bare = arm.gravity_nm()
     arm.carry(payload_kg=2.0, declared=False)
@@ -322,7 +322,7 @@ def test_an_untold_payload_is_carried_but_not_reckoned_with():
 
 
 def test_grease_recovers_and_a_new_joint_starts_afresh():
-    """Half of the wear goes with regreasing; a replaced joint has its own friction and the room's temperature."""
+    """New grease takes half of the wear away. A new joint has its own friction and the temperature of the room."""
     arm = Arm(load_robot("ur5"), q=HOME)
     arm.set_wear(2, coulomb=1.4, viscous=1.2)
     arm.regrease(2, 0.5)

@@ -14,7 +14,7 @@ from monitor.simulate.remote import Remote
 
 
 def test_a_taken_port_is_named(ur5):
-    """A second simulator on the same address: exit 2, the port in the message, no traceback."""
+    """A second simulator on the same address ends with exit code 2 and names the port, without a traceback."""
     second = subprocess.run(
         [sys.executable, "-m", "monitor.simulate", "--bind", ur5.address], capture_output=True, text=True, timeout=30, check=False
     )
@@ -25,7 +25,7 @@ def test_a_taken_port_is_named(ur5):
 
 
 def test_an_address_of_the_network_is_refused():
-    """Exit 2 before anything is opened."""
+    """The exit code is 2, and no socket was opened."""
     wrong = subprocess.run(
         [sys.executable, "-m", "monitor.simulate", "--bind", "0.0.0.0"], capture_output=True, text=True, timeout=30, check=False
     )
@@ -34,7 +34,7 @@ def test_an_address_of_the_network_is_refused():
 
 
 def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
-    """Exit 0; the same address can be used again at once; nobody there is RobotUnreachable."""
+    """The exit code is 0 and the address is free at once. Then nobody answers there: RobotUnreachable."""
     first = spawn()
     assert first.end() == 0
     again = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", first.address], stdout=subprocess.PIPE, text=True)
@@ -51,7 +51,7 @@ def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
 
 
 def test_it_ends_without_a_word_while_somebody_is_connected_to_every_port(spawn):
-    """No traceback for whoever presses Ctrl-C with a view open elsewhere."""
+    """Ctrl-C prints no traceback while a client is connected to each port."""
     simulator = spawn("--robot", "ur5")
     wires = [socket.create_connection((simulator.address, port), timeout=5) for port in (29999, 30001, 30002, 30003, 30004, 30020)]
     wires[-1].sendall(b'{"do": "truth"}\n')
@@ -64,7 +64,7 @@ def test_it_ends_without_a_word_while_somebody_is_connected_to_every_port(spawn)
 
 
 def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client):
-    """As somebody who turns it off from afar: answered, then gone, exit 0."""
+    """The dashboard replies, and the process ends with exit code 0."""
     simulator = spawn()
     code = "import sys; from dashboard_client import DashboardClient; d = DashboardClient(sys.argv[1]); d.connect(); d.shutdown()"
     assert client(code, simulator.address).wait(timeout=20) == 0
@@ -72,10 +72,10 @@ def test_a_shutdown_by_the_dashboard_is_the_end_of_the_controller(spawn, client)
 
 
 def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
-    """`simulate --view` in a process of its own: a table of joints, then SIGINT ends both."""
+    """`simulate --view` shows a table of the joints. SIGINT ends view and simulator."""
     address = fresh_address()
-    heard = ["env", "--default-signal=INT"]  # what runs in the background of a script has inherited that SIGINT is ignored
-    command = [*heard, sys.executable, "-m", "monitor", "simulate", "--bind", address, "--scenario", "hot-summer", "--view"]
+    with_signal = ["env", "--default-signal=INT"]  # what runs in the background of a script has inherited that SIGINT is ignored
+    command = [*with_signal, sys.executable, "-m", "monitor", "simulate", "--bind", address, "--scenario", "hot-summer", "--view"]
     with (tmp_path / "screen").open("w") as screen:
         view = subprocess.Popen(command, stdout=screen, stderr=subprocess.PIPE, text=True)
         try:
@@ -94,7 +94,7 @@ def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
 
 
 def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_reader():
-    """As `--view | head` does it; the simulator ends too."""
+    """View and simulator end when the reader ends, as in `--view | head`."""
     address = fresh_address()
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", address, "--view"]
     view = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -111,7 +111,7 @@ def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_
 
 
 def test_a_view_of_an_address_in_use_says_so(spawn):
-    """One line and exit 2, as without the view."""
+    """One line and exit code 2, as without the view."""
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", spawn().address, "--view"]
     second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert second.returncode == 2, second.stderr
@@ -142,7 +142,7 @@ def _answers(address: str) -> bool:
     ],
 )
 def test_wrong_options_are_sentences(arguments, named):
-    """Exit 2, no traceback."""
+    """The exit code is 2 and there is no traceback."""
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", fresh_address(), *arguments]
     wrong = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert wrong.returncode == 2

@@ -1,4 +1,4 @@
-"""RTDE's table of variables, written down by hand from the manufacturer's guide: names, types, the versions they came with."""
+"""The variables of RTDE against a table that was written by hand from the manufacturer's guide: names, types, versions."""
 
 import struct
 
@@ -77,7 +77,7 @@ BYTES = {"DOUBLE": 8, "VECTOR3D": 24, "VECTOR6D": 48, "INT32": 4, "UINT32": 4, "
 
 def table(text: str, version: str) -> dict[str, str]:
     """The type of each name at this version, or NOT_FOUND."""
-    at, told = tuple(map(int, version.split("."))), {}
+    at, types = tuple(map(int, version.split("."))), {}
     for line in text.strip().splitlines():
         kind, cb3, e_series, *names = line.split()
         since = cb3 if at[0] == 3 else e_series
@@ -85,12 +85,12 @@ def table(text: str, version: str) -> dict[str, str]:
         if "#" in names[0]:
             first, last = map(int, names[1].split(".."))
             names = [names[0].replace("#", str(i)) for i in range(first, last + 1)]
-        told |= dict.fromkeys(names, kind if there else "NOT_FOUND")
-    return told
+        types |= dict.fromkeys(names, kind if there else "NOT_FOUND")
+    return types
 
 
 def pieces(names: list[str], size: int = 40) -> list[list[str]]:
-    """A list of names may have 2048 bytes."""
+    """Lists of names that are short enough: a list may have 2048 bytes."""
     return [names[i : i + size] for i in range(0, len(names), size)]
 
 
@@ -106,15 +106,15 @@ def request(kind: bytes, payload: bytes) -> bytes:
     "version", ["3.4.0", "3.9.1", "3.11.0", "3.15.8", "5.4.0", "5.5.1", "5.9.4", "5.11.0", "5.17.2", "5.22.0", "5.23.0"]
 )
 def test_every_output_has_its_published_type_from_its_version_on(version):
-    """Asked in groups; then a packet of all that are there is as long as their types say."""
+    """Outputs are requested in groups. A packet is as long as the types of its outputs say."""
     controller = Controller(SimulateSettings(robot="ur5" if version[0] == "3" else "ur5e", version=version))
     expected = table(OUTPUTS, version)
     session = session_of(controller)
-    told = {}
+    types = {}
     for names in pieces(list(expected)):
         reply = session.feed(request(b"O", struct.pack(">d", 500.0) + ",".join(names).encode()))
-        told |= dict(zip(names, reply[4:].decode().split(","), strict=True))
-    assert told == expected
+        types |= dict(zip(names, reply[4:].decode().split(","), strict=True))
+    assert types == expected
     there = [name for name, kind in expected.items() if kind != "NOT_FOUND"]
     for names in pieces(there):
         session.feed(request(b"O", struct.pack(">d", 500.0) + ",".join(names).encode()))
@@ -125,15 +125,15 @@ def test_every_output_has_its_published_type_from_its_version_on(version):
 
 @pytest.mark.parametrize("version", ["3.4.0", "3.15.8", "5.4.0", "5.22.0"])
 def test_every_input_has_its_published_type_from_its_version_on(version):
-    """Each on its own: nothing is taken where one name is unknown."""
+    """Each input is requested alone, because nothing is claimed if one name of a list is unknown."""
     session = session_of(Controller(SimulateSettings(robot="ur5" if version[0] == "3" else "ur5e", version=version)))
     expected = table(INPUTS, version)
-    told = {name: session.feed(request(b"I", name.encode()))[4:].decode() for name in expected}
-    assert told == expected
+    types = {name: session.feed(request(b"I", name.encode()))[4:].decode() for name in expected}
+    assert types == expected
 
 
 def test_the_table_has_nothing_that_the_guide_has_not():
-    """What any version answers is in the list above."""
+    """The table above has every output that any version publishes."""
     assert set(output_variables(Controller(SimulateSettings(robot="ur5e")))) <= set(table(OUTPUTS, "5.23.0"))
 
 
@@ -144,8 +144,8 @@ def test_every_published_output_has_a_source():
     assert all(len(variable.read()) == width(OUTPUT_TYPES[name]) for name, variable in variables.items())
 
 
-def test_the_sensor_at_the_flange_shows_a_payload_that_nobody_told_of():
-    """1.5 kg, 0.1 m out along the flange's x axis, which at home lies level: 14.7 N, 1.47 N·m."""
+def test_the_sensor_at_the_flange_shows_a_payload_that_nobody_declared():
+    """1.5 kg is 0.1 m out along the flange's x axis, which is level at home: 14.7 N, 1.47 N·m."""
     c = Controller(SimulateSettings(robot="ur5e"))
     assert output_variables(c)["ft_raw_wrench"].read() == (0.0,) * 6
     c.arm.carry(payload_kg=1.5, payload_com_m=(0.1, 0.0, 0.0), declared=False)
@@ -157,7 +157,7 @@ def test_the_sensor_at_the_flange_shows_a_payload_that_nobody_told_of():
 
 
 def test_the_deviation_ratio_reaches_one_when_the_arm_is_protected():
-    """A following error grows until the stop: below 1 before, at 1 with it."""
+    """The following error grows until the protective stop. The ratio is below 1 before it and at least 1 then."""
     c = Controller(SimulateSettings(robot="ur5e"))
     ratios = []
     while c.modes.safety == 1:
@@ -168,8 +168,8 @@ def test_the_deviation_ratio_reaches_one_when_the_arm_is_protected():
     assert max(ratios[:-1]) < 1.0 <= ratios[-1]
 
 
-def test_what_a_client_sets_is_told_back():
-    """The tool's offset, and which analogue output gives volts."""
+def test_what_a_client_sets_is_published():
+    """The controller publishes the tool that a client set, and which analogue output gives volts."""
     c = Controller(SimulateSettings(robot="ur5e"))
     c.kinematics.tool = np.array([0.0, 0.0, 0.1, 0.0, 0.5, 0.0])
     assert output_variables(c)["tcp_offset"].read() == (0.0, 0.0, 0.1, 0.0, 0.5, 0.0)

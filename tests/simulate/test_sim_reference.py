@@ -1,4 +1,4 @@
-"""What the controller asks of the joints is smooth, ends where it should and obeys its limits."""
+"""The reference is smooth, ends at its goal and keeps its limits."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ ZERO = np.zeros(6)
 
 
 def wave(t: float) -> np.ndarray:
-    """1.9 rad/s and 11.8 rad/s² at the most, from rest."""
+    """A motion from rest with at most 1.9 rad/s and 11.8 rad/s²."""
     w = 2 * np.pi
     return np.full(6, 0.15 * (1 - np.cos(w * max(t, 0.0))))
 
@@ -29,7 +29,7 @@ def run(reference: Reference, seconds: float) -> list[tuple[np.ndarray, np.ndarr
 
 @given(goal=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), speed=st.floats(0.1, 3.0), acceleration=st.floats(0.2, 10.0))
 def test_a_move_ends_exactly_at_its_goal_within_its_limits(goal, speed, acceleration):
-    """movej for any goal: the speed and acceleration asked for are kept by the leading joint, hence by all."""
+    """For any goal of a movej, the leading joint keeps speed and acceleration, and so do the others."""
     reference = Reference(load_robot("ur5"), ZERO, 0.008)
     reference.move(np.array(goal), speed, acceleration)
     path = []
@@ -62,7 +62,7 @@ def test_a_stop_takes_the_time_that_its_deceleration_gives(qd, deceleration):
 
 
 def test_a_move_from_motion_stops_first():
-    """An asynchronous move replaced by another one: no jump in position."""
+    """One asynchronous move replaces another without a jump of the position."""
     reference = Reference(load_robot("ur5"), ZERO, 0.008)
     reference.move(np.ones(6), 1.0, 1.0)
     run(reference, 0.6)
@@ -75,7 +75,7 @@ def test_a_move_from_motion_stops_first():
 @pytest.mark.parametrize("tick_s", [0.008, 0.002])
 @pytest.mark.parametrize("lost", ["none", "late", "skipped"])
 def test_servoj_follows_a_stream_at_125_hz_on_both_generations(tick_s, lost):
-    """A swing of 11.8 rad/s²: 5 mrad behind at the worst, also when one packet in a hundred comes a period late or never."""
+    """A motion with 11.8 rad/s² is followed within 8 mrad, even if one packet in a hundred is late or lost."""
     dice = np.random.default_rng(0)
     reference = Reference(load_robot("ur5"), ZERO, tick_s)
     every, errors, accelerations, waiting = round(0.008 / tick_s), [], [], []
@@ -96,7 +96,7 @@ def test_servoj_follows_a_stream_at_125_hz_on_both_generations(tick_s, lost):
 
 
 def test_targets_that_come_faster_than_servoj_lasts_give_the_same_motion():
-    """An e-Series fed at 500 Hz with a time of 8 ms: the newest counts, the speed is not misread."""
+    """An e-Series gets targets at 500 Hz with a `time` of 8 ms. The newest counts, and the estimated speed is right."""
     reference = Reference(load_robot("ur5"), ZERO, 0.002)
     errors = []
     for k in range(1000):
@@ -107,7 +107,7 @@ def test_targets_that_come_faster_than_servoj_lasts_give_the_same_motion():
 
 
 def test_a_dead_stream_goes_back_to_its_last_target():
-    """servoj latches: without new targets the arm ends at the last one, at rest."""
+    """servoj latches: without new targets the arm comes to rest at the last one."""
     reference = Reference(load_robot("ur5"), ZERO, 0.008)
     for k in range(20):
         reference.follow([wave(k * 0.008)], 0.008, 0.03, 500.0)
@@ -121,7 +121,7 @@ def test_a_dead_stream_goes_back_to_its_last_target():
 
 
 def test_a_distant_target_is_approached_within_the_limits():
-    """Three radians away at once: speed and acceleration stay bounded."""
+    """A target three radians away: speed and acceleration stay within their limits."""
     reference = Reference(load_robot("ur5"), ZERO, 0.008)
     path = []
     for _ in range(300):
@@ -134,7 +134,7 @@ def test_a_distant_target_is_approached_within_the_limits():
 
 
 def accelerations(late_s):
-    """(N, 2) q̈ at 500 Hz behind two sines of half a Hertz and more, and what it should be; targets come as late as `late_s` (N,)."""
+    """(N, 2) q̈ at 500 Hz of a stream of two sines, and the true q̈. Target i arrives late by `late_s[i]`; `late_s` is (N,)."""
     w, sent_s = np.array([np.pi, 1.7 * np.pi]), 0.008 * np.arange(len(late_s))
 
     def swing(t_s, change):
@@ -153,13 +153,13 @@ def accelerations(late_s):
 
 
 def roughness(late_s):
-    """RMS of q̈ beside what it should be, once the stream has begun and at the delay that suits it best [rad/s²]."""
+    """RMS of the error of q̈ after the start of the stream, at the delay that gives the smallest error [rad/s²]."""
     found, true = accelerations(late_s)
     return min(np.std(found[1000:] - np.roll(true, shift, axis=0)[1000:]) for shift in range(-5, 20))
 
 
 def test_a_change_of_acceleration_is_carried_on_where_targets_come_evenly_and_not_where_they_do_not(monkeypatch):
-    """Evenly it halves what the pushes of new targets leave; with 4 ms of the network's jitter it would shake the arm."""
+    """It halves the error for even targets. With 4 ms of jitter it would shake the arm, so there it has no effect."""
     even, jitter = np.full(2000, 0.003), 0.003 + np.abs(np.random.default_rng(0).normal(0.0, 0.004, 2000))
     with_turns = roughness(even), roughness(jitter)
     monkeypatch.setattr("monitor.simulate.arm.servoj.QDD_CHANGE_GAIN", 0.0)
@@ -170,7 +170,7 @@ def test_a_change_of_acceleration_is_carried_on_where_targets_come_evenly_and_no
 
 @pytest.mark.parametrize(("age_ticks", "n"), [(0, 1), (0, 4), (1, 4), (3, 2)])
 def test_a_tick_at_once_is_the_tick_step_by_step(age_ticks, n):
-    """The product of matrices and the loop with limits, while no limit is met: the same to rounding (10⁻¹⁰ of radians per second²)."""
+    """While no limit is met, the product of matrices equals the loop with limits up to rounding (10⁻¹⁰ rad/s²)."""
     once, slowly = (Servoj([0.1] * 6, [0.0] * 6, 0.008, 0.008, [3.0] * 6) for _ in range(2))
     q, qd = np.full(6, 0.1), np.zeros(6)
     for k in range(4):

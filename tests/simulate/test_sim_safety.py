@@ -18,7 +18,7 @@ def pendant() -> Pendant:
 
 
 def test_beyond_the_limits_the_arm_protects_itself(pendant):
-    """speedj into the elbow's end stop: a protective stop that names the joint."""
+    """speedj moves the elbow beyond its range. The protective stop names the joint."""
     speed = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
     pendant.controller.write_inputs(speed, [9, 0, 0, 2.0, 0, 0, 0, 2.0, 0.0])
     pendant.run(4.0)
@@ -28,7 +28,7 @@ def test_beyond_the_limits_the_arm_protects_itself(pendant):
 
 
 def test_a_joint_beyond_its_range_finds_its_way_back_and_no_further_out(pendant):
-    """Unlocked, it may stand there and go back; further out it is protected again, and back within the range as ever."""
+    """After the unlock the joint may stand there and go back. If it moves farther out, the arm stops again."""
     c = pendant.controller
     limit = c.robot.max_position_rad[5]
     speed = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
@@ -58,7 +58,7 @@ def test_a_joint_beyond_its_range_finds_its_way_back_and_no_further_out(pendant)
 
 
 def test_a_blocked_drive_becomes_a_protective_stop():
-    """Joint 5 so worn that its drive cannot turn it: torque limit or following error, within a second of motion."""
+    """Joint 5 is so worn that its drive cannot turn it. The arm stops within a second of motion."""
     pendant = Pendant()
     pendant.controller.arm.set_wear(4, coulomb=40.0)
     pendant.stream(1.0)
@@ -67,7 +67,7 @@ def test_a_blocked_drive_becomes_a_protective_stop():
 
 @pytest.mark.parametrize(("runtime", "state"), [("paused", 4), ("stopped", 1), ("playing", 2)])
 def test_a_protective_stop_halts_the_arm_in_each_variant(runtime, state):
-    """Bits, modes, runtime; servo packets do not move it meanwhile."""
+    """Modes, bits and program state are right, and servoj packets do not move the arm."""
     pendant = Pendant(protective_runtime=runtime)
     pendant.stream(0.3)
     pendant.controller.protective_stop("test")
@@ -87,7 +87,7 @@ def test_a_protective_stop_halts_the_arm_in_each_variant(runtime, state):
 
 
 def test_a_protective_stop_unlocks_after_five_seconds_and_not_before(pendant):
-    """Dashboard's replies literally; the program stays paused until play."""
+    """The dashboard's replies are literal. The program stays paused until `play`."""
     pendant.controller.protective_stop("test")
     pendant.run(4.9)
     assert dashboard.reply(pendant.controller, "unlock protective stop").startswith("Cannot unlock protective stop until 5s")
@@ -101,7 +101,7 @@ def test_a_protective_stop_unlocks_after_five_seconds_and_not_before(pendant):
 
 
 def test_an_emergency_stop_takes_the_power_and_the_dashboard_brings_it_back(pendant):
-    """Arm at rest before the drives go off; scripts are refused until it runs again."""
+    """The arm stands before the power goes off. Scripts are refused until the arm runs again."""
     pendant.stream(0.3)
     pendant.controller.safety.emergency_stop()
     pendant.run(0.5)
@@ -119,7 +119,7 @@ def test_an_emergency_stop_takes_the_power_and_the_dashboard_brings_it_back(pend
 
 
 def test_the_dashboard_answers_literally(pendant):
-    """The replies that ur-rtde compares or parses."""
+    """ur-rtde compares or parses these replies."""
     replies = {
         "PolyscopeVersion": "URSoftware 3.15.8.106339 (Mar 10 2022)",
         "get serial number": "20180500001",
@@ -148,7 +148,7 @@ def test_the_dashboard_answers_literally(pendant):
 
 
 def test_the_dashboard_knows_its_generations_commands():
-    """The role of a user is CB3's, operational modes are the e-Series'; a mode that was set is told until it is cleared."""
+    """User roles belong to CB3 and operational modes to the e-Series. A mode is reported until it is cleared."""
     cb3, e_series = Controller(SimulateSettings()), Controller(SimulateSettings(robot="ur5e"))
     assert dashboard.reply(cb3, "get operational mode").startswith("could not understand")
     assert dashboard.reply(e_series, "setUserRole operator").startswith("could not understand")

@@ -1,4 +1,4 @@
-"""Scenarios: every shipped one does what it says, in real time and stepped alike; mistakes are named."""
+"""Every shipped scenario does what it describes, and mistakes in scenarios are errors with a reason."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def living(name: str, **options) -> Controller:
 
 
 def friction(controller: Controller, joint: int) -> float:
-    """At 1 rad/s and 25 °C without load: what "5 % a month" is meant of."""
+    """Friction torque at 1 rad/s and 25 °C without load, which `percent_a_month` refers to."""
     return float(controller.arm.friction_torque(np.ones((1, 6)), np.zeros((1, 6)), np.full(6, 25.0))[0, joint - 1])
 
 
@@ -35,12 +35,12 @@ def live_days(controller: Controller, days: float) -> None:
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_every_shipped_scenario_loads_and_says_what_it_is(name):
-    """With the name and the sentence in what the command prints."""
+    """The command prints the name and the description of the scenario."""
     scenario = load_scenario(name)
-    said = announcement(settings_from(scenario))
-    assert name in said
+    printed = announcement(settings_from(scenario))
+    assert name in printed
     assert len(scenario.about) > 20
-    assert scenario.about in said
+    assert scenario.about in printed
 
 
 def test_the_issue_s_scenarios_are_all_there():
@@ -49,7 +49,7 @@ def test_the_issue_s_scenarios_are_all_there():
 
 
 def test_a_joint_wears_five_percent_a_month():
-    """Joint 3, from day 14 on, by its work; the others hardly."""
+    """Joint 3 wears with its work from day 14 on; the other joints hardly wear."""
     controller = living("joint-wearing")
     fresh = [friction(controller, joint) for joint in range(1, 7)]
     live_days(controller, 14)
@@ -61,7 +61,7 @@ def test_a_joint_wears_five_percent_a_month():
 
 
 def test_step_wear_comes_from_one_moment_to_the_next():
-    """25 % of dry friction, on day 14."""
+    """Dry friction grows by 25 % on day 14."""
     controller = living("step-wear")
     live_days(controller, 13.99)
     assert controller.arm.wear.coulomb[1] < 1.001
@@ -72,7 +72,7 @@ def test_step_wear_comes_from_one_moment_to_the_next():
 
 
 def test_monday_morning_is_colder_than_friday_evening():
-    """By some 12 K, in the grease too."""
+    """The difference is about 12 K, and at least 9 K in the grease."""
     controller = living("cold-mondays")
     live_days(controller, 4.45)  # from Monday 6 h to Friday about 17 h
     friday = controller.arm.temperatures.grease_c.copy()
@@ -83,7 +83,7 @@ def test_monday_morning_is_colder_than_friday_evening():
 
 
 def test_a_hot_summer_is_hot_in_the_afternoon():
-    """A daily cycle around 33 °C."""
+    """The temperature has a daily cycle around 33 °C."""
     controller = living("hot-summer")
     seen = []
     for _ in range(24):
@@ -92,8 +92,8 @@ def test_a_hot_summer_is_hot_in_the_afternoon():
     assert (min(seen), max(seen)) == (pytest.approx(27.0, abs=0.3), pytest.approx(39.0, abs=0.3))
 
 
-def test_a_payload_comes_untold():
-    """2 kg on day 10: the drives feel it, the controller's own model does not; the wire goes on telling 0 kg."""
+def test_a_payload_comes_undeclared():
+    """From day 10 on the drives carry 2 kg. The controller's model and the published payload do not change."""
     controller = living("payload-untold")
     live_days(controller, 9.0)
     stretched = [np.zeros((1, 6))] * 3
@@ -107,7 +107,7 @@ def test_a_payload_comes_untold():
 
 
 def test_the_arm_hangs_from_the_ceiling_and_the_controller_does_not_know():
-    """Gravity turns round for the drives alone; a replay by the old configuration still runs."""
+    """Gravity reverses for the drives alone, and a replay with the old configuration still runs."""
     controller = living("remounted")
     live_days(controller, 10.5)
     assert controller.arm.mounting == Mounting.parse("ceiling")
@@ -118,7 +118,7 @@ def test_the_arm_hangs_from_the_ceiling_and_the_controller_does_not_know():
 
 
 def test_grease_takes_most_of_the_wear_away():
-    """On day 40 four fifths."""
+    """On day 40 the wear falls by four fifths."""
     controller = living("regreased")
     live_days(controller, 39.9)
     worn = controller.arm.wear.coulomb[2] - 1.0
@@ -148,7 +148,7 @@ def test_noisy_currents_are_four_times_as_loud():
 
 
 def test_on_holiday_the_arm_rests():
-    """No revolution in three weeks; then work again."""
+    """The joints do not turn for three weeks, and then they work again."""
     controller = living("long-holiday")
     live_days(controller, 28)
     worked = controller.arm.wear.revolutions.copy()
@@ -159,7 +159,7 @@ def test_on_holiday_the_arm_rests():
 
 
 def test_stepped_and_tick_by_tick_give_the_same_life():
-    """A day's events and its room at the same moments whether leapt or lived; here an event after two seconds."""
+    """An event and the temperature come at the same age, whether time passes at once or by control periods."""
     event = ScenarioEvent(at_s=2.0, do="wear_step", arguments={"joint": 1, "coulomb_factor": 1.5, "viscous_factor": 1.0})
     ticked, leapt = (Controller(SimulateSettings(scenario=Scenario(events=(event,)))) for _ in range(2))
     for _ in range(round(3.0 / ticked.clock.tick_s)):
@@ -171,7 +171,7 @@ def test_stepped_and_tick_by_tick_give_the_same_life():
 
 
 def test_a_fault_may_be_part_of_a_scenario():
-    """Of the controller, without a wire."""
+    """A fault of the controller needs no wire."""
     document = {"event": [{"at_s": 0.5, "do": "fault", "fault": "protective_stop", "runtime": "stopped"}]}
     controller = Controller(settings_from(scenario_from_document(document, "mine", "mine.toml")))
     for _ in range(200):
@@ -182,7 +182,7 @@ def test_a_fault_may_be_part_of_a_scenario():
 @pytest.mark.parametrize("robot", robot_names())
 @pytest.mark.parametrize("mounting", ["ground", "ceiling", "20,-35,60"])
 def test_every_model_moves_on_any_mounting_with_a_payload(robot, mounting):
-    """A move of half a radian with half the payload: arrives, without a stop, and the torque stays below the limits."""
+    """A move of half a radian with half the payload reaches its goal without a stop, below the torque limits."""
     settings = SimulateSettings(robot=robot, mounting=Mounting.parse(mounting), payload_kg=0.5 * load_robot(robot).payload_max_kg)
     pendant = Pendant()
     pendant.controller = controller = Controller(settings)
@@ -236,7 +236,7 @@ def test_a_payload_that_the_arm_cannot_carry_is_refused_before_it_starts():
 
 
 def test_a_scenario_that_is_not_there_and_a_file_that_is_none(tmp_path):
-    """The shipped names; the line of the mistake; a file too large."""
+    """The errors name the shipped scenarios, or the line of the mistake."""
     with pytest.raises(BadInput, match="cold-mondays"):
         load_scenario("sunshine")
     with pytest.raises(BadInput, match="cannot be read"):
@@ -250,7 +250,7 @@ def test_a_scenario_that_is_not_there_and_a_file_that_is_none(tmp_path):
 
 
 def test_work_counts_its_hours():
-    """Half of ten hours on five days: 107 hours in thirty days, and none on a Sunday."""
+    """Half of ten hours on five days of the week: 107 hours in thirty days, and none on a Sunday."""
     work = Work()
     assert work.duty_hours_a_month == pytest.approx(0.5 * 10 * 5 * 30 / 7)
     week = [work.duty_at(hour * HOUR_S, hour / 24) for hour in range(168)]
@@ -261,7 +261,7 @@ def test_work_counts_its_hours():
 
 @pytest.mark.parametrize("fault", [{"fault": "text_at_connect"}, {"fault": "not_found", "names": "actual_q"}])
 def test_a_fault_may_be_there_from_the_first_moment_on(fault):
-    """With the controller whole, and its wire there."""
+    """It waits for the first control period, when controller and wire exist."""
     event = {"at_s": 0, "do": "fault", **fault}
     scenario = scenario_from_document({"event": [event]}, "from-the-start", "from-the-start.toml")
     robot = ServedRobot(SimulateSettings(scenario=scenario), {}, lambda: None)
@@ -281,6 +281,6 @@ def test_a_fault_may_be_there_from_the_first_moment_on(fault):
     ],
 )
 def test_what_would_go_wrong_on_its_day_is_named_at_the_start(document, named):
-    """Not after a fortnight, in the middle of a tick."""
+    """The error comes when the controller starts, and not after days in the middle of a control period."""
     with pytest.raises(BadInput, match=named):
         Controller(SimulateSettings(scenario=scenario_from_document(document, "mine", "mine.toml")))

@@ -1,4 +1,4 @@
-"""Scripts are cut out of any stream of bytes, and what is not understood is refused by name."""
+"""Scripts are cut out of any stream of bytes. A script that is not understood is refused with a reason."""
 
 import itertools
 
@@ -23,7 +23,7 @@ from monitor.simulate.controller.program.scripts import (
 
 @given(cuts=st.lists(st.integers(0, len(CONTROL) + 40), max_size=12))
 def test_a_script_is_whole_however_it_is_cut(cuts):
-    """Nested `end`s are indented; only the one in column 0 ends it. Lines before and after stand alone."""
+    """Only an `end` in column 0 ends a script; nested ones are indented. Lines before and after are scripts of their own."""
     stream = ("stop program\n" + CONTROL + "halt\n").encode()
     edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
     framer = Framer()
@@ -32,14 +32,14 @@ def test_a_script_is_whole_however_it_is_cut(cuts):
 
 
 def test_the_control_script_is_recognised_with_its_offsets():
-    """0 and 24, as ur-rtde writes them behind the comment; other offsets are refused."""
+    """ur-rtde writes the offsets 0 and 24 behind the comment. Other offsets are refused."""
     assert parse(CONTROL.rstrip()) == ControlScript(0, 0)
     assert parse(CONTROL.replace("offset\n0", "offset\n24")) == ControlScript(24, 24)
     assert isinstance(parse(CONTROL.replace("offset\n0", "offset\n7")), Refused)
 
 
 def test_an_injected_path_is_a_list_of_steps():
-    """As ur-rtde writes it; a move that is not simulated refuses the whole script by name."""
+    """A path as ur-rtde writes it. A move that is not simulated refuses the whole script with its name."""
     lines = "signal_async_progress(0)\nmovej([0,0,0,0,0,0],a=1.4,v=1,r=0)\nmovel(p[0.3,0,0.2,0,3,0],a=1.2,v=0.25,r=0.01)\n"
     path = parse(CONTROL.replace("# inject move path\n", "# inject move path\n" + lines))
     joint = Move((0.0,) * 6, pose=False, straight=False, speed=1.0, acceleration=1.4)
@@ -51,7 +51,7 @@ def test_an_injected_path_is_a_list_of_steps():
 
 
 def test_a_program_that_is_a_list_of_steps_and_one_that_is_not():
-    """What ur-rtde makes of a custom script function; a popup, a loop and a foreign call are refused by the program's name."""
+    """ur-rtde's custom script functions are lists of steps. A popup, a loop or an unknown call is refused with the program's name."""
     custom = "def mine():\n\twrite_output_integer_register(0 +24, 1)\n\tsleep(0.5)\n\tstopj(2)\n\twrite_output_float_register(3, 1.5)\nend"
     assert parse(custom) == Steps((Write(24, 1.0, whole=True), Wait(0.5), StopMotion(2.0), Write(3, 1.5, whole=False)))
     for body in ("popup(1)", "while True:", "x = 1", "write_output_integer_register(99, 1)", "sleep(1e999)"):
@@ -61,7 +61,7 @@ def test_a_program_that_is_a_list_of_steps_and_one_that_is_not():
 
 
 def test_single_lines():
-    """movej, movel, stops, immediate commands; the rest refused."""
+    """movej, movel, stops and immediate commands are understood, and other lines are refused."""
 
     def joints(q, speed, acceleration):
         return Steps((Move(tuple(map(float, q)), pose=False, straight=False, speed=speed, acceleration=acceleration),))
@@ -85,16 +85,16 @@ def test_single_lines():
 
 
 def test_an_unending_script_is_dropped():
-    """A megabyte without an end: told, and the next script is heard."""
+    """After a megabyte without an end the script is refused, and the next script is read."""
     framer = Framer()
-    told = framer.feed(b"def endless():\n" + b"  x = 1\n" * (SCRIPT_MAX_BYTES // 8 + 1))
-    assert len(told) == 1
-    assert isinstance(parse(told[0]), Refused)
+    complete = framer.feed(b"def endless():\n" + b"  x = 1\n" * (SCRIPT_MAX_BYTES // 8 + 1))
+    assert len(complete) == 1
+    assert isinstance(parse(complete[0]), Refused)
     assert framer.feed(b"halt\n") == ["halt"]
 
 
 @given(junk=st.binary(max_size=600))
 def test_junk_is_refused(junk):
-    """Any bytes: nothing raises, nothing of it becomes a control script."""
+    """Arbitrary bytes raise no exception and are never taken for a control script."""
     for text in Framer().feed(junk + b"\n"):
         assert not isinstance(parse(text), ControlScript)

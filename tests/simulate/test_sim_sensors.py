@@ -1,4 +1,4 @@
-"""The simulated sensors beside the real recordings that their figures come from."""
+"""The simulated sensors against the recordings of real arms that their figures come from."""
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ def standing(samples: int) -> dict[str, np.ndarray]:
 
 
 def test_a_standing_arm_is_as_noisy_as_the_recorded_one(real_data):
-    """Standard deviations of current and position within a third of the recorded arm's; speed exactly zero in both."""
+    """Standard deviations of current and position are within a third of the recorded ones, and both speeds are exactly zero."""
     real = pd.read_csv(real_data / "ur_standstill" / "real_10hz.csv", sep=" ")
     ours = standing(len(real))
     for name, signal in (("actual_current", "current"), ("actual_q", "q")):
@@ -31,14 +31,14 @@ def test_a_standing_arm_is_as_noisy_as_the_recorded_one(real_data):
 
 
 def test_wrist_currents_are_correlated_from_tick_to_tick():
-    """0.3, as the recorded wrists."""
+    """The correlation of successive samples is 0.3, as on the recorded wrists."""
     current = standing(4000)["current"]
     lag = [np.corrcoef(current[1:, j], current[:-1, j])[0, 1] for j in range(6)]
     assert np.mean(lag) == pytest.approx(0.3, abs=0.05)  # 4000 samples: 0.016 each
 
 
 def test_equal_seeds_measure_equally_and_others_do_not():
-    """Bit for bit, louder or not."""
+    """Equal seeds give equal bits, also with more noise."""
     same = [Controller(SimulateSettings(seed=seed, current_noise=2.0)) for seed in (1, 1, 2)]
     for controller in same:
         for _ in range(300):  # more than one block of noise

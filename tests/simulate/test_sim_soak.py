@@ -1,4 +1,4 @@
-"""Longer evidence, and a short sample of each for the ordinary suite: lost ticks, deaf clients, a million messages of nonsense."""
+"""Tests that run long, and a short sample of each for the ordinary suite: lost control periods, clients that do not read, random bytes."""
 
 import socket
 import struct
@@ -16,13 +16,13 @@ DEAF_MEMORY_MB = 40.0  # what all deaf clients together may cost: buffers of 256
 
 
 def memory_mb(simulator: Spawned) -> float:
-    """Resident, of the simulator's process."""
+    """Resident memory of the simulator's process [MB]."""
     pages = int(Path(f"/proc/{simulator.process.pid}/statm").read_text().split()[1])
     return pages * 4096 / 2**20
 
 
 def lost_ticks(simulator: Spawned, seconds: float) -> tuple[int, int]:
-    """Packets read at 500 Hz, and how many timestamps are missing between them."""
+    """Read packets at 500 Hz. Returns their number, and how many timestamps are missing between them."""
     with RawRtde(simulator.address) as rtde:
         rtde.stream("timestamp,actual_q,actual_qd,actual_current,joint_temperatures", 500.0)
         stamps = np.array(rtde.timestamps(round(500 * seconds)))
@@ -30,7 +30,7 @@ def lost_ticks(simulator: Spawned, seconds: float) -> tuple[int, int]:
 
 
 def deaf(simulator: Spawned, count: int) -> list[socket.socket]:
-    """Clients of RTDE and of the state ports that ask for everything and never read."""
+    """Clients of RTDE and of the state ports that subscribe to everything and never read."""
     wires = []
     names = b"timestamp," + b",".join(b"output_double_register_%d" % i for i in range(48))
     for i in range(count):
@@ -47,7 +47,7 @@ def deaf(simulator: Spawned, count: int) -> list[socket.socket]:
 
 
 class Vandal:
-    """Seeded nonsense: random bytes, mutated messages, cut and joined, on every port."""
+    """Sends random bytes and mutated messages from a seed, cut and joined, to every port."""
 
     SEEDS = (
         bytes.fromhex("0005560002"),
@@ -84,7 +84,7 @@ class Vandal:
         return bytes(text)
 
     def rage(self, host: str, messages: int) -> int:
-        """Send so many, in bursts on connections that are opened anew; how many went out."""
+        """Send so many messages in bursts on new connections. Returns how many were sent."""
         sent = 0
         while sent < messages:
             burst = min(messages - sent, int(self._dice.integers(1, 400)))
@@ -104,7 +104,7 @@ class Vandal:
 
 
 def still_well(simulator: Spawned) -> bool:
-    """Runs, ticks, and answers a handshake."""
+    """Check that the simulator runs, computes control periods and answers a handshake."""
     with simulator.remote() as remote:
         before = remote.truth()["ticks"]["run"]
         time.sleep(0.3)
@@ -115,12 +115,12 @@ def still_well(simulator: Spawned) -> bool:
 
 
 def test_three_seconds_at_500_hz_lose_no_tick(spawn):
-    """To a client that reads; the sample of the soak's minute."""
+    """For a client that reads. The long test takes a minute."""
     assert lost_ticks(spawn("--robot", "ur5e"), 3.0) == (1500, 0)
 
 
 def test_deaf_clients_cost_bounded_memory_and_disturb_nobody(spawn):
-    """Twelve that never read, two seconds: every tick reaches the one that reads."""
+    """Twelve clients do not read for two seconds. A client that reads gets every control period."""
     simulator = spawn("--robot", "ur3e")
     before = memory_mb(simulator)
     wires = deaf(simulator, 12)
@@ -132,7 +132,7 @@ def test_deaf_clients_cost_bounded_memory_and_disturb_nobody(spawn):
 
 
 def test_five_thousand_messages_of_nonsense_leave_it_well(spawn):
-    """The sample of the soak's million."""
+    """The long test sends a million."""
     simulator = spawn("--robot", "ur5")
     Vandal(1).rage(simulator.address, 5_000)
     assert still_well(simulator)
@@ -141,7 +141,7 @@ def test_five_thousand_messages_of_nonsense_leave_it_well(spawn):
 @pytest.mark.soak
 @pytest.mark.timeout(200)
 def test_a_minute_at_500_hz_loses_no_tick(spawn, soak_row):
-    """30 000 packets in a row."""
+    """30 000 packets arrive without a gap."""
     count, lost = lost_ticks(spawn("--robot", "ur5e"), 60.0)
     soak_row("500 Hz for 60 s to a client that reads", f"{count} packets, {lost} lost", "0 lost")
     assert lost == 0
@@ -150,7 +150,7 @@ def test_a_minute_at_500_hz_loses_no_tick(spawn, soak_row):
 @pytest.mark.soak
 @pytest.mark.timeout(200)
 def test_deaf_clients_cost_no_more_after_a_minute_than_at_its_start(spawn, soak_row):
-    """Forty that never read; those of RTDE are dropped after ten seconds."""
+    """Forty clients do not read. Those of RTDE are disconnected after ten seconds."""
     simulator = spawn("--robot", "ur3e")
     before = memory_mb(simulator)
     wires = deaf(simulator, 40)
@@ -169,7 +169,7 @@ def test_deaf_clients_cost_no_more_after_a_minute_than_at_its_start(spawn, soak_
 @pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_a_million_messages_of_nonsense_leave_it_well(spawn, soak_row):
-    """Random and mutated bytes on every port: no crash, no hang, no growth."""
+    """Random and mutated bytes on every port cause no crash, no hang and no growth of memory."""
     simulator = spawn("--robot", "ur5")
     vandal = Vandal(2)
     sent = vandal.rage(simulator.address, 100_000)  # warm: every cache that fills has filled

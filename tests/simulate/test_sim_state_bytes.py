@@ -1,4 +1,4 @@
-"""Ports 30001–30003, byte for byte: lengths, offsets and literals are from the manufacturer's guide, not from our encoder."""
+"""Ports 30001–30003 byte for byte. Lengths, offsets and expected bytes come from the manufacturer's guide."""
 
 import socket
 import struct
@@ -30,7 +30,7 @@ def realtime_packet(controller: Controller) -> bytes:
 
 
 def packages(message: bytes) -> dict[int, bytes]:
-    """Type → payload of the packages of a robot state message."""
+    """The packages of a robot state message: type → payload."""
     size, kind = struct.unpack_from(">iB", message)
     assert (size, kind) == (len(message), 16)
     found, rest = {}, message[5:]
@@ -41,21 +41,21 @@ def packages(message: bytes) -> dict[int, bytes]:
 
 
 def test_a_robot_state_message_has_the_published_packages(ur5e):
-    """Total and package lengths of 5.x: mode 47, joints 251, tool 37, master board 75, tool pose 101, forces 61 bytes."""
+    """Package lengths of 5.x: mode 47, joints 251, tool 37, master board 75, tool pose 101, forces 61 bytes."""
     lengths = {kind: len(payload) + 5 for kind, payload in packages(primary.state(ur5e)).items()}
     assert lengths == {0: 47, 1: 251, 2: 37, 3: 75, 4: 101, 7: 61, 8: 9}
     assert len(packages(primary.state(Controller(SimulateSettings())))[0]) + 5 == 46  # CB3: without the reserved byte
 
 
 def test_robot_mode_data_byte_for_byte(ur5e):
-    """A million microseconds; connected, enabled, powered; running mode 7; full speed."""
+    """One million microseconds; connected, enabled, powered; mode 7; full speed."""
     assert packages(primary.state(ur5e))[0] == bytes.fromhex(
         "00000000000f4240 01 01 01 00 00 00 00 07 00 3ff0000000000000 3ff0000000000000 3ff0000000000000 00"
     )
 
 
 def test_joint_data_and_tool_pose_by_their_offsets(ur5e):
-    """41 bytes a joint: q actual, q target, q̇, then current, voltage, temperature twice as floats, mode 253."""
+    """41 bytes per joint: actual q, target q, q̇, then current, voltage and twice the temperature as floats, and mode 253."""
     found = packages(primary.state(ur5e))
     for joint in range(6):
         q, target, qd = struct.unpack_from(">ddd", found[1], 41 * joint)
@@ -70,13 +70,15 @@ def test_joint_data_and_tool_pose_by_their_offsets(ur5e):
 
 
 def test_the_version_message_byte_for_byte(ur5e):
-    """Type 20, a million microseconds, from the controller, subtype 3: URControl 5.11, bugfix 0, build 108249, date."""
-    told = bytes.fromhex("0000002e 14 00000000000f4240 07 03 09") + b"URControl" + bytes.fromhex("05 0b 00000000 0001a6d9") + b"Mar 10 2021"
-    assert primary.version(ur5e.identity, ur5e.settings.build_date, ur5e.clock.now_s) == told
+    """Type 20, one million microseconds, from the controller, subtype 3: URControl 5.11, bugfix 0, build 108249, date."""
+    expected = (
+        bytes.fromhex("0000002e 14 00000000000f4240 07 03 09") + b"URControl" + bytes.fromhex("05 0b 00000000 0001a6d9") + b"Mar 10 2021"
+    )
+    assert primary.version(ur5e.identity, ur5e.settings.build_date, ur5e.clock.now_s) == expected
 
 
 def test_messages_of_safety_errors_keys_and_exceptions_byte_for_byte():
-    """The five heads, and what follows them."""
+    """Each kind of message has its head and its content."""
     head = "14 00000000000f4240 07"
     for message, expected in (
         (ProgramMessage(1.0, "AB", "c"), bytes.fromhex(f"0000001b {head} 07 00000000 00000000 02") + b"ABc"),
@@ -128,7 +130,7 @@ REALTIME_5_10 = {  # offset in bytes → what the guide's table puts there
 
 
 def test_a_realtime_packet_has_every_field_at_its_published_place(ur5e):
-    """1220 bytes; each field where the table of RealTime 5.10 says."""
+    """1220 bytes, with each field where the table of RealTime 5.10 has it."""
     packet = realtime_packet(ur5e)
     assert struct.unpack_from(">i", packet) == (1220,)
     assert len(packet) == 1220
@@ -150,13 +152,13 @@ def test_a_realtime_packet_has_every_field_at_its_published_place(ur5e):
     ],
 )
 def test_a_realtime_packet_is_as_long_as_its_version_says(robot, version, size):
-    """The length field and the bytes."""
+    """The length field and the number of bytes agree with the version."""
     packet = realtime_packet(Controller(SimulateSettings(robot=robot, version=version)))
     assert struct.unpack_from(">i", packet)[0] == len(packet) == size
 
 
 def test_state_comes_ten_times_a_second_and_realtime_with_every_tick(ur5):
-    """Over the wire: the version first on 30001 and 30002; 30003 begins with its length."""
+    """On the wire, 30001 and 30002 begin with the version, 30003 with its length."""
     with (
         socket.create_connection((ur5.address, 30002), timeout=5) as slow,
         socket.create_connection((ur5.address, 30003), timeout=5) as fast,
@@ -176,8 +178,8 @@ def test_state_comes_ten_times_a_second_and_realtime_with_every_tick(ur5):
         assert np.allclose(np.diff(ticks), 0.008, atol=1e-9)
 
 
-def test_a_protective_stop_is_told_on_the_primary_port_and_not_on_the_secondary(ur5):
-    """Safety mode and error code, once."""
+def test_a_protective_stop_is_reported_on_the_primary_port_and_not_on_the_secondary(ur5):
+    """The primary port sends the safety mode and the error code once."""
     with (
         ur5.remote() as remote,
         socket.create_connection((ur5.address, 30001), timeout=5) as first,
@@ -213,8 +215,8 @@ def test_a_protective_stop_is_told_on_the_primary_port_and_not_on_the_secondary(
         assert answer == "Protective stop releasing"
 
 
-def test_programs_are_told_on_the_primary_port():
-    """A key message when one starts, one when it ends, a runtime exception instead where it raised one."""
+def test_programs_are_reported_on_the_primary_port():
+    """A key message reports the start and the end of a program. A runtime exception has a message of its own."""
     pendant = Pendant()
     messages = pendant.controller.journal.messages
     assert [primary.encoded(message)[14] for message in messages] == [7]

@@ -1,4 +1,4 @@
-"""Stepped replays: deterministic, refused where they do not fit, and true to the simulator's own laws."""
+"""Stepped replays are deterministic, true to the laws of the simulator, and refused where they do not fit the arm."""
 
 import json
 from dataclasses import replace
@@ -27,7 +27,7 @@ def played():
 
 
 def test_equal_seeds_give_equal_recordings_bit_for_bit(played):
-    """Every signal; another seed gives other noise."""
+    """All signals are equal. Another seed gives other noise."""
     again = stepped_replay(Controller(SimulateSettings(seed=5)), excitation())
     other = stepped_replay(Controller(SimulateSettings(seed=6)), excitation())
     for name, signal in played[1].signals.items():
@@ -37,7 +37,7 @@ def test_equal_seeds_give_equal_recordings_bit_for_bit(played):
 
 
 def test_a_recording_has_a_row_every_8_ms(played):
-    """On both generations, although the e-Series ticks every 2 ms."""
+    """This holds on both generations, although the control period of the e-Series is 2 ms."""
     series_e = stepped_replay(Controller(SimulateSettings(robot="ur5e")), excitation("ur5e"))
     for recording in (played[1], series_e):
         assert recording.samples == 501
@@ -46,15 +46,15 @@ def test_a_recording_has_a_row_every_8_ms(played):
 
 
 def test_the_arm_follows_the_excitation(played):
-    """Targets within the servo filter's 5 mrad, the joints within 2.5 mrad of the targets."""
+    """The targets are within 8 mrad of the excitation, and the joints within 2.5 mrad of the targets."""
     path = excitation().sampled(125.0)[1]
     recording = played[1]
     assert np.abs(recording.target_q[:-1] - path.q[1:]).max() < 8e-3
     assert np.abs(recording.q - recording.target_q).max() < 2.5e-3
 
 
-def test_currents_are_the_told_torque_and_noise(played):
-    """Drive torque of the laws at the recorded states, over Kt·G: the rest is the sensors' noise, no more."""
+def test_currents_are_the_drive_torque_and_noise(played):
+    """Currents are the drive torque of the laws at the recorded states over Kt·G, plus the noise of the sensors."""
     controller, recording = played
     arm = controller.arm
     qdd = np.gradient(recording.qd, 0.008, axis=0)
@@ -69,10 +69,10 @@ def test_currents_are_the_told_torque_and_noise(played):
 
 
 @pytest.mark.parametrize("robot", ["ur5", "ur5e"])
-def test_acceleration_and_torque_are_of_the_moment_they_are_told(robot):
-    """Whether the tick lasts 8 ms or 2 ms: q̈ is the slope of q̇, at most 3 ms late, and the drives' torque 7 ms.
+def test_acceleration_and_torque_are_of_the_moment_they_are_recorded(robot):
+    """q̈ is the slope of q̇, at most 3 ms late, and the drive torque at most 7 ms late, for both control periods.
 
-    A torque that is 20 ms late reads as 4 % more friction at full speed.
+    A torque that is 20 ms late would look like 4 % more friction at full speed.
     """
     document = json.loads((EXCITATIONS / f"{robot}-ground.json").read_text("utf-8"))
     controller = Controller(SimulateSettings(robot=robot, current_noise=0.0))
@@ -95,14 +95,14 @@ def test_acceleration_and_torque_are_of_the_moment_they_are_told(robot):
 
 
 def test_temperatures_come_in_sixteenths(played):
-    """And move upwards in a replay."""
+    """The temperature rises in a replay."""
     temperature = played[1].temperature_c
     assert np.array_equal(temperature * 16, np.rint(temperature * 16))
     assert np.mean(temperature[-50:]) >= np.mean(temperature[:50])
 
 
 def test_the_second_replay_needs_no_approach():
-    """It begins where the first ended: nine minutes of demo time are made of this."""
+    """It begins where the first one ended."""
     controller = Controller(SimulateSettings())
     first = stepped_replay(controller, excitation())
     second = stepped_replay(controller, excitation())
@@ -110,7 +110,7 @@ def test_the_second_replay_needs_no_approach():
 
 
 def test_what_does_not_fit_is_refused():
-    """Another robot, another mounting, a joint beyond its limit, a running program."""
+    """Another robot, another mounting, a joint beyond its limit and a running program are errors."""
     controller = Controller(SimulateSettings())
     with pytest.raises(BadInput, match="ur3"):
         stepped_replay(controller, excitation("ur3"))
@@ -124,7 +124,7 @@ def test_what_does_not_fit_is_refused():
 
 
 def test_a_replay_that_the_controller_stops_is_aborted():
-    """A joint that its drive cannot turn: the error says what happened, and the arm is free for the next program."""
+    """The drive cannot turn a joint: the error gives the reason, and the arm is free for the next program."""
     controller = Controller(SimulateSettings())
     stepped_replay(controller, excitation())
     controller.arm.set_wear(4, coulomb=40.0)

@@ -1,4 +1,4 @@
-"""The event loop that wakes once a tick: nothing is lost or later than the tick, and a target counts in the tick it came before."""
+"""The event loop that wakes once in each control period: no event is lost or delayed beyond the next period."""
 
 import os
 import socket
@@ -28,7 +28,7 @@ def followed():
 
 
 def test_what_comes_between_ticks_is_seen_with_the_next_and_before_it(followed):
-    """One wake for both, the timer's own event last."""
+    """The loop wakes once for both events, and the timer's own event comes last."""
     selector, timer, here, there, streaming = followed
     streaming.append(True)
     selector.select(1.0)
@@ -38,7 +38,7 @@ def test_what_comes_between_ticks_is_seen_with_the_next_and_before_it(followed):
 
 
 def test_without_streams_everything_is_seen_at_once(followed):
-    """A handshake does not wait for ticks."""
+    """A handshake does not wait for the timer."""
     selector, timer, here, there, _ = followed
     expirations(timer)
     there.send(b"hello")
@@ -46,7 +46,7 @@ def test_without_streams_everything_is_seen_at_once(followed):
 
 
 def test_a_timeout_that_ends_before_the_tick_is_kept(followed):
-    """Faults that act after a while act then, not a tick later; no select spins."""
+    """Faults with a delay act in time, and `select` does not poll without rest."""
     selector, timer, _, _, streaming = followed
     streaming.append(True)
     selector.select(1.0)
@@ -58,7 +58,7 @@ def test_a_timeout_that_ends_before_the_tick_is_kept(followed):
 
 
 def test_a_timer_that_is_gone_is_waited_for_no_longer(followed):
-    """The end of the service is no tick."""
+    """The loop does not wait for the timer when the service ends."""
     selector, _, here, there, streaming = followed
     streaming.append(True)
     selector.forget()

@@ -20,7 +20,7 @@ from monitor.simulate.settings import SimulateSettings
 
 
 def wait_for(process: subprocess.Popen[str], word: str) -> None:
-    """Until the client says so; ur-rtde prints to the same stream."""
+    """Read the client's output until a line contains the word. ur-rtde prints to the same stream."""
     while line := process.stdout.readline():
         if word in line:
             return
@@ -28,14 +28,14 @@ def wait_for(process: subprocess.Popen[str], word: str) -> None:
 
 
 def drain(wire: socket.socket) -> None:
-    """Until the other side ends the connection."""
+    """Read until the other side ends the connection."""
     while wire.recv(4096):
         pass
 
 
 @pytest.mark.parametrize(("robot", "rate_hz"), [("ur5", 125), ("ur3e", 500)])
 def test_the_default_recipe_gives_sane_values_on_both_generations(spawn, client, robot, rate_hz):
-    """RTDEReceive as shipped: 57 variables on CB3, 58 on e-Series, all in their places."""
+    """RTDEReceive subscribes to 57 variables on CB3 and 58 on the e-Series, and all have sensible values."""
     simulator = spawn("--robot", robot)
     seen = result_of(client(RECEIVE, simulator.address))
     assert np.allclose(seen["q"], [0, -np.pi / 2, 0, -np.pi / 2, 0, 0], atol=1e-3)
@@ -56,24 +56,24 @@ def test_the_default_recipe_gives_sane_values_on_both_generations(spawn, client,
 
 @pytest.mark.parametrize("robot", ["ur5", "ur5e"])
 def test_control_moves_streams_and_answers(spawn, client, robot):
-    """moveJ reaches; servoJ at 125 Hz follows a sine of 0.6 rad/s to a few mrad; queries answer; stopScript ends it."""
+    """moveJ reaches its goal, servoJ follows a sine of 0.6 rad/s to a few milliradians, queries answer, stopScript ends the program."""
     simulator = spawn("--robot", robot)
-    told = result_of(client(MOVE_AND_STREAM, simulator.address))
-    assert told["moved"]
-    assert told["watched"]
-    assert told["stopped"]
-    assert told["steady"]
-    assert told["payload"]
-    assert told["within"]
-    assert not told["beyond"]
-    assert np.allclose(told["at"], told["goal"], atol=2e-3)
-    assert told["runtime"] == 1
+    result = result_of(client(MOVE_AND_STREAM, simulator.address))
+    assert result["moved"]
+    assert result["watched"]
+    assert result["stopped"]
+    assert result["steady"]
+    assert result["payload"]
+    assert result["within"]
+    assert not result["beyond"]
+    assert np.allclose(result["at"], result["goal"], atol=2e-3)
+    assert result["runtime"] == 1
     with simulator.remote() as remote:
         truth = remote.truth()
     # 2 mrad of servo and filter, and a target that is one period late: 8 ms · 0.63 rad/s = 5 mrad; on a busy machine client and controller
     # are asleep for 60 ms at most, and what the one sends then the arm has yet to reach
-    in_time, ticks = sorted(told["errors"]), truth["ticks"]
-    assert max(in_time + told["beside"]) < 8e-3 + 0.06 * 0.63
+    in_time, ticks = sorted(result["errors"]), truth["ticks"]
+    assert max(in_time + result["beside"]) < 8e-3 + 0.06 * 0.63
     busy = ticks["late"] + ticks["dropped"] > 0.05 * ticks["run"]
     if len(in_time) >= 20:  # a client that was never in time for 0.2 s proves nothing here
         assert in_time[int(0.9 * len(in_time))] < (16e-3 if busy else 8e-3)  # an arm that only knows the last target is 20 behind
@@ -83,7 +83,7 @@ def test_control_moves_streams_and_answers(spawn, client, robot):
 
 
 def test_a_killed_client_leaves_an_arm_that_stands(ur5, client):
-    """SIGKILL in mid-stream: the 10 Hz watchdog ends the program, the arm stands within 0.3 s on the arm's clock."""
+    """The client is killed while it streams. The watchdog of 10 Hz ends the program, and the arm stands within 0.3 s of its clock."""
     streaming = client(STREAM_FOR_EVER, ur5.address)
     wait_for(streaming, "streaming")
     with ur5.remote() as remote:
@@ -100,8 +100,8 @@ def test_a_killed_client_leaves_an_arm_that_stands(ur5, client):
     assert stop["stood_at_s"] - killed_at_s < 0.35  # 0.1 s of watchdog, 0.15 s of braking, two ticks, one question to the simulator
 
 
-def test_a_second_client_hears_that_the_registers_are_in_use(ur5, client):
-    """And once the first is gone, it may."""
+def test_a_second_client_learns_that_the_registers_are_in_use(ur5, client):
+    """When the first client has gone, the second may use the registers."""
     first = client(HOLD_CONTROL, ur5.address)
     wait_for(first, "controlling")
     refused = result_of(client(CONSTRUCT_CONTROL, ur5.address))
@@ -115,25 +115,25 @@ def test_a_second_client_hears_that_the_registers_are_in_use(ur5, client):
 
 
 def test_the_dashboard_client_understands_the_replies(spawn, client):
-    """States, and the commands that ur-rtde compares word by word; on an e-Series, of which it knows more commands."""
+    """ur-rtde compares states and replies word by word; on an e-Series it knows more commands."""
     queries = ("getRobotModel", "getSerialNumber", "isInRemoteControl")
     commands = ("stop", "closeSafetyPopup", "unlockProtectiveStop", "brakeRelease")
-    told = result_of(client(DASHBOARD, spawn("--robot", "ur5e").address, *queries, *commands, "play"))
-    assert told["version"].startswith("5.11.0")
-    assert told["mode"] == "Robotmode: RUNNING"
-    assert "NORMAL" in told["safety"]
-    assert told["running"] is False
-    assert told["state"].startswith("STOPPED")
-    assert told["getRobotModel"] == "UR5"
-    assert told["getSerialNumber"] == "20180500001"
-    assert told["isInRemoteControl"] is True
+    result = result_of(client(DASHBOARD, spawn("--robot", "ur5e").address, *queries, *commands, "play"))
+    assert result["version"].startswith("5.11.0")
+    assert result["mode"] == "Robotmode: RUNNING"
+    assert "NORMAL" in result["safety"]
+    assert result["running"] is False
+    assert result["state"].startswith("STOPPED")
+    assert result["getRobotModel"] == "UR5"
+    assert result["getSerialNumber"] == "20180500001"
+    assert result["isInRemoteControl"] is True
     for name in commands:
-        assert told[name] is None, name  # no error
-    assert told["play"] == "Failed to execute: play"  # there is no program to play
+        assert result[name] is None, name  # no error
+    assert result["play"] == "Failed to execute: play"  # there is no program to play
 
 
 def test_a_protective_stop_is_reported_and_unlocks_only_after_five_seconds(ur5, client):
-    """Through the wire: bits of the receive interface, the dashboard's refusal, then its consent."""
+    """The receive interface shows the bits. The dashboard refuses first and unlocks later."""
     with ur5.remote() as remote:
         remote.protective_stop()
         begun = time.monotonic()
@@ -149,13 +149,13 @@ def test_a_protective_stop_is_reported_and_unlocks_only_after_five_seconds(ur5, 
 
 
 def test_local_control_is_refused_by_the_client(spawn, client):
-    """An e-Series on an address other than 127.0.0.1 is asked whether it is in remote control."""
+    """ur-rtde asks an e-Series on an address other than 127.0.0.1 whether it is in remote control."""
     simulator = spawn("--robot", "ur3e", "--local-control")
     assert "remote control" in result_of(client(CONSTRUCT_CONTROL, simulator.address))["answer"]
 
 
 def test_garbage_on_every_port_disturbs_nobody(ur5, client):
-    """Seeded noise, enormous headers, half packets, endless lines: afterwards everything still answers."""
+    """After random bytes, enormous headers, half packets and endless lines, everything still answers."""
     dice = np.random.default_rng(0)
     junk = [dice.bytes(2000), b"\xff" * 70_000, b"\x00" * 3000, b"\x00\x05V", b"def x():\n" * 1000, b"{" * 5000 + b"\n", b"[1]\n\n\x80\n"]
     for port in (30004, 29999, 30003, 30002, 30001, 30020):
@@ -174,7 +174,7 @@ def test_garbage_on_every_port_disturbs_nobody(ur5, client):
 
 
 def test_clients_that_never_read_do_not_hold_the_others_up(ur5, client):
-    """Two deaf RTDE clients at full rate: the tick goes on."""
+    """Two RTDE clients at full rate do not read, and the control periods continue."""
     deaf = []
     for _ in range(2):
         wire = socket.create_connection((ur5.address, 30004), timeout=5)
@@ -188,7 +188,7 @@ def test_clients_that_never_read_do_not_hold_the_others_up(ur5, client):
 
 
 def test_faults_reach_the_wire(ur5):
-    """stall: silence for so long; close and reset: FIN and RST; an unknown one is named."""
+    """`stall` stops the data for a time, `close` and `reset` end connections, and an unknown fault is an error."""
 
     def listener() -> socket.socket:
         wire = socket.create_connection((ur5.address, 30004), timeout=5)
@@ -221,8 +221,8 @@ def test_faults_reach_the_wire(ur5):
             remote.fault("earthquake")
 
 
-def test_the_back_door_plays_ages_and_tells(ur5):
-    """Remote: a stepped replay arrives whole; heat, wear and torque are what the laws say; wrong questions are refused."""
+def test_the_command_port_plays_advances_and_answers(ur5):
+    """Remote gets a whole stepped replay and torques that follow the laws; it advances time and sets wear. Wrong requests are errors."""
     with ur5.remote() as remote:
         recording = remote.play(excitation(), software="test")
         assert recording.samples == 501
@@ -255,7 +255,7 @@ def test_the_back_door_plays_ages_and_tells(ur5):
 
 
 def test_requests_are_json_lines(ur5):
-    """By hand, without Remote: a question, an answer; an error says what would be right."""
+    """Requests and replies without Remote. An error says what is expected."""
     with socket.create_connection((ur5.address, 30020), timeout=5) as wire, wire.makefile("rwb") as file:
         for line, ok in ((b'{"do": "truth"}\n', True), (b'{"do": "nothing"}\n', False), (b'{"do": ["truth"]}\n', False), (b"no\n", False)):
             file.write(line)
@@ -266,7 +266,7 @@ def test_requests_are_json_lines(ur5):
 
 
 def test_in_real_time_it_is_what_it_is_when_stepped(spawn):
-    """A second of noise over the wire, tick by tick, bit for bit what a stepped controller with the same seed measures."""
+    """A second of noise over the wire equals, bit for bit, what a stepped controller with the same seed measures."""
     simulator = spawn("--seed", "7")
     with RawRtde(simulator.address) as rtde:
         rtde.stream("timestamp,actual_q,actual_current,joint_temperatures")
@@ -280,7 +280,7 @@ def test_in_real_time_it_is_what_it_is_when_stepped(spawn):
 
 
 def test_several_arms_stand_side_by_side(spawn, client):
-    """Two generations on two addresses, read at once."""
+    """Two arms of two generations run on two addresses at once."""
     arms = [spawn("--robot", robot) for robot in ("ur5", "ur10e")]
     seen = [result_of(one) for one in [client(RECEIVE, arm.address) for arm in arms]]
     assert all(one["robot_mode"] == 7 and 0.2 < one["seconds"] < 1.2 for one in seen)  # a busy machine may take time from both
