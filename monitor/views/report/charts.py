@@ -1,4 +1,4 @@
-"""The report's charts: friction over time and over temperature, a panel a joint."""
+"""The charts of the report: friction over time and over temperature, one panel for each joint."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
@@ -11,14 +11,17 @@ from monitor.recording import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# of a NAMUR NE 107 state; dark enough for text on white paper
 STATE_COLOURS = {
     "NORMAL": "#14682f", "CHECK_FUNCTION": "#a34e00", "OFF_SPEC": "#7d5e00", "MAINTENANCE_REQUIRED": "#1b4fae", "FAILURE": "#a3161c",
 }  # fmt: skip
-LINE, POINT = "#1f6fb4", "#c8781e"  # estimate, single replay: apart in grey as well
-MOST_POINTS = 1500  # of one joint in one chart: more of them cannot be told apart in print
+LINE, POINT = "#1f6fb4", "#c8781e"  # of the estimate, of a single replay; they differ in grey as well
+MANY_POINTS = 300  # from so many on, points are drawn finer
+MAX_POINTS = 1500  # of one joint in one chart; in print, more points merge
 
 
 def _panels(height: float) -> "tuple[Figure, Any]":
+    """A figure of `height` inches, and its six panels."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.6, height), layout="constrained")
@@ -26,12 +29,13 @@ def _panels(height: float) -> "tuple[Figure, Any]":
 
 
 def _of_joint(report: Mapping[str, Any], joint: int) -> list[Mapping[str, Any]]:
+    """The history of one joint (from 1), thinned to about MAX_POINTS rows."""
     rows = [row for row in report["history"] if row["joint"] == joint]
-    return rows[:: max(1, len(rows) // MOST_POINTS)]
+    return rows[:: max(1, len(rows) // MAX_POINTS)]
 
 
 def friction_over_time_caption(report: Mapping[str, Any]) -> str:
-    """What the chart of friction over time shows, and of how many replays it has no point."""
+    """The caption of `friction_over_time`. It says how many replays have no point."""
     rows = report["history"]
     text = "Friction since the beginning, temperature taken out: the estimate from all replays until then as a line with its 2σ band, "
     text += "and what each replay says by itself as a point with its own 2σ interval. Where there is a trend, a fan leads to the "
@@ -45,7 +49,10 @@ def friction_over_time_caption(report: Mapping[str, Any]) -> str:
 
 
 def single_replay_change(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
-    """(N,) change [%] that each replay shows alone, relative to the unworn friction of its day, and its std. NaN: the history lacks it."""
+    """Change of friction [%] that each replay shows by itself, relative to the unworn friction of its day, and its std; both (N,).
+
+    NaN where the history does not have it.
+    """
     keys = ("replay_torque_nm", "replay_torque_std_nm", "reference_torque_nm", "wear")
     one, std, every, wear = (np.array([row.get(key) for row in rows], dtype=float) for key in keys)
     unworn = every / (1.0 + wear)
@@ -53,7 +60,7 @@ def single_replay_change(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
 
 
 def friction_over_time(report: Mapping[str, Any]) -> "Figure":
-    """Change of friction since the beginning [%], a panel a joint: the estimate with its 2σ band, single replays, remaining life."""
+    """Draw the change of friction since the beginning [%]: the estimate with its 2σ band, single replays, thresholds, remaining life."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     figure, axes = _panels(4.2)
@@ -67,7 +74,7 @@ def friction_over_time(report: Mapping[str, Any]) -> "Figure":
         wear, std = (100 * np.array([row[key] for row in rows]) for key in ("wear", "wear_std"))
         one.fill_between(at, wear - 2 * std, wear + 2 * std, color=LINE, alpha=0.2, lw=0)
         alone, alone_std = single_replay_change(rows)
-        many = len(rows) >= 300
+        many = len(rows) >= MANY_POINTS
         one.errorbar(at, alone, 2 * alone_std, fmt=".", ms=2 if many else 3, lw=0.25 if many else 0.4, color=POINT, alpha=0.5)
         one.plot(at, wear, "-", lw=1.4, color=LINE)
         top = max(float(np.max(wear + 2 * std)), float(np.nanmax([0.0, *(alone + 2 * alone_std)])), 100 * of["wear_rise"] * 1.3)
@@ -88,7 +95,7 @@ def friction_over_time(report: Mapping[str, Any]) -> "Figure":
 
 
 def _remaining_life_fan(one: Any, at: Sequence[datetime], row: Mapping[str, Any], limit: float) -> None:
-    """Draw remaining life as a fan that ends at the limit: P10 to P90 filled, P50 dashed. Without a trend nothing is drawn."""
+    """Draw remaining life as a fan that ends at the limit: P10 to P90 filled, P50 dashed. It draws nothing where there is no trend."""
     life, wear = row["remaining_life"], row["wear"]
     if life["verdict"] != "trend" or life["p50_days"] is None or wear >= limit:
         return
@@ -103,7 +110,7 @@ def _remaining_life_fan(one: Any, at: Sequence[datetime], row: Mapping[str, Any]
 
 
 def friction_over_temperature(report: Mapping[str, Any]) -> "Figure":
-    """Viscous friction over joint temperature [°C], a panel a joint: replays with wear taken out, and the law with its 2σ band."""
+    """Draw viscous friction over joint temperature [°C]: replays with wear taken out, and the temperature law with its 2σ band."""
     figure, axes = _panels(4.1)
     laws = {law["joint"]: law for law in report["verdict"]["temperature"]} if report["verdict"] else {}
     for j, one in enumerate(axes):
@@ -128,7 +135,10 @@ def friction_over_temperature(report: Mapping[str, Any]) -> "Figure":
 
 
 def law_points(law: Mapping[str, Any], seen_c: Sequence[float]) -> Array:
-    """(3, P) temperature, fv and its std along the law. Old verdicts carry no points: then the two ends of the straight line."""
+    """(3, P) temperature [°C], fv and its std [N·m·s/rad] along the law.
+
+    A verdict of an early version has no points; then these are the two ends of its straight line, over `seen_c` where it has no range.
+    """
     if law.get("viscous_by_temperature"):
         return np.array(law["viscous_by_temperature"]).T
     ends = np.array(law["range_c"] or seen_c)
@@ -137,6 +147,7 @@ def law_points(law: Mapping[str, Any], seen_c: Sequence[float]) -> Array:
 
 
 def _label(one: Any, title: str, ylabel: str) -> None:
+    """Label one panel in the small type of the report."""
     one.set_title(title, fontsize="small", loc="left")
     one.set_ylabel(ylabel, fontsize="small")
     one.tick_params(labelsize="x-small")

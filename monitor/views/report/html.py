@@ -1,4 +1,4 @@
-"""One self-contained HTML page, laid out for printing: A4, black on white, tables that do not break within a row, no network."""
+"""Parts of one self-contained HTML page, laid out for printing on A4: black on white, no row broken by a page end, no network."""
 
 import html
 import io
@@ -11,6 +11,7 @@ from monitor.errors import BadInput
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# sizes are those of paper: the report is printed for the maintenance file
 _STYLE = """
 @page { size: A4; margin: 15mm 14mm 16mm; @bottom-right { content: counter(page) " / " counter(pages); font: 8pt sans-serif } }
 * { box-sizing: border-box }
@@ -47,20 +48,20 @@ details summary { cursor: pointer; font-weight: 600 }
 
 
 class Markup(str):
-    """Text that is HTML already; everything else is escaped."""
+    """Text that is HTML and is not escaped again."""
 
     __slots__ = ()
 
 
 class Column(NamedTuple):
-    """A column's title, and whether figures stand in it."""
+    """The title of a column, and whether it holds figures, which are aligned to the right."""
 
     title: str
     figures: bool = True
 
 
 def check_page(path: Path) -> None:
-    """Raises BadInput unless a page can be written there; asked before the work is done."""
+    """Check that a page can be written to `path`; a command calls this before it computes. Raises BadInput."""
     if path.suffix.lower() not in {".html", ".htm"}:
         raise BadInput(f"-o {path}: expected a name that ends in .html")
     if path.is_dir() or not path.parent.is_dir():
@@ -68,14 +69,14 @@ def check_page(path: Path) -> None:
 
 
 def escaped(value: object) -> str:
-    """A cell or paragraph as HTML; None is a dash."""
+    """A value as escaped HTML; a dash for None."""
     if isinstance(value, Markup):
         return value
     return "–" if value is None else html.escape(str(value))
 
 
 def page(title: str, subtitle: str, parts: Iterable[str]) -> str:
-    """The whole document."""
+    """The whole HTML document; `parts` are HTML."""
     head = f"<title>{escaped(title)}</title>\n<style>{_STYLE}</style>"
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">\n'
@@ -86,34 +87,34 @@ def page(title: str, subtitle: str, parts: Iterable[str]) -> str:
 
 
 def heading(text: str, level: int = 2, *, new_page: bool = False) -> str:
-    """A title within the page."""
+    """A heading; `new_page` begins a new sheet in print."""
     return f"<h{level}{' class=newpage' if new_page else ''}>{escaped(text)}</h{level}>"
 
 
 def paragraph(text: object, kind: str = "") -> str:
-    """One paragraph; `kind` is a class of the style sheet."""
+    """One paragraph; `kind` is a class of the style sheet, e.g. warn."""
     return f'<p class="{kind}">{escaped(text)}</p>' if kind else f"<p>{escaped(text)}</p>"
 
 
 def table(columns: Sequence[Column | str], rows: Iterable[Sequence[object]]) -> str:
-    """A table; columns given as a bare title hold words."""
-    told = [column if isinstance(column, Column) else Column(column, figures=False) for column in columns]
+    """A table. A column that is given as a bare title holds words."""
+    titled = [column if isinstance(column, Column) else Column(column, figures=False) for column in columns]
 
     def cell(tag: str, column: Column, value: object) -> str:
         return f"<{tag}{' class=n' if column.figures else ''}>{escaped(value)}</{tag}>"
 
-    head = "".join(cell("th", column, column.title) for column in told)
-    body = "".join("<tr>" + "".join(cell("td", *pair) for pair in zip(told, row, strict=True)) + "</tr>\n" for row in rows)
+    head = "".join(cell("th", column, column.title) for column in titled)
+    body = "".join("<tr>" + "".join(cell("td", *pair) for pair in zip(titled, row, strict=True)) + "</tr>\n" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table>"
 
 
 def bullets(items: Iterable[object]) -> str:
-    """A list."""
+    """A list of items."""
     return "<ul>" + "".join(f"<li>{escaped(item)}</li>" for item in items) + "</ul>"
 
 
 def drawn(figure: "Figure", caption: str) -> str:
-    """A figure as SVG within the page; the same figure gives the same bytes."""
+    """A figure with its caption as SVG. The same figure gives the same bytes."""
     from matplotlib import rc_context
 
     drawing = io.StringIO()

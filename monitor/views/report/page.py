@@ -1,4 +1,4 @@
-"""A report's document → one self-contained HTML page, laid out for the maintenance file."""
+"""The report as one self-contained HTML page, made from the documents of its robots."""
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -10,6 +10,7 @@ from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.staleness import stale_text
 from monitor.views.report.charts import STATE_COLOURS, friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
+from monitor.views.units import PERCENT_PER_MONTH
 
 STATE_WORDS = {
     "NORMAL": "normal",
@@ -29,7 +30,7 @@ CONTEXT_WORDS = {
 
 
 def report_page(reports: Sequence[Mapping[str, Any]]) -> str:
-    """All robots on one page, each beginning on a sheet of its own."""
+    """The HTML page. Each robot begins on a new sheet. reports : documents of `service.report`."""
     parts: list[str] = []
     for number, one in enumerate(reports):
         parts += _robot(one, new_page=number > 0)
@@ -40,6 +41,7 @@ def report_page(reports: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _robot(report: Mapping[str, Any], *, new_page: bool) -> list[str]:
+    """The sections of one robot."""
     who, unwatched, verdict = report["robot"], report["unwatched"], report["verdict"]
     parts = [
         heading(f"{who['site']}/{who['id']}: {who['model'].upper()}", new_page=new_page),
@@ -83,6 +85,7 @@ def _robot(report: Mapping[str, Any], *, new_page: bool) -> list[str]:
 
 
 def _verdict(report: Mapping[str, Any]) -> str:
+    """The box at the top: the state of the arm at the end of the period, and what is too old to rely on."""
     verdict = report["verdict"]
     if verdict is None:
         return '<div class="box">' + paragraph("No replay was assessed in this period: nothing can be said of this arm.", "warn") + "</div>"
@@ -98,6 +101,7 @@ def _verdict(report: Mapping[str, Any]) -> str:
 
 
 def _stale(report: Mapping[str, Any]) -> str:
+    """Which joints have not been assessed for too long; nothing where all have."""
     old = report["stale"]
     if not old:
         return ""
@@ -108,10 +112,12 @@ def _stale(report: Mapping[str, Any]) -> str:
 
 
 def _chip(state: str) -> Markup:
+    """A state as a word in its colour."""
     return Markup(f'<span class="chip" style="color:{STATE_COLOURS.get(state, "#555")}">{escaped(STATE_WORDS.get(state, state))}</span>')
 
 
 def _joints(report: Mapping[str, Any]) -> str:
+    """A table with one row for each joint."""
     states = report["verdict"]["health"]["joints"]
     old = {one["joint"] for one in report["stale"]}
     rows = []
@@ -122,7 +128,7 @@ def _joints(report: Mapping[str, Any]) -> str:
                 f"joint {row['joint']}",
                 Markup(_chip(states[row["joint"] - 1]) + (" <b class=warn>STALE</b>" if row["joint"] in old else "")),
                 f"{100 * row['wear']:+z.1f} ± {100 * row['wear_std']:.1f}",
-                f"{3000 * row['wear_rate_per_day']:+z.1f} ± {3000 * row['wear_rate_std_per_day']:.1f}",
+                f"{PERCENT_PER_MONTH * row['wear_rate_per_day']:+z.1f} ± {PERCENT_PER_MONTH * row['wear_rate_std_per_day']:.1f}",
                 _life(life),
                 f"{100 * life.get('before_service_probability', 0.0):.0f}",
                 _pair(row["coulomb_nm"], row["coulomb_std_nm"]),
@@ -144,6 +150,7 @@ def _joints(report: Mapping[str, Any]) -> str:
 
 
 def _life(life: Mapping[str, Any]) -> str:
+    """Remaining life as a cell: median, P10 and P90 [days]."""
     if life["verdict"] == "reached":
         return "limit reached"
     if life["p50_days"] is None:
@@ -153,6 +160,7 @@ def _life(life: Mapping[str, Any]) -> str:
 
 
 def _alerts(report: Mapping[str, Any]) -> list[str]:
+    """A box for each alert of the period, and a table of all transitions."""
     parts = []
     for alert in report["alerts"]:
         place = "The arm" if alert["joint"] is None else f"Joint {alert['joint']}"
@@ -164,7 +172,7 @@ def _alerts(report: Mapping[str, Any]) -> list[str]:
                 )
             ),
             paragraph(alert["text"]),
-            _sure(alert),
+            _probability(alert),
             paragraph(f"Asked: {alert['action']}") if alert["active"] else "",
         ]
         if alert["acknowledged_at"]:
@@ -194,8 +202,8 @@ def _alerts(report: Mapping[str, Any]) -> list[str]:
     return parts
 
 
-def _sure(alert: Mapping[str, Any]) -> str:
-    """What the alert's figure is the probability of; conditions of the data have none."""
+def _probability(alert: Mapping[str, Any]) -> str:
+    """The probability of the change that the condition is about; nothing for a condition of the data, which has none."""
     condition = CONDITIONS.get(alert["condition"])
     if condition is None or condition.probability_of is None:
         return ""
@@ -205,6 +213,7 @@ def _sure(alert: Mapping[str, Any]) -> str:
 
 
 def _by(event: Mapping[str, Any]) -> str | None:
+    """Who acknowledged or shelved the alert, and why; None for another transition."""
     verb = {"acknowledged": "acknowledged", "shelved": "shelved"}.get(event["kind"])
     if verb is None:
         return None
@@ -213,6 +222,7 @@ def _by(event: Mapping[str, Any]) -> str | None:
 
 
 def _contexts(report: Mapping[str, Any]) -> list[str]:
+    """The context at first and each of its changes: arm, mounting, payload, tool, trajectory."""
     if not report["contexts"]:
         return [paragraph("None was seen: no replay was assessed.")]
     rows = []
@@ -233,6 +243,7 @@ def _contexts(report: Mapping[str, Any]) -> list[str]:
 
 
 def _fact(name: str, value: Any) -> str:
+    """One fact of a context, with its unit."""
     if value is None:
         return "not known"
     if name == "payload_kg":
@@ -243,6 +254,7 @@ def _fact(name: str, value: Any) -> str:
 
 
 def _unwatched(report: Mapping[str, Any]) -> list[str]:
+    """Windows without an assessment, gaps between replays, joints without information, and warnings."""
     unwatched, parts = report["unwatched"], []
     if unwatched["failed"]:
         rows = [[_time(row["window"]), row["state"], row["reason"]] for row in unwatched["failed"]]
@@ -258,7 +270,7 @@ def _unwatched(report: Mapping[str, Any]) -> list[str]:
 
 
 def _stops(report: Mapping[str, Any]) -> list[str]:
-    """Stops that a person had to look at; nothing where there was none."""
+    """Stops after which a person had to allow motion again; nothing where there was none."""
     if not report["stops"]:
         return []
     rows = [
@@ -278,6 +290,7 @@ def _stops(report: Mapping[str, Any]) -> list[str]:
 
 
 def _thresholds(of: Mapping[str, Any]) -> str:
+    """The alert settings as sentences."""
     return (
         f"Advisory from {100 * of['advisory_rise']:g} %, wear tier from {100 * of['wear_rise']:g} %, limit from {100 * of['limit_rise']:g} "
         f"% more friction than at first, in {of['min_replays']} replays on {of['min_days']} days at least, at most "

@@ -1,1 +1,1 @@
-"""Tables, progress and messages on a terminal."""
+"""Tables, progress bars and lines on a terminal. I/O."""

@@ -1,4 +1,4 @@
-"""Tables about one arm: `status`, `alerts`, `history`, `check`, and why a joint does not alert."""
+"""What the commands `status`, `alerts`, `history` and `check` print about one arm."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,10 +9,11 @@ from rich.table import Table
 from rich.text import Text
 
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
+from monitor.views.units import PERCENT_PER_MONTH
 
 
 def print_alerts(alerts: list[dict[str, Any]]) -> None:
-    """The `alerts` command's list: what, how grave, since when, why, what to do, who has seen it."""
+    """Print every alert: tier, time, text, advice, and who has acknowledged or shelved it."""
     console = standard_output(120)
     if not alerts:
         console.print("no alerts")
@@ -30,7 +31,10 @@ def print_alerts(alerts: list[dict[str, Any]]) -> None:
 
 
 def print_status(document: dict[str, Any]) -> None:
-    """The `status` command's table."""
+    """Print what `status` knows: health, friction of every joint, active alerts, the monitor's own state, the last windows.
+
+    document : of `service.status.status_document`.
+    """
     console = standard_output(120, highlight=True)
     health = document["health"]
     console.print(
@@ -39,24 +43,7 @@ def print_status(document: dict[str, Any]) -> None:
     if health and health.get("stale"):
         console.print(f"[yellow]{health['stale_why']}[/]", highlight=False)
     if document["friction"]:
-        states = {joint["joint"]: joint["state"] for joint in health["joints"]} if health else {}
-        old = {joint["joint"] for joint in health["joints"] if joint.get("stale")} if health else set()
-        table = table_of(
-            ("joint", "state", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "wear [%]", "rate [%/month]", "remaining life"), left=("state",)
-        )
-        for row in document["friction"]:
-            state = states.get(row["joint"], "")
-            table.add_row(
-                str(row["joint"]),
-                f"[{STATE_STYLE.get(state, 'white')}]{state}{' STALE' if row['joint'] in old else ''}",
-                number(row.get("temperature_c"), ".1f"),
-                f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
-                f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",
-                f"{100 * row['wear']:+z.1f} ± {100 * row['wear_std']:.1f}",
-                f"{3000 * row['wear_rate_per_day']:+z.1f}",
-                remaining_life(row.get("remaining_life")),
-            )
-        console.print(table)
+        console.print(_friction_table(document["friction"], health["joints"] if health else []))
     for alert in health["alerts"] if health else []:
         if alert.get("active"):
             console.print(
@@ -69,29 +56,51 @@ def print_status(document: dict[str, Any]) -> None:
                 f"[bold red]the monitor does not run[/], or cannot write: what follows it said {ago}; look at the service and at its disk",
                 highlight=False,
             )
-        console.print(monitor_line(document["monitor"]), highlight=False, markup=False)
+        console.print(monitor_lines(document["monitor"]), highlight=False, markup=False)
     for row in document["ledger"]:
         console.print(
             f"  replay {row['replay']}  {row['window']}  {row['state']}{'  ' + row['reason'] if row['reason'] else ''}", highlight=False
         )
 
 
-def monitor_line(document: dict[str, Any]) -> str:
-    """How the monitor itself was when it last said so."""
+def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]]) -> Table:
+    """The newest estimate of every joint. joints : of the health document, for their states."""
+    states = {joint["joint"]: joint["state"] for joint in joints}
+    stale = {joint["joint"] for joint in joints if joint.get("stale")}
+    table = table_of(
+        ("joint", "state", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "wear [%]", "rate [%/month]", "remaining life"), left=("state",)
+    )
+    for row in friction:
+        state = states.get(row["joint"], "")
+        table.add_row(
+            str(row["joint"]),
+            f"[{STATE_STYLE.get(state, 'white')}]{state}{' STALE' if row['joint'] in stale else ''}",
+            number(row.get("temperature_c"), ".1f"),
+            f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
+            f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",
+            f"{100 * row['wear']:+z.1f} ± {100 * row['wear_std']:.1f}",
+            f"{PERCENT_PER_MONTH * row['wear_rate_per_day']:+z.1f}",
+            remaining_life(row.get("remaining_life")),
+        )
+    return table
+
+
+def monitor_lines(document: dict[str, Any]) -> str:
+    """The newest `monitor` document as lines: the monitor's own state, its problems, the outcome of the last reload."""
     store = document["store"]
     free = "unknown" if store["free_bytes"] is None else f"{store['free_bytes'] / 1e9:.1f} GB"
     lines = [
         f"monitor {document['version']} at {document['said_at']}: next replay {document['next_replay_due'] or 'none'}; "
         f"backup {store['last_backup_at'] or 'none yet'}; {free} free"
     ]
-    lag, waiting, process = document["lag_s"], document["bus"], document["process"]
+    lag_s, lengths, process = document["lag_s"], document["bus"], document["process"]
     resident = f"{process['resident_bytes'] / 1e6:.0f} MB of memory, " if process["resident_bytes"] else ""
     lines.append(
         f"  up {document['uptime_s'] / 3600.0:.1f} h; {resident}{process['cpu_s']:.0f} s of processor; "
-        f"{'' if lag is None else f'last window begun {lag:.0f} s after its opening; '}"
-        f"bus: {', '.join(f'{count} {name.replace(chr(95), chr(32))}' for name, count in waiting.items())}"
+        f"{'' if lag_s is None else f'last window begun {lag_s:.0f} s after its opening; '}"
+        f"bus: {', '.join(f'{count} {name.replace(chr(95), chr(32))}' for name, count in lengths.items())}"
     )
-    lines += [f"  since {trouble['since']} {trouble['name']}: {trouble['text']}" for trouble in document["troubles"]]
+    lines += [f"  since {problem['since']} {problem['name']}: {problem['text']}" for problem in document["troubles"]]
     if document.get("reload"):
         reload = document["reload"]
         lines.append(f"  configuration {'reloaded' if reload['done'] else 'NOT reloaded'} at {reload['at']}: {reload['told']}")
@@ -99,28 +108,28 @@ def monitor_line(document: dict[str, Any]) -> str:
 
 
 def print_conditions(title: str, found: list[tuple[str, str, str]]) -> None:
-    """Every condition: its name, ok or NO or not checked, and what was found."""
+    """Print every condition (name, status, text), and whether the arm may move."""
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for column in ("condition", "holds", "found"):
         table.add_column(column, overflow="fold", no_wrap=column != "found")
     style = {"ok": "green", "NO": "bold red", "not checked": "yellow"}
-    for name, word, told in found:
-        table.add_row(name, Text(word, style=style[word]), Text(told))
+    for name, status, text in found:
+        table.add_row(name, Text(status, style=style[status]), Text(text))
     standard_output(140, highlight=True).print(table)
-    failed = [name for name, word, _ in found if word == "NO"]
+    failed = [name for name, status, _ in found if status == "NO"]
     print(f"the arm may not move: {', '.join(failed)}" if failed else "the arm may move")  # noqa: T201
 
 
 def print_bus(found: list[dict[str, Any]]) -> None:
-    """How far one gets on the bus, and what to do where it is not far enough."""
+    """Print how far each party gets on the bus, and what to do where it gets no answer."""
     console = standard_output(140)
     for row in found:
-        word = "[green]ok[/]" if row["cause"] == "reached" else f"[bold yellow]{row['cause']}[/]"
-        console.print(f"bus, {row['who']} at {escape(row['endpoint'])}: {word}: {escape(row['told'])}")
+        outcome = "[green]ok[/]" if row["cause"] == "reached" else f"[bold yellow]{row['cause']}[/]"
+        console.print(f"bus, {row['who']} at {escape(row['endpoint'])}: {outcome}: {escape(row['told'])}")
 
 
 def print_not_alerting(joint: int, reasons: Sequence[str]) -> None:
-    """Why a joint does not alert."""
+    """Print the reasons why a joint (from 1) has no alert of a higher tier."""
     console = Console()
     console.print(f"joint {joint}: {'the highest tier stands' if not reasons else 'no further alert, for'}", highlight=False)
     for reason in reasons:
@@ -128,7 +137,7 @@ def print_not_alerting(joint: int, reasons: Sequence[str]) -> None:
 
 
 def print_history(rows: list[dict[str, Any]], left_out: int) -> None:
-    """The `history` command's table."""
+    """Print the rows of the history, and how many earlier ones are left out."""
     console = standard_output(120, highlight=True)
     if not rows:
         console.print("no replay has been assessed in that time")

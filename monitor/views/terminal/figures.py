@@ -1,4 +1,4 @@
-"""How figures look on a terminal: numbers with their deviation, percentages, colours of states and tiers, tables."""
+"""How figures look on a terminal: numbers with their standard deviation, percentages, colours of states and tiers, tables."""
 
 import sys
 from collections.abc import Sequence
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
+# of a NAMUR NE 107 state
 STATE_STYLE = {
     "NORMAL": "green",
     "CHECK_FUNCTION": "yellow",
@@ -13,16 +14,17 @@ STATE_STYLE = {
     "MAINTENANCE_REQUIRED": "bold magenta",
     "FAILURE": "bold red",
 }
+# of a tier, and of an alert that has cleared
 TIER_STYLE = {"advisory": "yellow", "wear": "bold magenta", "limit": "bold red", "cleared": "green"}
 
 
 def standard_output(width: int, *, highlight: bool = False) -> Console:
-    """Standard output: as wide as its terminal, and `width` characters where it is none."""
+    """Standard output, as wide as its terminal; `width` characters wide where it is no terminal."""
     return Console(width=None if sys.stdout.isatty() else width, highlight=highlight)
 
 
 def table_of(titles: Sequence[str], *, left: Sequence[str] = (), title: str | None = None) -> Table:
-    """An empty table; columns hold figures, aligned to the right, except those in `left`."""
+    """An empty table. Columns are aligned to the right, as figures are, except those in `left`."""
     made = Table(title=title, title_justify="left")
     for name in titles:
         made.add_column(name, justify="left" if name in left else "right")
@@ -30,12 +32,12 @@ def table_of(titles: Sequence[str], *, left: Sequence[str] = (), title: str | No
 
 
 def number(value: float | None, form: str) -> str:
-    """A figure in Python's format `form`; a dash where it is unknown."""
+    """A figure in the format `form` of Python; a dash where it is unknown."""
     return "–" if value is None else format(value, form)
 
 
 def whole_percent(share: float | None) -> str:
-    """A fraction as whole per cent; a dash where it is unknown."""
+    """A fraction as per cent without decimals; a dash where it is unknown."""
     return "–" if share is None else f"{100 * share:.0f} %"
 
 
@@ -50,7 +52,7 @@ def percent(fraction: float | None) -> str:
 
 
 def remaining_life(life: dict[str, float | None] | None) -> str:
-    """`no trend`, or the median with its P10–P90 in days."""
+    """Median and P10–P90 of remaining life [days]; `no trend` where there is none."""
     if not life or life.get("p50_days") is None:
         return "no trend"
     return f"{life['p50_days']:.0f} d ({number(life.get('p10_days'), '.0f')}–{number(life.get('p90_days'), '.0f')})"

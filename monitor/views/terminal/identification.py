@@ -1,4 +1,4 @@
-"""Tables of the commands that identify an arm: `identify`, `base`, `energy` and `design`."""
+"""What the commands `identify`, `base`, `energy` and `design` print."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from monitor.views.terminal.figures import number, pair, percent, standard_outpu
 
 
 def print_identification(document: dict[str, Any]) -> None:
-    """The `identify` command's tables."""
+    """Print an identification: its recordings, friction and fit of every joint, what was asked beside, and warnings."""
     console = standard_output(120, highlight=True)
     for recording in document["recordings"]:
         why = ", ".join(f"{count} {reason}" for reason, count in recording["rejected_why"].items())
@@ -53,7 +53,7 @@ def print_identification(document: dict[str, Any]) -> None:
 
 
 def _print_extras(console: Console, document: dict[str, Any]) -> None:
-    """What an identification found besides, where it was asked: law, validation before and after, gains, arm, payload."""
+    """Print the parts of the document that options ask for: friction law, validation, joint gains, physical arm, payload."""
     friction = document["friction"]
     if "coulomb_misfit_std_nm" in friction:
         fc, fv = (
@@ -65,8 +65,8 @@ def _print_extras(console: Console, document: dict[str, Any]) -> None:
     if law.get("values"):
         for name in law["parameters"]:
             pairs = zip(law["values"][name], law["std"][name], strict=True)
-            told = "  ".join(f"{number(value, '.3f')} ± {number(std, '.3f')}" for value, std in pairs)
-            console.print(f"friction law {law['name']}, {name}: {told}", highlight=False)
+            values = "  ".join(f"{number(value, '.3f')} ± {number(std, '.3f')}" for value, std in pairs)
+            console.print(f"friction law {law['name']}, {name}: {values}", highlight=False)
     if law.get("held_out"):
         errors = ", ".join(f"{name} {number(error, '.3f')}" for name, error in law["held_out"].items())
         console.print(f"chosen by the error on data left out, in units of the noise: {errors}", highlight=False)
@@ -76,8 +76,8 @@ def _print_extras(console: Console, document: dict[str, Any]) -> None:
     if "gains" in document:
         gains = document["gains"]
         pairs = zip(gains["values_nm_per_a"], gains["std_nm_per_a"], strict=True)
-        told = "  ".join("– " if value is None else f"{value:.2f} ± {std:.2f}" for value, std in pairs)
-        console.print(f"joint gains from the payload pair [Nm/A]: {told}", highlight=False)
+        values = "  ".join("– " if value is None else f"{value:.2f} ± {std:.2f}" for value, std in pairs)
+        console.print(f"joint gains from the payload pair [Nm/A]: {values}", highlight=False)
     if "physical" in document:
         physical = document["physical"]
         masses = "  ".join(f"{link['mass_kg']:.2f}" for link in physical["links"])
@@ -95,7 +95,7 @@ def _print_extras(console: Console, document: dict[str, Any]) -> None:
 
 
 def print_base(document: dict[str, Any]) -> None:
-    """The `base` command's tables."""
+    """Print the base parameters, the singular values of the regressor, and which parameters are identifiable alone."""
     console = standard_output(120)
     sigma, count = document["singular_values"], document["count"]
     console.print(f"{escape(document['robot'])}: {count} base parameters of {len(sigma)} standard ones")
@@ -121,7 +121,7 @@ def print_base(document: dict[str, Any]) -> None:
 
 
 def print_energy(document: dict[str, Any]) -> None:
-    """The `energy` command's tables."""
+    """Print kinetic energy and flange speed along a trajectory, and the transfer energy to every body region."""
     console = standard_output(120)
     energy, speed = document["kinetic_energy_j"], document["flange_speed_m_s"]
     std = number(energy["std_at_max"], ".2g")
@@ -155,7 +155,7 @@ def print_energy(document: dict[str, Any]) -> None:
 
 
 def print_design(file: str, document: dict[str, Any]) -> None:
-    """The `design` command's tables."""
+    """Print what a designed trajectory is worth: clearance, conditioning, and for every joint the expected standard deviations."""
     console = standard_output(120)
     proof, merits = document["proof"], document["objectives"]
     console.print(f"{file}: {document['robot']}, {document['repetitions']} × {document['period_s']:g} s; {document['source']}")

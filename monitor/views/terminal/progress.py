@@ -1,4 +1,4 @@
-"""Progress on standard error while a person waits; nothing where standard error is no terminal."""
+"""Progress on standard error while a person waits. Where standard error is no terminal, nothing is shown."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRe
 
 @contextmanager
 def progress(title: str) -> Iterator[Callable[[str, float, float], None]]:
-    """A bar for phases whose length is known, a spinner for others; nothing where standard error is no terminal."""
+    """A bar for phases of known length, a spinner for others. Call what it yields with phase, elapsed and total time [s], 0 if unknown."""
     console = Console(stderr=True)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"))
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -23,7 +23,7 @@ def progress(title: str) -> Iterator[Callable[[str, float, float], None]]:
 
 @contextmanager
 def status(text: str) -> Iterator[None]:
-    """A spinner while something is computed; nothing where standard error is no terminal."""
+    """A spinner while something is computed."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield
@@ -34,7 +34,7 @@ def status(text: str) -> Iterator[None]:
 
 @contextmanager
 def search_progress(title: str, budget: int) -> Iterator[Callable[[int, float], None]]:
-    """A bar over a budget of evaluations with the best value and the time left; nothing where standard error is no terminal."""
+    """A bar over a budget of evaluations. Call what it yields with the evaluations done and the best value, inf before there is one."""
     console = Console(stderr=True)
     text = TextColumn("{task.description}  best {task.fields[best]}")
     columns = (SpinnerColumn(), text, BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeRemainingColumn())
@@ -49,7 +49,7 @@ def search_progress(title: str, budget: int) -> Iterator[Callable[[int, float], 
 
 @contextmanager
 def campaign_progress(robots: Sequence[str]) -> Iterator[Callable[[str, str, float], None]]:
-    """A bar for each robot with what is being done to it; nothing where standard error is no terminal."""
+    """A bar for each robot. Call what it yields with the robot, what is done now, and the fraction of its campaign that is done."""
     console = Console(stderr=True)
     columns = (
         SpinnerColumn(),

@@ -1,4 +1,4 @@
-"""Tables of the commands that judge many replays: `assess`, `rehearse` and `reproduce`."""
+"""What the commands `assess`, `rehearse` and `reproduce` print."""
 
 from typing import Any
 
@@ -11,16 +11,16 @@ from monitor.views.terminal.figures import number, standard_output, table_of, wh
 
 
 def print_assessment(document: dict[str, Any], why: int | None = None) -> None:
-    """A series of recordings, judged: what is believed now, and every alert with its reasons; of joint `why`, why not."""
+    """Print the verdict of every recording, the alerts, the warnings; for joint `why` (from 1), why it has no further alert."""
     console = Console()
     table = Table(title=f"{document['robot']}: {document['health']['arm']}, {document['why']['arm']}", title_justify="left")
     for title in ("recording", "made at", "verdict", *(f"J{j + 1} wear [%]" for j in range(len(document["health"]["joints"])))):
         table.add_column(title, justify="right" if "wear" in title else "left")
-    by_file: dict[str, list[dict[str, Any]]] = {}
+    by_time: dict[str, list[dict[str, Any]]] = {}
     for row in document["friction"]:
-        by_file.setdefault(row["recorded_at"], []).append(row)
+        by_time.setdefault(row["recorded_at"], []).append(row)
     for row in document["recordings"]:
-        wear = [f"{100 * j['wear']:+z.1f} ± {100 * j['wear_std']:.1f}" for j in by_file.get(row["recorded_at"], [])]
+        wear = [f"{100 * j['wear']:+z.1f} ± {100 * j['wear_std']:.1f}" for j in by_time.get(row["recorded_at"], [])]
         table.add_row(row["file"], row["recorded_at"], row["verdict"], *wear)
     console.print(table)
     for alert in document["alerts"]:
@@ -43,7 +43,7 @@ def print_assessment(document: dict[str, Any], why: int | None = None) -> None:
 
 
 def print_rehearsal(document: dict[str, Any]) -> None:
-    """What the thresholds would do on the simulated fleet."""
+    """Print false alarms, days to detection, coverage and remaining life of a rehearsal on the simulated fleet."""
     console = Console()
     years, noise = document["robot_years"], 100 * document["between_std"]
     console.print(
@@ -77,7 +77,7 @@ def print_rehearsal(document: dict[str, Any]) -> None:
 
 
 def print_reproduction(document: dict[str, Any], output: str | None) -> None:
-    """Every statement of the paper that was looked at, by robot."""
+    """Print every compared statement of the paper, by robot, and where the report was written."""
     console = standard_output(150)
     marks = {True: "[green]holds[/]", False: "[bold red]DOES NOT HOLD[/]", None: "[dim]must differ[/]"}
     for robot in document["robots"]:

@@ -1,4 +1,4 @@
-"""`joint-monitor watch`: one line for one document of the bus, coloured by what it means where standard output is a terminal."""
+"""The lines of `joint-monitor watch`: one for each document of the bus, in colour where standard output is a terminal."""
 
 import json
 from collections.abc import Callable
@@ -9,29 +9,30 @@ from rich.text import Text
 
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE
 
-LONGEST_JSON = 160  # characters of a document that is shown as JSON: two lines of a common terminal
+LONGEST_JSON = 160  # characters: two lines of a terminal that is 80 wide
+# of a transition of an alert
 KIND_STYLE = {"raised": "bold red", "updated": "yellow", "cleared": "green", "acknowledged": "cyan", "shelved": "cyan"}
 Document = dict[str, Any]
 
 
 class DocumentPrinter:
-    """Prints the documents of the bus, a line each, as they come."""
+    """Prints each document of the bus as one line."""
 
     def __init__(self) -> None:
         self._console = Console(highlight=False, soft_wrap=True)
 
     def print(self, key: str, document: Document) -> None:
-        """Print one line and flush it, since a reader of a pipe waits for it."""
+        """Print one line at once, so that a program that reads it from a pipe does not wait."""
         self._console.print(line(key, document))
         self._console.file.flush()
 
 
 def line(key: str, document: Document) -> Text:
-    """One document as one line for a person. A kind that this module does not know is shown as JSON of at most LONGEST_JSON characters."""
-    words = next((words for matches, words in _WORDS if matches(key)), None)
-    if words is not None:
+    """One document as one line. A kind that this module does not know is shown as JSON of at most LONGEST_JSON characters."""
+    formatted = next((formatted for matches, formatted in _FORMATS if matches(key)), None)
+    if formatted is not None:
         try:
-            return words(key, document)
+            return formatted(key, document)
         except (KeyError, TypeError, ValueError):  # a document lacks a field that v1 promises: it is shown as JSON
             pass
     text = json.dumps(document, ensure_ascii=False)
@@ -109,14 +110,15 @@ def _replay(key: str, document: Document) -> Text:
 
 
 def _monitor(key: str, document: Document) -> Text:
-    troubles, due = document["troubles"], document["next_replay_due"]
+    problems, due = document["troubles"], document["next_replay_due"]
     text = Text(f"{key}  ").append(
-        " ".join("; ".join(f"{one['name']}: {one['text']}" for one in troubles).split()) or "no trouble", "yellow" if troubles else ""
+        " ".join("; ".join(f"{one['name']}: {one['text']}" for one in problems).split()) or "no trouble", "yellow" if problems else ""
     )
     return text.append(f"  next replay {due or 'none'}", "dim")
 
 
-_WORDS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = [
+# the first entry whose predicate holds for a key formats its documents
+_FORMATS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = [
     (lambda key: key == "health", _health),
     (lambda key: key.startswith("alert/"), _alert),
     (lambda key: key == "event", _event),
