@@ -1,5 +1,6 @@
-"""Figures of studies with the one-sided 95 % bounds by which they are judged."""
+"""Figures of studies, with the one-sided 95 % bounds by which they are judged."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -9,49 +10,50 @@ from scipy.stats import beta, chi2, t
 
 from monitor.recording import Array
 
-SURE = 0.95  # one-sided
-NINETY = 1.645  # standard deviations either side
-MOVING_RAD_S = 0.05  # what a standing joint holds is no question of friction in motion
+SURE = 0.95  # one-sided confidence of every bound
+NINETY = 1.645  # standard deviations on either side of a 90 % interval
+MOVING_RAD_S = 0.05  # slower joints hold rather than slide, and are left out of questions of friction in motion
+DAYS_A_YEAR = 365.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rate:
-    """Events in so many robot-years, and the upper bound of their rate (Garwood, 1936)."""
+    """Events in a number of robot-years, and the upper bound of their rate (Garwood, 1936)."""
 
     events: int
     robot_years: float
 
     @property
     def per_year(self) -> float:
-        """As seen."""
+        """The observed rate."""
         return self.events / self.robot_years
 
     @property
     def at_most(self) -> float:
-        """95 %."""
+        """Its upper bound."""
         return float(chi2.ppf(SURE, 2 * (self.events + 1))) / 2.0 / self.robot_years
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How many of how many, and the bounds of the share (Clopper and Pearson, 1934)."""
+    """Hits among a number of trials, and the bounds of their share (Clopper and Pearson, 1934)."""
 
     hits: int
     of: int
 
     @property
     def value(self) -> float:
-        """As seen."""
+        """The observed share; NaN without trials."""
         return self.hits / self.of if self.of else float("nan")
 
     @property
     def at_least(self) -> float:
-        """95 %."""
+        """Its lower bound."""
         return float(beta.ppf(1.0 - SURE, self.hits, self.of - self.hits + 1)) if self.hits else 0.0
 
     @property
     def at_most(self) -> float:
-        """95 %."""
+        """Its upper bound."""
         return float(beta.ppf(SURE, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
 
 
@@ -64,7 +66,7 @@ class Figure(NamedTuple):
 
 
 def over_arms(of: Callable[[Array], float], arms: Array) -> Figure:
-    """`of` all the arms' rows (A, …), with bounds from leaving out one arm at a time: arms differ, what one arm says hangs together.
+    """`of` the rows (A, …) of all arms, with bounds from leaving out one arm at a time: values of one arm are not independent.
 
     The jackknife of Tukey (1958), with Student's t of A − 1 degrees of freedom; the bounds of one arm are NaN.
     """
@@ -76,3 +78,19 @@ def over_arms(of: Callable[[Array], float], arms: Array) -> Figure:
     std = float(np.sqrt((A - 1.0) / A * np.sum((without - without.mean()) ** 2)))
     reach = float(t.ppf(SURE, A - 1)) * std
     return Figure(value, value - reach, value + reach)
+
+
+def finite_or_none(figure: float) -> float | None:
+    """A figure for JSON, which has no infinity: None where it is not finite."""
+    return figure if math.isfinite(figure) else None
+
+
+def share_document(share: Share) -> dict[str, float | None]:
+    """A share and its bounds, as JSON."""
+    return {
+        "hits": share.hits,
+        "of": share.of,
+        "share": finite_or_none(share.value),
+        "at_least": share.at_least,
+        "at_most": share.at_most,
+    }

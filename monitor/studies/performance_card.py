@@ -14,8 +14,10 @@ from typing import Any
 from monitor.assess import AssessSettings
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.studies.figures import Share
+from monitor.studies.rehearsal.detection import LATEST_ONSET, Kind, detected
 from monitor.studies.rehearsal.fleet import FleetSettings
-from monitor.studies.rehearsal.rehearse import LATEST_ONSET, LEARNING_DAYS, Kind, detected, play, rehearse
+from monitor.studies.rehearsal.play import LEARNING_DAYS, play
+from monitor.studies.rehearsal.rehearse import rehearse
 from monitor.studies.torque_study import study_arm, summary, surrogate
 
 TARGET = Path("docs/validation.md")

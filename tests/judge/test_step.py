@@ -15,7 +15,7 @@ from monitor.identify.warnings import DataWarning
 from monitor.judge.drift import filter_update, step
 from monitor.judge.drift.filter_state import RATE, WEAR
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
-from monitor.studies.rehearsal.rehearse import play
+from monitor.studies.rehearsal.play import play
 
 ASSESS = AssessSettings()
 DAYS, JUMP_DAY = 26, 14

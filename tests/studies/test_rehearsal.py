@@ -8,7 +8,6 @@ import pytest
 from scipy.stats import kstest
 from synthetic_arm import CONTEXT, START_S, Arm
 
-import monitor.studies.rehearsal.rehearse as rehearse_module
 from monitor.assess import AssessSettings
 from monitor.identify.identify import identify
 from monitor.judge.drift.observation import Observation, observe
@@ -18,8 +17,12 @@ from monitor.judge.learn import begin, learn
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.figures import Rate, Share
 from monitor.studies.performance_card import card, notes
+from monitor.studies.rehearsal import detection
+from monitor.studies.rehearsal.detection import Kind, Reported, delay, detection_row, false_alarms, onsets
 from monitor.studies.rehearsal.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
-from monitor.studies.rehearsal.rehearse import COMPARABLE, Felt, Kind, delay, detection_row, false_alarms, life, onsets, play, rehearse
+from monitor.studies.rehearsal.play import COMPARABLE, play
+from monitor.studies.rehearsal.rehearse import rehearse
+from monitor.studies.rehearsal.remaining_life import life
 
 ASSESS = AssessSettings()
 FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise as it told it alone
@@ -37,7 +40,7 @@ def test_a_quiet_fleet_is_quiet():
 def test_a_step_of_five_percent_is_told_within_weeks_in_its_joint():
     """σ = 2 %, ρ = 0.5: the median of 24 arms is below 15 days (10 are measured on 250), and nine of ten know the joint."""
     wear = onsets(24, 1, step=0.05, latest=200)
-    told = delay(Felt.of(play(FleetSettings(arms=24, days=240, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
+    told = delay(Reported.of(play(FleetSettings(arms=24, days=240, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
     assert told.median_days < 15
     assert told.within_30.hits >= 0.9 * told.arms
     assert told.right_joint.hits >= 0.9 * told.right_joint.of
@@ -124,7 +127,7 @@ def test_thresholds_that_tell_nothing_or_cry_before_any_onset_still_give_plain_j
     deaf = play(FleetSettings(arms=2, days=63, seed=3, scenarios=COMPARABLE), ASSESS, wear)
     wolf = replace(deaf, tier_day=np.zeros_like(deaf.tier_day))
     for played in (deaf, wolf):
-        row = json.loads(json.dumps(detection_row("2 % step", 0.02, 0.0, delay(Felt.of(played, wear)), float("nan")), allow_nan=False))
+        row = json.loads(json.dumps(detection_row("2 % step", 0.02, 0.0, delay(Reported.of(played, wear)), float("nan")), allow_nan=False))
         assert row["median_days"] is None
         assert row["right_joint"]["share"] is None
         assert row["interval_90"] is None
@@ -133,15 +136,15 @@ def test_thresholds_that_tell_nothing_or_cry_before_any_onset_still_give_plain_j
 def test_a_kind_of_wear_played_in_groups_is_one_answer(monkeypatch):
     """Groups are other arms with other days; together they are as many as asked for, told apart by nothing."""
     base, kind = FleetSettings(arms=8, between_std=0.01), Kind("100 %/year", 0.0, 1.0, 8)
-    monkeypatch.setattr(rehearse_module, "LATEST_ONSET", 62)
-    monkeypatch.setattr(rehearse_module, "days_to_play", lambda step, per_year: 100)
-    whole = rehearse_module.detected(base, ASSESS, kind, 3)
-    monkeypatch.setattr(rehearse_module, "GROUP", 3)
-    parted = rehearse_module.detected(base, ASSESS, kind, 3)
+    monkeypatch.setattr(detection, "LATEST_ONSET", 62)
+    monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: 100)
+    whole = detection.detected(base, ASSESS, kind, 3)
+    monkeypatch.setattr(detection, "GROUP", 3)
+    parted = detection.detected(base, ASSESS, kind, 3)
     assert parted["arms"] == whole["arms"] == 8
     assert parted["within_30_days"]["of"] == 8
     assert parted["median_days"] == pytest.approx(whole["median_days"], abs=8)
-    onset = Felt.together([Felt(*(np.arange(3.0) + k for _ in range(4))) for k in (0, 10)]).onset
+    onset = Reported.together([Reported(*(np.arange(3.0) + k for _ in range(4))) for k in (0, 10)]).onset
     assert np.array_equal(onset, [0, 1, 2, 10, 11, 12])
 
 
@@ -149,7 +152,7 @@ def test_the_card_says_what_was_not_reached():
     """Every figure is on it; one beyond its limit is said to be."""
     share = {"hits": 10.0, "of": 10.0}
     wear = onsets(12, 1, step=0.05, latest=70)
-    told = delay(Felt.of(play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
+    told = delay(Reported.of(play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
     rows = [detection_row(name, 0.05, 0.0, told, 0.9) for name in ("5 % step", "10 %/year")]
     document = {
         "robot_years": 100.0,

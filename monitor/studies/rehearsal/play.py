@@ -1,0 +1,181 @@
+"""A simulated fleet's life, judged day by day by the daemon's own functions: the filter step and the tiers of alerts.
+
+The learning days at the beginning are left out of every figure but `Played.early`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.assess import AssessSettings
+from monitor.judge.alerts.evidence import Evidence, WearAfterReplay, nothing_counted, weigh_evidence
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
+from monitor.judge.drift.undetected_change import undetected_change
+from monitor.recording import Array
+from monitor.studies.figures import NINETY
+from monitor.studies.rehearsal.fleet import SCENARIOS, Day, Fleet, FleetSettings, Wear
+
+LEARNING_DAYS = 60
+COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
+"""Scenarios with a replay on every day against one baseline: there, a delay in days is a delay in replays."""
+TIERS = 3  # advisory, wear, limit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Played:
+    """What the monitor reported of a fleet. Days count from the first replay; NaN is never."""
+
+    fleet: Fleet
+    days: int  # after learning
+    tier_day: Array  # (A, J, 3) of the first rise to each tier after learning
+    falling_day: Array  # (A, J) of the first alert of falling friction
+    common_day: Array  # (A,) of the first alert of all joints together
+    early: int  # alerts while learning: first rises to any tier, of joints and of arms
+    covered: Array  # (A,) share of days and joints whose 90 % interval of friction at T0 contained the truth
+    covered_worn: float  # the same of joints that wear, after the onset; NaN where none does
+    slope_error_per_k: Array  # (A, J) [1/K] dependence on temperature that the temperature law leaves in friction
+    state: DriftState  # after the last day
+
+
+Watcher = Callable[[int, Day, DriftState], None]
+"""Called after each day's replays with the day, what happened in it, and the state of all joints."""
+
+
+def play(
+    settings: FleetSettings,
+    assess: AssessSettings,
+    wear: Wear | None = None,
+    *,
+    watch: Watcher | None = None,
+    learning: int = LEARNING_DAYS,
+    count_use: bool = True,
+) -> Played:
+    """A fleet's life, judged day by day.
+
+    wear : of the fleet; None: nothing wears. learning : days that are left out of the figures. count_use : whether revolutions are counted.
+    """
+    fleet = Fleet(settings, wear)
+    A, J = fleet.arms, fleet.joints
+    state: DriftState | None = None
+    counts, last = nothing_counted(A * J, A), np.zeros(A)
+    early = np.zeros(A * J + A, dtype=bool)
+    alerts, accuracy = _AlertDays(fleet), _Accuracy(fleet, assess.drift)
+    for day in range(settings.days):
+        now = fleet.morning(day)
+        if state is None:
+            state = initial_state(now.seen, J, assess.drift, assess.temperature)
+        replay = Replay(
+            observation=now.seen,
+            days=day - last,
+            replayed=now.replayed,
+            slot=now.slot,
+            opened=now.opened & (day > 0),  # the initial state knows no level yet
+            revolutions=now.revolutions.ravel() if count_use else None,
+        )
+        last = np.where(now.replayed, day, last)
+        result = step(state, replay, assess.drift, assess.temperature, settle_on_learnt=True)
+        state = result.state
+        evidence = weigh_evidence(_wear_after(result, day), counts, J, assess.health)
+        counts = evidence.counts
+        if day < learning:
+            early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
+        else:
+            alerts.add(day, evidence)
+            accuracy.add(now, result)
+        if watch:
+            watch(day, now, state)
+    assert state is not None
+    return Played(
+        fleet=fleet,
+        days=settings.days - learning,
+        tier_day=alerts.tier.reshape(A, J, TIERS),
+        falling_day=alerts.falling.reshape(A, J),
+        common_day=alerts.common,
+        early=int(early.sum()),
+        covered=accuracy.covered(),
+        covered_worn=accuracy.covered_worn(),
+        slope_error_per_k=accuracy.slope_per_k(),
+        state=state,
+    )
+
+
+def _wear_after(result: StepResult, day: int) -> WearAfterReplay:
+    """What the tiers need of a fleet's state, (N,) each."""
+    joints = result.state.filter_state
+    return WearAfterReplay(
+        wear=joints.wear,
+        wear_std=joints.wear_std,
+        known=joints.replays > 0,
+        usable=joints.learnt_from & result.inside_range,
+        day=np.full(joints.joints, float(day)),
+        agreeing=joints.agreeing,
+        interval_days=joints.interval_days,
+    )
+
+
+class _AlertDays:
+    """The first day of every alert; NaN before it came."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        N = fleet.arms * fleet.joints
+        self.tier = np.full((N, TIERS), np.nan)
+        self.falling = np.full(N, np.nan)
+        self.common = np.full(fleet.arms, np.nan)
+
+    def add(self, day: int, evidence: Evidence) -> None:
+        """One more day of a fleet."""
+        for k in range(TIERS):
+            self.tier[(evidence.raises >= k) & np.isnan(self.tier[:, k]), k] = day
+        self.falling[evidence.falls & np.isnan(self.falling)] = day
+        self.common[evidence.together & np.isnan(self.common)] = day
+
+
+class _Accuracy:
+    """How close the estimated friction is to the fleet's true friction, summed over days."""
+
+    def __init__(self, fleet: Fleet, drift: DriftSettings) -> None:
+        N = fleet.arms * fleet.joints
+        self._fleet, self._drift = fleet, drift
+        self._held, self._replays = np.zeros(N), np.zeros(N)
+        self._worn_held, self._worn_replays = 0.0, 0.0
+        self._sums = np.zeros((N, 5))  # n, Σx, Σy, Σx², Σxy of the regression of friction left over on temperature
+
+    def add(self, now: Day, result: StepResult) -> None:
+        """One more day: whether the 90 % interval at T0 contains the truth, and what the temperature law leaves."""
+        fleet, state, joints = self._fleet, result.state, result.state.filter_state
+        here = np.repeat(now.replayed, fleet.joints)
+        T, T0, slot = now.seen.temperature_c, state.reference_temperature_c, state.slot
+        truth = np.log(fleet.torque(T0.reshape(fleet.arms, fleet.joints), np.exp(now.worn))).ravel()
+        mean, std = joints.reference(T0, slot)
+        more, more_var = undetected_change(joints, joints.reference_row(T0, slot), self._drift)
+        held = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var + self._drift.between_floor**2)
+        self._held, self._replays = self._held + (held & here), self._replays + here
+        worn = (now.worn.ravel() > 0) & here
+        self._worn_held += float((held & worn).sum())
+        self._worn_replays += float(worn.sum())
+        # truth at the true temperature, less what the filter expects at the measured one, without its noise
+        measured = joints.reference(np.where(np.isfinite(T), T, joints.origin_c), slot)[0]
+        expected = mean + measured - joints.reference(T0, slot)[0]
+        left = now.truth.ravel() - expected
+        use = joints.learnt_from & np.isfinite(T) & result.inside_range & here
+        x, y = np.where(use, T - T0, 0.0), np.where(use, left, 0.0)
+        self._sums += np.stack([use, x, y, x * x, x * y], axis=1)
+
+    def covered(self) -> Array:
+        """(A,) share of replays and joints whose interval contained the truth."""
+        held, replays = (each.reshape(self._fleet.arms, self._fleet.joints).sum(axis=1) for each in (self._held, self._replays))
+        share: Array = held / np.maximum(replays, 1.0)
+        return share
+
+    def covered_worn(self) -> float:
+        """The same of all joints that wear; NaN where there is none."""
+        return self._worn_held / self._worn_replays if self._worn_replays else float("nan")
+
+    def slope_per_k(self) -> Array:
+        """(A, J) [1/K] slope of the friction left over, by least squares; NaN where temperature did not vary."""
+        n, sx, sy, sxx, sxy = self._sums.T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slope: Array = (n * sxy - sx * sy) / (n * sxx - sx * sx)
+        return slope.reshape(self._fleet.arms, self._fleet.joints)
