@@ -1,6 +1,6 @@
-"""Every fault of the simulator, at any moment of a replay: what must follow, and a harness that looks whether it did.
+"""Every fault of the simulator, at any moment of a replay: what must follow, and a harness that checks it.
 
-One arm, one replay after the other: the replay of each case is the proof that the one before left an arm that works.
+One arm plays one replay after the other, so the replay of each case proves that the case before left an arm that works.
 """
 
 import time
@@ -24,17 +24,17 @@ STOP_WITHIN_S = 0.25  # of the simulated arm's own clock, from the fault to the 
 STANDS_WITHIN_S = (
     0.35  # from the stop to standstill: the fastest joint's 2.5 rad/s at the 15 rad/s² of a program stop, and the servo's settling
 )
-TOLD_WITHIN_S = 2.0
+REPORTED_WITHIN_S = 2.0
 TICK_S = 0.008
-# a fault that the arm itself meets while it is stalled or gone is told by whichever was seen first
-DISTURBED = frozenset({"late", "stalled", "following_error", "timeout"})  # what a busy machine does to a replay before its fault
+# where a fault meets an arm that is stalled or gone, the cause is the one that was seen first
+DISTURBED = frozenset({"late", "stalled", "following_error", "timeout"})  # causes by which a busy machine ends a replay before its fault
 ATTEMPTS = 4
 LOST = frozenset({"connection_lost", "stalled", "controller_restarted"})
 
 
 @dataclass(frozen=True)
 class Case:
-    """One fault and what it must lead to; no cause: the replay is none the worse."""
+    """One fault and the causes by which it may end a replay; without a cause the replay must succeed."""
 
     name: str
     arguments: dict[str, Any] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class Case:
     shows_within_s: float = 0.0  # from the command until the fault is there
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         return " ".join([self.name, *(f"{key}={value}" for key, value in self.arguments.items())])
 
 
@@ -95,20 +95,20 @@ FAULTS = (*STOPPING, *HARMLESS)
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one case; `wrong` is empty where everything was as it must be."""
+    """What one case led to; `wrong` is empty where everything is as it must be."""
 
     case: Case
     at_s: float  # into the play
     cause: str | None
     stop_s: float | None  # from the fault to the stop in force, the arm's clock
     stand_s: float | None  # from there to standstill
-    told_s: float | None  # until the parent raised, the host's clock
+    reported_s: float | None  # until the parent raised, the host's clock
     wrong: tuple[str, ...]
-    disturbed: int = 0  # replays before this one that the machine's other work ended, before any fault
+    disturbed: int = 0  # replays before this one that ended before any fault, because of the machine's other work
 
 
-def mended(host: str) -> None:
-    """As a person would: every fault over, the protective stop unlocked, power on; returns once the arm stands ready."""
+def restore(host: str) -> None:
+    """End every fault, unlock the protective stop and switch the power on, as a person would; returns once the arm is ready."""
     deadline = time.monotonic() + 20.0
     with Remote(host) as remote:
         remote.fault("clear")
@@ -128,19 +128,19 @@ def mended(host: str) -> None:
     raise AssertionError(f"{host}: the simulated arm did not become ready again")
 
 
-def tried(case: Case, at_s: float, excitation: Excitation, robot: Robot, settings: ReplaySettings) -> Outcome:
-    """One fault in one replay, and what followed; a replay that the machine's other work ended before its fault is played again."""
+def run_case(case: Case, at_s: float, excitation: Excitation, robot: Robot, settings: ReplaySettings) -> Outcome:
+    """One fault in one replay, and its outcome; a replay that other work of the machine ended before the fault is repeated."""
     disturbed = 0
     while True:
-        mended(settings.host)
-        outcome = _tried(case, at_s, excitation, robot, settings)
-        before_the_fault = outcome.told_s is None or not case.causes
+        restore(settings.host)
+        outcome = _run_once(case, at_s, excitation, robot, settings)
+        before_the_fault = outcome.reported_s is None or not case.causes
         if outcome.cause not in DISTURBED or not before_the_fault or disturbed == ATTEMPTS - 1:
             return replace(outcome, disturbed=disturbed)
         disturbed += 1
 
 
-def _tried(case: Case, at_s: float, excitation: Excitation, robot: Robot, settings: ReplaySettings) -> Outcome:
+def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, settings: ReplaySettings) -> Outcome:
     host, wrong = settings.host, []
     fault: dict[str, float] = {}
     rows = [0]
@@ -162,7 +162,7 @@ def _tried(case: Case, at_s: float, excitation: Excitation, robot: Robot, settin
         cause = error.cause
         if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute"}:
             wrong.append("the stop was not confirmed")
-    told_s = time.monotonic() - fault["at"] if fault else None
+    reported_s = time.monotonic() - fault["at"] if fault else None
     if children():
         wrong.append(f"processes left: {children()}")
     if not fault:
@@ -171,20 +171,20 @@ def _tried(case: Case, at_s: float, excitation: Excitation, robot: Robot, settin
         if recording is None:
             wrong.append(f"aborted by {cause}, expected none the worse")
         else:
-            wrong += invented(recording, excitation)
+            wrong += wrong_rows(recording, excitation)
         return Outcome(case, at_s, cause, None, None, None, tuple(wrong))
     if cause not in case.causes:
         wrong.append(f"cause {cause}, expected {' or '.join(sorted(case.causes))}")
-    if told_s is not None and told_s > TOLD_WITHIN_S:
-        wrong.append(f"told after {told_s:.2f} s")
+    if reported_s is not None and reported_s > REPORTED_WITHIN_S:
+        wrong.append(f"told after {reported_s:.2f} s")
     if rows[0] > excitation.duration_s / TICK_S + 1:
         wrong.append(f"{rows[0]} rows in {excitation.duration_s:g} s")
-    stop_s, stand_s = stood(case, host, fault["clock_s"], wrong)
-    return Outcome(case, at_s, cause, stop_s, stand_s, told_s, tuple(wrong))
+    stop_s, stand_s = standstill(case, host, fault["clock_s"], wrong)
+    return Outcome(case, at_s, cause, stop_s, stand_s, reported_s, tuple(wrong))
 
 
-def stood(case: Case, host: str, since_clock_s: float, wrong: list[str]) -> tuple[float | None, float | None]:
-    """When the stop was in force and when the arm stood, by its own clock; adds what is wrong."""
+def standstill(case: Case, host: str, since_clock_s: float, wrong: list[str]) -> tuple[float | None, float | None]:
+    """Times from fault to stop and from stop to standstill, by the arm's clock; adds to `wrong` what is wrong."""
     deadline = time.monotonic() + 5.0
     while True:
         try:
@@ -221,8 +221,8 @@ def stood(case: Case, host: str, since_clock_s: float, wrong: list[str]) -> tupl
     return stop_s, stand_s
 
 
-def invented(recording: Any, excitation: Excitation) -> list[str]:
-    """Rows that are not one tick each: doubled, between ticks, or more than the motion has."""
+def wrong_rows(recording: Any, excitation: Excitation) -> list[str]:
+    """What is wrong with the rows: they are doubled, lie between ticks, or are more or fewer than the motion has."""
     wrong = []
     ticks = (recording.t_s - recording.t_s[0]) / TICK_S
     if np.max(np.abs(ticks - np.round(ticks))) > 1e-3:
@@ -236,14 +236,15 @@ def invented(recording: Any, excitation: Excitation) -> list[str]:
 
 
 def table(outcomes: list[Outcome]) -> str:
-    """For a person."""
+    """The outcomes as a table for a person."""
 
     def number(value: float | None) -> str:
         return "     –" if value is None else f"{value:6.3f}"
 
     lines = [f"{'fault':<42}{'at':>6} {'cause':<22}{'stop':>7}{'stands':>8}{'told':>7}"]
     for o in outcomes:
-        line = f"{o.case.told:<42}{o.at_s:6.1f} {o.cause or '–':<22}{number(o.stop_s):>7}{number(o.stand_s):>8}{number(o.told_s):>7}"
+        line = f"{o.case.description:<42}{o.at_s:6.1f} {o.cause or '–':<22}"
+        line += f"{number(o.stop_s):>7}{number(o.stand_s):>8}{number(o.reported_s):>7}"
         line += f"  (played {o.disturbed + 1} times)" if o.disturbed else ""
         lines.append(line + (f"  WRONG: {'; '.join(o.wrong)}" if o.wrong else ""))
     return "\n".join(lines)

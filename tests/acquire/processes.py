@@ -1,11 +1,11 @@
-"""Which processes of ours are alive, from /proc."""
+"""Which processes of ours run, by /proc."""
 
 import os
 from pathlib import Path
 
 
 def children(parent: int | None = None, naming: str = "monitor.acquire") -> list[int]:
-    """Process ids whose parent is this (or that) process and whose command line names the acquire room."""
+    """Ids of the processes whose parent is this process, or the given one, and whose command line contains `naming`."""
     found = []
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
@@ -21,7 +21,7 @@ def children(parent: int | None = None, naming: str = "monitor.acquire") -> list
 
 
 def alive(pid: int) -> bool:
-    """Running or sleeping, not a zombie."""
+    """Whether the process runs or sleeps; a zombie does not."""
     try:
         return (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] not in {"Z", "X"}
     except OSError:

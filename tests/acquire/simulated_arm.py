@@ -8,12 +8,12 @@ from contextlib import contextmanager
 
 @contextmanager
 def simulated_arm(host: str, *options: str) -> Iterator[str]:
-    """Its address, once it listens."""
+    """The arm's address, once the arm listens there."""
     process = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", host, *options], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
-        assert "listening" in line, f"the simulator said {line!r}"
+        assert "listening" in line, f"the simulator printed {line!r}"
         yield host
     finally:
         process.terminate()

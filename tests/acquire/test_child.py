@@ -1,4 +1,4 @@
-"""A child that hangs, a controller that is mute or absent: both ends of the pipes without a robot."""
+"""A child process that hangs, and a controller that does not answer or is absent: both ends of the pipes, without a robot."""
 
 import socket
 import threading
@@ -25,7 +25,7 @@ ANSWERS = {
 
 @contextmanager
 def mute_controller(host, answers=ANSWERS):
-    """Accepts RTDE connections and never says a word; its dashboard is alive."""
+    """A controller that accepts RTDE connections and never answers; its dashboard server works."""
 
     def talk(listening):
         while True:
@@ -54,7 +54,7 @@ def mute_controller(host, answers=ANSWERS):
 
 
 def test_a_controller_that_never_answers_is_given_up_and_its_child_reaped():
-    """ur-rtde's constructor waits for ever; the parent's patience ends it. No `stop` is sent: nothing of ours runs."""
+    """ur-rtde's constructor waits for ever, until the parent ends it. No `stop` is sent, because no program of ours runs."""
     settings = ReplaySettings(host="127.0.2.1", allow_motion=True, startup_timeout_s=1.5)
     with mute_controller("127.0.2.1") as asked:
         begun = time.monotonic()
@@ -67,7 +67,7 @@ def test_a_controller_that_never_answers_is_given_up_and_its_child_reaped():
 
 
 def test_an_address_where_nobody_listens_is_unreachable():
-    """Said within seconds, with the port that was tried."""
+    """The error comes within seconds and names the port that was tried."""
     with pytest.raises(RobotUnreachable, match="port 29999"):
         replay(short(), load_robot("ur5"), ReplaySettings(host="127.0.2.2", allow_motion=True))
 
@@ -77,14 +77,14 @@ def test_an_address_where_nobody_listens_is_unreachable():
     [("get robot model", "UR10", "UR10.*ur5"), ("is in remote control", "false", "local control")],
 )
 def test_a_controller_that_is_not_the_one_expected_is_refused_before_anything_starts(command, answer, words):
-    """Another model, or an arm in local control, by its own word."""
+    """The controller says that it is another model, or that it is in local control."""
     with mute_controller("127.0.2.3", {**ANSWERS, command: answer}), pytest.raises(MotionRefused, match=words):
         replay(short(), load_robot("ur5"), ReplaySettings(host="127.0.2.3", allow_motion=True))
     assert children() == []
 
 
 def test_a_listener_waits_longer_after_each_failure_and_says_why():
-    """An absent controller costs a process now and then, not a storm of them."""
+    """The pauses between two child processes grow."""
     listener = Listener(ListenSettings(host="127.0.2.4", first_pause_s=0.2, longest_pause_s=10.0))
     seen, until = set(), time.monotonic() + 4.0
     listener.start()

@@ -1,4 +1,4 @@
-"""What ends the stream, by the controller's own words and by the arm's deeds; values only, no connection."""
+"""What ends the stream of targets: the controller's state, the arm's position, late targets. Values only, no connection."""
 
 import subprocess
 import sys
@@ -14,7 +14,7 @@ from monitor.acquire.ur.failures import StreamFailure, following_failure, state_
 from monitor.acquire.ur.gaps import CycleGaps
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
-WELL = ArmState(
+SOUND = ArmState(
     robot_mode=7,
     safety_mode=1,
     safety_bits=1,
@@ -27,15 +27,15 @@ WELL = ArmState(
 )
 
 
-def test_an_arm_that_plays_and_is_well_goes_on():
-    """Otherwise the causes below would prove nothing."""
-    assert state_failure(WELL, SETTINGS) is None
+def test_an_arm_in_order_may_go_on():
+    """Without this, a check that always fails would pass the tests below."""
+    assert state_failure(SOUND, SETTINGS) is None
 
 
 @pytest.mark.parametrize(
     ("changes", "cause"),
     [
-        ({"safety_mode": 3, "safety_bits": 0x404, "runtime_state": 4}, "protective_stop"),  # not merely "program paused"
+        ({"safety_mode": 3, "safety_bits": 0x404, "runtime_state": 4}, "protective_stop"),  # and not only "program paused"
         ({"safety_mode": 3, "safety_bits": 0x404}, "protective_stop"),  # program still playing
         ({"safety_mode": 7, "safety_bits": 0x4C0, "robot_mode": 3, "runtime_state": 1}, "emergency_stop"),
         ({"safety_mode": 5, "safety_bits": 0x410}, "safeguard_stop"),
@@ -49,15 +49,15 @@ def test_an_arm_that_plays_and_is_well_goes_on():
         ({"temperature_c": np.full(6, np.nan)}, "joint_temperature"),
     ],
 )
-def test_each_way_of_being_unwell_has_its_cause(changes, cause):
-    """The most telling one first where several hold."""
-    failure = state_failure(replace(WELL, **changes), SETTINGS)
+def test_each_state_that_ends_the_stream_has_its_cause(changes, cause):
+    """Where several causes hold, the most telling one is named."""
+    failure = state_failure(replace(SOUND, **changes), SETTINGS)
     assert failure is not None
     assert failure.cause == cause
 
 
-def test_lag_is_not_straying_and_standing_still_is():
-    """At 2.5 rad/s an arm 50 ms behind is inside the band; one that stopped is found within a quarter of a second."""
+def test_lag_is_no_following_failure_and_standing_still_is():
+    """At 2.5 rad/s an arm 50 ms behind is inside the range of its targets; one that stopped leaves it within a quarter of a second."""
     t = np.arange(0.0, 1.0, 0.008)
     sent = np.outer(t, [0.0, 2.5, 0.0, 0.0, 0.0, 0.0])  # (N, J)
     for i in range(RECENT_TARGETS, len(t)):
@@ -69,8 +69,8 @@ def test_lag_is_not_straying_and_standing_still_is():
     assert t[found] - t[40] < 0.2 + 0.02 + 2 * 0.008
 
 
-def test_the_joint_that_strayed_is_named():
-    """Counted from 1, with the distance."""
+def test_the_joint_that_left_its_targets_is_named():
+    """Joints are counted from 1; the text gives the distance."""
     failure = following_failure(np.array([0, 0, 0, 0.1, 0, 0]), np.zeros((3, 6)), 0.05)
     assert failure is not None
     assert "joint 4 is 0.100 rad" in str(failure)
@@ -79,17 +79,17 @@ def test_the_joint_that_strayed_is_named():
 @pytest.mark.parametrize(
     ("cause", "gap_s", "ago_s", "named"),
     [
-        ("following_error", 0.008, 0.0, "following_error"),  # every cycle was in time: something held the arm
+        ("following_error", 0.008, 0.0, "following_error"),  # every cycle was in time, so something held the arm
         ("following_error", 0.06, 0.1, "late"),
         ("following_error", 0.06, 2.0, "following_error"),  # long ago
         ("program_stopped", 0.03, 0.1, "program_stopped"),  # too short to wake the watchdog: somebody else stopped it
         ("program_stopped", 0.11, 0.1, "late"),
-        ("protective_stop", 0.3, 0.0, "protective_stop"),  # the controller's own word is never explained away
+        ("protective_stop", 0.3, 0.0, "protective_stop"),  # what the controller reports itself keeps its cause
         ("connection_lost", 0.3, 0.0, "connection_lost"),
     ],
 )
-def test_what_late_targets_can_cause_is_laid_at_their_door_and_nothing_else(cause, gap_s, ago_s, named):
-    """The cause that an operator reads is the one to act on."""
+def test_a_failure_that_late_targets_can_cause_is_named_late_and_no_other_is(cause, gap_s, ago_s, named):
+    """The operator reads the cause on which to act."""
     gaps, now_s = CycleGaps(), 1000.0
     gaps.add(now_s - ago_s, gap_s)
     failure = gaps.explain(StreamFailure(cause, "…"), now_s, tick_s=0.008, watchdog_s=1.0 / SETTINGS.watchdog_hz)
@@ -98,10 +98,10 @@ def test_what_late_targets_can_cause_is_laid_at_their_door_and_nothing_else(caus
 
 
 def test_real_time_priority_is_taken_where_it_is_permitted_and_reported_where_not():
-    """In a process of its own: asked for, it has it or says False; its threads inherit it."""
+    """Tried in a process of its own: it has the priority, or the function returns False. Its threads inherit the priority."""
     code = "import os, threading\nfrom monitor.acquire.ur.child import request_real_time\n" + (
         "got = request_real_time()\nhas = []\nt = threading.Thread(target=lambda: has.append(os.sched_getscheduler(0) == os.SCHED_FIFO))\n"
         "t.start(); t.join()\nprint(got, has[0])"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert said in (["True", "True"], ["False", "False"])
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert printed in (["True", "True"], ["False", "False"])

@@ -1,4 +1,4 @@
-"""Every fault of the simulator at the start, in the middle and at the end of a replay; a seeded sample of it in the ordinary suite."""
+"""Every fault of the simulator, at the start, in the middle and at the end of a replay; the ordinary suite runs a seeded sample."""
 
 import json
 import random
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from excitations import short
-from fault_cases import FAULTS, HARMLESS, STOPPING, Case, table, tried
+from fault_cases import FAULTS, HARMLESS, STOPPING, Case, run_case, table
 from simulated_arm import simulated_arm
 
 from monitor.acquire.settings import ReplaySettings
@@ -25,12 +25,12 @@ def settings(host):
 
 
 def test_every_fault_of_the_simulator_is_among_the_cases():
-    """A fault that is added there must be survived here."""
+    """A fault that is added to the simulator must have a case here."""
     assert {case.name for case in FAULTS} == set(KNOWN)
 
 
 def test_a_sample_of_faults_in_the_middle_of_a_replay_stops_the_arm_and_is_named():
-    """One of each kind, one after the other on one arm: the stop in force, the cause, no process, no row invented, the next one works."""
+    """One fault of each kind, one after the other on one arm: the arm stops, the cause is named, and the next replay works."""
     once = {"stall", "reset", "program_stop", "protective_stop", "emergency_stop"}
     dice = random.Random(6)
     cases = [dice.choice([case for case in STOPPING if case.name == name]) for name in sorted(once)]
@@ -38,7 +38,7 @@ def test_a_sample_of_faults_in_the_middle_of_a_replay_stops_the_arm_and_is_named
     outcomes = []
     with simulated_arm("127.0.2.24") as host:
         for case in cases:
-            outcomes.append(tried(case, 1.4, short(), UR5, settings(host)))
+            outcomes.append(run_case(case, 1.4, short(), UR5, settings(host)))
     assert not any(outcome.wrong for outcome in outcomes), "\n" + table(outcomes)
 
 
@@ -52,24 +52,24 @@ def ten_seconds():
 @pytest.mark.parametrize("moment", [("start", 0.3), ("middle", 5.0), ("end", 9.5)], ids=lambda moment: moment[0])
 @pytest.mark.parametrize("turn", [1, 2, 3])
 def test_every_fault_at_every_moment_of_a_replay_is_survived(turn, moment, soak_row, capsys):
-    """10 s replays, the faults in a seeded order; whatever they did, the replay after the last works."""
+    """Replays of 10 s with the faults in a seeded order; the replay after the last fault works."""
     name, at_s = moment
     order = list(FAULTS)
     random.Random(turn).shuffle(order)
     excitation, outcomes = ten_seconds(), []
     with simulated_arm(f"127.0.7.{10 * turn + int(at_s)}", "--seed", str(turn)) as host:
         for case in order:
-            outcomes.append(tried(case, at_s, excitation, UR5, settings(host)))
+            outcomes.append(run_case(case, at_s, excitation, UR5, settings(host)))
             with capsys.disabled():
                 print(table(outcomes[-1:]).splitlines()[1], flush=True)
-        last = tried(LAST, at_s, excitation, UR5, settings(host))
+        last = run_case(LAST, at_s, excitation, UR5, settings(host))
     assert last.wrong == ()
     with capsys.disabled():
         print(f"\nround {turn}, fault at the {name} of the play\n{table([*outcomes, last])}")
     stops = [outcome.stop_s for outcome in outcomes if outcome.stop_s is not None]
-    told = [outcome.told_s for outcome in outcomes if outcome.told_s is not None]
+    reported = [outcome.reported_s for outcome in outcomes if outcome.reported_s is not None]
     wrong = [outcome for outcome in outcomes if outcome.wrong]
     soak_row(f"faults, round {turn}, {name}: {len(outcomes)} cases", f"{len(wrong)} wrong", "0 wrong")
     soak_row("  slowest stop in force, arm's clock", f"{max(stops):.3f} s", "0.25 s")
-    soak_row("  slowest right cause told", f"{max(told):.2f} s", "2 s")
+    soak_row("  slowest right cause told", f"{max(reported):.2f} s", "2 s")
     assert not wrong, "\n" + table(wrong)

@@ -1,4 +1,4 @@
-"""What the guards refuse, and in which words."""
+"""Which motions the conditions refuse, and with which words."""
 
 from dataclasses import replace
 
@@ -26,32 +26,32 @@ SIMULATED = ReplaySettings(host="127.0.0.1", allow_motion=True)
 
 
 def test_a_sound_excitation_may_be_played_on_a_simulated_arm():
-    """The other tests would prove nothing if everything were refused."""
+    """Without this, a guard that refuses everything would pass the tests below."""
     guard.check_all(SIMULATED, short(), load_robot("ur5"))
 
 
 def test_motion_is_off_unless_somebody_turned_it_on():
-    """The default of allow_motion refuses."""
+    """By default allow_motion is false, and every motion is refused."""
     with pytest.raises(MotionRefused, match="allow_motion is false"):
         guard.check_all(ReplaySettings(host="127.0.0.1"), short(), load_robot("ur5"))
 
 
 @pytest.mark.parametrize("truthy", ["yes", 1, "false"])
 def test_only_true_itself_allows_motion(truthy):
-    """A word or number that happens to be truthy, "false" above all, does not move an arm."""
+    """A text or number that counts as true in Python, such as "false", does not move an arm."""
     with pytest.raises(MotionRefused, match="allow_motion"):
         guard.check_quick(ReplaySettings(host="127.0.0.1", allow_motion=truthy), short(), load_robot("ur5"))
 
 
 @pytest.mark.parametrize("host", ["localhost", "ur5.local", "0.0.0.0", "8.8.8.8", "127.0.0.1.example.org", "::1", "127.1", "", "224.0.0.1"])
 def test_only_a_literal_address_near_by_may_be_moved(host):
-    """Names may resolve to anything, so even localhost is refused; nothing out in the world is moved."""
+    """A name may come to mean another machine, so even localhost is refused; public addresses are refused too."""
     with pytest.raises(MotionRefused, match=r"address: .*address"):
         guard.check_quick(replace(SIMULATED, host=host, cell=plain_cell(Mounting())), short(), load_robot("ur5"))
 
 
 def test_a_real_arm_moves_only_with_every_guard_on():
-    """An address that is not this machine's needs a cell that is described and slow first passes."""
+    """An address of another machine needs a described cell and slow first passes."""
     real = replace(SIMULATED, host="192.168.0.10", cell=plain_cell(Mounting()))
     guard.check_quick(real, short(), load_robot("ur5"))
     for changes, word in (({"first_pass": False}, "first_pass"), ({"cell": None}, "unchecked"), ({"allow_motion": False}, "allow_motion")):
@@ -60,7 +60,7 @@ def test_a_real_arm_moves_only_with_every_guard_on():
 
 
 def test_an_excitation_of_another_robot_is_refused_by_name():
-    """Both names are said."""
+    """The message has both names."""
     with pytest.raises(MotionRefused, match=r"'ur3'.*'ur5'"):
         guard.check_all(SIMULATED, short(robot="ur3"), load_robot("ur5"))
 
@@ -76,19 +76,19 @@ def test_an_excitation_of_another_robot_is_refused_by_name():
     ],
 )
 def test_a_curve_beyond_a_limit_is_refused_with_joint_value_and_limit(excitation, words):
-    """Position, speed, acceleration, and rest at the ends."""
+    """The limits are position, speed, acceleration, and rest at the ends."""
     with pytest.raises(MotionRefused, match=words):
         guard.check_all(SIMULATED, excitation, load_robot("ur5"))
 
 
 def test_settings_that_would_weaken_the_watchdog_are_refused():
-    """Slower than 10 Hz a killed client leaves the arm moving for too long."""
+    """With a watchdog slower than 10 Hz an arm would move on for too long after its client was killed."""
     with pytest.raises(BadInput, match=r"watchdog_hz = 2.*10 to 60"):
         ReplaySettings(host="127.0.0.1", watchdog_hz=2.0)
 
 
 def upright(q, mounting=None):
-    """(3,) what a flange's accelerometer reads at rest, by pinocchio's kinematics rather than ours."""
+    """Reading (3,) of a flange's accelerometer at rest, computed with pinocchio's kinematics, not with ours."""
     robot = load_robot("ur5")
     model = robot.pinocchio_model()
     data = model.createData()
@@ -97,8 +97,8 @@ def upright(q, mounting=None):
     return tuple(-flange.T @ (mounting or Mounting()).gravity_in_base)
 
 
-def well(**changes) -> ArmState:
-    """An arm at rest at the start of `short()`."""
+def ready_state(**changes) -> ArmState:
+    """The state of an arm that is in order and at rest at the start of `short()`."""
     start = short().at(np.zeros(1)).q[0]
     state = ArmState(
         robot_mode=7,
@@ -118,8 +118,8 @@ def well(**changes) -> ArmState:
     return replace(state, **changes)
 
 
-def facts(state: ArmState | None = None, **changes) -> ConditionInputs:
-    """What is known of that arm, upright on the ground, 1 kg in its hand."""
+def inputs(state: ArmState | None = None, **changes) -> ConditionInputs:
+    """What is known of that arm, which stands upright on the ground and carries 1 kg."""
     known = ConditionInputs(
         settings=SIMULATED,
         excitation=short(),
@@ -132,16 +132,16 @@ def facts(state: ArmState | None = None, **changes) -> ConditionInputs:
     return replace(known, **changes)
 
 
-def nudged(joint, by):
-    """(6,) the start of `short()`, one joint elsewhere."""
+def displaced(joint, by):
+    """The start (6,) of `short()`, with one joint elsewhere."""
     q = short().at(np.zeros(1)).q[0].copy()
     q[joint] += by
     return q
 
 
-def test_an_arm_that_is_well_and_at_rest_may_begin():
-    """Again: not everything is refused."""
-    guard.check_state(facts(well()))
+def test_an_arm_in_order_and_at_rest_may_begin():
+    """As above: not every state is refused."""
+    guard.check_state(inputs(ready_state()))
 
 
 @pytest.mark.parametrize(
@@ -154,24 +154,27 @@ def test_an_arm_that_is_well_and_at_rest_may_begin():
         ({"runtime_state": 2}, "a program is playing"),
         ({"runtime_state": 4}, "a program is paused"),
         ({"qd": np.array([0, 0, 0.1, 0, 0, 0])}, "joint 3 at 0.100 rad/s"),
-        ({"q": nudged(1, np.nan)}, "not finite"),
-        ({"q": nudged(1, 0.2)}, "joint 2 is 0.200 rad from the controller's own target"),
-        ({"q": nudged(5, 2.6), "target_q": nudged(5, 2.6), "accelerometer_m_s2": (np.nan,) * 3}, "joint 6 is 2.60 rad from the start"),
+        ({"q": displaced(1, np.nan)}, "not finite"),
+        ({"q": displaced(1, 0.2)}, "joint 2 is 0.200 rad from the controller's own target"),
+        (
+            {"q": displaced(5, 2.6), "target_q": displaced(5, 2.6), "accelerometer_m_s2": (np.nan,) * 3},
+            "joint 6 is 2.60 rad from the start",
+        ),
         ({"temperature_c": np.array([25, 25, 25, 90, 25, 25.0])}, "joint 4 is at 90.0 °C"),
         ({"speed_scaling": 0.5}, "speed_scaling: the speed slider is at 50 %"),
         ({"payload_kg": 0.9}, r"payload: the controller reckons with 0\.900 kg, the configuration says 1\.000 kg"),
         ({"accelerometer_m_s2": (0.0, 0.0, 5.0)}, r"gravity: the tool's accelerometer reads 5\.00 m/s²"),
     ],
 )
-def test_an_arm_that_is_not_ready_is_left_alone_and_the_reason_said(changes, words):
-    """One doubt at a time."""
+def test_an_arm_that_is_not_ready_is_not_moved_and_the_reason_given(changes, words):
+    """One thing is wrong at a time."""
     with pytest.raises(MotionRefused, match=words):
-        guard.check_state(facts(well(**changes)))
+        guard.check_state(inputs(ready_state(**changes)))
 
 
-def test_every_condition_is_named_and_holds_for_an_arm_that_is_well():
-    """The names that the operator meets, in the order in which they are printed; the two that were not asked for say so."""
-    found = conditions(facts(well()))
+def test_every_condition_is_named_and_holds_for_an_arm_in_order():
+    """The results have the names and the order that `check` prints; the two conditions on a cell are not checked where there is no cell."""
+    found = conditions(inputs(ready_state()))
     assert [condition.name for condition in found] == [condition.name for condition in CONDITIONS]
     assert all(condition.holds for condition in found), [c for c in found if not c.holds]
     assert {condition.name for condition in found if not condition.checked} == {"trajectory_clear", "approach_clear"}  # no cell
@@ -191,44 +194,44 @@ def test_every_condition_is_named_and_holds_for_an_arm_that_is_well():
         ({"identity": Identity("UR5", "1", "5.11", False)}, "remote_control"),
         ({"context": Context(serial="2")}, "serial"),
         ({"state": None}, "safety_mode"),
-        ({"state": well(runtime_state=2)}, "no_other_program"),
+        ({"state": ready_state(runtime_state=2)}, "no_other_program"),
         ({"settings": replace(SIMULATED, permit="digital_input:3")}, "permit"),
         ({"settings": replace(SIMULATED, permit="zenoh")}, "permit"),
         ({"settings": replace(SIMULATED, permit="zenoh"), "permit": Permit(False, "the press is open")}, "permit"),
     ],
 )
 def test_each_condition_can_fail_and_is_the_one_that_is_named(changes, name):
-    """One doubt at a time: its condition is the first that does not hold."""
-    failed = [condition for condition in conditions(facts(**{"state": well(), **changes})) if not condition.holds]
+    """One thing is wrong at a time, and its condition is the first that does not hold."""
+    failed = [condition for condition in conditions(inputs(**{"state": ready_state(), **changes})) if not condition.holds]
     assert failed[0].name == name
     assert len(failed[0].text) > 10
 
 
 @pytest.mark.parametrize("given", [{"permit": "digital_input:3"}, {"permit": "zenoh"}])
 def test_a_permit_that_is_given_is_enough(given):
-    """The input is on, or somebody said yes."""
-    known = facts(well(digital_inputs=8.0), settings=replace(SIMULATED, **given), permit=Permit(True, "the press is parked"))
+    """The digital input is on, or the program that was asked agrees."""
+    known = inputs(ready_state(digital_inputs=8.0), settings=replace(SIMULATED, **given), permit=Permit(True, "the press is parked"))
     assert all(condition.holds for condition in conditions(known))
 
 
-def test_what_a_generation_does_not_report_is_said_and_does_not_crash():
-    """An old controller: no payload, accelerometer, slider or inputs, a dashboard that knows neither model nor remote control."""
+def test_what_a_generation_does_not_report_is_named_and_does_not_crash():
+    """An old controller reports no payload, accelerometer, slider or inputs; its dashboard knows neither model nor remote control."""
     nan = float("nan")
-    silent = well(speed_scaling=nan, payload_kg=nan, accelerometer_m_s2=(nan, nan, nan), digital_inputs=nan)
-    found = {c.name: c for c in conditions(facts(silent, identity=Identity(None, None, "3.9", None)))}
+    silent = ready_state(speed_scaling=nan, payload_kg=nan, accelerometer_m_s2=(nan, nan, nan), digital_inputs=nan)
+    found = {c.name: c for c in conditions(inputs(silent, identity=Identity(None, None, "3.9", None)))}
     for name in ("speed_scaling", "payload", "gravity", "robot_model", "serial", "remote_control"):
         assert found[name].holds
         assert not found[name].checked
         assert "not reported" in found[name].text
     # an input that must be on and is not reported is no permit
-    assert not {c.name: c for c in conditions(facts(silent, settings=replace(SIMULATED, permit="digital_input:0")))}["permit"].holds
+    assert not {c.name: c for c in conditions(inputs(silent, settings=replace(SIMULATED, permit="digital_input:0")))}["permit"].holds
     # the manufacturer's own simulator reports an accelerometer of three zeros
-    assert not {c.name: c for c in conditions(facts(well(accelerometer_m_s2=(0.0, 0.0, 0.0))))}["gravity"].checked
+    assert not {c.name: c for c in conditions(inputs(ready_state(accelerometer_m_s2=(0.0, 0.0, 0.0))))}["gravity"].checked
 
 
 @given(q=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), tilt=st.floats(0.0, 3.1), about=st.floats(-3.1, 3.1))
 def test_the_tilt_of_the_base_is_found_in_any_pose(q, tilt, about):
-    """Gravity by the accelerometer through forward kinematics: the angle between two mountings, whatever the arm does with its joints."""
+    """The accelerometer and forward kinematics give the angle between two mountings, whatever the joints' positions."""
     q = np.array(q)
     really = Mounting(roll_rad=tilt, yaw_rad=about)
     measured = np.array(upright(q, really))
@@ -238,16 +241,16 @@ def test_the_tilt_of_the_base_is_found_in_any_pose(q, tilt, about):
 
 
 def test_a_base_that_hangs_otherwise_than_configured_is_refused():
-    """7° is more than the 5° that are allowed; 3° is not."""
+    """5° are allowed: 3° pass, 7° do not."""
     for degrees, holds in ((3.0, True), (7.0, False)):
-        measured = upright(well().q, Mounting(roll_rad=np.radians(degrees)))
-        gravity = {c.name: c for c in conditions(facts(well(accelerometer_m_s2=measured)))}["gravity"]
+        measured = upright(ready_state().q, Mounting(roll_rad=np.radians(degrees)))
+        gravity = {c.name: c for c in conditions(inputs(ready_state(accelerometer_m_s2=measured)))}["gravity"]
         assert gravity.holds is holds
         assert f"{degrees:.1f}°" in gravity.text
 
 
 def test_the_accelerometer_of_a_real_arm_reads_up_as_we_do(real_data):
-    """The sign and the frame, from a recording of a real arm at rest that stands upright."""
+    """Sign and frame are right in a recording of a real arm at rest that stands upright."""
     table = pd.read_csv(real_data / "ur_standstill" / "real_10hz.csv", sep=r"\s+")
     q = table[[f"actual_q_{j}" for j in range(6)]].to_numpy().mean(axis=0)
     measured = table[[f"actual_tool_accelerometer_{k}" for k in range(3)]].to_numpy().mean(axis=0)
@@ -267,15 +270,15 @@ def test_the_accelerometer_of_a_real_arm_reads_up_as_we_do(real_data):
     ],
 )
 def test_a_window_is_open_in_utc_and_may_pass_midnight(windows, at, left):
-    """Minutes that are left in it; None outside every one."""
+    """The result is the minutes that are left in the window; None outside every window."""
     assert replace(SIMULATED, windows_utc=windows).minutes_left(at) == left
 
 
 def test_a_motion_must_end_before_its_window_does():
-    """Three seconds of motion in two seconds of window are refused."""
+    """A motion of three seconds is refused where the window closes in two."""
     settings = replace(SIMULATED, windows_utc=("11:00-12:01",))
-    assert conditions(facts(well(), settings=settings))[2].holds
-    assert not conditions(facts(well(), settings=settings, now_unix_s=NOON + 58.0))[2].holds
+    assert conditions(inputs(ready_state(), settings=settings))[2].holds
+    assert not conditions(inputs(ready_state(), settings=settings, now_unix_s=NOON + 58.0))[2].holds
 
 
 @pytest.mark.parametrize(
@@ -283,6 +286,6 @@ def test_a_motion_must_end_before_its_window_does():
     [{"windows_utc": ("22-5",)}, {"windows_utc": ("25:00-26:00",)}, {"permit": "maybe"}, {"permit": "digital_input:18"}],
 )
 def test_a_window_or_permit_that_is_none_is_refused(wrong):
-    """With what would be right."""
+    """The message says what would be right."""
     with pytest.raises(BadInput, match="expected"):
         replace(SIMULATED, **wrong)

@@ -1,6 +1,5 @@
-"""A trajectory moves only in the cell it was proved against, and only if the way to its start is clear."""
+"""A trajectory is played only in the cell against which it was proved, and only where the way to its start is clear."""
 
-import dataclasses
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +8,15 @@ import numpy as np
 import pytest
 from excitations import short
 
+from monitor.acquire.driver import ReplayTask
 from monitor.acquire.safety import guard, limits
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.job import job_document, task_from_document
 from monitor.config.files import find_excitation
 from monitor.design.cell import Box, Cell, plain_cell
 from monitor.errors import BadConfiguration, MotionRefused
 from monitor.model.robot import Mounting, load_robot
+from monitor.recording import Context
 
 UR5 = load_robot("ur5")
 PLAIN = plain_cell(Mounting())
@@ -24,13 +26,13 @@ CRATE = Box(name="crate", centre_m=(0.9, 0.0, 0.1), size_m=(0.2, 0.2, 0.2))
 
 
 def test_the_shipped_trajectory_may_be_played_in_the_plain_cell():
-    """The other tests would prove nothing if everything were refused."""
+    """Without this, a guard that refuses everything would pass the tests below."""
     guard.check_all(SETTINGS, GROUND, UR5)
     guard.check_all(SETTINGS, replace(GROUND, time_scale=0.25, repetitions=1), UR5)
 
 
 def test_a_different_cell_is_refused_with_what_differs():
-    """Both digests and the table: a box that was put there after the design."""
+    """A box was added after the design; the message has both digests and the table that differs."""
     with pytest.raises(MotionRefused, match=rf"{PLAIN.digest}.*they differ in box; design one for this cell"):
         guard.check_all(replace(SETTINGS, cell=Cell(name="new", boxes=(CRATE,))), GROUND, UR5)
     with pytest.raises(MotionRefused, match=r"they differ in cell\.margin_m"):
@@ -38,14 +40,14 @@ def test_a_different_cell_is_refused_with_what_differs():
 
 
 def test_a_trajectory_without_a_proof_is_refused_where_a_cell_is_known():
-    """An old file can be read, but not be played by accident."""
+    """A file without a proof can be read, but it is not played in a described cell."""
     with pytest.raises(MotionRefused, match="never proved against a cell"):
         guard.check_all(SETTINGS, short(), UR5)
     guard.check_all(replace(SETTINGS, cell=None), short(), UR5)
 
 
 def test_a_trajectory_that_was_changed_by_hand_is_found_out():
-    """The proof is done again: the elbow's swing doubled folds the arm into itself, whatever the file says."""
+    """The proof is repeated: with twice the swing of the elbow the arm collides with itself, although the file says it is clear."""
     a, b = GROUND.a_rad_s.copy(), GROUND.b_rad_s.copy()
     offset = GROUND.offset_rad + np.array([0.0, 0.9, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(MotionRefused, match=r"does not keep clear in the cell 'plain', whatever its file says: .* short of"):
@@ -53,7 +55,7 @@ def test_a_trajectory_that_was_changed_by_hand_is_found_out():
 
 
 def test_an_approach_through_the_table_is_refused_and_one_from_home_is_not():
-    """The straight way in joint space from where the arm stands."""
+    """The straight way in joint space from the present position is checked."""
     limits.clear_approach(PLAIN, GROUND, UR5, np.array([0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]))
     below = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(MotionRefused, match=r"on the straight way .* mounting surface come to be .* inside each other"):
@@ -67,7 +69,7 @@ def configured(folder: Path, **replay: object):
 
 
 def test_the_configuration_names_the_cell_and_the_pace(tmp_path: Path):
-    """Plain unless said otherwise; a file; unchecked only by that word; a slow first pass is a figure."""
+    """The cell is the plain one by default, or a file's; it is unchecked only by that word. First passes are as slow as configured."""
     assert configured(tmp_path).replay.cell == PLAIN
     assert configured(tmp_path, cell="unchecked").replay.cell is None
     (tmp_path / "press.toml").write_text('[[box]]\nname = "crate"\ncentre_m = [0.9, 0, 0.1]\nsize_m = [0.2, 0.2, 0.2]\n')
@@ -88,9 +90,13 @@ def test_the_configuration_names_the_cell_and_the_pace(tmp_path: Path):
 
 
 def test_a_job_for_the_child_is_plain_json():
-    """What the parent writes to its child: the cell goes as its document, the settings without it."""
-    from monitor.design.cell import cell_from_document
-
-    settings = dataclasses.asdict(replace(SETTINGS, cell=None))
-    assert ReplaySettings(**json.loads(json.dumps({**settings, "joint_temperature_range_c": [0.0, 75.0]}))).cell is None
-    assert cell_from_document(json.loads(json.dumps(PLAIN.as_document()))) == PLAIN
+    """The task comes back from JSON as it went in, with its cell or without."""
+    for cell in (None, PLAIN):
+        task = ReplayTask(settings=replace(SETTINGS, cell=cell), excitation=GROUND, robot=UR5, context=Context(payload_kg=1.5))
+        document = json.loads(json.dumps(job_document(task)))
+        read = task_from_document(document)
+        assert json.loads(json.dumps(job_document(read))) == document
+        assert read.settings.cell == cell
+        assert read.settings.max_payload_error_kg == SETTINGS.max_payload_error_kg
+        assert read.excitation.digest == GROUND.digest
+        assert read.context == task.context

@@ -1,4 +1,4 @@
-"""kill −9 of the child, of the parent, of both, at random times: the arm always stops, and nothing is left running."""
+"""SIGKILL of the child, of the parent, and of both, at random times: the arm always stops, and no process is left."""
 
 import os
 import random
@@ -33,7 +33,7 @@ except ReplayAborted as error:
 
 
 def stands(host: str, within_s: float) -> str:
-    """What is wrong where the arm does not stand in that time, or stirs again; nothing where it does."""
+    """What is wrong if the arm does not stand within that time, or moves again; an empty text if it stands."""
     deadline = time.monotonic() + within_s
     with Remote(host) as remote:
         while not remote.truth()["standing"]:
@@ -42,13 +42,13 @@ def stands(host: str, within_s: float) -> str:
             time.sleep(0.01)
         before = np.array(remote.truth()["q"])
         time.sleep(0.3)
-        stirred = float(np.max(np.abs(np.array(remote.truth()["q"]) - before)))
+        moved_rad = float(np.max(np.abs(np.array(remote.truth()["q"]) - before)))
     # rad: a servo settles by less; an arm that is still sent about goes on by 0.1
-    return f"moved on by {stirred:.3f} rad" if stirred > 4e-3 else ""
+    return f"moved on by {moved_rad:.3f} rad" if moved_rad > 4e-3 else ""
 
 
 def killed(host: str, whom: str, phase: str, at_s: float) -> str:
-    """One replay whose child, parent, or both are killed so far into a phase; what is wrong afterwards."""
+    """What is wrong after a replay whose child, parent, or both are killed at_s into a phase; an empty text if nothing is."""
     command = [sys.executable, "-c", PARENT, host, str(ROOT / "tests" / "acquire")]
     parent = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
     try:
@@ -67,8 +67,8 @@ def killed(host: str, whom: str, phase: str, at_s: float) -> str:
         # 0.1 s until the watchdog fires, 0.2 s to brake, the rest is scheduling on noisy cores
         wrong = stands(host, 1.0)
         if whom == "child":
-            said = parent.communicate(timeout=5.0)[0].split()
-            wrong = wrong or ("" if said[-2:] == ["aborted", "child_died"] else f"the parent said {said[-2:]}")
+            printed = parent.communicate(timeout=5.0)[0].split()
+            wrong = wrong or ("" if printed[-2:] == ["aborted", "child_died"] else f"the parent printed {printed[-2:]}")
         else:
             parent.communicate(timeout=5.0)
     finally:
@@ -81,7 +81,7 @@ def killed(host: str, whom: str, phase: str, at_s: float) -> str:
 
 
 def test_three_kills_at_random_moments_leave_a_standing_arm():
-    """Each of the three, in the approach or the play; the next replay, which is then killed too, works. A hundred are in `make soak`."""
+    """Each of the three is killed, in the approach or the play; the next replay works until its own kill. `make soak` kills a hundred."""
     dice = random.Random(9)
     with simulated_arm("127.0.2.25") as host:
         for whom in ("child", "parent", "both"):

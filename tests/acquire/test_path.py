@@ -11,7 +11,7 @@ angles = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 
 @given(start=angles, end=angles, speed=st.floats(0.05, 1.5), acceleration=st.floats(0.1, 5.0))
 def test_a_path_begins_and_ends_where_it_should_and_keeps_its_limits(start, end, speed, acceleration):
-    """Ends exact, no joint faster or harder than allowed, whatever the way."""
+    """The ends are exact, and no joint exceeds speed or acceleration, whatever the way."""
     path = joint_path(start, end, speed_rad_s=speed, acceleration_rad_s2=acceleration)
     t = np.linspace(0.0, path.duration_s, 400)
     q = np.array([path.at(s) for s in t])
@@ -25,7 +25,7 @@ def test_a_path_begins_and_ends_where_it_should_and_keeps_its_limits(start, end,
 
 
 def test_a_path_has_no_kink_where_its_ramps_meet_the_cruise():
-    """Acceleration is continuous: halving the step halves its greatest jump."""
+    """Acceleration is continuous: half the step gives half the greatest jump."""
     path = joint_path(np.zeros(6), np.full(6, 2.0), speed_rad_s=0.5, acceleration_rad_s2=1.5)
 
     def greatest_jump(samples):
@@ -37,7 +37,7 @@ def test_a_path_has_no_kink_where_its_ramps_meet_the_cruise():
 
 
 def test_all_joints_arrive_together():
-    """Each joint is at the same share of its way."""
+    """At any time each joint has covered the same share of its way."""
     path = joint_path(np.zeros(6), np.array([1.0, -2.0, 0.5, 0.0, 3.0, -0.1]), speed_rad_s=0.5, acceleration_rad_s2=1.5)
     share = path.at(0.4 * path.duration_s)[[0, 1, 2, 4, 5]] / np.array([1.0, -2.0, 0.5, 3.0, -0.1])
     assert np.allclose(share, share[0], rtol=1e-12)

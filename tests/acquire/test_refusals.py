@@ -1,4 +1,4 @@
-"""What is doubtful speaks against a motion: garbage in a reported value, a slider told elsewhere, words that came too late."""
+"""Data that cannot be trusted refuse or end a motion: reported values that are no numbers, a moved slider, conditions that changed late."""
 
 import math
 import os
@@ -10,8 +10,8 @@ import pytest
 from excitations import short
 from processes import children
 from simulated_arm import simulated_arm
-from test_failures import SETTINGS, WELL
-from test_guard import NOON, SIMULATED, facts, nudged, well
+from test_failures import SETTINGS, SOUND
+from test_guard import NOON, SIMULATED, displaced, inputs, ready_state
 
 from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN, WIDTH
@@ -28,12 +28,12 @@ from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.remote import Remote
 
 
-def named(known: ConditionInputs) -> dict[str, ConditionResult]:
+def by_name(known: ConditionInputs) -> dict[str, ConditionResult]:
     return {condition.name: condition for condition in conditions(known)}
 
 
-class Told:
-    """What `read_row` reads of a controller that reports everything: ones, but for what is given."""
+class Controller:
+    """A connection to a controller that reports every variable: 1.0 each, except the values that are given."""
 
     def __init__(self, **values: object) -> None:
         self._of = {signal.getter: values.get(signal.variable, 1.0 if signal.width == 1 else [1.0] * signal.width) for signal in SIGNALS}
@@ -56,33 +56,33 @@ class Told:
         ("actual_tool_accelerometer", [math.nan, 0.0, 9.81], "gravity"),
     ],
 )
-def test_a_value_that_is_reported_and_is_garbage_does_not_pass_for_one_that_is_not_reported(variable, value, condition):
-    """As the child reads it and as the parent judges it; only what is absent is "not checked"."""
-    row, _ = read_row(Told(**{variable: value}))
+def test_a_reported_value_that_is_no_number_does_not_count_as_not_reported(variable, value, condition):
+    """The value passes through the child's reading and the parent's conditions; only an absent value is "not checked"."""
+    row, _ = read_row(Controller(**{variable: value}))
     state = arm_state(row)
-    heard = replace(
-        well(), speed_scaling=state.speed_scaling, speed_fraction=state.speed_fraction, payload_kg=state.payload_kg
-    )  # both speeds and the payload are 1 in `well` too
+    state_read = replace(
+        ready_state(), speed_scaling=state.speed_scaling, speed_fraction=state.speed_fraction, payload_kg=state.payload_kg
+    )  # both speeds and the payload are 1 in `ready_state` too
     if condition == "gravity":
-        heard = replace(heard, accelerometer_m_s2=state.accelerometer_m_s2)
-    found = named(facts(heard))
+        state_read = replace(state_read, accelerometer_m_s2=state.accelerometer_m_s2)
+    found = by_name(inputs(state_read))
     assert [name for name, each in found.items() if not each.holds] == [condition]
     without = tuple(signal for signal in SIGNALS if signal.variable != variable)
-    absent, _ = read_row(Told(), without)
+    absent, _ = read_row(Controller(), without)
     assert np.all(np.isnan(absent[COLUMN[variable]]))
 
 
 @pytest.mark.parametrize("speeds", [{"speed_fraction": 0.5}, {"speed_scaling": 0.5, "speed_fraction": 1.0}, {"speed_scaling": math.inf}])
 def test_a_slider_that_is_moved_during_a_replay_ends_it_whichever_variable_tells_it(speeds):
-    """On a real controller the slider is target_speed_fraction, and speed_scaling the trajectory limiter's own."""
-    failure = state_failure(replace(WELL, **speeds), SETTINGS)
+    """On a real controller target_speed_fraction is the slider, and speed_scaling is the trajectory limiter."""
+    failure = state_failure(replace(SOUND, **speeds), SETTINGS)
     assert failure is not None
     assert failure.cause == "speed_scaling"
 
 
 def test_a_payload_that_is_changed_during_a_replay_ends_it():
-    """Every condition holds all through the motion; the torque of another payload would be learnt as friction."""
-    heavier = replace(WELL, payload_kg=2.0)
+    """The condition must hold during the whole motion: the torque of another payload would be taken for friction."""
+    heavier = replace(SOUND, payload_kg=2.0)
     assert state_failure(heavier, SETTINGS, 2.02) is None
     assert state_failure(heavier, SETTINGS) is None
     failure = state_failure(heavier, SETTINGS, 0.0)
@@ -92,7 +92,7 @@ def test_a_payload_that_is_changed_during_a_replay_ends_it():
 
 
 class Uploaded:
-    """A control program that came up, and an arm that stands where it is told."""
+    """An arm whose control program has started, and which stands at the given position."""
 
     def __init__(self, target_q: np.ndarray, proved_q: np.ndarray) -> None:
         self.settings, self.outbox, self.proved_q = SIMULATED, self, proved_q
@@ -102,10 +102,10 @@ class Uploaded:
         self._row[COLUMN["target_q"]] = target_q
 
     def message(self, kind: str, **_: object) -> None:
-        """Nobody listens."""
+        """Messages are dropped."""
 
     def held_up(self) -> None:
-        """The clock does not matter here."""
+        """This arm does not read the clock."""
 
     def next_row(self) -> np.ndarray:
         return self._row
@@ -116,10 +116,10 @@ class Uploaded:
 
 @pytest.mark.parametrize(("by_rad", "taken"), [(0.001, True), (0.02, False), (math.nan, False)])
 def test_an_arm_that_was_moved_while_the_program_was_uploaded_is_not_sent_along_a_way_that_nobody_proved(monkeypatch, by_rad, taken):
-    """The upload takes up to seconds; by hand or by its pendant an arm gets far in that."""
-    there = well().target_q.copy()
+    """The upload takes up to seconds; in that time a person may move the arm far."""
+    there = ready_state().target_q.copy()
     there[2] += by_rad
-    arm = Uploaded(there, well().target_q)
+    arm = Uploaded(there, ready_state().target_q)
     monkeypatch.setattr(stream, "RTDEControlInterface", lambda *_: arm)
     if taken:
         assert np.array_equal(stream.take_control(arm), there)
@@ -130,52 +130,52 @@ def test_an_arm_that_was_moved_while_the_program_was_uploaded_is_not_sent_along_
 
 
 def test_nothing_begins_after_a_request_to_stop():
-    """After a request in the last 0.4 s of a phase that phase ends as planned; the next does not begin, and the replay is no success."""
-    arm = Uploaded(well().target_q, well().target_q)
+    """A request in the last 0.4 s of a phase lets that phase end as planned. The next does not begin, and the replay is no success."""
+    arm = Uploaded(ready_state().target_q, ready_state().target_q)
     arm.asked_to_stop = "permit_withdrawn"
     with pytest.raises(stream.Stopped):
-        stream.stream(arm, "return", 0.2, lambda _: well().target_q)
+        stream.stream(arm, "return", 0.2, lambda _: ready_state().target_q)
 
 
 def test_a_window_that_closes_during_the_announcement_or_the_wait_for_a_permit_closes():
-    """Both may take ten minutes; what held before them is asked again before the arm goes."""
+    """Both may take ten minutes, so the conditions are checked again before the arm goes."""
     settings = replace(SIMULATED, windows_utc=("11:00-12:05",), announce_s=600.0)
-    gate = Gate(facts(settings=settings), ask=None, announce=None)
+    gate = Gate(inputs(settings=settings), ask=None, announce=None)
     clock = [NOON]
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("monitor.acquire.safety.gate.time.time", lambda: clock[0])
-        assert not gate.step(well(), 0.0)
+        assert not gate.step(ready_state(), 0.0)
         clock[0] += 601.0
         with pytest.raises(MotionRefused, match="time_window: now is outside"):
-            gate.step(well(), 601.0)
+            gate.step(ready_state(), 601.0)
 
 
 def test_an_arm_that_is_driven_away_during_the_announcement_is_refused_before_it_goes():
-    """By the parent too, with the name of the condition."""
-    gate = Gate(facts(settings=replace(SIMULATED, announce_s=10.0)), ask=None, announce=None)
-    assert not gate.step(well(), 0.0)
+    """The parent refuses it too, with the name of the condition."""
+    gate = Gate(inputs(settings=replace(SIMULATED, announce_s=10.0)), ask=None, announce=None)
+    assert not gate.step(ready_state(), 0.0)
     with pytest.raises(MotionRefused, match="no_other_program"):
-        gate.step(well(runtime_state=2), 10.0)
+        gate.step(ready_state(runtime_state=2), 10.0)
 
 
 def test_the_way_to_the_start_and_back_must_fit_into_the_window_too():
-    """2 rad each way at 0.5 rad/s beside 3 s of play: more than the 9 s that are left."""
+    """2 rad each way at 0.5 rad/s, and 3 s of play: that is more than the 9 s that are left."""
     settings = replace(SIMULATED, windows_utc=("11:00-12:00",))
     late = {"settings": settings, "now_unix_s": NOON - 9.0}
-    assert named(facts(well(), **late))["time_window"].holds
-    far = well(target_q=nudged(0, 2.0), q=nudged(0, 2.0))
-    assert "the motion alone takes" in named(facts(far, **late))["time_window"].text
+    assert by_name(inputs(ready_state(), **late))["time_window"].holds
+    far = ready_state(target_q=displaced(0, 2.0), q=displaced(0, 2.0))
+    assert "the motion alone takes" in by_name(inputs(far, **late))["time_window"].text
 
 
 def test_a_window_without_length_is_no_whole_day():
-    """05:00-05:00 allowed motion at any hour."""
+    """A window from 05:00 to 05:00 is refused by the settings."""
     with pytest.raises(BadInput, match=r"05:00-05:00.*00:00-24:00"):
         replace(SIMULATED, windows_utc=("05:00-05:00",))
 
 
 @pytest.mark.parametrize("variable", ["actual_current", "actual_q", "actual_qd"])
 def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
-    """A first pass without measured torque would be none."""
+    """A first pass without measured torque would protect nobody."""
     robot = load_robot("ur5")
     band = TorqueBand(robot, Mounting(), payload_kg=0.0, gains_nm_per_a=np.full(6, 10.0), share=0.25, rate_hz=125.0)
     row = np.zeros(WIDTH)
@@ -186,16 +186,16 @@ def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
 
 
 @pytest.mark.xdist_group("refusals")
-@pytest.mark.parametrize("unseen", ["stall", "kill"])
-def test_a_protective_stop_that_the_child_did_not_see_is_told_as_one(unseen):
-    """No data came any more, or the child was killed, while the arm ran into something: harmless causes, and a person must look."""
+@pytest.mark.parametrize("reason", ["stall", "kill"])
+def test_a_protective_stop_that_the_child_did_not_see_is_the_cause_all_the_same(reason):
+    """The child lost its data, or was killed, during a protective stop: those causes are harmless, but a person must look at the arm."""
     host = "127.0.86.11"
     with simulated_arm(host), Remote(host) as remote:
         done = []
 
         def on_progress(progress):
             if progress.phase == "play" and progress.elapsed_s > 0.5 and not done:
-                if unseen == "stall":
+                if reason == "stall":
                     remote.fault("stall", seconds=5)
                 else:
                     os.kill(children()[0], signal.SIGKILL)
@@ -208,5 +208,5 @@ def test_a_protective_stop_that_the_child_did_not_see_is_told_as_one(unseen):
         assert done
         assert aborted.value.cause == "protective_stop"
         assert aborted.value.needs_a_person
-        assert ("stalled" if unseen == "stall" else "child_died") in str(aborted.value)
+        assert ("stalled" if reason == "stall" else "child_died") in str(aborted.value)
         assert remote.truth()["program"] is None

@@ -40,7 +40,7 @@ class Simulated:
             [sys.executable, "-m", "monitor.simulate", "--robot", robot, "--bind", host, *options], stdout=subprocess.PIPE, text=True
         )
         line = self.process.stdout.readline()
-        assert "listening" in line, f"the simulator said {line!r}"
+        assert "listening" in line, f"the simulator printed {line!r}"
 
     def truth(self):
         with Remote(self.host) as remote:
@@ -85,7 +85,7 @@ def speed(arm):
 
 
 def assert_stands(arm, since_s):
-    """At rest STANDS_WITHIN_S after since_s (monotonic), and still there a moment later."""
+    """Assert that the arm is at rest STANDS_WITHIN_S after since_s (monotonic), and has not moved a moment later."""
     while speed(arm) > AT_REST_RAD_S:
         assert time.monotonic() - since_s < STANDS_WITHIN_S, f"still moving at {speed(arm):.3f} rad/s"
         time.sleep(0.01)
@@ -96,7 +96,7 @@ def assert_stands(arm, since_s):
 
 
 def during_play(act, at_s=1.4):
-    """An on_progress that acts once, at_s into the play, and remembers when. `short()` is fastest at 1.5 s."""
+    """An `on_progress` that calls `act` once, at_s into the play, and the list in which it notes when. `short()` is fastest at 1.5 s."""
     done = []
 
     def on_progress(progress):
@@ -108,7 +108,7 @@ def during_play(act, at_s=1.4):
 
 
 def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_back(arm):
-    """Ten seconds of config/excitation/ur5-ground.json: rows, targets, following, the pose before and after."""
+    """Ten seconds of config/excitation/ur5-ground.json: rows, targets, following error, and the pose before and after are right."""
     excitation = ground_excitation()
     before = np.array(arm.truth()["q"])
     begun_unix_s = time.time()
@@ -141,7 +141,7 @@ def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_ba
 
 
 def test_an_e_series_arm_is_recorded_at_125_hz_too():
-    """Its controller ticks at 500 Hz; every fourth row is asked for."""
+    """Its controller runs at 500 Hz; every fourth tick is asked for."""
     simulated = Simulated("127.0.2.21", robot="ur5e")
     try:
         recording = replay(short(robot="ur5e"), load_robot("ur5e"), simulated.settings())
@@ -153,7 +153,7 @@ def test_an_e_series_arm_is_recorded_at_125_hz_too():
 
 
 def test_without_permission_nothing_reaches_the_controller(arm):
-    """allow_motion false: no program, no motion, no process."""
+    """With allow_motion false no program starts, nothing moves, and no process is left."""
     before = arm.truth()
     with pytest.raises(MotionRefused, match="allow_motion"):
         replay(short(), UR5, ReplaySettings(host=arm.host))
@@ -164,7 +164,7 @@ def test_without_permission_nothing_reaches_the_controller(arm):
 
 
 def test_a_listener_hears_the_arm_while_it_is_replayed_and_survives_the_controllers_restart():
-    """About ten states a second, moving during the replay; lost and found again with the controller."""
+    """About ten states a second come, and show the motion. The connection is lost and found again with the controller."""
     simulated = Simulated("127.0.2.22")
     listener = Listener(ListenSettings(host=simulated.host, first_pause_s=0.2))
     heard = []
@@ -205,7 +205,7 @@ time.sleep(60)
 
 
 def test_a_program_that_already_runs_is_refused_and_left_running(fresh_arm):
-    """Ur-rtde's constructor would have killed it."""
+    """The constructor of ur-rtde would have ended it."""
     other = subprocess.Popen([sys.executable, "-c", FOREIGN_PROGRAM, fresh_arm.host], stdout=subprocess.PIPE, text=True)
     try:
         assert other.stdout.readline().strip() == "running"
@@ -230,7 +230,7 @@ time.sleep(60)
 
 
 def test_an_arm_that_another_client_holds_is_left_to_it(fresh_arm):
-    """Its registers are taken though no program runs: refused, nothing uploaded, nothing stopped."""
+    """Its registers are in use although no program runs: the replay is refused, and nothing is uploaded or stopped."""
     other = subprocess.Popen([sys.executable, "-c", IDLE_CLIENT, fresh_arm.host], stdout=subprocess.PIPE, text=True)
     try:
         assert other.stdout.readline().strip() == "idle"
@@ -253,7 +253,7 @@ def running(host):
 
 
 def test_on_request_the_arm_slows_down_stands_and_its_program_ends(fresh_arm):
-    """What SIGTERM of the daemon asks for: a stop along the path, without the watchdog's help."""
+    """The service asks for this stop on SIGTERM: the arm slows down along its path, and the watchdog is not needed."""
     asked = []
 
     on_progress, at = during_play(lambda: asked.append(True))
@@ -267,7 +267,7 @@ def test_on_request_the_arm_slows_down_stands_and_its_program_ends(fresh_arm):
 
 
 def test_a_callback_that_fails_does_not_leave_the_arm_moving(fresh_arm):
-    """Whatever the caller's own code raises comes out only after the arm has been stopped."""
+    """An exception of the caller's own code is raised only after the arm has been stopped."""
 
     def fail():
         raise KeyError("a bug of the caller's")

@@ -1,4 +1,4 @@
-"""Windows are each used once and only while they are open, whatever the clock, the calendar and the process do."""
+"""Each window is used once, and only while it is open, whatever the clock, the calendar and the process do."""
 
 import random
 from datetime import UTC, datetime, timedelta
@@ -33,7 +33,7 @@ def keys(settings: ScheduleSettings, first: str, last: str) -> list[float]:
 
 
 def test_an_hour_that_comes_twice_has_one_window_and_one_that_is_left_out_has_one_too():
-    """Berlin, 02:30: twice on 25 October 2026, never on 29 March; a window a day all the same."""
+    """In Berlin 02:30 comes twice on 25 October 2026 and never on 29 March; each day has one window all the same."""
     settings = ScheduleSettings(timezone="Europe/Berlin", cron="30 2 * * *")
     autumn = [local(key, "UTC") for key in keys(settings, "2026-10-24T12:00", "2026-10-26T12:00")]
     assert autumn == ["10-25 00:30", "10-26 01:30"]
@@ -44,7 +44,7 @@ def test_an_hour_that_comes_twice_has_one_window_and_one_that_is_left_out_has_on
 @settings(max_examples=15)
 @given(zone=st.sampled_from(ZONES), minute=st.integers(0, 59), hour=st.integers(0, 23), year=st.integers(2024, 2037))
 def test_a_daily_time_has_one_window_a_day_in_every_zone_and_year(zone, minute, hour, year):
-    """Every local day of the year has exactly one; its clock reads what was asked, but for an hour that does not exist."""
+    """Every local day has exactly one window, at the configured local time, except where that hour does not exist."""
     settings = ScheduleSettings(timezone=zone, cron=f"{minute} {hour} * * *")
     where = ZoneInfo(zone)
     found = keys(settings, f"{year}-01-02T00:00", f"{year}-12-30T00:00")
@@ -55,7 +55,7 @@ def test_a_daily_time_has_one_window_a_day_in_every_zone_and_year(zone, minute, 
 
 
 class Host:
-    """A machine whose clock is anything, whose process dies, and which replays whatever its schedule says is due."""
+    """A machine whose clock jumps and whose process dies; it replays whatever its schedule says is due."""
 
     def __init__(self, settings: ScheduleSettings, began: float) -> None:
         self.settings, self.began = settings, began
@@ -67,34 +67,34 @@ class Host:
         since = min(self.watched, now)
         first = since - reach_back_s(self.settings)
         entered = [key for key in self.ledger if first <= key <= now + 1]
-        said = check_windows(self.settings, now_unix_s=now, since_unix_s=since, entered=entered, began_unix_s=self.began)
-        for window in (*said.missed, *said.merged):
+        found = check_windows(self.settings, now_unix_s=now, since_unix_s=since, entered=entered, began_unix_s=self.began)
+        for window in (*found.missed, *found.merged):
             assert window.key_unix_s not in self.ledger
             self.ledger[window.key_unix_s] = "skipped"
-        if said.due is not None:
-            assert said.due.key_unix_s not in self.ledger
-            assert said.due.opens_unix_s <= now < said.due.closes_unix_s
-            self.ledger[said.due.key_unix_s] = "replayed"
-            self.replayed.append((said.due.key_unix_s, now))
+        if found.due is not None:
+            assert found.due.key_unix_s not in self.ledger
+            assert found.due.opens_unix_s <= now < found.due.closes_unix_s
+            self.ledger[found.due.key_unix_s] = "replayed"
+            self.replayed.append((found.due.key_unix_s, now))
         self.watched = now
 
 
 @pytest.mark.parametrize("zone", ZONES)
 def test_over_a_year_with_crashes_and_jumps_no_window_is_replayed_twice_or_after_its_end(zone):
-    """A year of sleep, crashes and clocks set back and forward by up to a month: the host asserts it at every step."""
+    """In a year the host sleeps, crashes, and has its clock set by up to a month; it asserts the claim at every step."""
     live(random.Random(zone), zone, years=1)
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_over_three_hundred_years_no_window_is_replayed_twice_or_after_its_end(soak_row):
-    """The same, for 50 arms over six years each, in all the zones."""
+    """The same for 50 arms over six years each, in every zone."""
     replays = sum(live(random.Random(seed), ZONES[seed % len(ZONES)], years=6) for seed in range(50))
     soak_row("simulated years of schedule with crashes and clock jumps: 300", f"{replays} replays, 0 twice", "0 twice, 0 late")
 
 
 def live(dice: random.Random, zone: str, years: float) -> int:
-    """One host's life; how many replays."""
+    """Run one host, and return the count of its replays."""
     settings = ScheduleSettings(
         timezone=zone, cron="15 2 * * *", every_h=dice.choice([0.0, 7.0]), grace_s=1800.0, jitter_s=dice.choice([0.0, 900.0])
     )
@@ -116,7 +116,7 @@ def live(dice: random.Random, zone: str, years: float) -> int:
 
 
 def test_a_watched_schedule_replays_every_window_of_a_simulated_year():
-    """Ticks every minute over both changes of the clock: 365 days, 365 replays, none missed."""
+    """A host that ticks around every window over both changes of the clock has 365 replays in 365 days, and misses none."""
     settings = ScheduleSettings(timezone="Europe/Berlin", cron="30 2 * * *", grace_s=600.0)
     host = Host(settings, at("2026-01-01T00:00"))
     window_ends = [window.key_unix_s for window in windows(settings, at("2026-01-01T00:00"), at("2027-01-01T00:00"), None)]
@@ -127,39 +127,39 @@ def test_a_watched_schedule_replays_every_window_of_a_simulated_year():
     assert set(host.ledger.values()) == {"replayed"}
 
 
-def test_missed_windows_are_told_once_and_overlapping_ones_share_a_replay():
-    """Off for three days: three missed; four windows open at once: one replay."""
+def test_missed_windows_are_reported_once_and_overlapping_ones_share_a_replay():
+    """A host that was off for three days reports three missed windows; four windows that are open at once get one replay."""
     settings = ScheduleSettings(cron="0 3 * * *", grace_s=600.0)
     now = at("2026-05-04T12:00")
-    said = check_windows(settings, now_unix_s=now, since_unix_s=now - 3 * DAY_S, entered=(), began_unix_s=None)
-    assert (said.due, len(said.missed)) == (None, 3)
+    found = check_windows(settings, now_unix_s=now, since_unix_s=now - 3 * DAY_S, entered=(), began_unix_s=None)
+    assert (found.due, len(found.missed)) == (None, 3)
     again = check_windows(settings, now_unix_s=now, since_unix_s=now, entered=(), began_unix_s=None)
     assert again.missed == ()
     often = ScheduleSettings(cron="*/10 * * * *", grace_s=2400.0)
-    said = check_windows(often, now_unix_s=now, since_unix_s=now, entered=(), began_unix_s=None)
-    assert said.due is not None
-    assert said.due.key_unix_s == now
-    assert len(said.merged) == 3
+    found = check_windows(often, now_unix_s=now, since_unix_s=now, entered=(), began_unix_s=None)
+    assert found.due is not None
+    assert found.due.key_unix_s == now
+    assert len(found.merged) == 3
 
 
 def test_a_thousand_days_away_enter_no_thousand_rows():
-    """The last ones are told; nothing is made up for."""
+    """The latest missed windows are reported; no replay makes up for them."""
     settings = ScheduleSettings(cron="0 * * * *", grace_s=600.0)
     now = at("2029-01-01T12:30")
-    said = check_windows(settings, now_unix_s=now, since_unix_s=now - 1000 * DAY_S, entered=(), began_unix_s=None)
-    assert said.due is None
-    assert len(said.missed) == 60
+    found = check_windows(settings, now_unix_s=now, since_unix_s=now - 1000 * DAY_S, entered=(), began_unix_s=None)
+    assert found.due is None
+    assert len(found.missed) == 60
 
 
 def test_no_window_opens_on_a_blackout_day_of_the_sites_own_calendar():
-    """Local days, both ends included."""
+    """A blackout is in local days and includes its first and its last day."""
     settings = ScheduleSettings(timezone="Europe/Berlin", cron="0 0 * * *", blackout=("2026-12-24..2026-12-26", "2027-01-01"))
     days = [local(key, "Europe/Berlin")[:5] for key in keys(settings, "2026-12-22T12:00", "2027-01-02T12:00")]
     assert days == ["12-23", "12-27", "12-28", "12-29", "12-30", "12-31", "01-02"]
 
 
 def test_no_window_reaches_into_a_blackout():
-    """One that is open at midnight closes then; a jitter past midnight leaves it out; cold starts and evidence alike."""
+    """A window that is open at midnight closes then; one whose jitter passes midnight is left out. So with cold starts and evidence."""
     settings = ScheduleSettings(
         timezone="Europe/Berlin", cron="30 23 * * *", grace_s=7200.0, jitter_s=3600.0,
         blackout=("2026-12-24..2026-12-26", "9999-12-31", "0001-01-01"),
@@ -181,7 +181,7 @@ def test_no_window_reaches_into_a_blackout():
 
 
 def test_learning_adds_windows_for_its_days_and_no_longer():
-    """Every six hours for two weeks from the first window, then as ever."""
+    """Windows come every six hours for two weeks from the first window, and then as usual."""
     settings = ScheduleSettings(cron="0 3 * * *", learning_every_h=6.0, learning_days=14.0)
     began = at("2026-03-01T03:00")
     first = windows(settings, began, began + 14 * DAY_S - 1, began)
@@ -194,7 +194,7 @@ def test_learning_adds_windows_for_its_days_and_no_longer():
 @settings(max_examples=30)
 @given(salt=st.text(max_size=10), minutes=st.integers(0, 10**6))
 def test_jitter_is_each_windows_own_and_leaves_room_in_it(salt, minutes):
-    """The same after a restart; within jitter_s; before the end."""
+    """A window's jitter is the same after a restart, is at most jitter_s, and ends before the window."""
     settings = ScheduleSettings(cron="0 * * * *", jitter_s=500.0, grace_s=600.0)
     start = at("2026-01-01T00:00") + 60.0 * minutes
     one, two = (windows(settings, start, start + 7200.0, None, salt) for _ in range(2))
@@ -204,7 +204,7 @@ def test_jitter_is_each_windows_own_and_leaves_room_in_it(salt, minutes):
 
 
 def test_weekdays_are_counted_as_cron_counts_them():
-    """0 and 7 are Sunday, 1-5 the working days, */2 begins on Sunday; names do as well."""
+    """0 and 7 are Sunday, 1-5 are the working days, */2 begins on Sunday; names work too."""
 
     def weekdays(field: str) -> set[str]:
         settings = ScheduleSettings(cron=f"0 3 * * {field}")
@@ -217,7 +217,7 @@ def test_weekdays_are_counted_as_cron_counts_them():
 
 
 def test_a_cold_start_opens_a_window_once_a_day_and_only_after_a_rest_that_was_seen():
-    """Off over night: one; switched off over lunch: none; a gap in our own listening: none."""
+    """An arm that was off over night opens a window; one that was off over lunch, or that was not listened to, opens none."""
     settings = ScheduleSettings(cron="", cold_start_after_h=4.0, grace_s=900.0)
     morning = at("2026-03-02T06:00")
     arm = ColdStart(morning - 10 * 3600.0)
@@ -227,15 +227,15 @@ def test_a_cold_start_opens_a_window_once_a_day_and_only_after_a_rest_that_was_s
     arm.observe(False, morning - 60.0, 4.0)
     arm.observe(True, morning, 4.0)
     assert arm.at_unix_s == morning
-    said = check_windows(
+    found = check_windows(
         settings, now_unix_s=morning + 5, since_unix_s=morning, entered=(), began_unix_s=None, triggers=Triggers(arm.at_unix_s)
     )
-    assert said.due is not None
+    assert found.due is not None
     again = check_windows(
         settings,
         now_unix_s=morning + 9,
         since_unix_s=morning,
-        entered=[said.due.key_unix_s],
+        entered=[found.due.key_unix_s],
         began_unix_s=None,
         triggers=Triggers(arm.at_unix_s),
     )
@@ -246,7 +246,7 @@ def test_a_cold_start_opens_a_window_once_a_day_and_only_after_a_rest_that_was_s
 
 
 def test_evidence_pulls_a_replay_forward_to_where_the_site_allows_it_and_once_a_pause():
-    """Seen at noon: at 22:00 that evening; seen at one in the morning: now. Nothing where no span is given."""
+    """Evidence at noon opens a window at 22:00, evidence at one in the morning at once. Without a configured span it opens none."""
     settings = ScheduleSettings(timezone="Europe/Berlin", evidence_windows=("22:00-05:00",), evidence_pause_h=24.0)
     noon, night = at("2026-06-01T12:00", BERLIN), at("2026-06-02T01:00", BERLIN)
     made = evidence_window(settings, noon)
@@ -261,7 +261,7 @@ def test_evidence_pulls_a_replay_forward_to_where_the_site_allows_it_and_once_a_
 
 
 def test_steady_is_ten_minutes_without_a_hole_and_without_a_drift():
-    """A joint that warms by 1 K in ten minutes is not; nine minutes are not enough; a minute unheard begins again."""
+    """A joint that warms by 1 K in ten minutes is not steady; nine minutes are too few; a gap of a minute starts the time again."""
     steady, drifting, short, holed = WarmUp(), WarmUp(), WarmUp(), WarmUp()
     for second in range(0, 700, 10):
         steady.observe((30.0, 31.0), float(second))
@@ -277,21 +277,21 @@ def test_steady_is_ten_minutes_without_a_hole_and_without_a_drift():
 
 
 def test_what_comes_next_is_what_will_be_due():
-    """The list that people see and the decision that moves an arm are one calculation."""
+    """The list that people see and the decision that moves an arm come from one calculation."""
     settings = ScheduleSettings(timezone="America/New_York", cron="0 3 * * mon", jitter_s=300.0)
     now = at("2026-03-04T00:00")
     for window in upcoming(settings, now, 5, None, "cell-1"):
-        said = check_windows(
+        found = check_windows(
             settings, now_unix_s=window.opens_unix_s, since_unix_s=window.opens_unix_s, entered=(), began_unix_s=None, salt="cell-1"
         )
-        assert said.due == window
+        assert found.due == window
     rare = upcoming(ScheduleSettings(cron="0 0 29 2 *"), at("2027-03-01T00:00"), 1, None)
     assert [local(window.key_unix_s, "UTC") for window in rare] == ["02-29 00:00"]
     assert upcoming(ScheduleSettings(cron=""), now, 3, None) == []
 
 
 @pytest.mark.parametrize(
-    ("setting", "value", "said"),
+    ("setting", "value", "message"),
     [
         ("timezone", "Berlin", "Europe/Berlin"),
         ("timezone", "../etc/passwd", "expected a name"),
@@ -304,8 +304,8 @@ def test_what_comes_next_is_what_will_be_due():
         ("evidence_windows", ("25:00-05:00",), "HH:MM"),
     ],
 )
-def test_what_is_no_schedule_is_refused_with_what_would_be_right(setting, value, said):
-    """At the configuration, not at three in the morning."""
-    with pytest.raises(BadInput, match=said):
+def test_what_is_no_schedule_is_refused_with_what_would_be_right(setting, value, message):
+    """The mistake is reported when the configuration is read, not when the schedule needs it."""
+    with pytest.raises(BadInput, match=message):
         ScheduleSettings(**{setting: value})
     assert timedelta(days=1).total_seconds() == DAY_S

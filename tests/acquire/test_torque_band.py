@@ -1,4 +1,4 @@
-"""The band of a first pass, without a robot: what leaves it, for how long, and what it is made of."""
+"""The torque band of a first pass, without a robot: what leaves the band, after which time, and how the band is computed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -29,10 +29,10 @@ CONTEXT = Context(robot="ur5", payload_kg=0.0, mounting_rad=(0.0, 0.0, 0.0), too
 
 
 def rows(arm: Arm, q, qd, qdd):
-    """(N, WIDTH) what the controller of a simulated arm would report along a motion: its own physics, its own friction law."""
+    """Rows (N, WIDTH) that the controller of a simulated arm would report along a motion, by the simulator's physics and friction."""
     rigid, load = arm.rigid_torque(q, qd, qdd)
     torque = rigid + arm.friction_torque(qd, load)
-    told = np.full((len(q), WIDTH), np.nan)
+    table = np.full((len(q), WIDTH), np.nan)
     for name, value in (
         ("actual_q", q),
         ("actual_qd", qd),
@@ -41,34 +41,34 @@ def rows(arm: Arm, q, qd, qdd):
         ("target_current", rigid / arm.gain_nm_per_a),
         ("target_moment", rigid),
     ):
-        told[:, COLUMN[name]] = value
-    told[:, COLUMN["joint_temperatures"]] = 25.0
-    return told
+        table[:, COLUMN[name]] = value
+    table[:, COLUMN["joint_temperatures"]] = 25.0
+    return table
 
 
 def reported(r: Recording) -> np.ndarray:
-    """(N, WIDTH) of a recording."""
-    told = np.full((r.samples, WIDTH), np.nan)
+    """Rows (N, WIDTH) of a recording."""
+    table = np.full((r.samples, WIDTH), np.nan)
     signals = ("actual_q", r.q), ("actual_qd", r.qd), ("target_qdd", r.target_qdd), ("actual_current", r.current)
     for name, value in (*signals, ("joint_temperatures", r.temperature_c)):
-        told[:, COLUMN[name]] = value
-    return told
+        table[:, COLUMN[name]] = value
+    return table
 
 
-def first_doubt(band, told):
-    return next((doubt for row in told if (doubt := band.outside(row))), None)
+def first_outside(band, rows):
+    return next((outside for row in rows if (outside := band.outside(row))), None)
 
 
 @pytest.mark.parametrize("mounting", ["ground", "wall"])
 @pytest.mark.parametrize("robot", ["ur3", "ur5", "ur10"])
 def test_a_sound_arm_stays_in_the_band_of_its_makers_parameters(robot, mounting):
-    """Friction that the makers do not publish included, at a quarter of the pace."""
+    """The torque includes friction, which the manufacturer does not publish; the speed is a quarter."""
     arm_model, hung = load_robot(robot), Mounting.parse(mounting)
     excitation = replace(slowed(short(robot=robot, period_s=6.0), SETTINGS), mounting=hung)
     band = band_for(arm_model, excitation, SETTINGS, CONTEXT, gains=None, model=None)
     _, (q, qd, qdd) = excitation.sampled(125.0)
     arm = Arm(arm_model, q=q[0], mounting=hung)
-    assert first_doubt(band, rows(arm, q, qd, qdd)) is None
+    assert first_outside(band, rows(arm, q, qd, qdd)) is None
     assert 0.1 < band.largest_share < 0.9  # friction is seen, and there is room
 
 
@@ -80,49 +80,49 @@ def test_a_sound_arm_stays_in_the_band_of_its_makers_parameters(robot, mounting)
     ],
 )
 def test_a_load_or_a_mounting_that_nobody_told_of_leaves_the_band(arm, word):
-    """Named by joint, with what was measured and expected."""
+    """The text names the joint, the measured torque and the expected torque."""
     excitation = slowed(short(period_s=6.0), SETTINGS)
     band = band_for(UR5, excitation, SETTINGS, CONTEXT, gains=None, model=None)
     _, (q, qd, qdd) = excitation.sampled(125.0)
-    doubt = first_doubt(band, rows(arm, q, qd, qdd))
-    assert doubt is not None
-    cause, text = doubt
+    outside = first_outside(band, rows(arm, q, qd, qdd))
+    assert outside is not None
+    cause, text = outside
     assert cause == "torque_band"
     assert word in text
     assert "N·m" in text
 
 
 def test_a_spike_is_no_collision_and_an_obstacle_is():
-    """Four rows outside are forgotten, five in a row are not."""
+    """Four rows outside have no effect, five in succession have."""
     excitation = slowed(short(), SETTINGS)
     _, (q, qd, qdd) = excitation.sampled(125.0)
-    told = rows(Arm(UR5, q=q[0]), q, qd, qdd)[:40]
-    blocked = told.copy()
+    table = rows(Arm(UR5, q=q[0]), q, qd, qdd)[:40]
+    blocked = table.copy()
     blocked[10:, COLUMN["actual_current"].start + 1] += 100.0 / 12.5  # N·m over about A: far outside joint 2's 37 N·m
     band = band_for(UR5, excitation, SETTINGS, CONTEXT, gains=None, model=None)
     assert [bool(band.outside(row)) for row in blocked].index(True) == 14
-    spiky = told.copy()
+    spiky = table.copy()
     for begin in (5, 15, 25):
         spiky[begin : begin + 4] = blocked[begin + 10 : begin + 14] if begin < 10 else blocked[begin : begin + 4]
-    assert first_doubt(band_for(UR5, excitation, SETTINGS, CONTEXT, gains=None, model=None), spiky) is None
+    assert first_outside(band_for(UR5, excitation, SETTINGS, CONTEXT, gains=None, model=None), spiky) is None
 
 
 def test_a_gain_that_is_not_published_is_taken_from_the_controllers_own_model():
-    """Its predicted moment over its predicted current; where it predicts neither, the joint is not watched."""
+    """The gain is target moment over target current; where both are missing, the joint is not watched."""
     excitation = slowed(short(), SETTINGS)
     _, (q, qd, qdd) = excitation.sampled(125.0)
-    told = rows(Arm(UR5, q=q[0]), q, qd, qdd)[:60]
-    told[30:, COLUMN["actual_current"].start + 1] += 8.0
+    table = rows(Arm(UR5, q=q[0]), q, qd, qdd)[:60]
+    table[30:, COLUMN["actual_current"].start + 1] += 8.0
     unknown = np.full(6, np.nan)
-    doubt = first_doubt(band_for(UR5, excitation, SETTINGS, CONTEXT, gains=unknown, model=None), told)
-    assert doubt is not None
-    assert "joint 2" in doubt[1]
-    told[:, COLUMN["target_current"]] = 0.0
-    assert first_doubt(band_for(UR5, excitation, SETTINGS, CONTEXT, gains=unknown, model=None), told) is None
+    outside = first_outside(band_for(UR5, excitation, SETTINGS, CONTEXT, gains=unknown, model=None), table)
+    assert outside is not None
+    assert "joint 2" in outside[1]
+    table[:, COLUMN["target_current"]] = 0.0
+    assert first_outside(band_for(UR5, excitation, SETTINGS, CONTEXT, gains=unknown, model=None), table) is None
 
 
 def test_a_first_pass_is_the_same_way_slower_and_once():
-    """Its proof of clearance stays valid: it belongs to the path."""
+    """The proof of clearance stays valid, because it depends on the path alone."""
     excitation = replace(short(), repetitions=3)
     slow = slowed(excitation, SETTINGS)
     assert slow.path_digest == excitation.path_digest
@@ -141,7 +141,7 @@ def test_a_first_pass_is_the_same_way_slower_and_once():
     ],
 )
 def test_every_change_asks_for_a_new_first_pass(changes):
-    """And repetitions or a note do not."""
+    """Repetitions and a note do not ask for a first pass."""
     known = {"excitation": short(), "settings": SETTINGS, "context": CONTEXT}
     assert first_pass_key(**known) != first_pass_key(**{**known, **changes})
     same = {**known, "excitation": replace(short(), repetitions=2), "context": replace(CONTEXT, note="x", firmware="5.12")}
@@ -150,7 +150,7 @@ def test_every_change_asks_for_a_new_first_pass(changes):
 
 @pytest.fixture(scope="module")
 def learnt():
-    """A model of 12 replays between 20 and 40 °C, off by 0.5 N·m, measured with 1.2 N·m on the big joints and 0.3 on the wrists."""
+    """A model of 12 replays between 20 and 40 °C, wrong by 0.5 N·m; the measurement's noise is 1.2 N·m (big joints), 0.3 N·m (wrists)."""
     history, dice, arm = History(), np.random.default_rng(1), LearntArm(seed=1, noise=0.01)
     for day in range(12):
         history.add(day, arm.replay(dice.uniform(20, 40)))
@@ -159,7 +159,7 @@ def learnt():
 
 
 def moving(model, *, seed: int = 0, push_nm=0.0) -> np.ndarray:
-    """(N, WIDTH) of 2 s at up to 0.3 rad/s through a reversal, with the model's own torque, its noise, and (J,) something pushing."""
+    """Rows (N, WIDTH) of 2 s at up to 0.3 rad/s through a reversal, with the model's own torque, its noise, and an external torque (J,)."""
     t = np.arange(250) / 125.0
     qd = np.tile(0.3 * np.cos(np.pi * t)[:, None], (1, 6))
     q, qdd = np.array([0.1, -1.5, 0.5, 0.2, 0.1, 0.0]) + 0.1 * np.sin(np.pi * t)[:, None], -0.3 * np.pi * np.sin(np.pi * t)[:, None]
@@ -174,37 +174,37 @@ def band_of(model):
 
 
 def test_a_joint_that_stands_may_be_held_either_way_by_its_friction(learnt):
-    """At rest the sign of friction is history: 1.2 times what it drags is no contact there, and is one in motion against it."""
+    """At rest the sign of friction depends on the past: 1.2 times sliding friction is no contact then, and is one in motion against it."""
     for way in (1.0, -1.0):
-        told = moving(learnt)[:40].copy()
+        table = moving(learnt)[:40].copy()
         still, T = np.zeros(6), np.full(6, 24.0)
-        q = told[0, COLUMN["actual_q"]]
+        q = table[0, COLUMN["actual_q"]]
         drags = predict_torque(learnt, UR5, q, np.full(6, 0.02), still, T).friction[0]
         rigid = predict_torque(learnt, UR5, q, still, still, T).rigid[0]
         for name, value in (("actual_q", q), ("actual_qd", still), ("target_qdd", still)):
-            told[:, COLUMN[name]] = value
-        told[:, COLUMN["actual_current"]] = (rigid + way * 1.2 * drags) / UR5.drive_gain_nm_per_a
-        assert first_doubt(band_of(learnt), told) is None
-        told[:, COLUMN["actual_qd"]] = -0.3 * way
-        assert first_doubt(band_of(learnt), told) is not None
+            table[:, COLUMN[name]] = value
+        table[:, COLUMN["actual_current"]] = (rigid + way * 1.2 * drags) / UR5.drive_gain_nm_per_a
+        assert first_outside(band_of(learnt), table) is None
+        table[:, COLUMN["actual_qd"]] = -0.3 * way
+        assert first_outside(band_of(learnt), table) is not None
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_sound_arm_stays_in_the_band_of_its_model_and_what_pushes_does_not(learnt, seed):
-    """Noise of one sample is six of its deviations away; a tenth of a joint's largest torque is outside for five rows in the motion."""
+    """Noise stays within six standard deviations; a tenth of a joint's largest torque is outside for five rows of the motion."""
     band = band_of(learnt)
-    assert first_doubt(band, moving(learnt, seed=seed)) is None
+    assert first_outside(band, moving(learnt, seed=seed)) is None
     assert band.largest_share < 1.0
     for j in range(6):
-        doubt = first_doubt(band_of(learnt), moving(learnt, seed=seed, push_nm=0.1 * UR5.max_torque_nm * (np.arange(6) == j)))
-        assert doubt is not None
-        assert f"joint {j + 1}" in doubt[1]
+        outside = first_outside(band_of(learnt), moving(learnt, seed=seed, push_nm=0.1 * UR5.max_torque_nm * (np.arange(6) == j)))
+        assert outside is not None
+        assert f"joint {j + 1}" in outside[1]
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(900)
 def test_no_sound_replay_leaves_the_band_of_the_model_before_it(soak_row):
-    """50 replays of the simulated arm at full pace, its room between 4 and 34 °C, cold and at work: each foreseen by the model before."""
+    """50 replays of the simulated arm at full speed, in a room of 4 to 34 °C, cold and warm: each predicted with the model before it."""
     arm, dice = Controller(SimulateSettings(seed=5)), np.random.default_rng(5)
     excitation = replace(find_excitation("ur5-ground", Path()), repetitions=1)
     last, shares = None, []
@@ -216,7 +216,7 @@ def test_no_sound_replay_leaves_the_band_of_the_model_before_it(soak_row):
         seen = replace(seen, context=replace(seen.context, recorded_at_unix_s=1.75e9 + day * 86_400.0))
         if last is not None:
             band = band_of(last.model)
-            assert first_doubt(band, reported(seen)) is None, (day, seen.mean_temperature_c)
+            assert first_outside(band, reported(seen)) is None, (day, seen.mean_temperature_c)
             shares.append(band.largest_share)
         known = {} if last is None else {"model": last.model}
         belief, health = (None, None) if last is None else (last.belief, last.health)

@@ -99,7 +99,7 @@ def show(runs: list[dict[str, list[dict[str, float]]]]) -> None:
         replays = [[each for each in found[title] if "ended" not in each] for found in runs]
         counts = " and ".join(f"{len(each)} (ended {len(found[title]) - len(each)})" for each, found in zip(replays, runs, strict=True))
         print(f"{title}, {counts} replays: mean, largest")
-        for name in replays[0][0]:
+        for name in replays[0][0] if all(replays) else ():
             columns = (f"{statistics.mean(r[name] for r in each):9.3f} {max(r[name] for r in each):9.3f}" for each in replays)
             print(f"  {name:<30}" + "   ".join(columns))
 
@@ -115,10 +115,10 @@ def main() -> None:
         show([json.loads(path.read_text()) for path in arguments.compare])
         return
     found = run(arguments.rounds)
-    show([found])
     if arguments.save:
         held = json.loads(arguments.save.read_text()) if arguments.save.exists() else {}
         arguments.save.write_text(json.dumps({title: held.get(title, []) + each for title, each in found.items()}))
+    show([found])
 
 
 if __name__ == "__main__":
