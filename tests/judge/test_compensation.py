@@ -1,4 +1,4 @@
-"""The torque model that follows temperature: equal to the laws it is made of, and honest at their ends."""
+"""The temperature-compensated torque model: it equals the laws that it is made of, and marks where they are extrapolated."""
 
 import json
 from dataclasses import replace
@@ -24,7 +24,7 @@ QD = DICE.choice([-1.0, 1.0], (20, 6)) * DICE.uniform(0.1, 1.5, (20, 6))  # at r
 
 @pytest.fixture(scope="module")
 def model() -> CompensatedModel:
-    """After 60 replays between 20 and 40 °C, 1 % noise, no wear."""
+    """The model after 60 replays between 20 and 40 °C, with 1 % of noise and no wear."""
     history, dice = History(), np.random.default_rng(1)
     arm = Arm(seed=1, noise=0.01)
     for day in range(60):
@@ -37,7 +37,7 @@ def true_friction(qd: np.ndarray, temperature_c: float) -> np.ndarray:
 
 
 def test_the_rigid_part_is_newton_euler(model):
-    """Manufacturer's masses in, manufacturer's masses out: pinocchio's inverse dynamics at rest, without inertias."""
+    """With the manufacturer's masses it equals pinocchio's inverse dynamics at rest."""
     import pinocchio as pin
 
     robot = UR5.pinocchio_model()
@@ -54,15 +54,15 @@ def test_the_rigid_part_is_newton_euler(model):
 
 @pytest.mark.parametrize("temperature_c", [20.0, 30.0, 40.0])
 def test_friction_follows_temperature_within_what_was_learnt(model, temperature_c):
-    """Within 4 % of the true friction: a straight line through an exponential over 20 K misses 1 %, the noise leaves the rest."""
+    """Within 4 % of the true friction: a straight line through an exponential over 20 K has an error of 1 %, the rest is noise."""
     predicted = predict_torque(model, UR5, Q, QD, QDD, np.full(6, temperature_c))
     truth = true_friction(QD, temperature_c)
     assert np.all(np.abs(predicted.friction - truth) < 0.04 * np.abs(truth))
     assert not predicted.extrapolated.any()
 
 
-def test_torque_is_foreseen_by_the_law_that_was_chosen(model):
-    """Where fv(T) is a curve the torque is the curve's, as is its doubt, and not the straight line's beside it."""
+def test_torque_is_predicted_by_the_selected_temperature_law(model):
+    """Where fv(T) is a curve, torque and standard deviation are those of the curve and not of the straight line beside it."""
     assert set(model.viscous.law) != {"linear"}
     for T in (np.full(6, 20.0), np.full(6, 30.0), np.linspace(38, 43, 6)):
         predicted = predict_torque(model, UR5, Q, QD, QDD, T)
@@ -73,8 +73,8 @@ def test_torque_is_foreseen_by_the_law_that_was_chosen(model):
         assert np.allclose(predicted.std**2, var + (model.residual_rms_nm if model.error_rms_nm is None else model.error_rms_nm) ** 2)
 
 
-def test_temperature_correction_is_worth_its_name(model):
-    """Over 20–40 °C the corrected friction errs by less than a third of the one at the reference temperature."""
+def test_temperature_correction_reduces_the_error_of_friction_to_a_third(model):
+    """Over 20–40 °C the error is below a third of the error of friction at the reference temperature."""
     errors = {True: [], False: []}
     for T in (20.0, 24.0, 36.0, 40.0):
         for corrected, found in errors.items():
@@ -84,8 +84,8 @@ def test_temperature_correction_is_worth_its_name(model):
     assert np.all(rms[True] < rms[False] / 3)
 
 
-def test_beyond_what_was_learnt_it_says_so_and_doubts(model):
-    """At 60 °C: flagged, and the law less sure than at 30 °C; each joint by its own temperature."""
+def test_beyond_the_learnt_temperatures_the_prediction_is_marked_and_less_certain(model):
+    """At 60 °C the standard deviation is larger than at 30 °C. Each joint has its own temperature."""
     outside = predict_torque(model, UR5, Q, QD, QDD, np.array([60.0, 30, 30, 30, 30, 30]))
     assert outside.extrapolated[:, 0].all()
     assert not outside.extrapolated[:, 1:].any()
@@ -96,7 +96,7 @@ def test_beyond_what_was_learnt_it_says_so_and_doubts(model):
 
 
 def test_present_wear_is_in_the_prediction(model):
-    """10 % of wear is 10 % more friction, and its doubt widens the prediction."""
+    """10 % of wear is 10 % more friction, and its standard deviation widens that of the prediction."""
     worn = replace(model, wear=model.wear + np.log(1.1), wear_std=np.full(6, 0.05))
     before, after = (predict_torque(m, UR5, Q, QD, QDD) for m in (model, worn))
     assert np.allclose(after.friction, 1.1 * before.friction)
@@ -104,8 +104,8 @@ def test_present_wear_is_in_the_prediction(model):
     assert np.all(after.std > before.std)
 
 
-def test_one_sample_and_temperatures_a_sample_are_welcome(model):
-    """(6,) for one state; (N, 6) temperatures give row by row what one row gives."""
+def test_one_sample_and_a_temperature_for_each_sample_are_accepted(model):
+    """(6,) for one state; with (N, 6) temperatures every row equals the prediction of that row alone."""
     T = np.linspace(20, 40, 20)[:, None] * np.ones(6)
     every = predict_torque(model, UR5, Q, QD, QDD, T)
     one = predict_torque(model, UR5, Q[7], QD[7], QDD[7], T[7])
@@ -113,8 +113,8 @@ def test_one_sample_and_temperatures_a_sample_are_welcome(model):
     assert np.allclose(one.torque[0], every.torque[7])
 
 
-def test_a_joint_never_identified_has_no_doubt_stated():
-    """Friction NaN: predicted without friction, flagged, std unknown; the others as ever."""
+def test_a_joint_that_was_never_identified_has_no_standard_deviation():
+    """Its torque is predicted without friction, marked as extrapolated, with an unknown std; the other joints are unaffected."""
     seen = Arm().replay(30.0)
     fc = np.where(np.arange(6) == 5, np.nan, seen.coulomb_nm)
     last = History().add(0, replace(seen, coulomb_nm=fc, viscous_nm_s_per_rad=np.where(np.isnan(fc), np.nan, seen.viscous_nm_s_per_rad)))
@@ -128,7 +128,7 @@ def test_a_joint_never_identified_has_no_doubt_stated():
 
 
 def test_the_model_survives_as_json(model):
-    """What the bus carries predicts bit for bit the same."""
+    """The model of the published document predicts the same torque to the last bit."""
     back = model_from_document(json.loads(json.dumps(model.as_document(), allow_nan=False)))
     here, there = (predict_torque(m, UR5, Q, QD, QDD, np.full(6, 33.0)) for m in (model, back))
     assert all(np.array_equal(a, b) for a, b in zip(here, there, strict=True))
@@ -140,8 +140,8 @@ def test_the_model_survives_as_json(model):
     ("key", "value", "says"),
     [("kind", 3.0, "kind is .*expected 0, 1 or 2"), ("kind", None, "kind is .*expected 0, 1 or 2"), ("a", None, "a is unknown of a joint")],
 )
-def test_a_document_of_no_known_law_is_refused(curved, key, value, says):
-    """When it is read, not when torque is asked for."""
+def test_a_document_of_an_unknown_law_is_refused(curved, key, value, says):
+    """It is refused when it is read."""
     document = json.loads(json.dumps(curved.as_document(), allow_nan=False))
     document["viscous"]["curve"][key][1] = value
     with pytest.raises(BadInput, match=f"model: viscous: curve: {says}"):
@@ -158,8 +158,8 @@ def test_a_document_of_no_known_law_is_refused(curved, key, value, says):
         ({"qdd": np.full((20, 6), np.nan)}, "qdd holds values that are not finite"),
     ],
 )
-def test_what_does_not_fit_is_named(model, change, says):
-    """Shape, robot or value: the message says which."""
+def test_arguments_that_do_not_fit_are_refused_by_name(model, change, says):
+    """The message names the argument whose shape or value is wrong, or the robot."""
     asked = {"robot": UR5, "q": Q, "qd": QD, "qdd": QDD, "temperature_c": None, **change}
     with pytest.raises(BadInput, match=says):
         predict_torque(model, **asked)
@@ -167,7 +167,7 @@ def test_what_does_not_fit_is_named(model, change, says):
 
 @pytest.fixture(scope="module")
 def with_residual_friction(model) -> CompensatedModel:
-    """The same with friction beyond fc and fv, one joint's so negative that friction would drive."""
+    """The same model with residual friction; that of one joint is so negative that friction alone would drive it."""
     terms = np.tile([-2.0, -3.0, 0.05, 5.5], (6, 1))
     terms[3] = [-50.0, -50.0, 0.0, 0.0]
     beyond = ResidualFriction(
@@ -178,7 +178,7 @@ def with_residual_friction(model) -> CompensatedModel:
 
 @pytest.fixture(scope="module")
 def curved(with_residual_friction) -> CompensatedModel:
-    """The same with a straight line, an exponential and Vogel's law, for both fc and fv."""
+    """The same model with a straight line, an exponential and Vogel's law, for both fc and fv."""
     kind = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
 
     def by(line, fall):
@@ -198,8 +198,8 @@ def curved(with_residual_friction) -> CompensatedModel:
     qdd=st.lists(st.floats(-9.0, 9.0), min_size=6, max_size=6),
     temperature_c=st.floats(-20.0, 90.0),
 )
-def test_friction_never_drives_and_one_sample_says_what_many_say(with_residual_friction, curved, qd, qdd, temperature_c):
-    """Power of friction ≥ 0 at any speed, load and temperature; both ways of asking agree to rounding, in every figure."""
+def test_friction_never_drives_and_one_sample_is_predicted_as_many_are(with_residual_friction, curved, qd, qdd, temperature_c):
+    """The power of friction is ≥ 0 at any speed, load and temperature; `torque` and `sample` agree to rounding in every field."""
     v, a, T = np.array(qd), np.array(qdd), np.full(6, temperature_c)
     for model in (with_residual_friction, curved):
         many = predict_torque(model, UR5, Q[0], v, a, T)
@@ -210,7 +210,7 @@ def test_friction_never_drives_and_one_sample_says_what_many_say(with_residual_f
 
 
 def test_a_reader_of_the_document_alone_finds_the_same_friction(curved):
-    """By README's formula: line, exponential and Vogel's law, wear included."""
+    """By the formula of the documentation: line, exponential and Vogel's law, wear included."""
     model = replace(curved, residual_friction=None, wear=np.linspace(0.0, 0.1, 6))
     told, T = json.loads(json.dumps(model.as_document(), allow_nan=False)), 31.0
 
@@ -228,8 +228,8 @@ def test_a_reader_of_the_document_alone_finds_the_same_friction(curved):
         assert np.allclose(predicted[:, j], fresh * np.exp(told["wear"][j]))
 
 
-def test_what_is_beyond_fc_and_fv_stays_as_it_was_at_the_fastest_learnt(model, with_residual_friction):
-    """Beyond 1 rad/s the difference to the model without it no longer changes, nor beyond 40 N·m; and it survives as JSON."""
+def test_residual_friction_keeps_its_value_beyond_the_largest_speed_of_the_fit(model, with_residual_friction):
+    """Beyond 1 rad/s and beyond 40 N·m the difference to the model without it is constant, also after a way through JSON."""
     still, T = np.zeros(6), np.full(6, 25.0)
     at = [
         predict_torque(m, UR5, Q[0], np.full(6, v), still, T).friction - predict_torque(model, UR5, Q[0], np.full(6, v), still, T).friction

@@ -1,4 +1,4 @@
-"""Torque's own interval and a measurement's: told apart by replays foreseen, the same after a restart, and read from older histories."""
+"""Prediction error: the model's error and the noise of a measurement, after a restart and from older histories too."""
 
 import json
 from dataclasses import replace
@@ -34,7 +34,7 @@ def _motion():
 
 @pytest.fixture(scope="module")
 def model() -> CompensatedModel:
-    """After 12 replays between 20 and 40 °C."""
+    """The model after 12 replays between 20 and 40 °C."""
     history, dice, arm = History(), np.random.default_rng(1), Arm(seed=1, noise=0.01)
     for day in range(12):
         history.add(day, arm.replay(dice.uniform(20, 40)))
@@ -42,7 +42,7 @@ def model() -> CompensatedModel:
 
 
 def recording(model: CompensatedModel, *, error_nm: float, noise_nm: float, seed: int, temperature_c: float = 30.0) -> Recording:
-    """The model's torque, off by a wave of 0.7 s and by noise whose successive samples are correlated by 0.3, of these RMS."""
+    """The model's torque plus two errors of given RMS: a sine with a period of 0.7 s, and noise with a correlation of 0.3 a sample."""
     dice = np.random.default_rng(seed)
     t_s, q, qd, qdd = _motion()
     T = np.full_like(q, temperature_c)
@@ -53,9 +53,11 @@ def recording(model: CompensatedModel, *, error_nm: float, noise_nm: float, seed
     return Recording(t_s=t_s, q=q, qd=qd, target_qdd=qdd, current=torque / GAIN, temperature_c=T, context=context, source=f"day {seed}")
 
 
-def test_the_models_error_is_told_apart_from_the_noise_of_its_measurement(model):
-    """Fifteen replays off by 0.4 N·m, measured with 1.2 N·m of noise, a fit that left 0.7: the wave's covariance falls by a quarter in
-    80 ms, of the fit a sixth is not forgotten yet: √(0.75·0.16·15/18 + 0.49·3/18) = 0.43, to 15 %; a sample is off by both, to 3 %.
+def test_the_models_error_is_separated_from_the_noise_of_the_measurement(model):
+    """Fifteen replays with an error of 0.4 N·m and noise of 1.2 N·m, after a fit with a residual of 0.7 N·m.
+
+    The covariance of the sine falls by a quarter in 80 ms, and the fit has the weight of 3 replays of 18. The expected error is
+    √(0.75·0.16·15/18 + 0.49·3/18) = 0.43 N·m, to 15 %. The residual of a sample contains error and noise, to 3 %.
     """
     doubt, own = None, np.full(6, 0.7)
     for k in range(15):
@@ -67,8 +69,8 @@ def test_the_models_error_is_told_apart_from_the_noise_of_its_measurement(model)
     assert sample == pytest.approx(np.full(6, np.hypot(0.4, 1.2)), rel=0.03)
 
 
-def test_what_the_servo_does_after_a_reversal_is_no_error_of_the_model(model):
-    """It overshoots and takes that back, for longer than 80 ms: neither hides the model's error nor stands for it."""
+def test_the_motion_of_the_servo_after_a_reversal_is_no_error_of_the_model(model):
+    """The servo overshoots and swings back for longer than 80 ms; the estimate of the model's error does not change."""
     own, doubts = np.full(6, 0.7), [None, None]
     catching_up_nm = 2.0 * np.array([12.6, 2.6, 0.0, -3.4, -2.7, -1.8, -0.5, -0.5, -0.5, 0.4, 0.4, 0.4])
     for k in range(15):
@@ -81,11 +83,11 @@ def test_what_the_servo_does_after_a_reversal_is_no_error_of_the_model(model):
             doubts[which] = update(doubts[which], measure_prediction_error(one, model, UR5, None), own)
     (alone, _), (beside, sample) = (rms(doubt, own) for doubt in doubts)
     assert beside == pytest.approx(alone, rel=0.05)
-    assert np.all(sample > 0.65)  # √(0.4² + 0.5²) = 0.64 without: of a measurement it is a part
+    assert np.all(sample > 0.65)  # √(0.4² + 0.5²) = 0.64 without the servo, whose motion is part of a measurement
 
 
-def test_where_torque_cannot_be_compared_nothing_is_told(model):
-    """Without accelerations, too few samples, or at a temperature that the model does not know."""
+def test_a_recording_that_cannot_be_compared_changes_no_statistics(model):
+    """It has no accelerations, or is at a temperature outside the range of the model."""
     sound = recording(model, error_nm=0.1, noise_nm=0.1, seed=1)
     assert measure_prediction_error(replace(sound, target_qdd=None), model, UR5, None) is None
     told = measure_prediction_error(recording(model, error_nm=0.1, noise_nm=0.1, seed=1, temperature_c=80.0), model, UR5, None)
@@ -96,7 +98,7 @@ def test_where_torque_cannot_be_compared_nothing_is_told(model):
 
 
 def test_an_outlier_replay_counts_for_four_times_the_present_mean_square_at_most():
-    """Somebody leant on the arm: neither figure runs away, nor does the error vanish after a replay whose estimate is negative."""
+    """A person leant on the arm: both figures stay bounded, and the error stays positive after a negative estimate."""
     own, before = np.full(6, 0.5), PredictionErrorStatistics(*(np.full(6, x) for x in (9.0, 0.09, 1.0)))
     error, sample = rms(update(before, PredictionError(np.full(6, 1e6), np.full(6, 1e6)), own), own)
     was, was_sample = rms(before, own)
@@ -109,7 +111,7 @@ def test_an_outlier_replay_counts_for_four_times_the_present_mean_square_at_most
 
 @pytest.fixture(scope="module")
 def lived(model) -> Assessment:
-    """Three recordings judged, each with what the one before left."""
+    """The assessment of the third of three recordings, each assessed with the state after the one before."""
     last = None
     for seed, temperature_c in enumerate((26.0, 30.0, 31.0)):
         seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=seed, temperature_c=temperature_c)
@@ -135,7 +137,7 @@ def stored(folder: Path, belief: dict, health: dict, model: dict) -> None:
 
 
 def test_torque_is_the_same_to_the_last_bit_after_a_restart(lived, tmp_path):
-    """Residual friction beyond fc and fv, and both doubts, come back from the history with the rest."""
+    """Residual friction and the statistics of the prediction error come back from the history with the rest."""
     assert lived.model.residual_friction is not None
     assert lived.model.error_rms_nm is not None
     stored(tmp_path, lived.belief.as_document(), lived.health.as_document(), lived.model.as_document())
@@ -145,8 +147,8 @@ def test_torque_is_the_same_to_the_last_bit_after_a_restart(lived, tmp_path):
     assert json.dumps(back.belief.as_document()) == json.dumps(lived.belief.as_document())
 
 
-def test_a_history_from_before_is_read_and_goes_on(lived, model, tmp_path):
-    """Neither belief nor model knew of it: the torque is that of fc and fv with the fit's residual, until the next replay."""
+def test_a_history_without_prediction_error_is_read_and_continued(lived, model, tmp_path):
+    """Until the next replay, torque is that of fc and fv alone, and the residual of the fit is its standard deviation."""
     belief, old = lived.belief.as_document(), lived.model.as_document()
     for key in ("finer", "error_rms_nm", "measured_rms_nm"):
         del old[key]
@@ -164,8 +166,8 @@ def test_a_history_from_before_is_read_and_goes_on(lived, model, tmp_path):
     assert np.all(after.belief.prediction_error.replays == 1)
 
 
-def test_verdicts_do_not_depend_on_the_model_before(lived, model):
-    """A recomputation that begins at a checkpoint holds none: the document comes out the same."""
+def test_verdicts_do_not_depend_on_the_model_of_the_replay_before(lived, model):
+    """A recomputation that begins at a checkpoint has no such model, and its document is the same."""
     seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)
     state = {"robot": UR5, "mounting": Mounting(), "belief": lived.belief, "health": lived.health}
     with_model, without = (assess(seen, **state, model=known) for known in (lived.model, None))
@@ -173,7 +175,7 @@ def test_verdicts_do_not_depend_on_the_model_before(lived, model):
 
 
 def test_another_payload_is_no_error_of_the_model(lived, model):
-    """What was declared to have changed is not held against it."""
+    """A replay whose declared context has changed does not count for the prediction error."""
     seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)
     heavier = replace(seen, context=replace(seen.context, payload_kg=2.0))
     after = assess(heavier, robot=UR5, mounting=Mounting(), belief=lived.belief, health=lived.health, model=lived.model)
@@ -181,8 +183,8 @@ def test_another_payload_is_no_error_of_the_model(lived, model):
     assert np.array_equal(after.belief.prediction_error.replays, lived.belief.prediction_error.replays)
 
 
-def test_a_document_survives_with_joints_that_nothing_is_known_of(lived):
-    """NaN travels as null."""
+def test_unknown_statistics_survive_as_json(lived):
+    """NaN is null in JSON."""
     odd = replace(lived.belief, prediction_error=lived.belief.prediction_error._replace(error_nm2=np.array([np.nan, 1, 2, 3, 4, 5])))
     back = belief_from_document(json.loads(json.dumps(odd.as_document(), allow_nan=False)))
     assert np.array_equal(back.prediction_error.error_nm2, odd.prediction_error.error_nm2, equal_nan=True)

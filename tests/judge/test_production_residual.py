@@ -1,4 +1,4 @@
-"""Production residuals: work may ask for a replay, and for nothing else."""
+"""Production residuals: the evidence of normal work may ask for an earlier replay and has no other effect."""
 
 import threading
 from dataclasses import replace
@@ -17,7 +17,10 @@ J = 6
 
 
 def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0.0, seed: int = 0, settings=SETTINGS):
-    """Sums after so many spans of work at 5 Hz: unknown loads are 10 N·m noise on 8 N·m of friction, `rise` (J,) is what it has grown."""
+    """Residuals after so many spans of work at 5 Hz, with unknown loads as noise of 10 N·m on 8 N·m of friction.
+
+    rise : (J,) of friction, as a fraction; bias : error of all joints, as a fraction of friction.
+    """
     dice = np.random.default_rng(seed)
     for _ in range(int(spans * settings.span_s * 5) + 1):
         qd = dice.choice([-1.0, 1.0], J) * dice.uniform(0.1, 1.0, J)
@@ -31,27 +34,27 @@ def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0
     return so_far
 
 
-def test_a_joint_that_rose_pulls_the_next_replay_forward():
-    """+50 % of joint 3 after the baseline, although the work is biased by 10 % for all: it and no other is named."""
+def test_a_joint_whose_friction_rose_asks_for_an_earlier_replay():
+    """Joint 3 rises by 50 % after the baseline, and the work has a bias of 10 % in all joints: joint 3 alone is named."""
     before = at_work(0.0, spans=3, bias=0.1)
     assert earlier_replay_reason(before, SETTINGS) is None
     after = at_work(np.array([0, 0, 0.5, 0, 0, 0]), spans=4, so_far=before, bias=0.1, seed=1)
     why = earlier_replay_reason(after, SETTINGS)
     assert why is not None
     assert why.startswith("joint 3: at work, friction is +4")
-    told = {each.joint: each for each in production_evidence(after, SETTINGS)}
-    assert told[3].change == pytest.approx(0.5, abs=0.1)
-    assert all(abs(told[j].change) < 2 * told[j].std for j in (1, 2, 4, 5, 6))
+    found = {each.joint: each for each in production_evidence(after, SETTINGS)}
+    assert found[3].change == pytest.approx(0.5, abs=0.1)
+    assert all(abs(found[j].change) < 2 * found[j].std for j in (1, 2, 4, 5, 6))
 
 
-def test_its_doubt_never_falls_below_what_other_work_would_say():
-    """However many looks: never surer than 5 % of friction where one look is worth 8 %."""
+def test_the_standard_deviation_keeps_the_bias_of_other_work():
+    """After many looks it is still above 5 % of friction, where that of one look is 8 %."""
     long = at_work(0.0, spans=40, settings=ResidualSettings(span_s=20.0, min_samples=50))
     assert min(each.std for each in production_evidence(long, SETTINGS)) > 0.05
 
 
-def test_a_new_model_begins_anew_and_unfit_samples_say_nothing():
-    """Slow, hard, extrapolated or without a measurement."""
+def test_a_new_model_begins_anew_and_unsuitable_samples_do_not_count():
+    """Samples that are slow, strongly accelerated, extrapolated or without a measurement."""
     heard_before = at_work(0.5, spans=5)
     assert at_work(0.0, spans=0, so_far=heard_before, revision=2).looks.max() == 0
     predicted = TorquePrediction(
@@ -69,8 +72,8 @@ def test_a_new_model_begins_anew_and_unfit_samples_say_nothing():
     assert update(None, 1, predicted, WorkSample(*fit, 0.2), SETTINGS).samples.min() == 1
 
 
-def test_revolutions_are_counted_while_somebody_listens():
-    """2π rad/s for 100 s is 100 revolutions; a gap too long counts as the rest; heard too little is not known."""
+def test_revolutions_are_counted_while_the_arm_is_observed():
+    """2π rad/s for 100 s is 100 revolutions. A long gap counts as the observed time does; too little observed time gives no count."""
     production = Production(SETTINGS)
     assert production.revolutions(0.0) is None
     for k in range(101):
@@ -78,14 +81,14 @@ def test_revolutions_are_counted_while_somebody_listens():
     assert production.revolutions(100.0) == pytest.approx([100.0] * J)
     for k in range(101):
         production.moved(1000.0 + k, np.full(J, -2.0 * np.pi))
-    assert production.revolutions(1200.0) == pytest.approx([300.0] * J)  # half was heard: twice as much was done
+    assert production.revolutions(1200.0) == pytest.approx([300.0] * J)  # half of the time was observed, so the count is doubled
     production.moved(5000.0, np.zeros(J))
     assert production.revolutions(9000.0) is None
     production.continue_from(no_usage(J)._replace(revolutions=np.full(J, 7.0)))
 
 
-def test_a_replay_is_asked_for_once_a_model():
-    """What it asked for is not asked for again until the replay has told."""
+def test_an_earlier_replay_is_asked_for_once_a_model():
+    """The next request comes only after the replay, with its new model."""
     production = Production(SETTINGS)
     dice, model = np.random.default_rng(2), SimpleNamespace(revision=4)
     asked = []
@@ -102,7 +105,7 @@ def test_a_replay_is_asked_for_once_a_model():
 
 
 class Interrupting(np.ndarray):
-    """A speed that lets something happen elsewhere at the very moment when it is looked at."""
+    """A speed that runs a function at the moment when it is read."""
 
     happens = None
 
@@ -113,8 +116,8 @@ class Interrupting(np.ndarray):
         return getattr(ufunc, method)(*(np.asarray(x) for x in inputs), **kwargs)
 
 
-def test_a_replay_that_takes_the_count_in_the_middle_of_a_sample_takes_each_turn_once():
-    """The replay's thread asks while the listener adds: without a lock the listener writes back what was taken, and it counts twice."""
+def test_a_count_that_is_taken_during_a_sample_contains_each_turn_once():
+    """The thread of the replay asks while the listener adds. Without a lock the listener would count the taken turns again."""
     production, taken = Production(SETTINGS), []
     replay = threading.Thread(target=lambda: taken.append(production.revolutions(100.0)))
 
@@ -132,7 +135,7 @@ def test_a_replay_that_takes_the_count_in_the_middle_of_a_sample_takes_each_turn
 
 
 def test_other_settings_begin_the_looks_anew_and_the_same_ones_do_not():
-    """A reload that changes [residual] judges by the new figures from then on; one that changes something else loses nothing."""
+    """After a reload that changes [residual] the looks begin anew; after a reload that changes other settings they continue."""
     short = replace(SETTINGS, span_s=60.0, min_samples=10)
     production, model = Production(short), SimpleNamespace(revision=1)
     qd = np.full(J, 0.5)

@@ -1,4 +1,4 @@
-"""When the limit is met: the distribution, its quantiles, and when there is none."""
+"""When friction reaches its limit: the distribution, its quantiles, and when there is no date."""
 
 import math
 
@@ -14,21 +14,21 @@ WALK = 5e-4
 
 
 def test_first_passage_is_the_inverse_gaussian():
-    """Against scipy's distribution, for a drift and a walk where both terms matter."""
+    """Compared with SciPy's distribution, for a drift and a walk with which both terms of the formula matter."""
     days, rise, rate, walk = np.linspace(1, 2000, 50), 0.2, 0.0005, 0.01
     mean, shape = rise / rate, rise**2 / walk**2
     expected = invgauss.cdf(days, mean / shape, scale=shape)
     assert np.allclose(first_passage(days, np.float64(rise), np.float64(rate), walk), expected, atol=1e-12)  # rounding
 
 
-def test_first_passage_survives_where_its_formula_overflows():
-    """2νd/σ² of 40 000: no inf, no NaN, a sharp step at d/ν."""
+def test_first_passage_is_finite_where_its_formula_overflows():
+    """With 2νd/σ² = 40 000 the distribution is a sharp step at d/ν, without an infinity or a NaN."""
     passed = first_passage(np.array([90.0, 110.0]), np.float64(0.2), np.float64(0.002), 1e-4)
     assert passed == pytest.approx([0.0, 1.0], abs=1e-9)
 
 
-def test_a_constant_sure_rate_is_met_on_time():
-    """0.1 % a day from 5 % to 30 %: the median is what remains over the rate, to 1 %; the spread is the walk's."""
+def test_a_known_constant_rate_reaches_the_limit_on_time():
+    """0.1 % a day from 5 % to 30 %: the median is the remaining rise over the rate, to 1 %; the spread is that of the walk."""
     life = remaining_life(np.array([math.log(1.05), 0.001]), np.diag([1e-10, 1e-12]), wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
     truth = 0.25 / 0.001
     assert life.verdict == "trend"
@@ -38,7 +38,10 @@ def test_a_constant_sure_rate_is_met_on_time():
 
 
 def test_quantiles_are_those_of_a_simulation():
-    """Against 200 000 drawn rates and wears, walked in closed form: 2 % (the lattice has 199 points, the table 2–4 % steps)."""
+    """Compared with 200 000 drawn rates and wears, whose passage times are drawn in closed form, to 2 %.
+
+    The lattice has 199 points, and the table has steps of 2–4 %.
+    """
     mean, cov = np.array([0.08, 0.0008]), np.array([[1e-4, 1e-6], [1e-6, 6e-8]])
     dice = np.random.default_rng(0)
     wear, rate = dice.multivariate_normal(mean, cov, size=200_000).T
@@ -50,30 +53,30 @@ def test_quantiles_are_those_of_a_simulation():
     life = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
     assert [life.p10_days, life.p50_days, life.p90_days] == pytest.approx(np.quantile(days, [0.1, 0.5, 0.9]), rel=0.02)
     soon = PrognosisSettings(service_days=float(np.quantile(days, 0.2)))
-    told = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=soon)
-    assert told.before_service_probability == pytest.approx(0.2, abs=0.01)
-    asked = float(np.quantile(days, 0.3))
-    within = probability_within(asked, mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
+    with_service = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=soon)
+    assert with_service.before_service_probability == pytest.approx(0.2, abs=0.01)
+    days_asked = float(np.quantile(days, 0.3))
+    within = probability_within(days_asked, mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
     assert within == pytest.approx(0.3, abs=0.01)
 
 
-def test_what_lies_beyond_foresight_is_not_dated():
-    """A sure but tiny rate, 30 % in 270 years: a trend, and no date within 54 years."""
+def test_a_limit_beyond_the_longest_prediction_has_no_date():
+    """A certain but small rate, 30 % in 270 years, is a trend without a date, since predictions end after 54 years."""
     life = remaining_life(np.array([0.0, 2.7e-6]), np.diag([1e-8, 1e-13]), wear_walk_per_sqrt_day=1e-5, settings=SETTINGS)
     assert life.verdict == "trend"
     assert (life.p10_days, life.p50_days, life.p90_days) == (None, None, None)
 
 
 def test_without_a_trend_there_is_no_date():
-    """P(rate > 0) = 0.84 is not beyond doubt."""
+    """P(rate > 0) = 0.84 is below the required probability."""
     life = remaining_life(np.array([0.02, 1e-4]), np.diag([1e-4, 1e-8]), wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
     assert life.verdict == "no_trend"
     assert life.trend_probability == pytest.approx(0.841, abs=0.001)
     assert (life.p10_days, life.p50_days, life.p90_days) == (None, None, None)
 
 
-def test_beyond_the_limit_nothing_remains():
-    """Friction 35 % up is past 30 %, whatever the rate."""
+def test_beyond_the_limit_no_days_remain():
+    """A rise of 35 % is beyond the limit of 30 %, whatever the rate."""
     mean, cov = np.array([math.log(1.35), -1e-4]), np.diag([1e-4, 1e-8])
     life = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
     assert life.verdict == "reached"
@@ -81,8 +84,8 @@ def test_beyond_the_limit_nothing_remains():
     assert probability_within(1.0, mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS) == 1.0
 
 
-def test_a_limit_that_is_no_rise_is_refused():
-    """And the key is named."""
+def test_settings_out_of_bounds_are_refused():
+    """The message contains the key."""
     with pytest.raises(BadConfiguration, match=r"prognosis\.limit_rise"):
         PrognosisSettings(limit_rise=0.0)
     with pytest.raises(BadConfiguration, match=r"prognosis\.trend_sure"):

@@ -1,4 +1,4 @@
-"""From belief to states and alerts: when one is raised, kept, told again and cleared."""
+"""From belief to states and alerts: when an alert is raised, kept, updated and cleared."""
 
 import json
 from dataclasses import replace
@@ -24,8 +24,8 @@ from monitor.judge.temperature.laws import TemperatureSettings
 SETTINGS = HealthSettings()
 
 
-def believed(day: float, wear: dict[int, float] | None = None, std: float = 0.005, **changes: object) -> Belief:
-    """A belief of that day: joint → fraction of wear, the others none; `std` of all."""
+def belief_on(day: float, wear: dict[int, float] | None = None, std: float = 0.005, **changes: object) -> Belief:
+    """A belief of that day. wear : joint → wear as a fraction, 0 for joints that are not given; std : of the wear of every joint."""
     fresh = begin("ur5", CONTEXT, Arm().replay(30.0), START_S, settings=DriftSettings(), laws=TemperatureSettings())
     mean, cov = fresh.filter_state.mean.copy(), np.zeros_like(fresh.filter_state.cov)
     for joint, fraction in (wear or {}).items():
@@ -36,20 +36,20 @@ def believed(day: float, wear: dict[int, float] | None = None, std: float = 0.00
     return replace(fresh, at_unix_s=START_S + day * DAY_S, **{**standing, **changes})
 
 
-def through(days: list[Belief], health: Health | None = None) -> tuple[Health, list[tuple[int, str, int | None, str, str]]]:
+def judged(days: list[Belief], health: Health | None = None) -> tuple[Health, list[tuple[int, str, int | None, str, str]]]:
     """Health after these replays, and (replay, kind, joint, condition, tier) of every transition."""
-    told = []
+    steps = []
     for i, belief in enumerate(days):
         health, transitions = judge(health, belief, SETTINGS)
-        told += [(i, kind, alert.joint, alert.condition, alert.tier) for kind, alert in transitions]
+        steps += [(i, kind, alert.joint, alert.condition, alert.tier) for kind, alert in transitions]
     assert health is not None
-    return health, told
+    return health, steps
 
 
-def test_wear_is_told_at_the_third_replay_that_agrees():
-    """12 % ± 0.5 % is the wear tier at once, but one replay is none and two are too few."""
-    health, told = through([believed(day, {3: 0.12}) for day in range(3)])
-    assert told == [(2, "raised", 3, "wear_rising", "wear")]
+def test_wear_is_reported_at_the_third_replay_that_agrees():
+    """12 % ± 0.5 % of wear reaches the wear tier in the first replay. The alert is raised after three replays."""
+    health, steps = judged([belief_on(day, {3: 0.12}) for day in range(3)])
+    assert steps == [(2, "raised", 3, "wear_rising", "wear")]
     [alert] = health.active_alerts
     assert alert.change == pytest.approx(0.12)
     assert alert.probability > 0.99
@@ -61,60 +61,60 @@ def test_wear_is_told_at_the_third_replay_that_agrees():
 
 
 def test_three_replays_of_one_day_are_one_days_evidence():
-    """A hot afternoon is not two days: the alert waits for the next one."""
-    _, told = through([believed(0.1 + hour / 24, {3: 0.12}) for hour in range(6)] + [believed(1.1, {3: 0.12})])
-    assert [step[0] for step in told] == [6]
+    """Six replays within one day raise no alert. The first replay of the next day does."""
+    _, steps = judged([belief_on(0.1 + hour / 24, {3: 0.12}) for hour in range(6)] + [belief_on(1.1, {3: 0.12})])
+    assert [step[0] for step in steps] == [6]
 
 
 def test_a_replay_that_disagrees_begins_the_count_again():
-    """Two agreeing, one not, two agreeing: nothing is said."""
-    _, told = through([believed(day, {3: 0.0 if day == 2 else 0.12}) for day in range(5)])
-    assert told == []
+    """Two replays agree, one does not, two agree: no alert is raised."""
+    _, steps = judged([belief_on(day, {3: 0.0 if day == 2 else 0.12}) for day in range(5)])
+    assert steps == []
 
 
 def test_replays_outside_the_learnt_temperatures_count_for_nothing():
-    """Neither evidence nor its opposite; once enough replays are known, the joint is OFF_SPEC meanwhile."""
+    """They neither confirm nor contradict wear. The joint is OFF_SPEC, since enough replays are known."""
     cold = {"inside_range": np.zeros(6), "temperature_c": np.full(6, 8.0)}
-    days = [believed(0, {3: 0.12}), *[believed(day, {3: 0.12}, **cold) for day in (1, 2, 3)]]
-    health, told = through(days)
-    assert {condition for _, _, _, condition, _ in told} == {"outside_range"}
+    days = [belief_on(0, {3: 0.12}), *[belief_on(day, {3: 0.12}, **cold) for day in (1, 2, 3)]]
+    health, steps = judged(days)
+    assert {condition for _, _, _, condition, _ in steps} == {"outside_range"}
     assert health.joints[0].state == "OFF_SPEC"
     assert "8.0 °C" in health.joints[0].why
-    _, told = through([believed(4, {3: 0.12}), believed(5, {3: 0.12})], health)
-    assert [step[0] for step in told if step[3] == "wear_rising"] == [1]  # with the one of day 0 these are three
+    _, steps = judged([belief_on(4, {3: 0.12}), belief_on(5, {3: 0.12})], health)
+    assert [step[0] for step in steps if step[3] == "wear_rising"] == [1]  # with the one of day 0 these are three
 
 
-def test_an_unsure_rise_is_no_wear():
-    """6 % ± 4 %: P(wear > 5 %) is 0.6, P(wear > 1 %) 0.9: neither tier is beyond doubt."""
-    _, told = through([believed(day, {3: 0.06}, std=0.04) for day in range(20)])
-    assert told == []
+def test_an_uncertain_rise_raises_no_alert():
+    """6 % ± 4 %: P(wear > 5 %) is 0.6 and P(wear > 1 %) is 0.9; both are too small for an alert."""
+    _, steps = judged([belief_on(day, {3: 0.06}, std=0.04) for day in range(20)])
+    assert steps == []
 
 
-def test_tiers_escalate_and_ask_to_be_seen_again():
-    """3 % is an advisory, 10 % wear, 40 % the limit; each step is told, and takes an acknowledgement of the lower one away."""
-    health, told = through([believed(day, {3: 0.03}) for day in range(3)])
+def test_a_higher_tier_must_be_acknowledged_again():
+    """3 % is an advisory, 10 % the wear tier, 40 % the limit. Each step is a transition and removes the earlier acknowledgement."""
+    health, steps = judged([belief_on(day, {3: 0.03}) for day in range(3)])
     assert health.joints[2].state == "NORMAL"  # worth knowing, nothing to do
     health = acknowledge(health, 3, "wear_rising", by="Ada", why="seen", at_unix_s=START_S + 3 * DAY_S)
-    health, more = through([believed(day, {3: 0.10}) for day in range(4, 7)], health)
+    health, more = judged([belief_on(day, {3: 0.10}) for day in range(4, 7)], health)
     assert health.active_alerts[0].acknowledged_by is None
-    health, most = through([believed(day, {3: 0.40}) for day in range(7, 10)], health)
-    tiers = [(kind, tier) for _, kind, _, _, tier in told + more + most]
+    health, most = judged([belief_on(day, {3: 0.40}) for day in range(7, 10)], health)
+    tiers = [(kind, tier) for _, kind, _, _, tier in steps + more + most]
     assert tiers[0] == ("raised", "advisory")
     assert tiers[-1] == ("updated", "limit")
     assert ("updated", "wear") in tiers
     assert health.state == "FAILURE"
 
 
-def test_an_alert_stays_until_it_is_seen_and_then_until_it_is_gone():
-    """Latched: without acknowledgement it stands though wear is gone; acknowledged, it clears with the next good replay."""
-    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
-    health, told = through([believed(day) for day in range(3, 30)], health)
-    assert [kind for _, kind, *_ in told] == ["updated"]  # its change is told once, it is not cleared
+def test_an_alert_clears_once_it_is_acknowledged_and_its_condition_is_gone():
+    """Without an acknowledgement it stays active although the wear is gone. Acknowledged, it clears with the next replay."""
+    health, _ = judged([belief_on(day, {3: 0.12}) for day in range(3)])
+    health, steps = judged([belief_on(day) for day in range(3, 30)], health)
+    assert [kind for _, kind, *_ in steps] == ["updated"]  # the change of its figure, once; it is not cleared
     assert health.active_alerts
     health = acknowledge(health, 3, "wear_rising", by="Ada", why="greased", at_unix_s=START_S + 30 * DAY_S)
     assert health.active_alerts
-    health, told = through([believed(31)], health)
-    assert [(kind, joint) for _, kind, joint, *_ in told] == [("cleared", 3)]
+    health, steps = judged([belief_on(31)], health)
+    assert [(kind, joint) for _, kind, joint, *_ in steps] == [("cleared", 3)]
     assert not health.active_alerts
     [gone] = health.alerts
     assert gone.cleared_at_unix_s == START_S + 31 * DAY_S
@@ -123,85 +123,85 @@ def test_an_alert_stays_until_it_is_seen_and_then_until_it_is_gone():
 
 
 def test_an_acknowledged_alert_does_not_flap():
-    """Between the clearing and the raising level nothing happens: 0.8 % … 1.8 % about the advisory of 1 %."""
-    health, _ = through([believed(day, {3: 0.025}) for day in range(3)])
+    """Wear that alternates between 0.8 % and 1.8 %, about the advisory level of 1 %, causes no transition."""
+    health, _ = judged([belief_on(day, {3: 0.025}) for day in range(3)])
     health = acknowledge(health, 3, "wear_rising", by="Ada", why="seen", at_unix_s=START_S + 3 * DAY_S)
-    health, told = through([believed(4 + i, {3: 0.008 if i % 2 else 0.018}) for i in range(40)], health)
-    assert told == []
+    health, steps = judged([belief_on(4 + i, {3: 0.008 if i % 2 else 0.018}) for i in range(40)], health)
+    assert steps == []
     assert len(health.active_alerts) == 1
 
 
 def test_an_acknowledged_alert_steps_down_when_wear_recedes():
-    """From 12 % to 2 %: no longer wear, still an advisory; the state follows."""
-    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+    """From 12 % to 2 %: the alert falls from the wear tier to an advisory, and the state follows."""
+    health, _ = judged([belief_on(day, {3: 0.12}) for day in range(3)])
     health = acknowledge(health, 3, "wear_rising", by="Ada", why="greased", at_unix_s=START_S + 3 * DAY_S)
-    health, told = through([believed(4, {3: 0.02})], health)
-    assert told == [(0, "updated", 3, "wear_rising", "advisory")]
+    health, steps = judged([belief_on(4, {3: 0.02})], health)
+    assert steps == [(0, "updated", 3, "wear_rising", "advisory")]
     assert health.state == "NORMAL"
 
 
 def test_a_cleared_alert_may_come_again():
-    """It takes its three replays, and is unacknowledged."""
-    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+    """It takes three replays again, and is not acknowledged."""
+    health, _ = judged([belief_on(day, {3: 0.12}) for day in range(3)])
     health = acknowledge(health, 3, "wear_rising", by="Ada", why="greased", at_unix_s=START_S + 3 * DAY_S)
-    health, _ = through([believed(4)], health)
-    health, told = through([believed(day, {3: 0.12}) for day in range(5, 8)], health)
-    assert told == [(2, "raised", 3, "wear_rising", "wear")]
+    health, _ = judged([belief_on(4)], health)
+    health, steps = judged([belief_on(day, {3: 0.12}) for day in range(5, 8)], health)
+    assert steps == [(2, "raised", 3, "wear_rising", "wear")]
     assert health.active_alerts[0].acknowledged_by is None
 
 
 def test_all_joints_rising_together_is_not_wear():
-    """4–6 % in every joint: one alert of the arm, none of a joint."""
+    """4–6 % in every joint: one alert of the arm and no alert of a joint."""
     shared = {j + 1: 0.05 + 0.002 * (j - 2.5) for j in range(6)}
-    health, told = through([believed(day, shared) for day in range(5)])
-    assert told == [(2, "raised", None, "common_mode", "advisory")]
+    health, steps = judged([belief_on(day, shared) for day in range(5)])
+    assert steps == [(2, "raised", None, "common_mode", "advisory")]
     assert health.state == "CHECK_FUNCTION"
     assert health.active_alerts[0].probability > 0.9
 
 
 def test_all_joints_falling_together_is_one_alert_of_the_arm():
-    """Supply or gains, not six joints greased at once; a joint that fell by far more than the others is told as well."""
-    health, told = through([believed(day, dict.fromkeys(range(1, 7), -0.08)) for day in range(4)])
-    assert [step[1:] for step in told] == [("raised", None, "common_mode", "advisory")]
+    """The supply or the gains have changed. A joint that fell much more than the others has an alert of its own."""
+    health, steps = judged([belief_on(day, dict.fromkeys(range(1, 7), -0.08)) for day in range(4)])
+    assert [step[1:] for step in steps] == [("raised", None, "common_mode", "advisory")]
     assert "fallen in most joints together, by about -8.0%" in health.active_alerts[0].text
-    assert health.active_alerts[0].probability > 0.99  # that it is a fall at all, not that it differs from itself
+    assert health.active_alerts[0].probability > 0.99  # the probability of the fall itself
     assert health.state == "CHECK_FUNCTION"
-    _, told = through([believed(day, {**dict.fromkeys(range(1, 7), -0.08), 3: -0.2}) for day in range(4)])
-    assert {step[2:4] for step in told} == {(None, "common_mode"), (3, "friction_falling")}
-    # the one that did not fall has not risen
-    _, told = through([believed(day, {**dict.fromkeys(range(1, 7), -0.08), 3: 0.0}) for day in range(4)])
-    assert {step[2:4] for step in told} == {(None, "common_mode")}
+    _, steps = judged([belief_on(day, {**dict.fromkeys(range(1, 7), -0.08), 3: -0.2}) for day in range(4)])
+    assert {step[2:4] for step in steps} == {(None, "common_mode"), (3, "friction_falling")}
+    # the joint that did not fall has not risen either
+    _, steps = judged([belief_on(day, {**dict.fromkeys(range(1, 7), -0.08), 3: 0.0}) for day in range(4)])
+    assert {step[2:4] for step in steps} == {(None, "common_mode")}
 
 
-def test_one_joint_is_seen_above_what_all_share():
-    """All rise by 3 %, joint 3 by 20 %: both are told, joint 3 with what is its own."""
+def test_one_joint_that_rises_more_than_the_others_is_reported_beside_them():
+    """All joints rise by 3 % and joint 3 by 20 %: the alert of joint 3 has the change beyond the common rise."""
     shared = {j + 1: 0.03 for j in range(6)} | {3: 0.20}
-    health, told = through([believed(day, shared) for day in range(5)])
-    assert {(joint, condition) for _, _, joint, condition, _ in told} == {(None, "common_mode"), (3, "wear_rising")}
+    health, steps = judged([belief_on(day, shared) for day in range(5)])
+    assert {(joint, condition) for _, _, joint, condition, _ in steps} == {(None, "common_mode"), (3, "wear_rising")}
     [wear] = [alert for alert in health.active_alerts if alert.joint == 3]
     assert wear.change == pytest.approx(1.20 / 1.03 - 1)
 
 
-def test_falling_friction_is_news_but_no_wear():
-    """−10 %: grease or another joint; to be checked."""
-    health, told = through([believed(day, {2: -0.10}) for day in range(4)])
-    assert told == [(2, "raised", 2, "friction_falling", "advisory")]
+def test_falling_friction_is_reported_and_is_no_wear():
+    """−10 %: the joint was greased or replaced, and its function is to be checked."""
+    health, steps = judged([belief_on(day, {2: -0.10}) for day in range(4)])
+    assert steps == [(2, "raised", 2, "friction_falling", "advisory")]
     assert health.joints[1].state == "CHECK_FUNCTION"
 
 
 def test_a_shelved_alert_is_still_active():
-    """Shelving hides it from a list for a while; the state stays."""
-    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+    """Programs need not show it for a time; the state stays."""
+    health, _ = judged([belief_on(day, {3: 0.12}) for day in range(3)])
     until = START_S + 20 * DAY_S
     health = shelve(health, 3, "wear_rising", by="Ada", why="part ordered", until_unix_s=until, at_unix_s=START_S + 3 * DAY_S)
-    health, _ = through([believed(4, {3: 0.12})], health)
+    health, _ = judged([belief_on(4, {3: 0.12})], health)
     assert health.active_alerts[0].shelved_until_unix_s == until
     assert health.state == "MAINTENANCE_REQUIRED"
 
 
-def test_what_cannot_be_acknowledged_is_said():
-    """The message names what is active; nobody may act anonymously; a shelf does not end before it begins."""
-    health, _ = through([believed(day, {3: 0.12}) for day in range(3)])
+def test_an_acknowledgement_or_shelving_that_is_impossible_is_refused():
+    """Where the alert is not active, nobody is named, or the end of shelving lies in the past. The message names the active alerts."""
+    health, _ = judged([belief_on(day, {3: 0.12}) for day in range(3)])
     with pytest.raises(BadInput, match="no active alert 4/wear_rising; active: 3/wear_rising"):
         acknowledge(health, 4, "wear_rising", by="Ada", why="", at_unix_s=START_S)
     with pytest.raises(BadInput, match="name of the person"):
@@ -211,12 +211,12 @@ def test_what_cannot_be_acknowledged_is_said():
 
 
 def test_health_survives_as_json():
-    """Through JSON text and back it is equal, and judges on as before."""
-    health, _ = through([believed(day, {3: 0.12, 2: -0.1}) for day in range(3)])
+    """Read back from JSON it is equal, and the next judgement is the same."""
+    health, _ = judged([belief_on(day, {3: 0.12, 2: -0.1}) for day in range(3)])
     health = acknowledge(health, 3, "wear_rising", by="Ada", why="seen", at_unix_s=START_S)
     back = health_from_document(json.loads(json.dumps(health.as_document(), allow_nan=False)))
     assert back == health
-    assert through([believed(4)], back) == through([believed(4)], health)
+    assert judged([belief_on(4)], back) == judged([belief_on(4)], health)
     with pytest.raises(BadInput, match="'alerts' is missing"):
         health_from_document({"joints": []})
     with pytest.raises(BadInput, match="health"):
@@ -233,53 +233,53 @@ def test_health_survives_as_json():
     ],
 )
 def test_thresholds_out_of_order_are_named(wrong, says):
-    """Each with the key as it stands in the file."""
+    """The message contains the key of the configuration."""
     with pytest.raises(BadConfiguration, match=says):
         HealthSettings(**wrong)
 
 
-def test_why_a_joint_is_not_alerting_is_said():
-    """Below the rise, not sure enough, replays too few: each in words; nothing left where the limit stands."""
-    health, _ = through([believed(day, {3: 0.008}) for day in range(4)])
-    reasons = " ".join(why_not_alerting(health, believed(4, {3: 0.008}), 3, SETTINGS))
+def test_the_reasons_why_a_joint_does_not_alert_are_given():
+    """A rise that is too small, too uncertain, or in too few replays: one sentence each. At the limit tier there is none."""
+    health, _ = judged([belief_on(day, {3: 0.008}) for day in range(4)])
+    reasons = " ".join(why_not_alerting(health, belief_on(4, {3: 0.008}), 3, SETTINGS))
     assert "next is the advisory tier" in reasons
     assert "1.6 of its standard deviations" in reasons
     assert "below +1%" in reasons
-    health, _ = through([believed(day, {3: 0.40}) for day in range(3)])
-    assert why_not_alerting(health, believed(3, {3: 0.40}), 3, SETTINGS) == ()
-    health, _ = through([believed(day, {3: 0.06}) for day in range(3)])
-    assert any("P(more than 30%)" in reason for reason in why_not_alerting(health, believed(3, {3: 0.06}), 3, SETTINGS))
+    health, _ = judged([belief_on(day, {3: 0.40}) for day in range(3)])
+    assert why_not_alerting(health, belief_on(3, {3: 0.40}), 3, SETTINGS) == ()
+    health, _ = judged([belief_on(day, {3: 0.06}) for day in range(3)])
+    assert any("P(more than 30%)" in reason for reason in why_not_alerting(health, belief_on(3, {3: 0.06}), 3, SETTINGS))
 
 
-def test_silence_is_stale_and_neither_good_nor_bad():
-    """A week without a replay that taught something: every joint; before the first replay as well."""
-    health, _ = through([believed(0), believed(1)])
+def test_joints_without_a_replay_for_a_week_are_stale():
+    """After nine days every joint is stale; after five days none is. The state does not change."""
+    health, _ = judged([belief_on(0), belief_on(1)])
     assert stale_joints(health, START_S + 5 * DAY_S, SETTINGS) == (False,) * 6
     assert stale_joints(health, START_S + 9 * DAY_S, SETTINGS) == (True,) * 6
     assert health.state == "NORMAL"
 
 
-def test_status_says_what_is_stale_of_a_stored_health_and_keeps_the_rest(capsys):
-    """One joint that nothing was learnt of is named, in JSON and in the table's head; what was stored is otherwise as it was."""
+def test_status_names_the_stale_joints_of_a_stored_health(capsys):
+    """One joint without a recent update is named, in JSON and above the table. The rest of the stored document is unchanged."""
     from monitor.publish.health_document import with_stale
     from monitor.publish.timestamps import outside
     from monitor.views.terminal.arm import print_status
 
-    health, _ = through([believed(0), believed(1)])
+    health, _ = judged([belief_on(0), belief_on(1)])
     silent = replace(health, joints=(replace(health.joints[0], learnt_at_unix_s=START_S - 3 * DAY_S), *health.joints[1:]))
     stored = silent.as_document()
-    told = with_stale(stored, START_S + 5 * DAY_S, SETTINGS)
-    assert told["stale"] is True
-    assert [joint["stale"] for joint in told["joints"]] == [True] + [False] * 5
-    assert {key: value for key, value in told.items() if key not in {"stale", "stale_why", "joints"}}.items() <= stored.items()
-    print_status({"robot": "cell-1", "model_revision": 2, "health": outside(told), "friction": [], "ledger": []})
+    document = with_stale(stored, START_S + 5 * DAY_S, SETTINGS)
+    assert document["stale"] is True
+    assert [joint["stale"] for joint in document["joints"]] == [True] + [False] * 5
+    assert {key: value for key, value in document.items() if key not in {"stale", "stale_why", "joints"}}.items() <= stored.items()
+    print_status({"robot": "cell-1", "model_revision": 2, "health": outside(document), "friction": [], "ledger": []})
     assert "STALE: joint 1: nothing was learnt for 8 days" in " ".join(capsys.readouterr().out.split())
     fresh = with_stale(health.as_document(), START_S + 5 * DAY_S, SETTINGS)
     assert (fresh["stale"], fresh["stale_why"]) == (False, None)
 
 
-def test_a_change_is_split_into_what_makes_it():
-    """10 K colder and 10 % worn: the parts add up to the whole, and each is what it was made of."""
+def test_a_change_is_attributed_to_its_causes():
+    """10 K colder and 10 % of wear: the causes add up to the whole, and each has the size of the simulated cause."""
     from synthetic_arm import History
 
     from monitor.judge.alerts.attribution import attribute_change
