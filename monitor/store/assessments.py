@@ -1,4 +1,4 @@
-"""Assessments with all that follows from them: friction, the estimator's state, checkpoints, provenance."""
+"""Assessments with everything that follows from them: friction, the estimator's state, checkpoints, provenance. I/O."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ from monitor.errors import StoreError
 from monitor.store.database import Database, json_text
 from monitor.store.events import AlertEvent, insert_events
 
-CHECKPOINT_EVERY = 30  # assessments; a recomputation need not go further back, and 5 years are 240 of them
+CHECKPOINT_EVERY = 30  # assessments between two checkpoints, where a recomputation may begin; 5 years have 240 checkpoints
 
 
 class StoredAssessment(NamedTuple):
@@ -24,12 +24,12 @@ class StoredAssessment(NamedTuple):
     recorded_at_unix_s: float
     judged_at_unix_s: float
     document: dict[str, Any]
-    made_with: str | None  # digest of the circumstances; None: made before they were kept
+    made_with: str | None  # digest of the provenance; None: made before provenance was kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredState:
-    """What is held true now, as the documents that the rooms wrote."""
+    """The estimator's present state, as the documents that `judge` made of it."""
 
     revision: int  # counts assessments
     belief: dict[str, Any]
@@ -57,9 +57,9 @@ class Assessments:
         events: Sequence[Mapping[str, Any]],
         made_with: Mapping[str, Any] | None = None,
     ) -> list[AlertEvent]:
-        """One assessment with all that follows from it, and what it was made with, in one transaction.
+        """Store one assessment with everything that follows from it, and its provenance, in one transaction.
 
-        Returns the events with the sequence numbers that they were given.
+        Returns the events with their numbers. Raises StoreError where the replay does not wait for an assessment, or the disk refuses.
         """
         with self._db.transaction() as db:
             changed = db.execute(
@@ -83,7 +83,7 @@ class Assessments:
             return insert_events(db, ledger_id, at_unix_s, events)
 
     def state(self) -> StoredState | None:
-        """What is held true now; None before the first assessment."""
+        """The estimator's present state; None before the first assessment."""
         rows = self._db.rows("SELECT revision, belief, health, model FROM state")
         if not rows:
             return None
@@ -91,7 +91,7 @@ class Assessments:
         return StoredState(revision=revision, belief=json.loads(belief), health=json.loads(health), model=json.loads(model))
 
     def rows(self) -> list[StoredAssessment]:
-        """Every past assessment in the order in which they were made."""
+        """Every past assessment, in the order of their recordings' times."""
         rows = self._db.rows(
             "SELECT ledger_id, recorded_at_unix_s, ended_at_unix_s, document, made_with FROM assessment JOIN ledger ON id = ledger_id "
             "ORDER BY recorded_at_unix_s, ledger_id"
@@ -101,13 +101,13 @@ class Assessments:
         ]
 
     def provenance(self, digest: str) -> dict[str, Any]:
-        """The circumstances of that digest."""
+        """The provenance with this digest."""
         ((document,),) = self._db.rows("SELECT document FROM circumstance WHERE digest = ?", (digest,))
-        told: dict[str, Any] = json.loads(document)
-        return told
+        found: dict[str, Any] = json.loads(document)
+        return found
 
     def checkpoint(self, ledger_id: int) -> tuple[dict[str, Any], dict[str, Any]] | None:
-        """Belief and health after this assessment, where they were kept."""
+        """Belief and health after this assessment; None where they were not kept."""
         rows = self._db.rows("SELECT belief, health FROM checkpoint WHERE ledger_id = ?", (ledger_id,))
         return (json.loads(zlib.decompress(rows[0][0])), json.loads(zlib.decompress(rows[0][1]))) if rows else None
 
@@ -131,8 +131,8 @@ class Assessments:
     ) -> tuple[list[dict[str, Any]], int | None]:
         """Friction documents of recordings made in [from, to), oldest first, each with `replay`, `recorded_at_unix_s` and `joint`.
 
-        A page holds whole replays, those after the replay `after`, and at most about `limit` rows; with it comes the `after` of the next
-        page, None at the end.
+        A page holds whole replays with ids above `after`, and about `limit` rows at most. The second value is the next `after`; None
+        at the end.
         """
         asked = {"ledger_id > ?": after, "joint = ?": joint, "recorded_at_unix_s >= ?": from_unix_s, "recorded_at_unix_s < ?": to_unix_s}
         conditions = {condition: value for condition, value in asked.items() if value is not None}
@@ -143,16 +143,16 @@ class Assessments:
         )
         more = len(rows) > limit
         if more:
-            cut = rows[-1][0]  # this replay may go on beyond the limit
+            cut = rows[-1][0]  # this replay may have rows beyond the limit
             whole = [row for row in rows if row[0] != cut]
             rows = whole or self._db.rows(
                 "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id = ?1 ORDER BY joint", (cut,)
             )
-        # one text and one parse: several times faster than one a row, and five years of a joint are 7300
-        told: list[dict[str, Any]] = orjson.loads(f"[{','.join([row[3] for row in rows])}]")
-        for document, (replay, number, at, _) in zip(told, rows, strict=True):
+        # one text and one parse: several times faster than one a row, and five years of a joint have 7300 rows
+        documents: list[dict[str, Any]] = orjson.loads(f"[{','.join([row[3] for row in rows])}]")
+        for document, (replay, number, at, _) in zip(documents, rows, strict=True):
             document.update(replay=replay, recorded_at_unix_s=at, joint=number)
-        return told, (int(rows[-1][0]) if more else None)
+        return documents, (int(rows[-1][0]) if more else None)
 
     def replays(self) -> list[int]:
         """Ledger ids of all assessed replays, oldest first."""
@@ -180,9 +180,10 @@ class Assessments:
             yield int(replay), float(at), json.loads(text)
 
     def roll_back(self, after_unix_s: float, held: tuple[Mapping[str, Any], Mapping[str, Any], Mapping[str, Any]] | None) -> None:
-        """Replays dated later were dated by a wrong clock: rejected, their verdicts removed; belief, health and model as they are without.
+        """Take back every assessment of a recording dated later than this: a wrong clock has dated it, and its replay becomes rejected.
 
-        Windows that were skipped then may open once more when their time comes; one in which an arm moved never does.
+        held : documents of belief, health and model without them; None where no assessment is left. Windows that were skipped then may
+        open again when their time comes; a window in which an arm moved never does.
         """
         reason = "dated in the future by a clock that was wrong"
         with self._db.transaction() as db:

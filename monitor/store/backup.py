@@ -1,4 +1,4 @@
-"""Backups of the history, and what happens when it is damaged: set aside, never deleted; the newest good backup takes its place."""
+"""Backups of the history, and its restoration: a damaged file is set aside, never deleted, and the newest good backup replaces it. I/O."""
 
 import errno
 import os
@@ -20,17 +20,17 @@ _STAMP = "%Y%m%dT%H%M%SZ"
 
 
 class Restored(NamedTuple):
-    """What became of a damaged history."""
+    """The outcome of restoring a damaged history."""
 
     why: str  # what was wrong with it
-    set_aside: Path | None  # where it lies now; None: it was gone
-    backup: Path | None  # what took its place; None: there was no good one, and a new history begins
+    set_aside: Path | None  # the damaged file; None: it was missing
+    backup: Path | None  # what replaced it; None: there was no good backup, and a new history begins
     at_unix_s: float
-    replaced: bool = True  # False: it is sound, and has lost its newest entries
+    replaced: bool = True  # False: the file is sound and has lost its newest entries
 
     @property
     def text(self) -> str:
-        """In words."""
+        """As a sentence."""
         if not self.replaced:
             return f"the history has lost its newest entries ({self.why}); those recordings are judged anew"
         source = (
@@ -41,13 +41,13 @@ class Restored(NamedTuple):
 
 
 def connected(path: Path, mode: str, **options: Any) -> sqlite3.Connection:
-    """A database file as it is named, whatever a URI would make of `#`, `?` and `%`; it is never created. mode : ro or rw."""
+    """A connection to an existing database file. mode : ro or rw. The name may hold `#`, `?` and `%`, which a URI treats specially."""
     connection: sqlite3.Connection = sqlite3.connect(f"file:{quote(str(path))}?mode={mode}", uri=True, **options)
     return connection
 
 
 def present(directory: Path) -> bool:
-    """Is there a history in a directory? Raises StoreError where this user may not look into it, which is no answer."""
+    """Whether a directory holds a history. Raises StoreError where this user may not read it."""
     try:
         (directory / HISTORY).stat()
         os.listdir(directory)
@@ -63,7 +63,7 @@ def present(directory: Path) -> bool:
 
 
 def _owner(directory: Path) -> str | None:
-    """Whose it is; None where even that may not be seen."""
+    """The name of its owner; None where this user may not see even that."""
     for folder in (directory, directory.parent):
         with suppress(OSError, KeyError):
             return folder.owner()
@@ -71,20 +71,20 @@ def _owner(directory: Path) -> str | None:
 
 
 def hand_over(directory: Path) -> None:
-    """What root has made in a directory that is the service's becomes the service's, which could not write to it else."""
+    """Give files that root has made in the service's directory to the service's user, which could not write to them otherwise."""
     if os.geteuid() != 0:
         return
     whose = directory.stat()
     if whose.st_uid == 0:
         return
     for path in directory.rglob("*"):
-        with suppress(OSError):  # gone meanwhile
+        with suppress(OSError):  # removed in the meantime
             if path.lstat().st_uid == 0:
                 os.chown(path, whose.st_uid, whose.st_gid, follow_symlinks=False)
 
 
 def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
-    """What a disk or a database said, as a sentence; StoreUnavailable where the same may succeed later."""
+    """The error of a disk or a database as a StoreError with a sentence; StoreUnavailable where a later attempt may succeed."""
     if isinstance(error, OSError):
         kind = StoreUnavailable if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO} else StoreError
         return kind(f"{path}: cannot be written: {error.strerror}")
@@ -96,12 +96,12 @@ def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
 
 
 def fault(path: Path) -> str | None:
-    """What is damaged in a database file; None where it is sound.
+    """The damage found in a database file; None where it is sound.
 
     Raises StoreError where it cannot be read for another reason: a lock, permissions, the disk.
     """
     try:
-        # not read-only: after a power cut there may be a log without its index, and only a writer may make that anew
+        # not read-only: after a power cut the write-ahead log may lack its index, which only a writer may create
         with closing(connected(path, "rw", isolation_level=None, timeout=2.0)) as connection:
             said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
@@ -114,7 +114,7 @@ def fault(path: Path) -> str | None:
 
 
 def lost(directory: Path) -> str | None:
-    """What makes the history in a directory unusable: damage, or nothing left of it though there was one; None where it is sound, or new.
+    """Why the history in a directory is unusable: it is damaged, or missing though there was one. None where it is sound or new.
 
     Raises StoreError as `fault`.
     """
@@ -128,9 +128,9 @@ def lost(directory: Path) -> str | None:
 
 
 def back_up(directory: Path, keep: int) -> Path:
-    """A copy of the history as it is at one moment, checked, whole or not at all; of each of the newest `keep` days the newest is kept.
+    """Make a checked copy of the history as it is at one moment, and keep the newest backup of each of the newest `keep` days.
 
-    Writers go on meanwhile. Raises StoreError where the disk does not take it, or the copy is damaged, which the history then is too.
+    Writers are not blocked. Raises StoreError where the disk refuses, or where the copy is damaged, as the history then is.
     """
     folder = directory / "backups"
     target = folder / f"history-{datetime.now(UTC).strftime(_STAMP)}.sqlite"
@@ -152,7 +152,7 @@ def back_up(directory: Path, keep: int) -> Path:
     except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{target}: the backup cannot be written: {error}") from None
     finally:
-        with suppress(OSError):  # where it was renamed there is none, and another error is the one to tell
+        with suppress(OSError):  # a renamed file is no longer here; another error is reported by its own exception
             temporary.unlink()
     _prune(folder, keep)
     return target
@@ -173,14 +173,14 @@ def made_at_unix_s(backup: Path) -> float:
 def restore(directory: Path, why: str) -> Restored:
     """Set the damaged history aside and put the newest good backup in its place.
 
-    Raises StoreError where the disk does not take it.
+    Raises StoreError where the disk refuses.
     """
     at = time.time()
     stamp = datetime.fromtimestamp(at, tz=UTC).strftime(_STAMP)
     aside = directory / f"damaged-{stamp}.sqlite"
     good = next((path for path in backups(directory) if fault(path) is None), None)
     try:
-        for suffix in ("-wal", "-shm"):  # pages that belong to the damaged file, and to no other
+        for suffix in ("-wal", "-shm"):  # they belong to the damaged file alone
             with suppress(FileNotFoundError):
                 os.replace(directory / f"{HISTORY}{suffix}", f"{aside}{suffix}")
         is_there = (directory / HISTORY).exists()
@@ -196,7 +196,7 @@ def restore(directory: Path, why: str) -> Restored:
 
 
 def settle(temporary: Path, target: Path) -> None:
-    """A complete file under its name, also after a power cut: fsync, rename, fsync of the folder."""
+    """Give a complete file its name so that it survives a power cut: fsync, rename, fsync of the folder."""
     _fsync(temporary)
     os.replace(temporary, target)
     _fsync(target.parent)

@@ -20,7 +20,7 @@ _INDEXED = re.compile(r"(.+?)_?\[?(\d+)\]?")
 
 
 class Layout(NamedTuple):
-    """Which field of a row goes where."""
+    """The position of each field in a row of a file."""
 
     scalars: dict[str, int]  # field of Recording → column
     joints: dict[str, list[int]]  # field of Recording → its J columns
@@ -29,7 +29,7 @@ class Layout(NamedTuple):
 
 
 def column_names() -> dict[str, str]:
-    """RTDE's name of every field; where two names mean one field, the first."""
+    """RTDE's name of every field of a Recording; where two names mean one field, the first one."""
     names = {field: name for name, field in SCALAR_COLUMNS.items()}
     for name, field in JOINT_COLUMNS.items():
         names.setdefault(field, name)
@@ -81,9 +81,9 @@ def layout_by_name(source: str, names: Sequence[str]) -> Layout:
 
 
 def parse_columns(spec: str) -> Layout:
-    """The layout of a `--columns` text: names in order, `name:N` for one column a joint, `skip` or `skip:N` for what is not read.
+    """The layout of a `--columns` text: names in order, `name:N` for one column a joint, `skip` or `skip:N` for columns that are not read.
 
-    Raises BadInput for a name that is not known, a count that is none, or where time or positions are missing.
+    Raises BadInput for an unknown name, an invalid count, or where time or positions are missing.
     """
     scalars: dict[str, int] = {}
     joints: dict[str, list[int]] = {}
@@ -121,6 +121,6 @@ def _spec_parts(spec: str) -> Iterator[tuple[str, int]]:
 
 
 def constant_value(values: Array) -> float | None:
-    """The one value of a register that did not change, else None."""
+    """The one value of a register that did not change; None where it did."""
     known = np.unique(values[np.isfinite(values)])
     return float(known[0]) if len(known) == 1 else None

@@ -53,17 +53,17 @@ class Notes:
         self._db = database
 
     def get(self, key: str) -> str | None:
-        """A small fact that was noted."""
+        """The value of a note; None where there is none."""
         rows = self._db.rows("SELECT value FROM note WHERE key = ?", (key,))
         return str(rows[0][0]) if rows else None
 
     def set(self, key: str, value: str) -> None:
-        """Note it, in place of what was noted before."""
+        """Write a note; it replaces an earlier one of this name."""
         with self._db.transaction() as db:
             db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", (key, value))
 
 
 def json_text(document: Mapping[str, Any]) -> str:
     """A document as it is stored: JSON without white space. Raises ValueError where a figure is not finite."""
-    # NaN would be stored as a word that no other JSON reader knows: refuse it here, where the culprit is still on the stack
+    # NaN would be stored as a word that other JSON readers refuse: raise here, where the stack still shows who passed it
     return json.dumps(document, allow_nan=False, separators=(",", ":"))

@@ -1,4 +1,4 @@
-"""Transitions of alerts, numbered without gaps."""
+"""The log of alert transitions, numbered without gaps. I/O."""
 
 import json
 import sqlite3
@@ -15,7 +15,7 @@ class AlertEvent(NamedTuple):
     seq: int
     at_unix_s: float
     document: dict[str, Any]
-    ledger_id: int | None = None  # the replay that brought it about; None: a person, or the monitor itself
+    ledger_id: int | None = None  # the replay that caused it; None: a person or the monitor itself did
 
 
 class Events:
@@ -25,14 +25,14 @@ class Events:
         self._db = database
 
     def revise(self, health: Mapping[str, Any], events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[AlertEvent]:
-        """What a person did to alerts, in one transaction: the health that follows, and the transitions with their numbers."""
+        """Store changed alerts without a replay, in one transaction: the health after the change and its transitions, which get numbers."""
         with self._db.transaction() as db:
             if db.execute("UPDATE state SET health = ?", (json_text(health),)).rowcount != 1:
                 raise StoreError("no replay has been assessed yet")
             return insert_events(db, None, at_unix_s, events)
 
     def rows(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> list[AlertEvent]:
-        """The newest `limit` transitions after number `after`, in order; only those that were never published where asked."""
+        """The newest `limit` transitions with numbers above `after`, in order. unpublished : only those that were never published."""
         rows = self._db.rows(
             "SELECT seq, at_unix_s, document, ledger_id FROM event WHERE published <= ? AND seq > ? ORDER BY seq DESC LIMIT ?",
             (0 if unpublished else 1, after, -1 if limit is None else limit),
@@ -40,9 +40,9 @@ class Events:
         return [AlertEvent(seq, at, json.loads(document), ledger_id) for seq, at, document, ledger_id in reversed(rows)]
 
     def number_from(self, at_unix_s: float) -> None:
-        """The numbers that a damaged history gave out since its backup are not known, and must not mean something else to who heard them.
+        """Continue the numbers above all that a damaged history may have given out since its backup: no number may mean two transitions.
 
-        Transitions are rarer than one a minute: the minutes since 1970 are a number that none of them had.
+        Transitions are rarer than one a minute, so the minutes since 1970 exceed every number given out.
         """
         with self._db.transaction() as db:
             ((newest,),) = db.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = 'event'").fetchall()
@@ -50,12 +50,12 @@ class Events:
             db.execute("INSERT INTO sqlite_sequence VALUES ('event', ?)", (max(newest or 0, int(at_unix_s / 60.0)),))
 
     def range(self) -> tuple[int, int] | None:
-        """Numbers of the oldest and of the newest transition kept; None where there is none."""
+        """The numbers of the oldest and the newest stored transition; None where there is none."""
         ((oldest, newest),) = self._db.rows("SELECT min(seq), max(seq) FROM event")
         return None if oldest is None else (int(oldest), int(newest))
 
     def mark_published(self, seq: int) -> None:
-        """The event is on the bus."""
+        """Mark a transition as published on the bus."""
         with self._db.transaction() as db:
             db.execute("UPDATE event SET published = 1 WHERE seq = ?", (seq,))
 

@@ -1,4 +1,4 @@
-"""Identification of files: recordings in, one document out. What the commands `identify`, `base` and `energy` share."""
+"""Identification of recordings from files into one document: shared by the commands `identify`, `base` and `energy`. I/O."""
 
 import dataclasses
 import json
@@ -24,7 +24,7 @@ from monitor.store.recordings import read_recording
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PayloadPair:
-    """The second of two runs: with a mass at the flange that somebody has weighed."""
+    """The second of two runs, with a weighed mass at the flange."""
 
     file: Path
     payload_kg: float
@@ -34,24 +34,24 @@ class PayloadPair:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Request:
-    """What to identify, and from what."""
+    """The recordings to identify from, and how."""
 
     files: Sequence[Path]  # fitted together
     robot: Robot
     mounting: Mounting
     columns: str | None = None  # names and widths for files without RTDE names
     gains: Array | None = None  # (J,) [N·m/A]
-    pair: PayloadPair | None = None  # the gains from it; files[0] is the run without
+    pair: PayloadPair | None = None  # the gains are estimated from it; files[0] is the run without the mass
     method: str = "wls"
     friction: str = "paper"
-    rigid_from: Path | None = None  # an earlier `identify --json`
+    rigid_from: Path | None = None  # output of an earlier `identify --json`
     held_out: Sequence[Path] = ()
-    loaded: Sequence[Path] = ()  # with a payload that nobody has weighed
+    loaded: Sequence[Path] = ()  # recordings with an unknown payload, which is estimated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outcome:
-    """What was found, and what it was found from."""
+    """The identification with its document and its recordings."""
 
     document: dict[str, Any]
     identification: Identification
@@ -63,7 +63,7 @@ class Outcome:
 def arm(robot: str | None, urdf: Path | None) -> Robot:
     """The arm by its model's name, from a TOML like those of the models (`--export` writes one), or from a URDF.
 
-    Raises BadInput unless exactly one of them is given, or where it is not known or not readable.
+    Raises BadInput unless exactly one of them is given, and where it is unknown or unreadable.
     """
     if (robot is None) == (urdf is None):
         raise BadInput(f"{'neither' if robot is None else 'both'} of --robot and --urdf given; expected one of them")
@@ -89,12 +89,12 @@ def _from_toml(path: Path) -> Robot:
 
 
 def named_recordings(paths: Sequence[Path], columns: str | None) -> list[Recording]:
-    """Recordings under the names that the user gave, whatever a file says of where it came from."""
+    """Recordings whose source is the file's name as the user gave it, whatever source the file itself names."""
     return [dataclasses.replace(read_recording(path, columns), source=path.name) for path in paths]
 
 
 def identify_files(request: Request) -> Outcome:
-    """Everything `identify` says. Raises BadInput and Unidentifiable as the rooms do."""
+    """Everything that the command `identify` prints. Raises BadInput, and Unidentifiable where the motion leaves parameters open."""
     robot, mounting = request.robot, request.mounting
     recordings, held_out, loaded = (named_recordings(paths, request.columns) for paths in (request.files, request.held_out, request.loaded))
     gains, estimated = request.gains, None
@@ -116,7 +116,7 @@ def identify_files(request: Request) -> Outcome:
 
 
 def check_export(path: Path, method: str) -> None:
-    """Raises BadInput unless an arm can be written there; to be asked before the work is done."""
+    """Raises BadInput unless an arm can be written there. Commands call it before the identification runs."""
     if path.is_dir():
         raise BadInput(f"--export {path}: is a folder; expected the name of a file")
     if path.suffix not in {".urdf", ".toml"}:
@@ -149,7 +149,7 @@ def _pair_gains(request: Request, unloaded: Recording) -> Gains:
 
 
 def _filled(estimated: Gains, request: Request) -> Array:
-    """(J,) the estimated gains, and where the pair says nothing those given or published.
+    """(J,) [N·m/A] the estimated gains; given or published ones where the pair does not determine a joint's gain.
 
     Raises BadInput naming the joints for which there is none.
     """

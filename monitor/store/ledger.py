@@ -1,4 +1,4 @@
-"""The ledger: one row a window, what was attempted in it and how that ended."""
+"""The ledger: one row a window, with what was attempted in it and how it ended. I/O."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LedgerRow:
-    """One window: what was attempted in it and how that ended."""
+    """One window: what was attempted in it, and how it ended."""
 
     id: int
     window_unix_s: float
@@ -23,7 +23,7 @@ class LedgerRow:
     ended_at_unix_s: float | None
     reason: str | None
     recording: str | None
-    removed_at_unix_s: float | None = None  # when retention let go of the recording
+    removed_at_unix_s: float | None = None  # when the recording was pruned
 
 
 class Ledger:
@@ -43,9 +43,9 @@ class Ledger:
             return int(cursor.lastrowid or 0) if cursor.rowcount else None
 
     def claim_import(self, recorded_at_unix_s: float, at_unix_s: float) -> int | None:
-        """Enter a recording made elsewhere as started, under the time when it was made; None where the ledger knows that time already.
+        """Enter a recording made elsewhere as started, under its own time; None where the ledger has that time already.
 
-        An import that was cut short is taken up again.
+        An import that was interrupted is resumed.
         """
         with self._db.transaction() as db:
             again = db.execute(
@@ -58,13 +58,13 @@ class Ledger:
         return self.claim(recorded_at_unix_s, "imported", at_unix_s)
 
     def mark_recorded(self, ledger_id: int) -> None:
-        """The recording is safe on disk under `recording_path`."""
+        """Note that the window's recording is safely on disk."""
         name = self._recordings.path(ledger_id).name
         with self._db.transaction() as db:
             db.execute("UPDATE ledger SET state = 'recorded', recording = ? WHERE id = ? AND state = 'started'", (name, ledger_id))
 
     def end(self, ledger_id: int, state: str, reason: str, at_unix_s: float, *, stop: str | None = None) -> None:
-        """A window ended without an assessment: rejected, aborted or skipped, and why. `stop`: the cause that a person must look at."""
+        """End a window without an assessment: rejected, aborted or skipped, with the reason. `stop`: a cause that a person must look at."""
         with self._db.transaction() as db:
             db.execute(
                 "UPDATE ledger SET state = ?, reason = ?, ended_at_unix_s = ? WHERE id = ? AND state IN ('started', 'recorded')",
@@ -74,7 +74,7 @@ class Ledger:
                 insert_stop(db, ledger_id, at_unix_s, stop, reason)
 
     def rows(self, *, limit: int | None = None, states: Sequence[str] = ()) -> list[LedgerRow]:
-        """Windows, oldest first; the last `limit` of them, only those in `states` where given."""
+        """Windows, oldest first: the last `limit` of them, and only those in `states`, where given."""
         where = f"WHERE state IN ({', '.join('?' * len(states))})" if states else ""
         rows = self._db.rows(
             "SELECT id, window_unix_s, kind, state, started_at_unix_s, ended_at_unix_s, reason, recording, removed_at_unix_s "  # noqa: S608
@@ -90,9 +90,9 @@ class Ledger:
         return LedgerRow(**dict(zip(_KEYS, found[0], strict=True)))
 
     def repair(self, at_unix_s: float, but: int | None = None) -> list[LedgerRow]:
-        """What a crash left half-way: `started` with its complete recording on disk becomes `recorded`, without it `aborted`.
+        """Settle the windows that a crash left half-way: `started` becomes `recorded` where its recording is on disk, otherwise `aborted`.
 
-        `but`: the one that is under way. Returns the rows that wait for their assessment, oldest first.
+        `but`: the window that is under way. Returns the rows that wait for their assessment, oldest first.
         """
         self._recordings.remove_temporary()
         for row in self.rows(states=("started",)):
@@ -112,26 +112,26 @@ class Ledger:
         }
 
     def newest_unix_s(self) -> float | None:
-        """The latest time at which something was entered that is, or may become, part of what is held true."""
+        """The start of the newest window that was assessed or may still be; None where there is none."""
         ((at,),) = self._db.rows("SELECT max(started_at_unix_s) FROM ledger WHERE state IN ('started', 'recorded', 'assessed')")
         return None if at is None else float(at)
 
     def began_unix_s(self) -> float | None:
-        """When this history's first window was entered; None before."""
+        """The start of the history's first window, imports left out; None before it."""
         ((at,),) = self._db.rows("SELECT min(started_at_unix_s) FROM ledger WHERE kind <> 'imported'")
         return None if at is None else float(at)
 
     def unfinished(self) -> bool:
-        """Windows that are entered, and neither judged nor ended."""
+        """Whether any window is neither assessed nor ended."""
         return bool(self._db.rows("SELECT 1 FROM ledger WHERE state IN ('started', 'recorded') LIMIT 1"))
 
     def orphans(self) -> list[tuple[int, Path]]:
-        """Recordings whose window the ledger does not know, as after a restored backup; oldest first."""
+        """Recordings on disk whose window the ledger does not have, as after a restored backup; oldest first."""
         known = {row[0] for row in self._db.rows("SELECT id FROM ledger")}
         return [(number, path) for number, path in self._recordings.numbered() if number not in known]
 
     def adopt(self, ledger_id: int, window_unix_s: float, at_unix_s: float) -> None:
-        """Enter an orphan under the number that its name says; it waits for its assessment."""
+        """Enter an orphan under the id in its file name; it waits for its assessment."""
         with self._db.transaction() as db:
             db.execute(
                 "INSERT INTO ledger (id, window_unix_s, kind, state, started_at_unix_s, reason, recording) "
@@ -140,6 +140,6 @@ class Ledger:
             )
 
     def mark_removed(self, ledger_id: int, at_unix_s: float) -> None:
-        """The recording of this window is no longer on disk."""
+        """Note that the recording of this window is no longer on disk."""
         with self._db.transaction() as db:
             db.execute("UPDATE ledger SET removed_at_unix_s = ? WHERE id = ?", (float(at_unix_s), ledger_id))

@@ -1,4 +1,4 @@
-"""What a verdict was made with: programs, processor and threads, as far as they can change the last bit of a figure."""
+"""The provenance of a figure: programs, processor and threads, as far as they can change its last bit."""
 
 import os
 import platform
@@ -8,12 +8,12 @@ from typing import Any
 
 from monitor import __version__
 
-PACKAGES = ("numpy", "scipy", "filterpy", "pyarrow")  # whose arithmetic, or whose reading of a file, is in every verdict
+PACKAGES = ("numpy", "scipy", "filterpy", "pyarrow")  # their arithmetic, or their reading of a file, is in every figure
 
 
 @cache
 def provenance() -> dict[str, Any]:
-    """Of this process."""
+    """The provenance of every figure that this process computes, as plain JSON."""
     import numpy as np
 
     blas = np.show_config(mode="dicts").get("Build Dependencies", {}).get("blas", {})
@@ -28,7 +28,7 @@ def provenance() -> dict[str, Any]:
 
 
 def differences(then: dict[str, Any], now: dict[str, Any], where: str = "") -> list[str]:
-    """What changed between two documents, each as one line: `packages.numpy: 2.4.1, now 2.5.0`; lists are counted from 1."""
+    """The differences between two documents, one line each: `packages.numpy: 2.4.1, now 2.5.0`; lists are counted from 1."""
     found = []
     for key in [*then, *(key for key in now if key not in then)]:
         before, after = then.get(key), now.get(key)
@@ -44,9 +44,9 @@ def differences(then: dict[str, Any], now: dict[str, Any], where: str = "") -> l
 
 
 def processor_family() -> str:
-    """Architecture, and the vector instructions that numpy found: what numerical libraries choose their kernels by.
+    """Architecture and vector instructions, by which numerical libraries choose their kernels.
 
-    Asked of the processor itself: a sandboxed service sees no /proc/cpuinfo.
+    numpy asks the processor itself; a sandboxed service cannot read /proc/cpuinfo.
     """
     import numpy as np
 

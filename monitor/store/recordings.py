@@ -25,9 +25,9 @@ _METADATA = b"joint-monitor.recording.v1"
 
 
 def read_recording(path: str | Path, columns: str | None = None) -> Recording:
-    """A recording from our Parquet or from CSV; `columns` says what a CSV without RTDE names holds.
+    """Read a recording from our Parquet or from CSV. columns : the layout of a CSV without RTDE's names, as `parse_columns` takes it.
 
-    Raises BadInput for a file that is missing, unreadable, not a recording or not laid out as said.
+    Raises BadInput for a file that is missing, unreadable, no recording, or laid out otherwise.
     """
     path = Path(path)
     try:
@@ -45,9 +45,9 @@ def read_recording(path: str | Path, columns: str | None = None) -> Recording:
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
-    """The recording as Parquet (zstd), whole or not at all: temporary file, fsync, rename, fsync of the folder.
+    """Write a recording as Parquet (zstd), whole or not at all: temporary file, fsync, rename, fsync of the folder.
 
-    Raises StoreError where the disk does not take it.
+    Raises StoreError where the disk refuses.
     """
     path = Path(path)
     table = _table(recording)
@@ -66,13 +66,13 @@ def write_recording(path: str | Path, recording: Recording) -> None:
             os.close(folder)
     except OSError as wrong:
         if temporary is not None:
-            with suppress(OSError):  # the first error is the one to tell
+            with suppress(OSError):  # the first error is the one to report
                 os.unlink(temporary)
         raise StoreError(f"{path}: the recording cannot be written: {wrong.strerror or wrong}") from wrong
 
 
 class RecordingFolder:
-    """The files of one history's recordings; the name alone leads back to the ledger."""
+    """The files of one history's recordings. Each name holds the id of its window in the ledger."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
@@ -93,7 +93,7 @@ class RecordingFolder:
     def remove_temporary(self) -> None:
         """Remove what a crash left of recordings that were being written."""
         for leftover in self.directory.glob(".*.tmp*"):
-            leftover.unlink()  # never renamed, so never promised
+            leftover.unlink()  # it was never renamed, so nothing relies on it
 
 
 def _table(recording: Recording) -> pa.Table:

@@ -1,4 +1,7 @@
-"""Which recordings are let go of: the oldest, by age and by size; never one that waits, never the last few."""
+"""Retention: the oldest recordings are pruned by age and by total size. I/O.
+
+A recording that waits for its assessment and the last few stay.
+"""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -7,11 +10,11 @@ from monitor.errors import StoreError
 from monitor.store.ledger import Ledger
 from monitor.store.recordings import RecordingFolder
 
-LEAST_KEPT = 10  # whatever the limits say: a person who looks for a reason wants to see some
+LEAST_KEPT = 10  # recordings that stay whatever the limits: a person who searches for a cause needs some
 
 
 class KeptRecording(NamedTuple):
-    """A recording on disk."""
+    """A recording on disk that may be pruned."""
 
     ledger_id: int
     path: Path
@@ -20,7 +23,7 @@ class KeptRecording(NamedTuple):
 
 
 def to_prune(kept: list[KeptRecording], *, days: float, most_bytes: float, now_unix_s: float) -> list[KeptRecording]:
-    """Those beyond the limits, oldest first; 0 is no limit. `kept` holds only what has been judged, oldest first."""
+    """The recordings beyond the limits, oldest first; 0 is no limit. kept : recordings with an outcome, oldest first."""
     may_go = kept[: max(0, len(kept) - LEAST_KEPT)]
     total = sum(each.size for each in kept)
     going = []
@@ -41,7 +44,7 @@ class Retention:
         self._recordings = recordings
 
     def prune(self, *, days: float, most_bytes: float, at_unix_s: float) -> list[str]:
-        """Remove the recordings beyond these limits (0: none), and note it with their windows. Returns their names.
+        """Remove the recordings beyond these limits (0: no limit), and note it with their windows. Returns the removed files' names.
 
         Raises StoreError where one cannot be removed.
         """
@@ -53,7 +56,7 @@ class Retention:
             try:
                 kept.append(KeptRecording(row.id, path, row.started_at_unix_s, path.stat().st_size))
             except FileNotFoundError:
-                self._ledger.mark_removed(row.id, at_unix_s)  # a person took it, or a crash came between removing and noting
+                self._ledger.mark_removed(row.id, at_unix_s)  # a person removed it, or a crash came between removing and noting
         going = to_prune(kept, days=days, most_bytes=most_bytes, now_unix_s=at_unix_s)
         for each in going:
             try:

@@ -88,14 +88,14 @@ MIGRATIONS: dict[int, str] = {
 
 
 def check_version(connection: sqlite3.Connection, directory: Path) -> None:
-    """Raises StoreError where the file is no history, or older or newer than this program: a reader must not change it."""
+    """Raises StoreError where the file is no history, or an older or newer one than this program's: a reader must not migrate it."""
     version = schema_of(connection, directory)
     if version < SCHEMA_VERSION:
         raise StoreError(f"{directory}: written by an older joint-monitor (schema {version}); start `joint-monitor run` once to renew it")
 
 
 def migrate(connection: sqlite3.Connection, directory: Path) -> None:
-    """Bring a file of any earlier version to this one. Raises StoreError where it is newer, or somebody else's."""
+    """Migrate a file of any earlier version to this one. Raises StoreError where it is newer or another program's."""
     version = schema_of(connection, directory)
     for step in range(version + 1, SCHEMA_VERSION + 1):
         # executescript commits what is open, so the transaction is part of the script
@@ -103,7 +103,7 @@ def migrate(connection: sqlite3.Connection, directory: Path) -> None:
 
 
 def schema_of(connection: sqlite3.Connection, directory: Path) -> int:
-    """The file's schema, 0 of one that is empty. Raises StoreError where it is newer than this program, or no history of ours."""
+    """The version of the file's schema; 0 of an empty file. Raises StoreError where it is newer or another program's."""
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if version > SCHEMA_VERSION:
         raise StoreError(f"{directory}: written by a newer joint-monitor (schema {version}; this one knows {SCHEMA_VERSION})")

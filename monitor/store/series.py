@@ -1,4 +1,4 @@
-"""A series of recordings through `assess`, in the order of their times: the daemon's verdicts without a daemon."""
+"""Assess a series of recordings from files in the order of their times, as the daemon would. I/O."""
 
 import csv
 import re
@@ -19,14 +19,14 @@ from monitor.publish.timestamps import unix_s
 from monitor.recording import Array, Recording
 from monitor.store.recordings import read_recording
 
-UNDATED_START_UNIX_S = 946_684_800.0  # 2000-01-01: where files that say no time are begun to be counted, --interval apart
+UNDATED_START_UNIX_S = 946_684_800.0  # 2000-01-01: the time of the first file where files have no times of their own
 MANIFEST_COLUMNS = ("file", "recorded_at", "payload_kg", "mounting", "note", "maintenance", "joint_serials", "revolutions")
 _INTERVAL = re.compile(r"(\d+(?:\.\d+)?)\s*([smhdw])")
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 
 
 class Entry(NamedTuple):
-    """One recording and what is declared of it beside what it says itself."""
+    """One recording, and what the user declares about it beside its own metadata."""
 
     file: Path
     recorded_at_unix_s: float | None = None
@@ -40,7 +40,7 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
-    """What to judge, and as what."""
+    """The recordings to assess, with the arm and the settings."""
 
     entries: Sequence[Entry]
     robot: Robot
@@ -59,13 +59,13 @@ def interval_s(text: str) -> float:
 
 
 def spaced(files: Sequence[Path], interval: str) -> list[Entry]:
-    """Files without times of their own, one interval apart in the order given."""
+    """Entries for files without times of their own, one interval apart in the order given. Raises BadInput."""
     step = interval_s(interval)
     return [Entry(file, UNDATED_START_UNIX_S + k * step) for k, file in enumerate(files)]
 
 
 def manifest(path: Path) -> list[Entry]:
-    """What a manifest says of each file; names are relative to its folder.
+    """The entries of a manifest (CSV); file names are relative to its folder.
 
     Columns `file, recorded_at` (RFC 3339, UTC where no offset is given) and optionally `payload_kg, mounting, note, maintenance`, and
     `joint_serials` and `revolutions`, one a joint with blanks between. Raises BadInput naming line and column.
@@ -124,7 +124,7 @@ def when(text: str, where: str) -> float:
 
 
 def assess_series(series: Series) -> dict[str, Any]:
-    """All verdicts as one document, the recordings taken in time order.
+    """All assessments as one document, the recordings taken in the order of their times.
 
     Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
     """
@@ -156,8 +156,8 @@ def assess_series(series: Series) -> dict[str, Any]:
             alerts[transition.alert.key] = {**alert_document(transition.alert), "file": raised_in or recording.source}
         last = outcome
     if last is None:
-        told = "; ".join(f"{row['file']}: {row['reason']}" for row in files)
-        raise BadInput(f"assess: no recording could be judged: {told}")
+        reasons = "; ".join(f"{row['file']}: {row['reason']}" for row in files)
+        raise BadInput(f"assess: no recording could be judged: {reasons}")
     return {
         "robot": last.robot,
         "recordings": files,
@@ -176,7 +176,7 @@ def assess_series(series: Series) -> dict[str, Any]:
 
 
 def given_entries(files: Sequence[Path], manifest_file: Path | None, interval: str | None) -> list[Entry]:
-    """Which recordings a command was given, and what is declared of them. Raises BadInput."""
+    """The entries that a command's arguments name. Raises BadInput."""
     if manifest_file is not None and (files or interval):
         raise BadInput("--manifest names the files and their times; expected it alone, without FILE… and --interval")
     if manifest_file is not None:
@@ -187,7 +187,7 @@ def given_entries(files: Sequence[Path], manifest_file: Path | None, interval: s
 
 
 def dated(series: Series) -> list[tuple[Recording, Mounting]]:
-    """The recordings with what is declared of them and their mountings, in time order.
+    """The recordings with their declarations and their mountings, in the order of their times.
 
     Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
     """
@@ -199,7 +199,7 @@ def dated(series: Series) -> list[tuple[Recording, Mounting]]:
 
 
 def _read(series: Series, entry: Entry) -> tuple[Recording, Mounting]:
-    """The recording with what is declared of it, and its mounting: the entry's, else what the file itself says, else the series'."""
+    """The recording with its declarations, and its mounting: the entry's, else the file's own, else the series'."""
     recording = replace(read_recording(entry.file, series.columns), source=entry.file.name)
     context = recording.context
     mounting = entry.mounting or series.mounting

@@ -1,4 +1,4 @@
-"""Stops that wait for a person, and first passes: what decides whether the arm may move, and how."""
+"""Stops that a person must look at, and slow first passes: both decide whether and how the arm may move. I/O."""
 
 import json
 import sqlite3
@@ -18,13 +18,13 @@ class Stop:
     at_unix_s: float
     cause: str
     reason: str
-    allowed_at_unix_s: float | None = None  # None: nobody has yet
+    allowed_at_unix_s: float | None = None  # None: nobody has allowed it yet
     allowed_by: str | None = None
     allowed_why: str | None = None
 
     @property
     def text(self) -> str:
-        """In words."""
+        """As a sentence."""
         which = "a replay by hand" if self.ledger_id is None else f"replay {self.ledger_id}"
         return f"{which} was ended by {self.cause}: {self.reason}"
 
@@ -36,7 +36,7 @@ class Stops:
         self._db = database
 
     def add(self, cause: str, reason: str, at_unix_s: float) -> None:
-        """A replay beside the schedule was ended by something that a person must look at."""
+        """Store the stop of a replay by hand, which the ledger does not have."""
         with self._db.transaction() as db:
             insert_stop(db, None, at_unix_s, cause, reason)
 
@@ -45,13 +45,13 @@ class Stops:
         return [stop for stop in self.rows() if stop.allowed_at_unix_s is None]
 
     def rows(self) -> list[Stop]:
-        """All of them, oldest first, each with who said that the arm may move again."""
+        """All stops, oldest first, each with the person who allowed motion again."""
         keys = ("id", "ledger_id", "at_unix_s", "cause", "reason", "allowed_at_unix_s", "allowed_by", "allowed_why")
         rows = self._db.rows(f"SELECT {', '.join(keys)} FROM stop ORDER BY id")  # noqa: S608 - fixed names
         return [Stop(**dict(zip(keys, row, strict=True))) for row in rows]
 
     def allow(self, by: str, why: str, at_unix_s: float) -> list[Stop]:
-        """A person has looked: the arm may move again. Returns the stops that were waiting, and keeps by whom and why with them."""
+        """Allow motion again after a person has looked at the arm. Returns the waiting stops, and stores by whom and why."""
         with self._db.transaction() as db:
             waiting = self.waiting()
             db.execute(
@@ -67,22 +67,22 @@ class FirstPasses:
     def __init__(self, database: Database) -> None:
         self._db = database
 
-    def is_latest(self, circumstances: str) -> bool:
-        """Was the latest first pass made in these circumstances?"""
+    def is_latest(self, digest: str) -> bool:
+        """Whether the latest first pass was made in the circumstances of this digest."""
         rows = self._db.rows("SELECT circumstances FROM first_pass ORDER BY id DESC LIMIT 1")
-        return bool(rows) and rows[0][0] == circumstances
+        return bool(rows) and rows[0][0] == digest
 
     def latest(self) -> dict[str, Any] | None:
-        """Its document."""
+        """The document of the latest first pass; None before the first."""
         rows = self._db.rows("SELECT document FROM first_pass ORDER BY id DESC LIMIT 1")
         return json.loads(rows[0][0]) if rows else None
 
-    def add(self, circumstances: str, document: Mapping[str, Any], at_unix_s: float) -> None:
-        """The arm has been along its trajectory slowly, in these circumstances."""
+    def add(self, digest: str, document: Mapping[str, Any], at_unix_s: float) -> None:
+        """Store a first pass: the arm has moved slowly along its trajectory, in the circumstances of this digest."""
         with self._db.transaction() as db:
             db.execute(
                 "INSERT INTO first_pass (at_unix_s, circumstances, document) VALUES (?, ?, ?)",
-                (float(at_unix_s), circumstances, json_text(document)),
+                (float(at_unix_s), digest, json_text(document)),
             )
 
 

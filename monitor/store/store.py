@@ -1,8 +1,8 @@
-"""Store: the history in SQLite, the recordings as Parquet beside it, one process at a time.
+"""The store of one robot's history: SQLite, with the recordings as Parquet beside it. One process writes at a time. I/O.
 
 Order of durability of one replay: ledger row `started` → recording (temporary file, fsync, rename) → ledger row
-`recorded` → assessment, belief, health and events in one transaction → publication. `Store.open` says what a crash
-between two of these left behind; nothing that moved the arm is ever started again.
+`recorded` → assessment, belief, health and events in one transaction → publication. `Ledger.repair` settles what
+a crash between two of these left behind; a window in which the arm moved is never started again.
 """
 
 import fcntl
@@ -24,8 +24,8 @@ from monitor.store.retention import Retention
 from monitor.store.schema import SCHEMA_VERSION, check_version, migrate, schema_of
 from monitor.store.stops import FirstPasses, Stops
 
-RESTORED = "restored_untold"  # note: what became of a damaged history, until an alert has said so
-MOST_BACKUPS = 365  # days: none is let go of where nobody has said how many
+RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
+MOST_BACKUPS = 365  # days of backups kept before a migration, where no configuration is known
 
 
 class Store:
@@ -36,7 +36,7 @@ class Store:
 
     def __init__(self, directory: Path, connection: sqlite3.Connection, restored: Restored | None = None) -> None:
         self.directory = directory
-        self.restored = restored  # the history was damaged, and this became of it
+        self.restored = restored  # the outcome, where the history was damaged
         self.database = Database(directory, connection)
         self.recordings = RecordingFolder(directory / "recordings")
         self.ledger = Ledger(self.database, self.recordings)
@@ -50,7 +50,7 @@ class Store:
     @classmethod
     @contextmanager
     def open(cls, directory: Path) -> Iterator["Store"]:
-        """The store for its one writer. A damaged history is set aside and replaced by its newest good backup: see `restored`.
+        """Open the store for its one writer. A damaged history is set aside and replaced by its newest good backup: see `restored`.
 
         Raises StoreError where the directory cannot be written, another process has it, or the file is newer.
         """
@@ -69,17 +69,17 @@ class Store:
             restored = restore(directory, wrong) if wrong is not None else None
             try:
                 connection = sqlite3.connect(directory / HISTORY, isolation_level=None, check_same_thread=False)
-                # before anything is changed in it, as it is for whoever must go back to the older program
+                # before the migration changes anything: whoever goes back to the older program needs the file as it was
                 if 0 < schema_of(connection, directory) < SCHEMA_VERSION:
                     back_up(directory, MOST_BACKUPS)
                 connection.execute("PRAGMA journal_mode = WAL")
-                connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit, a few a replay: durability costs nothing here
+                connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit and a few commits a replay: full durability is cheap
                 connection.execute("PRAGMA foreign_keys = ON")
                 migrate(connection, directory)
             except sqlite3.DatabaseError as error:
                 raise refused_by(error, directory / HISTORY) from None
             store = cls(directory, connection, restored)
-            if restored is None and (orphans := store.ledger.orphans()):  # a torn log ends at its last sound page, and says nothing
+            if restored is None and (orphans := store.ledger.orphans()):  # SQLite silently drops a torn log after its last sound page
                 why = f"{len(orphans)} recordings from replay {orphans[0][0]} on are not in it"
                 store.restored = Restored(why, None, None, time.time(), replaced=False)
             if store.restored is not None:
@@ -95,7 +95,7 @@ class Store:
     @classmethod
     @contextmanager
     def reader(cls, directory: Path) -> Iterator["Store"]:
-        """The store for reading, also while the daemon writes.
+        """Open the store for reading, also while the daemon writes.
 
         Raises StoreError where there is no history yet.
         """
@@ -114,7 +114,7 @@ class Store:
     @classmethod
     @contextmanager
     def beside(cls, directory: Path) -> Iterator["Store"]:
-        """The store for one short note beside a daemon that may run: stops and first passes, nothing of the ledger.
+        """Open the store to write stops and first passes beside a daemon that may run; the ledger stays untouched.
 
         Raises StoreError where the directory cannot be written, or the file is damaged or newer.
         """
@@ -137,5 +137,5 @@ class Store:
             hand_over(directory)
 
     def back_up(self, keep: int) -> Path:
-        """A backup now, beside whoever writes; of each of the newest `keep` days the newest stays. Raises StoreError."""
+        """Make a backup now, as `backup.back_up`; writers are not blocked. Raises StoreError."""
         return back_up(self.directory, keep)

@@ -30,7 +30,7 @@ def read_text(path: Path, columns: str | None) -> Recording:
     if not body:
         raise BadInput(f"{path}: holds a header and no rows")
     if headed and separator != (of_body := _separator(body[0])) and len(_split(body[0], of_body)) == len(first):
-        separator = of_body  # names with commas between them above numbers with other separators do exist
+        separator = of_body  # some files have commas in the header and another separator below it
     usual, _ = Counter(len(_split(line, separator)) for line in body[:1000]).most_common(1)[0]
     if columns is not None:
         layout = parse_columns(columns)
@@ -62,7 +62,7 @@ def _split(line: str, separator: str | None) -> list[str]:
 
 
 def _only_padding(lines: Sequence[str], separator: str | None, width: int) -> bool:
-    """Whether what stands beyond the expected columns is empty: separators that a spreadsheet left at the end."""
+    """Whether all fields beyond the expected columns are empty: a spreadsheet leaves separators at the end of a line."""
     return all(not any(_split(line, separator)[width:]) for line in lines[:100])
 
 
@@ -75,7 +75,7 @@ def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str 
     for row, line in zip(rows, lines, strict=True):
         parts = _split(line, separator)
         if len(parts) < layout.width or any(parts[layout.width :]):
-            continue  # torn: which field stands where is not known, and the last one may be cut
+            continue  # torn: the fields' positions are unknown, and the last field may be cut
         for k in wanted:
             row[k] = _number(parts[k], decimal_comma)
     signals: dict[str, Any] = {field: rows[:, k] for field, k in layout.scalars.items()}
@@ -85,7 +85,7 @@ def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str 
 
 
 def _number(text: str, decimal_comma: bool) -> float:
-    """A field as a number; NaN for what is none, so that the row is counted as torn."""
+    """A field as a number; NaN where it is none, so that the row counts as torn."""
     try:
         return float(text.replace(",", ".") if decimal_comma else text)
     except ValueError:
