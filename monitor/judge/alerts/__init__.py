@@ -1,1 +1,1 @@
-"""What a person is told: states, alerts and their life cycle, remaining life, reasons. Pure."""
+"""States and alerts of an arm: settings, evidence, conditions, rules, life cycle, remaining life, and why a joint does not alert. Pure."""

@@ -292,7 +292,7 @@ CONDITIONS: dict[str, AlertCondition] = {
                 "advisory": AlertTier(
                     OFF_SPEC,
                     "Nothing to repair: the monitor has not seen these temperatures yet; replays at them will teach it.",
-                    "three replays in a row outside the temperatures learnt so far",
+                    "three replays in a row outside the temperatures learned so far",
                 )
             },
         ),
