@@ -15,9 +15,9 @@ from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_fr
 from monitor.judge.drift.undetected_change import undetected_change
 from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.migrate import from_version_2, from_version_3
+from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
 from monitor.judge.temperature.stuck import Sensors, sensors_from_document
-from monitor.judge.torque.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.recording import Array, Context
 
 SCHEMA_VERSION = 4

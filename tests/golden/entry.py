@@ -25,10 +25,10 @@ from monitor.publish.metrics import MetricsServer
 from monitor.publish.session import session_config
 from monitor.recording import Recording
 from monitor.service.bus.handlers import Handlers
-from monitor.service.bus.monitor_document import MonitorDocument
 from monitor.service.daemon import Daemon
 from monitor.service.main_loop import Workers, monitor_document
 from monitor.service.maintenance import Maintenance
+from monitor.service.monitor_document import MonitorDocument
 from monitor.service.page import page
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader

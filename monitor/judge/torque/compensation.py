@@ -4,9 +4,9 @@ import numpy as np
 
 from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief
+from monitor.judge.prediction_error import rms
 from monitor.judge.temperature.laws import Line
 from monitor.judge.torque.compensated_model import CompensatedModel, ResidualFriction
-from monitor.judge.torque.prediction_error import rms
 from monitor.model.regressor import friction_columns
 from monitor.recording import Array
 
