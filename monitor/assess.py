@@ -8,6 +8,7 @@ from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.identify import identify
 from monitor.identify.signals.quality import QualitySettings, quality_problem
+from monitor.judge import prediction_error
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.remaining_life import PrognosisSettings
 from monitor.judge.alerts.rules import judge
@@ -18,7 +19,6 @@ from monitor.judge.drift.contexts import differences, with_lasting_declarations
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
-from monitor.judge.torque import prediction_error
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.compensation import build_model
 from monitor.judge.torque.evaluation import measure_prediction_error
