@@ -12,8 +12,8 @@ from monitor.identify.payload import identify_payload
 from monitor.identify.signals.motion import motion
 from monitor.identify.signals.torque import joint_torque
 from monitor.identify.validate import validate
+from monitor.judge import prediction_error
 from monitor.judge.assessment import Assessment
-from monitor.judge.torque import prediction_error
 from monitor.judge.torque.evaluation import measure_prediction_error
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.regressor import regressor
