@@ -1,1 +1,1 @@
-"""One TOML file a robot → the settings of every room, each mistake named with its line."""
+"""The configuration: one TOML file a robot becomes the settings of every room, and each mistake is named with its line. I/O."""

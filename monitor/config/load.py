@@ -1,4 +1,4 @@
-"""Loading a configuration: one TOML file a robot → the settings that each room owns, every mistake named at once. I/O."""
+"""Loading a configuration: one TOML file becomes the settings that each room owns, and all mistakes are named at once. I/O."""
 
 import dataclasses
 import os
@@ -22,13 +22,13 @@ Made = TypeVar("Made")
 
 
 def load(path: Path, environment: Mapping[str, str] | None = None) -> Configuration:
-    """Read and check one configuration; variables JOINT_MONITOR__SECTION__KEY stand in for what the file says.
+    """Read and check one configuration. Variables JOINT_MONITOR__SECTION__KEY replace values of the file.
 
     environment : os.environ where not given. Raises BadConfiguration that lists every mistake with its line and key.
     """
     environment = os.environ if environment is None else environment
     try:
-        text = path.read_text("utf-8-sig")  # an editor on another system may have put a mark before the first letter
+        text = path.read_text("utf-8-sig")  # some editors put a byte order mark before the first letter
         document = tomllib.loads(text)
     except OSError as error:
         raise BadConfiguration(f"{path}: cannot be read: {error.strerror}") from None
@@ -46,13 +46,14 @@ def load(path: Path, environment: Mapping[str, str] | None = None) -> Configurat
     document = with_credentials(document, environment.get("CREDENTIALS_DIRECTORY"), mistakes, secrets)
     configuration = _from_document(document, path, mistakes)
     if configuration is None:
-        told = [placed(without_secrets(_by_variable(mistake, overrides, in_file), secrets), path, text) for mistake in mistakes]
-        raise BadConfiguration(told[0] if len(told) == 1 else "\n  ".join((f"{path}: {len(told)} mistakes", *told)))
+        placed_mistakes = [placed(without_secrets(_by_variable(mistake, overrides, in_file), secrets), path, text) for mistake in mistakes]
+        listed = "\n  ".join((f"{path}: {len(placed_mistakes)} mistakes", *placed_mistakes))
+        raise BadConfiguration(placed_mistakes[0] if len(placed_mistakes) == 1 else listed)
     return dataclasses.replace(configuration, overrides=tuple(overrides))
 
 
 def _by_variable(mistake: str, overrides: Sequence[str], in_file: Collection[str]) -> str:
-    """A mistake in a key that a variable of the environment has set, or in a section that only one has, is the variable's."""
+    """The mistake with the name of the environment's variable that has set this key, or alone has made this section."""
     for name in overrides:
         keys = name.removeprefix(PREFIX).lower().split("__")
         places = [".".join(keys[:k]) for k in range(2, len(keys) + 1)]
@@ -64,7 +65,7 @@ def _by_variable(mistake: str, overrides: Sequence[str], in_file: Collection[str
 
 
 def from_document(document: dict[str, Any], path: Path) -> Configuration:
-    """The same from a parsed document; `path` anchors relative names.
+    """The configuration from a parsed document; relative names start from the folder of `path`.
 
     Raises BadConfiguration that lists every mistake with its key.
     """

@@ -1,11 +1,11 @@
-"""A configuration in place of another while the service runs: what takes effect at once, and what waits for a restart."""
+"""Reloading: which settings of a new configuration take effect while the service runs, and which wait for a restart."""
 
 import dataclasses
 from typing import Any, NamedTuple
 
 from monitor.config.schema import Configuration
 
-# sockets, files and identity are opened once; a belief refers friction to one speed for all its life
+# sockets, files and identity are opened once; a belief keeps its reference speed for ever
 NEEDS_RESTART = (
     "robot.model",
     "robot.site",
@@ -21,7 +21,7 @@ NEEDS_RESTART = (
 
 
 class Reloaded(NamedTuple):
-    """What is in force now."""
+    """The result of a reload."""
 
     configuration: Configuration
     changed: tuple[str, ...]  # keys in force
@@ -29,21 +29,21 @@ class Reloaded(NamedTuple):
 
     @property
     def text(self) -> str:
-        """In words."""
+        """As a sentence."""
         parts = [f"changed {', '.join(self.changed)}"] if self.changed else []
         parts += [f"waiting for a restart: {', '.join(self.waiting)}"] if self.waiting else []
         return "; ".join(parts) or "nothing has changed"
 
 
 def reloaded(old: Configuration, new: Configuration) -> Reloaded:
-    """The old configuration with everything of the new one that can change while the service runs."""
+    """The old configuration with all settings of the new one that may change while the service runs."""
     was, will = _flat(old), _flat(new)
     different = sorted(key for key in was.keys() | will.keys() if was.get(key) != will.get(key))
     waiting = tuple(key for key in different if any(key == name or key.startswith(f"{name}.") for name in NEEDS_RESTART))
     kept = {name: getattr(old, name) for name in ("bus", "metrics", "page") if hasattr(old, name)}
     staying = [name.removeprefix("robot.") for name in NEEDS_RESTART if name.startswith("robot.")]
     robot = dataclasses.replace(new.robot, **{name: getattr(old.robot, name) for name in staying})
-    excitation = new.excitation if new.robot.model == old.robot.model else old.excitation  # it is made for the model
+    excitation = new.excitation if new.robot.model == old.robot.model else old.excitation  # a trajectory is made for one model
     speed = old.assess.drift.reference_speed_rad_s
     merged = dataclasses.replace(
         new,
@@ -68,7 +68,7 @@ def _flat(configuration: Configuration) -> dict[str, Any]:
     for room in dataclasses.fields(configuration.assess):
         value = getattr(configuration.assess, room.name)
         _into(flat, room.name if dataclasses.is_dataclass(value) else f"assess.{room.name}", value)
-    flat.pop("replay.host")  # it is the robot's
+    flat.pop("replay.host")  # it is set in [robot]
     return flat
 
 

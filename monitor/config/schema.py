@@ -50,14 +50,14 @@ class StoreSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowSettings:
-    """What of `AssessSettings` belongs to no single room."""
+    """The part of `AssessSettings` that belongs to no single room."""
 
     method: Literal["ls", "wls"] = "wls"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Configuration:
-    """Everything `joint-monitor run` needs, checked."""
+    """The checked configuration of one robot, as `joint-monitor run` needs it."""
 
     path: Path
     robot: RobotSettings
@@ -83,22 +83,22 @@ class Configuration:
 
     @property
     def gains_nm_per_a(self) -> Array | None:
-        """(J,) joint torque per ampere, where the configuration says so; else the robot's published ones hold."""
+        """(J,) joint torque per ampere [N·m/A]; None where the published torque constants hold."""
         return np.array(self.robot.gains_nm_per_a) if self.robot.gains_nm_per_a else None
 
     @property
     def key_prefix(self) -> str:
-        """Where this robot is found on the bus."""
+        """The key below which this robot's keys lie on the bus."""
         return prefix(self.robot.site, self.robot.id)
 
     @property
     def state_directory(self) -> Path:
-        """Where the history lives, absolute."""
+        """The absolute path of the history's folder."""
         return (self.path.parent / self.store.directory).resolve()
 
     @property
     def context(self) -> Context:
-        """What every recording of this robot shares."""
+        """The context that every recording of this robot shares."""
         return Context(
             robot=self.robot.model,
             serial=self.robot.serial,
@@ -125,7 +125,7 @@ def assess_sections() -> dict[str, type]:
 
 
 def text_keys() -> set[str]:
-    """Every key that holds text, whatever stands in it: a serial number is all digits."""
+    """Every key that holds text, as `section.key`, also where its text looks like a number: a serial number is all digits."""
     keys: set[str] = set()
 
     def collect(cls: type, place: str) -> None:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, 
 from monitor.design.cell import Cell
 from monitor.errors import BadInput
 
-# in the words of TOML, for what pydantic says in those of Python
+# TOML's words for pydantic's types of error
 _EXPECTED = {
     "string_type": "expected text in quotes",
     "tuple_type": "expected a list in square brackets",
@@ -24,7 +24,7 @@ _EXPECTED = {
 def read_section(name: str, cls: type, value: Any, mistakes: list[str], left_out: frozenset[Any] = frozenset()) -> Any:
     """One room's settings from its TOML table; None, with the mistakes added, where it does not fit.
 
-    left_out : keys that were wrong, and told; what is wrong besides is told as well.
+    left_out : keys whose mistakes are named already; the mistakes in the others are named as well.
     """
     if not isinstance(value, dict):
         mistakes.append(f"{name}: expected a table [{name}]")
@@ -45,8 +45,8 @@ def read_section(name: str, cls: type, value: Any, mistakes: list[str], left_out
                 said = _EXPECTED.get(problem["type"], f"{problem['msg'][0].lower()}{problem['msg'][1:]}")
                 mistakes.append(f"{key} = {problem['input']!r}: {said}")
         wrong = {problem["loc"][0] for problem in problems}
-    except (BadInput, ValueError) as error:  # a room may refuse a figure, or a combination, that its type allows
-        # a room says its name and, where it is one key's, the key: `replay: gain = 5.0; expected …`, `schedule.cron = …`
+    except (BadInput, ValueError) as error:  # a room may refuse a value or a combination that its types allow
+        # a room names itself and, for one key's mistake, the key: `replay: gain = 5.0; expected …`, `schedule.cron = …`
         said = re.sub(rf"\A\[?{re.escape(name)}\]?[.:] *", "", str(error))
         named = re.match(r"\w+(?= = )", said)
         mistakes.append(f"{name}.{said}" if named else f"[{name}] {said}")
@@ -62,7 +62,7 @@ _STRICT: dict[Any, Any] = {bool: StrictBool, int: StrictInt, float: StrictFloat}
 
 
 def _strict(hint: Any) -> Any:
-    """The type that pydantic checks, bounds kept."""
+    """The strict type that pydantic checks, with its bounds."""
     if get_origin(hint) is Annotated:
         inner, *bounds = get_args(hint)
         return Annotated[_STRICT.get(inner, inner), *bounds]
@@ -70,12 +70,12 @@ def _strict(hint: Any) -> Any:
 
 
 def _schema(cls: type) -> type[BaseModel]:
-    """What pydantic checks for a room's dataclass: the same fields, nothing more, no NaN."""
+    """The pydantic model of a room's dataclass: the same fields, no others, no NaN."""
     hints = get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(cls):
         hint = hints[field.name]
-        if hint == Cell | None:  # named in the file, and read from another
+        if hint == Cell | None:  # the file names it, and another file holds it
             continue
         if isinstance(hint, type) and dataclasses.is_dataclass(hint):
             nested = _schema(hint)

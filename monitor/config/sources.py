@@ -1,4 +1,4 @@
-"""Where a setting comes from: the line of a TOML file, the environment, a secret that the service manager hands over."""
+"""The sources of a setting: a line of the TOML file, a variable of the environment, a credential of the service manager. I/O."""
 
 import re
 import tomllib
@@ -14,7 +14,7 @@ _PLACE = re.compile(r"\[(?P<section>[\w.-]+)\](?: \w+: (?P<key>\w+))?|(?P<dotted
 
 
 def overridden(document: dict[str, Any], environment: Mapping[str, str], mistakes: list[str], texts: Collection[str] = ()) -> list[str]:
-    """Put what the environment says in place of what the file says. Returns the names of the variables; a wrong one is a mistake.
+    """Replace values of the file by those of the environment. Returns the names of the variables; a malformed one is a mistake.
 
     texts : dotted keys that hold text, also where it looks like a number.
     """
@@ -41,7 +41,7 @@ def overridden(document: dict[str, Any], environment: Mapping[str, str], mistake
 
 
 def _value(text: str) -> Any:
-    """As in TOML; what is no TOML is text, so that nobody must quote twice."""
+    """The value as TOML; text that is no TOML stays text, so that a shell's quotes are enough."""
     try:
         return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
     except tomllib.TOMLDecodeError:
@@ -49,7 +49,7 @@ def _value(text: str) -> Any:
 
 
 def with_credentials(document: Any, directory: str | None, mistakes: list[str], secrets: dict[str, str], place: str = "") -> Any:
-    """The same document with every `credential:NAME` read; `secrets` learns what must not be told, by its name."""
+    """The document with every `credential:NAME` replaced by the credential; `secrets` receives each by name, to keep it out of messages."""
     if isinstance(document, dict):
         return {
             key: with_credentials(value, directory, mistakes, secrets, f"{place}.{key}" if place else str(key))
@@ -74,7 +74,7 @@ def with_credentials(document: Any, directory: str | None, mistakes: list[str], 
 
 
 def without_secrets(text: str, secrets: Mapping[str, str]) -> str:
-    """The same text with every secret's name in its place."""
+    """The text with every secret replaced by its name."""
     for name, secret in secrets.items():
         if secret:
             text = text.replace(secret, f"(the credential {name})")

@@ -1,8 +1,7 @@
-"""Bus: what the monitor knows, on Zenoh, for anybody's programs.
+"""The bus: the monitor's documents on Zenoh, for other people's programs. I/O.
 
-Every document is UTF-8 JSON under `joint-monitor/v1/<site>/<robot>`; one queryable answers `get` for every last
-value, so that a late joiner sees the same as an early one. Publication has a thread and a bounded queue of its own:
-a frozen router blocks that thread, never the caller.
+Every document is UTF-8 JSON below `joint-monitor/v1/<site>/<robot>`. One queryable answers `get` with the last values, so that a client
+that starts late receives the same as an early one. A thread with a bounded queue publishes: a frozen router blocks that thread alone.
 """
 
 import logging
@@ -27,10 +26,10 @@ LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are abo
 
 
 class QueryHandler(NamedTuple):
-    """Who answers a key, and with what kind of document.
+    """The function that answers queries on one key, and the kind of its answer.
 
-    `about` gets the query's JSON object, or, where a key takes none, the selector's parameters; what it raises as BadInput becomes the
-    error reply.
+    `about` receives the query's JSON object, or the selector's parameters where the key takes no payload. The text of its BadInput becomes
+    the error reply.
     """
 
     kind: str
@@ -44,13 +43,13 @@ def handler(key: str, about: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -
 
 
 class Bus:
-    """One open session: last values out, queries in. A context manager; `publish` never blocks for long and never raises."""
+    """One open session: it publishes last values and answers queries. A context manager. Publishing never blocks for long or raises."""
 
     def __init__(self, settings: BusSettings, key_prefix: str, answers: Mapping[str, QueryHandler] | None = None) -> None:
         """Open the session.
 
-        `answers` maps a key below the prefix to who answers there; only a query for exactly that key is answered, so that a wildcard
-        makes nothing happen. Raises BusError where an endpoint cannot be opened.
+        answers : handlers by key below the prefix. Only a query for exactly that key reaches one: a wildcard never starts an action.
+        Raises BusError where an endpoint cannot be opened.
         """
         self._settings = settings
         self._prefix = key_prefix
@@ -66,7 +65,7 @@ class Bus:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             raise BusError(f"Zenoh cannot open {', '.join(settings.listen) or 'a session'}: {str(error).split(' at /')[0]}") from None
-        self._inbox: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()  # the quickest; its length is kept by hand
+        self._inbox: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()  # the fastest queue; `_hand_over` limits its length
         self._queryable = self._session.declare_queryable(f"{key_prefix}/**", self._hand_over, complete=True)
         self._alive = self._session.liveliness().declare_token(f"{key_prefix}/alive/monitor")
         self._robot_alive: zenoh.LivelinessToken | None = None
@@ -82,7 +81,7 @@ class Bus:
         self.close()
 
     def close(self) -> None:
-        """Send what is queued, then leave; a second time is harmless. A session left open would hang the interpreter at its exit."""
+        """Send what is queued, then close the session. A second call does nothing. An open session would block the interpreter's exit."""
         if self._session.is_closed():
             return
         try:
@@ -100,9 +99,9 @@ class Bus:
     # --- out ------------------------------------------------------------------------------------
 
     def say(self, kind: str, document: Mapping[str, Any], *, done: Callable[[], None] | None = None, **parts: Any) -> None:
-        """Publish a document of a registered kind on its key, in the way that the registry says.
+        """Publish a document of a registered kind on its key, with the delivery that the registry names.
 
-        parts : what its key asks for, e.g. `joint=3`. `done` runs once the document is sent; a sample of a stream has none.
+        parts : what fills in its key, e.g. `joint=3`. done : runs once the document is sent; it has no effect for a stream.
         """
         registered = KINDS[kind]
         key = registered.key(**parts)
@@ -114,14 +113,14 @@ class Bus:
             self.publish(key, kind, document, done=done)
 
     def publish(self, key: str, kind: str, document: Mapping[str, Any], *, done: Callable[[], None] | None = None) -> None:
-        """Say a last value: kept for every later `get`, and sent to the subscribers. `done` runs once it is sent."""
+        """Publish a last value: it is kept for every later `get` and sent to the subscribers. `done` runs once it is sent."""
         payload = _encode(document)
         with self._lock:
             self._last[key] = (kind, payload)
         self._enqueue((key, kind, payload, False, done))
 
     def stream(self, key: str, kind: str, document: Mapping[str, Any]) -> None:
-        """Say one sample of a stream: the newest is kept as last value, dropped where the network is slow."""
+        """Publish one sample of a stream: the newest is kept as last value, and samples are dropped where the network is slow."""
         payload = _encode(document)
         with self._lock:
             self._last[key] = (kind, payload)
@@ -132,32 +131,32 @@ class Bus:
         self._answers = {**self._answers, **handlers}
 
     def last_values(self) -> dict[str, Any]:
-        """What is answered to a plain `get`: documents by key below the prefix."""
+        """The documents that answer a plain `get`, by key below the prefix."""
         with self._lock:
             known = dict(self._last)
         return {key: orjson.loads(payload) for key, (_, payload) in known.items()}
 
     def lengths(self) -> dict[str, int]:
-        """What waits to be sent and to be answered, and what was dropped so far."""
+        """Numbers of documents to send, of queries to answer, and of documents dropped so far."""
         return {"to_send": self._outbox.qsize(), "to_answer": self._inbox.qsize(), "dropped": self.dropped}
 
     def without_router(self) -> str | None:
-        """Which of the routers that we were told to join none answers; None where one does, or none was named."""
+        """The problem that no configured router answers; None where one does, or none is configured."""
         if not self._settings.connect or self._session.info.routers_zid() or self._session.info.peers_zid():
             return None
         return f"nobody answers at {', '.join(self._settings.connect)}; what is said reaches only who asks here; tried again for ever"
 
     def last_payloads(self) -> dict[str, bytes]:
-        """The same as they were sent: a payload is a new object only where something new was said."""
+        """The last values as encoded payloads by key; a payload is a new object only after a new publication."""
         with self._lock:
             return {key: payload for key, (_, payload) in self._last.items()}
 
     def ask(self, key: str, about: Mapping[str, Any]) -> Mapping[str, Any]:
-        """What a query on a key below the prefix is answered, for who is in this process. Raises BadInput as the error reply would say."""
+        """The answer to a query on a key below the prefix, for this process's own callers. Raises BadInput with the error reply's text."""
         return self._answers[key].about(about)
 
     def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> permit.PermitReply | None:
-        """Ask whoever answers `permit/replay`; None where nobody does in that time."""
+        """Ask for a permit on `permit/replay`; None where nobody answers in that time."""
         return permit.asked(self._session, self._prefix, about, timeout_s)
 
     def robot_alive(self, alive: bool) -> None:
@@ -188,13 +187,13 @@ class Bus:
                 )
                 if done is not None:
                     done()
-            except Exception:  # the thread must outlive one bad document; the stack says which
+            except Exception:  # the thread must survive one bad document; the log names it
                 log.exception("bus: %s could not be sent", key)
 
     # --- in -------------------------------------------------------------------------------------
 
     def _hand_over(self, query: zenoh.Query) -> None:
-        # on Zenoh's own thread: hand over at once, for a slow answer here would block the whole link
+        # on Zenoh's own thread: hand over at once, because a slow answer here would block the whole link
         if self._inbox.qsize() < QUEUE_LENGTH:
             self._inbox.put(query)
         else:
@@ -208,7 +207,7 @@ class Bus:
                     self._answer(query)
                 except BadInput as error:
                     _refuse(query, str(error))
-                except Exception as error:  # a silent queryable makes the client wait for its time-out
+                except Exception as error:  # without a reply the client would wait until its time-out
                     log.exception("bus: query %s failed", query.key_expr)
                     _refuse(query, f"internal: {type(error).__name__}")
 
@@ -229,7 +228,7 @@ class Bus:
 
 
 def _encode(document: Mapping[str, Any]) -> bytes:
-    """JSON; arrays as lists, what is not finite as null: unknown."""
+    """JSON, with arrays as lists, and null for a figure that is not finite."""
     return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
 
 

@@ -1,4 +1,4 @@
-"""Client: the bus for other people's programs, and for our own commands.
+"""The typed client of the bus, for other people's programs and for the commands. I/O.
 
 with Client("tcp/127.0.0.1:7447", "site", "cell-3") as client:
     print(client.health().state)
@@ -46,13 +46,13 @@ class Message(NamedTuple):
 
 
 class Client:
-    """A session that looks at one robot's monitor."""
+    """A session with one robot's monitor. A context manager."""
 
     def __init__(self, endpoint: str, site: str, robot: str, *, timeout_s: float = 5.0, zenoh_file: str = "") -> None:
         """Connect.
 
         zenoh_file : path of a Zenoh configuration (JSON5) with certificates or passwords, where the daemon or router asks for them.
-        Raises BusError where nobody listens at the endpoint or it does not let us in, BadInput where the file is none.
+        Raises BusError where the endpoint does not answer or refuses the client, BadInput where the file is no Zenoh configuration.
         """
         self._prefix = prefix(site, robot)
         self._timeout_s = timeout_s
@@ -75,7 +75,7 @@ class Client:
     def get(self, selector: str, payload: Mapping[str, Any] | None = None) -> list[Message]:
         """The last values that match a selector below the prefix, e.g. `health`, `joint/*/friction`, `**`.
 
-        Raises BadInput where the selector is none, BusError where the daemon answers with an error or not in time.
+        Raises BadInput for an invalid selector or an error reply, BusError where the daemon does not answer in time.
         """
         answers = []
         key = self._key(selector)
@@ -96,7 +96,7 @@ class Client:
         return self._last_one(Health)
 
     def info(self) -> Info:
-        """Who watches this robot, with what, and since when. Raises BusError where no daemon answers for it."""
+        """The document `info`: who watches this robot, with what, and since when. Raises BusError where no daemon answers for it."""
         return self._last_one(Info)
 
     def model(self) -> Model:
@@ -120,7 +120,7 @@ class Client:
     def torque(self, **arguments: Any) -> Torque:
         """Temperature-corrected torque of one sample or of N: `q`, `qd`, `qdd` [rad, rad/s, rad/s²], `temperature_c`.
 
-        Raises BadInput with the daemon's words where the arguments are wrong, BusError where nobody answers.
+        Raises BadInput with the daemon's text where the arguments are wrong, BusError where no daemon answers.
         """
         asked = {name: value for name, value in arguments.items() if value is not None}
         return Torque.model_validate(self._one(kind_of(Torque).key(), asked).document)
@@ -136,30 +136,30 @@ class Client:
             after = page.next
 
     def events(self, after: int = 0) -> Events:
-        """Transitions of alerts after a number: what a program missed while it was away."""
+        """Transitions of alerts with numbers above `after`: those that a program missed."""
         return Events.model_validate(self._one(f"{kind_of(Events).key()}?after={after}").document)
 
     def acknowledge(self, joint: int | None, condition: str, *, by: str, why: str = "") -> Alert:
-        """An alert has been seen. Raises BadInput where there is no such active alert."""
+        """Acknowledge an alert: a person has seen it. Raises BadInput where there is no such active alert."""
         return self._command(AckRequest(joint=joint, condition=condition, by=by, why=why))
 
     def shelve(self, joint: int | None, condition: str, *, hours: float, by: str, why: str = "") -> Alert:
-        """An alert need not be shown for some hours. Raises BadInput where there is no such active alert."""
+        """Shelve an alert: it need not be shown for some hours. Raises BadInput where there is no such active alert."""
         return self._command(ShelveRequest(joint=joint, condition=condition, hours=hours, by=by, why=why))
 
     def request_replay(self, *, by: str, why: str = "") -> str:
-        """Ask for a replay now. Raises BadInput with the daemon's reason where it refuses."""
+        """Request a replay now. Raises BadInput with the daemon's reason where it refuses."""
         answer = self._one(kind_of(ReplayRequest).key(), ReplayRequest(by=by, why=why).model_dump())
         return str(answer.document["done"])
 
     def watch(self, selector: str = "**", *, with_last: bool = True, until: Callable[[], bool] = lambda: False) -> Iterator[Message]:
-        """First the last values, then everything that is said, until `until()` or the end of the program.
+        """Yield the last values, then every document that is published, until `until()` is true.
 
-        Where `event` is among what is watched, every transition is told once and in order: those that were missed while the link, a
-        router or the daemon was away are asked for as soon as the daemon is back, and last values are told anew. Raises as `get`.
+        Where the selector includes `event`, every transition comes once and in order. Those missed while the link, a router or the daemon
+        was down follow as soon as the daemon is back, together with the last values. Raises as `get`.
         """
         key = self._key(selector)
-        # the callbacks only hand over: a slow one would block the whole link after 256 samples
+        # the callbacks only fill a queue: a slow one would block the whole link after 256 samples
         arrived: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
 
         def hand_over(sample: zenoh.Sample) -> None:
@@ -180,7 +180,7 @@ class Client:
                 yield from self._last(selector)
             while not until():
                 try:
-                    message = arrived.get(timeout=0.2)  # in slices, so that Ctrl-C and `until` are heard
+                    message = arrived.get(timeout=0.2)  # short waits, so that Ctrl-C and `until` take effect
                 except queue.Empty:
                     continue
                 if message is None:
@@ -196,13 +196,13 @@ class Client:
             alive.undeclare()
 
     def _last(self, selector: str) -> list[Message]:
-        """Last values in the order of their keys; `event` is a log and has none: what is answered there is a page of it."""
+        """Last values in the order of their keys. `event` is a log without a last value: a query there is answered with a page of it."""
         return sorted((message for message in self.get(selector) if message.key != EVENT), key=lambda message: message.key)
 
     def _again(self, selector: str) -> list[Message]:
         try:
             return self._last(selector)
-        except BusError:  # gone again: its return will be told as well
+        except BusError:  # the daemon is gone again; its next return calls this again
             return []
 
     def _one(self, selector: str, payload: Mapping[str, Any] | None = None) -> Message:
@@ -234,21 +234,21 @@ class Client:
 
 
 class _Transitions:
-    """Hands on every numbered transition once and in order."""
+    """Passes on every numbered transition once and in order, and asks the daemon for missed ones."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
         self._last: int | None = None
 
     def begin(self, *, with_last: bool) -> None:
-        """What came before is not told: it stands in the last values."""
+        """Start after the newest transition: earlier ones stand in the last values."""
         try:
             self._last = self._client.events().last or 0
         except (BusError, BadInput):
-            self._last = None if with_last else 0  # nobody there yet: whatever comes first is the beginning
+            self._last = None if with_last else 0  # no daemon yet: the first transition that arrives is the beginning
 
     def next(self, message: Message) -> Iterator[Message]:
-        """One that arrived, and before it those that did not."""
+        """A transition that arrived, preceded by those that did not."""
         number = int(message.document.get("seq", 0))
         if self._last is None:
             self._last = number - 1
@@ -259,7 +259,7 @@ class _Transitions:
             yield message
 
     def missed(self, before: int | None = None) -> Iterator[Message]:
-        """Those after the last one told, as far as the daemon still has them."""
+        """The transitions after the last one passed on, as far as the daemon still has them."""
         if self._last is None:
             return
         try:

@@ -1,7 +1,7 @@
-"""Why the bus cannot be reached, and what to do: the steps of a connection one by one, for Zenoh itself only says that time ran out.
+"""Why the bus cannot be reached, and what to do: each step of a connection is tried, since Zenoh itself reports only a time-out. I/O.
 
-First the address, then who listens there, then TLS in both directions, then the password, then what access control lets through. Nothing
-is acted on: the question whether a command would arrive is asked with an empty one, which every daemon refuses.
+The steps are the address, the listener, TLS in both directions, the password, and access control. Nothing is changed: an empty command,
+which every daemon refuses, shows whether commands would arrive.
 """
 
 import json
@@ -15,10 +15,10 @@ import zenoh
 from monitor.publish.session import session_config
 
 TCP, TLS = "tcp", "tls"
-READ_S = 0.5  # TLS 1.3: the other side's refusal of our certificate comes after the handshake
+READ_S = 0.5  # [s] in TLS 1.3 the refusal of our certificate comes after the handshake
 _REFUSALS = {  # by the name of the TLS alert, RFC 8446 §6.2
     "CERTIFICATE_REQUIRED": "no_certificate",
-    "HANDSHAKE_FAILURE": "no_certificate",  # how TLS 1.2 says it
+    "HANDSHAKE_FAILURE": "no_certificate",  # TLS 1.2's alert for it
     "UNKNOWN_CA": "own_certificate",
     "BAD_CERTIFICATE": "own_certificate",
     "CERTIFICATE_EXPIRED": "own_certificate",
@@ -30,7 +30,7 @@ _REFUSALS = {  # by the name of the TLS alert, RFC 8446 §6.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """How far one got. `cause` is `reached`, or the step that failed in a word; `text` says what was found, and what to do."""
+    """The result of one attempt. `cause` is `reached` or the step that failed; `text` says what was found and what to do."""
 
     who: str
     endpoint: str
@@ -39,7 +39,7 @@ class Reach:
 
     @property
     def reached(self) -> bool:
-        """All the way."""
+        """Whether every step succeeded."""
         return self.cause == "reached"
 
 
@@ -50,9 +50,9 @@ class _Failed(Exception):
 
 
 def reach(endpoint: str, key_prefix: str, *, who: str, zenoh_file: str = "", answers: bool = True, timeout_s: float = 3.0) -> Reach:
-    """One endpoint, as somebody with this Zenoh configuration sees it.
+    """Try one endpoint with this Zenoh configuration.
 
-    who : for the report, e.g. "commands"; answers : whether a monitor must answer there, or a router is enough.
+    who : a name for the report, e.g. "commands". answers : a monitor must answer there; otherwise a router is enough.
     Raises BadInput where the file cannot be read or is no Zenoh configuration.
     """
     config = session_config(mode="client", connect=(endpoint,), zenoh_file=zenoh_file)
@@ -118,7 +118,7 @@ def _tls_both_ways(config: zenoh.Config, host: str, port: int, timeout_s: float)
             try:
                 secured.recv(1)
             except TimeoutError:
-                return  # it waits for us to speak: we are let in so far
+                return  # the other side waits for data: the handshake was accepted
     except ssl.SSLCertVerificationError as error:
         raise _Failed(
             "their_certificate",
@@ -185,7 +185,7 @@ def _session(config: zenoh.Config, protocol: str, endpoint: str, key_prefix: str
 
 
 def _answered(session: zenoh.Session, key: str, timeout_s: float) -> bool:
-    """Whether anything came back, an error included."""
+    """Whether any reply came, an error included."""
     for reply in session.get(key, timeout=timeout_s):
         if reply.ok is not None or (reply.err is not None and b"imeout" not in reply.err.payload.to_bytes()):
             return True
@@ -194,7 +194,7 @@ def _answered(session: zenoh.Session, key: str, timeout_s: float) -> bool:
 
 def _speaks_tls(host: str, port: int, timeout_s: float) -> bool:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # only a question: nothing is sent
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing secret is sent
     try:
         with socket.create_connection((host, port), timeout=timeout_s) as plain, context.wrap_socket(plain):
             return True

@@ -1,4 +1,4 @@
-"""What of the house's own documents is told outside: what the schemas name, and no running counts of the judge."""
+"""The published form of a Health: the fields that the schema names, without the judge's internal counts."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,10 +9,10 @@ from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.staleness import stale_joints, stale_text
 
 
-def health_told(health: Health | None, now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
-    """States, reasons and alerts, and which of them are too old to be relied on; before the first replay `state` is None.
+def published_health(health: Health | None, now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
+    """States, reasons and alerts, each with its staleness; `state` is None before the first assessment.
 
-    Stale goes beside the state and does not replace it: an alert that nothing contradicts stays, and v1 readers know five states.
+    Staleness stands beside the state: an alert stays until a replay clears it, and readers of v1 know five states.
     """
     if health is None:
         return {"state": None, "joints": [], "alerts": []}
@@ -39,7 +39,7 @@ def health_told(health: Health | None, now_unix_s: float, settings: HealthSettin
 
 
 def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
-    """The judge's own document of a Health, as it is stored, with what is stale in it. Raises BadInput where it is none."""
+    """The stored document of a Health with staleness added. Raises BadInput where it is none."""
     health = health_from_document(document)
     silent = stale_joints(health, now_unix_s, settings)
     joints = [{**joint, "stale": old} for joint, old in zip(document["joints"], silent, strict=True)]
@@ -47,7 +47,7 @@ def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthS
 
 
 def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, settings: HealthSettings) -> str | None:
-    """For how long nothing was learnt, and of which joints; None where something was."""
+    """For how long there was no figure, and of which joints; None where there was one of every joint."""
     if not any(silent):
         return None
     old = [joint for joint, is_old in zip(health.joints, silent, strict=True) if is_old]

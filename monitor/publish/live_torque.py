@@ -1,4 +1,4 @@
-"""Live torque: what the model predicts for the arm's present motion beside what the drives say, one sample at a time."""
+"""Live torque: the model's prediction for the arm's present motion beside the drives' measurement, one sample at a time."""
 
 from typing import Any
 
@@ -12,27 +12,27 @@ from monitor.recording import Array, Recording
 
 
 class LiveTorque:
-    """Compares single samples as they are heard, unfiltered; knows how noisy they are from the last replay."""
+    """Compares single unfiltered samples; their noise is known from the model, or from the last replay."""
 
     def __init__(self, model: CompensatedModel, robot: Robot, gains: Array | None, recording: Recording | None) -> None:
-        """`recording` is the replay that the model was learnt from last: it tells the samples' own noise where the model does not yet."""
+        """Recording : the replay that updated the model last. Its residual gives the samples' noise where the model has none."""
         self._predictor = predictor_for(model, robot)
         self.model = model
         self._gains = robot.drive_gain_nm_per_a if gains is None else gains
-        self._more_var = np.zeros(model.joints)  # of one raw sample beyond what the model says of it
+        self._more_var = np.zeros(model.joints)  # [N²·m²] variance of one raw sample beyond the model's own figure
         raw = None if recording is None or model.measured_rms_nm is not None else self._rms(recording)
         if raw is not None:
             self._more_var = np.nan_to_num(np.maximum(raw**2 - model.residual_rms_nm**2, 0.0))
 
     def compared(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> tuple[TorquePrediction, Array]:
-        """Of one sample, (J,) each: what the model foresees, (1, J), and what the drives say [N·m]."""
+        """The model's prediction, (1, J), and the drives' torque, (J,) [N·m], of one sample; inputs are (J,)."""
         foreseen = self._predictor.sample(q.tolist(), qd.tolist(), qdd.tolist(), temperature_c.tolist())
         return TorquePrediction(*(np.array([part]) for part in foreseen)), current * self._gains
 
     def document(self, q: Array, qd: Array, temperature_c: Array, predicted: TorquePrediction, measured: Array) -> dict[str, Any]:
-        """What is told of one sample, (J,) each, but for its time.
+        """The published document of one sample, without its time; arrays are (J,).
 
-        `std_nm` is that of the residual: model and measurement; `torque_std_nm` that of the torque itself.
+        `std_nm` is the deviation of the residual, from model and measurement; `torque_std_nm` that of the torque itself.
         """
         known = bool(np.all(np.isfinite(measured)))
         return {

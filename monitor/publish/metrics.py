@@ -1,6 +1,6 @@
 """Metrics for Prometheus: the bus's last values as numbers, collected when somebody scrapes.
 
-Nothing is counted twice and nothing is kept: what the bus would answer now is what the scrape says.
+Nothing is stored: a scrape reports what the bus would answer at that moment.
 """
 
 import logging
@@ -38,7 +38,7 @@ class MetricsSettings:
     listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:9464"; empty: nowhere
 
     def __post_init__(self) -> None:
-        """Raises BadInput where this is no address."""
+        """Raises BadInput where `listen` is no address."""
         if self.listen:
             self.address()
 
@@ -99,7 +99,7 @@ def families(last: Mapping[str, Any]) -> Iterator[Metric]:
 
 
 def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
-    """How the monitor itself is; nothing where it has not said so yet."""
+    """The condition of the monitor itself; nothing before its first document."""
     store, process, bus = monitor.get("store", {}), monitor.get("process", {}), monitor.get("bus", {})
     last = monitor.get("last_replay") or {}
     figures = (

@@ -1,7 +1,7 @@
-"""Asking over Zenoh whether the arm may move: the key `permit/replay` below the robot's prefix, answered by the cell's own program.
+"""The permit: before a motion the monitor asks the cell's own program on the key `permit/replay` below the robot's prefix. I/O.
 
-Its answer is {"allow": true, "why": "…"}. Everything else is a no: another answer, an error, an answer that is no JSON. Where several
-answer, all of them must agree; who has not answered yet has not agreed.
+Only the answer {"allow": true, "why": "…"} permits the motion. Any other answer, an error, or text that is no JSON refuses it. Where
+several programs answer, all of them must allow it.
 """
 
 import json
@@ -21,16 +21,16 @@ KEY = KINDS["permit"].key()
 
 
 class PermitReply(NamedTuple):
-    """What was answered."""
+    """The answer to one request for a permit."""
 
     allowed: bool
     text: str
 
 
 def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
-    """One question; None where nobody answered in that time."""
+    """Ask once; None where nobody answered in that time."""
     answers: list[PermitReply] = []
-    silent = False  # somebody who answers this key has not yet
+    silent = False  # a program that answers this key has not answered yet
     try:
         replies = session.get(
             f"{prefix}/{KEY}",
@@ -68,12 +68,12 @@ def _read(payload: bytes) -> PermitReply:
 
 
 def printable(text: str) -> str:
-    """Somebody else's words in one line of a log."""
+    """Text from another program, made safe for one line of a log."""
     return "".join(letter if letter.isprintable() else " " for letter in text[:200])
 
 
 class Asker:
-    """A session to ask with where no daemon runs: listens where the daemon would, so that the cell's program finds it; else joins it."""
+    """A session for asking without a daemon. It listens where the daemon would; where a daemon runs, it is its client."""
 
     def __init__(self, settings: BusSettings, prefix: str) -> None:
         """Raises BusError where neither is possible."""
@@ -83,7 +83,7 @@ class Asker:
                 mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False, zenoh_file=settings.zenoh
             )
             self._session = zenoh.open(config)
-        except zenoh.ZError:  # the endpoint is the daemon's, which runs: be its client
+        except zenoh.ZError:  # a daemon runs and has the endpoint: be its client
             try:
                 self._session = zenoh.open(session_config(mode="client", connect=settings.listen, zenoh_file=settings.client_zenoh))
             except zenoh.ZError as error:
@@ -96,5 +96,5 @@ class Asker:
         self._session.close()
 
     def ask(self, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
-        """As `asked`."""
+        """Ask once, as the function `asked`."""
         return asked(self._session, self._prefix, about, timeout_s)

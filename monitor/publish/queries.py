@@ -1,6 +1,6 @@
-"""Questions: what comes in over the bus as payload or selector parameters, checked; what is wrong is named.
+"""Checks of queries: payloads and selector parameters that come in over the bus, with every mistake named.
 
-A command (`cmd/…`) acts only with a valid payload; a question about the past takes selector parameters (`history?joint=3;limit=100`).
+A command (`cmd/…`) needs a valid payload; a query about the past takes selector parameters (`history?joint=3;limit=100`).
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ Asked = TypeVar("Asked", bound=Request)
 
 
 class HistoryQuestion(NamedTuple):
-    """Which rows of the past."""
+    """The rows that a query on `history` asks for."""
 
     joint: int | None
     from_unix_s: float | None
@@ -62,7 +62,7 @@ def events_after(parameters: Mapping[str, str]) -> int:
 
 def _known(key: str, parameters: Mapping[str, str], names: set[str]) -> None:
     for name in parameters:
-        if name not in names and not name.startswith("_"):  # Zenoh's own begin with _
+        if name not in names and not name.startswith("_"):  # names that begin with _ are Zenoh's own
             raise BadInput(f"{key}: unknown parameter {name!r}; known are {', '.join(sorted(names))}")
 
 

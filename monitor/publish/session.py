@@ -14,7 +14,7 @@ import zenoh
 from monitor.errors import BadInput
 
 ROOT = "joint-monitor/v1"
-PATIENCE_US = 500_000  # only who is megabytes behind is waited for, then cut off; it may come back and ask
+PATIENCE_US = 500_000  # [µs] a client that is megabytes behind is waited for, then disconnected; it may connect again
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _ID = re.compile(r"[a-z0-9_-]+\Z")
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
@@ -46,7 +46,7 @@ class BusSettings:
 
 
 def prefix(site: str, robot: str) -> str:
-    """The key under which everything of one robot is found.
+    """The key below which all keys of one robot lie.
 
     Raises BadInput where an id holds anything but a–z, 0–9, _ and -.
     """
@@ -59,10 +59,10 @@ def prefix(site: str, robot: str) -> str:
 def session_config(
     *, mode: str, listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait_for_peer: bool = True, zenoh_file: str = ""
 ) -> zenoh.Config:
-    """Zenoh's configuration without scouting: we speak only to the endpoints that we were told.
+    """Zenoh's configuration without scouting: only the given endpoints are used.
 
-    zenoh_file : path of a JSON5 configuration for all else (TLS, authentication, access control), or nothing;
-    `${CREDENTIALS_DIRECTORY}` in it is where the service manager put the secrets, `${CREDENTIAL:name}` one of them.
+    zenoh_file : path of a JSON5 configuration for TLS, authentication and access control, or empty. In it `${CREDENTIALS_DIRECTORY}` is
+    the service manager's folder of secrets, and `${CREDENTIAL:name}` the content of one of its files.
     Raises BadInput where it cannot be read or is no Zenoh configuration.
     """
     config = _from_file(zenoh_file) if zenoh_file else zenoh.Config()
@@ -76,7 +76,7 @@ def session_config(
         "connect/retry": {"period_init_ms": 250, "period_max_ms": 2000, "period_increase_factor": 2},  # back soon after a router's restart
     }
     if mode != "client":
-        values[_WAIT_BEFORE_CLOSE] = PATIENCE_US  # with one who does not read; Zenoh's 5 s each would be everybody's
+        values[_WAIT_BEFORE_CLOSE] = PATIENCE_US  # Zenoh's own 5 s for each slow client would delay all others
     if not wait_for_peer:
         values |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
     for key, value in values.items():
@@ -85,7 +85,7 @@ def session_config(
 
 
 def _with_credentials(path: str, text: str) -> str:
-    """`${CREDENTIALS_DIRECTORY}` as the folder that the service manager made, `${CREDENTIAL:name}` as what one of its files holds."""
+    """The text with `${CREDENTIALS_DIRECTORY}` and `${CREDENTIAL:name}` replaced. Raises BadInput where a credential cannot be read."""
     if "${CREDENTIAL" not in text:
         return text
     folder = os.environ.get("CREDENTIALS_DIRECTORY")
@@ -114,21 +114,21 @@ def _from_file(path: str) -> zenoh.Config:
         raise BadInput(f"{path}: is no Zenoh configuration: {str(error).split(' at /')[0]}") from None
 
 
-# who connects and by which name, whom access control does not know, whose certificate or password is wrong; of the rest only warnings
-_TOLD_BY_ZENOH = (
+# who connects and under which name, who is refused by access control, certificate or password; only warnings of all else
+_ZENOH_LOG_LEVELS = (
     "warn,zenoh::net::routing::hat::peer=error,zenoh::net::routing::interceptor=info,zenoh_link_tls=debug,"
     "zenoh_transport::unicast::establishment::accept=debug"
 )
 
 
 def log_refusals(settings: BusSettings) -> None:
-    """Let Zenoh say on standard output, from where the journal takes it, who was let in and who was not; RUST_LOG says otherwise.
+    """Let Zenoh log accepted and refused clients to standard output, which the journal records; RUST_LOG overrides the levels.
 
-    Once in a process, before its first session. Where no Zenoh configuration says who may, only warnings are told: nobody is refused.
+    Call it once in a process, before its first session. Without a Zenoh configuration nobody is refused, and only warnings are logged.
     """
     if not sys.stdout.isatty():
         os.environ.setdefault("NO_COLOR", "1")
-    zenoh.init_log_from_env_or(_TOLD_BY_ZENOH if settings.zenoh else "warn,zenoh::net::routing::hat::peer=error")
+    zenoh.init_log_from_env_or(_ZENOH_LOG_LEVELS if settings.zenoh else "warn,zenoh::net::routing::hat::peer=error")
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Seconds since 1970 ↔ what people and other programs read: UTC, RFC 3339."""
+"""Conversion between seconds since 1970 and UTC in RFC 3339, the form in which all published times are."""
 
 from datetime import UTC, date, datetime
 from functools import lru_cache
@@ -8,12 +8,12 @@ _FIRST_DAY = date(1970, 1, 1).toordinal()
 
 
 def rfc3339(unix_s: float) -> str:
-    """2026-11-21T03:00:00Z, to the second."""
+    """The time as RFC 3339 to the second: 2026-11-21T03:00:00Z."""
     day, second = divmod(round(unix_s), DAY_S)
     return f"{_date(day)}T{second // 3600:02d}:{second // 60 % 60:02d}:{second % 60:02d}Z"
 
 
-@lru_cache(maxsize=16)  # a history is told day by day; more would only lie about, one here and one there, in memory that is free else
+@lru_cache(maxsize=16)  # a history is converted day by day; a larger cache would only hold memory
 def _date(day: int) -> str:
     return date.fromordinal(_FIRST_DAY + day).isoformat()
 
@@ -25,17 +25,17 @@ def unix_s(text: str) -> float:
 
 
 def outside(document: object) -> object:
-    """The same JSON document with every `*_unix_s` number told as `*` in RFC 3339, as documents leave the house."""
+    """The published form of a JSON document: every number `*_unix_s` becomes the text `*` in RFC 3339."""
     if isinstance(document, dict):
-        told: dict[str, object] = {}
+        published: dict[str, object] = {}
         for key, value in document.items():
             if key[-7:] == "_unix_s" and (value is None or isinstance(value, int | float)):
-                told[key[:-7]] = None if value is None else rfc3339(value)
+                published[key[:-7]] = None if value is None else rfc3339(value)
             elif isinstance(value, dict | list | tuple):
-                told[key] = outside(value)
+                published[key] = outside(value)
             else:
-                told[key] = value  # no call for each of the 100 000 numbers of five years
-        return told
+                published[key] = value  # without a call for each of the 100 000 figures of five years
+        return published
     if isinstance(document, list | tuple):
         return [outside(value) for value in document]
     return document

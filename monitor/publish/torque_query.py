@@ -1,4 +1,4 @@
-"""Answers: queries' JSON → numbers checked for shape, finiteness and range → arrays. Pure; the bus and `predict` share it."""
+"""The torque query: its JSON, checked for shape, finiteness and range, becomes arrays and is answered. The bus and `predict` share it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +16,7 @@ RANGES = {
     "q": (-4 * np.pi, 4 * np.pi),  # [rad]
     "qd": (-10.0, 10.0),  # [rad/s]
     "qdd": (-1000.0, 1000.0),  # [rad/s²]
-    "temperature_c": (-40.0, 120.0),  # beyond it a temperature is a mistake, not a climate
+    "temperature_c": (-40.0, 120.0),  # [°C] a value beyond it is a mistake
 }
 _LOW, _HIGH = np.array(list(RANGES.values())).T[:, :, None, None]  # (4, 1, 1) each
 _NUMBERS = {int, float}
@@ -24,10 +24,10 @@ _PARTS = ("torque_nm", "rigid_nm", "friction_nm", "std_nm", "extrapolated", "mea
 
 
 def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | None, request: Mapping[str, Any]) -> dict[str, Any]:
-    """The `torque` query: temperature-corrected joint torque of one sample or of N, as arrays or lists in the shape of the question.
+    """Temperature-corrected joint torque of one sample or of N, as arrays or lists in the shape of the request.
 
-    `q`, `qd` [rad, rad/s] are asked for; `qdd` [rad/s²] is 0 where not given, `temperature_c` the present one. Raises
-    BadInput saying which argument is wrong, and how.
+    `q` and `qd` [rad, rad/s] are required; `qdd` [rad/s²] is 0 where it is missing, `temperature_c` the present one. Raises BadInput that
+    names the wrong argument.
     """
     predictor = predictor_for(model, robot)
     if (flat := _one_sample(request, temperature_c, robot.joints)) is not None:
@@ -56,7 +56,7 @@ def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | 
 
 
 def _one_sample(request: Mapping[str, Any], temperature_c: Array | None, joints: int) -> list[list[float]] | None:
-    """q, qd, qdd, temperature where they are plainly one good sample, as nearly always; None where a closer look is due."""
+    """q, qd, qdd and temperature of a request that is plainly one valid sample, as most are; None where it must be checked in full."""
     told = []
     for name, (low, high) in RANGES.items():
         value = request.get(name)
@@ -83,7 +83,7 @@ def _rows(request: Mapping[str, Any], name: str, joints: int) -> Array:
     if len(rows) > MOST_SAMPLES:
         raise BadInput(f"torque: {name} has {len(rows)} rows; at most {MOST_SAMPLES} are answered in one query")
     for row in rows:
-        # by exact type: true is an int to Python, and no number to anybody else
+        # by exact type: Python counts `true` as an int
         if not (isinstance(row, list) and len(row) == joints and _NUMBERS.issuperset(map(type, row))):
             raise BadInput(f"torque: {name} is not {joints} numbers or N rows of {joints}")
     try:
@@ -94,14 +94,14 @@ def _rows(request: Mapping[str, Any], name: str, joints: int) -> Array:
 
 
 def _like(value: Array, name: str, q: Array) -> Array:
-    """One row stands for all; otherwise as many rows as q."""
+    """The rows of an argument, as many as q has; one row stands for all."""
     if len(value) not in (1, len(q)):
         raise BadInput(f"torque: {name} has {len(value)} rows but q has {len(q)}")
     return value
 
 
 def _outside(state: Array) -> str:
-    """The first figure that is out of its range."""
+    """The text about the first figure that is out of its range."""
     for name, value, (low, high) in zip(RANGES, state, RANGES.values(), strict=True):
         if not np.all(np.isfinite(value)):
             return f"{name} holds a value that is not finite"

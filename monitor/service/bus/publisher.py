@@ -8,7 +8,7 @@ from monitor.judge.alerts.health import Alert
 from monitor.judge.assessment import JointFriction
 from monitor.judge.document import plain
 from monitor.publish.bus import Bus
-from monitor.publish.health_document import health_told
+from monitor.publish.health_document import published_health
 from monitor.publish.timestamps import outside
 from monitor.service.bus.info import info
 from monitor.service.bus.production import Production
@@ -49,7 +49,7 @@ class Publisher:
         self.say(
             "health",
             {
-                **health_told(self._state.health, now, self._state.configuration.assess.health),
+                **published_health(self._state.health, now, self._state.configuration.assess.health),
                 "production": [plain(each) for each in self._production.evidence()],
                 "next_replay_due_unix_s": self._state.next_due_unix_s,
                 "said_at_unix_s": now,
