@@ -1,7 +1,7 @@
-"""The independent judge: frames by pinocchio, distances by coal.
+"""The independent check of clearance: frames by pinocchio, distances by coal.
 
-By default the arm is the same union of capsules; `finer` takes the cylinders with flat ends that they were drawn around. A tool's box is
-a box. Pairs that may meet are told by rule here, not taken from the code that is judged.
+By default the arm is the same union of capsules; `exact` takes the cylinders with flat ends that they were drawn around. A tool's box is
+a box. The pairs that may meet follow from a rule here, not from the code under test.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class Gaps(NamedTuple):
 class Judge:
     """A GeometryModel of one arm in one cell."""
 
-    def __init__(self, robot: Robot, mounting: Mounting, cell: Cell, *, finer: bool) -> None:
+    def __init__(self, robot: Robot, mounting: Mounting, cell: Cell, *, exact: bool) -> None:
         self.model = robot.pinocchio_model(mounting)
         self.data = self.model.createData()
         self.geometry = pin.GeometryModel()
@@ -34,12 +34,12 @@ class Judge:
         parts = [
             (int(link), p, q, float(radius)) for link, (p, q), radius in zip(capsules.link, capsules.ends_m, capsules.radius_m, strict=True)
         ]
-        if finer:
+        if exact:
             parts = [(part.link, part.start_m, part.end_m, part.radius_m) for part in arm_cylinders(robot)]
         for link, p, q, radius in parts:
             joint, to_link = self._parent(link, robot)
             length = float(np.linalg.norm(q - p))
-            shape = coal.Cylinder(radius, length) if finer else coal.Capsule(radius, length)
+            shape = coal.Cylinder(radius, length) if exact else coal.Capsule(radius, length)
             self._add(joint, to_link * _along(p, q), shape, link, tool=False)
         tool = cell.tool
         joint, to_link = self._parent(6, robot)
@@ -79,7 +79,7 @@ class Judge:
         return Gaps(found[:, 0], found[:, 1])
 
     def collides(self, q: np.ndarray) -> bool:
-        """Does anything touch anything at any of q (N, J)?"""
+        """Whether any two bodies touch at any of q (N, J)."""
         return any(pin.computeCollisions(self.model, self.data, self.geometry, self.geometry_data, pose, True) for pose in q)
 
     def _parent(self, link: int, robot: Robot) -> tuple[int, pin.SE3]:
@@ -96,9 +96,9 @@ class Judge:
         return self.geometry.addGeometryObject(pin.GeometryObject(f"g{self.geometry.ngeoms}", 0, 0, place, shape))
 
 
-def judge(robot: Robot, mounting: Mounting, cell: Cell, *, finer: bool = False) -> Judge:
-    """Made anew: nothing is shared with what is judged but the published shapes and the cell."""
-    return Judge(robot, mounting, cell, finer=finer)
+def judge(robot: Robot, mounting: Mounting, cell: Cell, *, exact: bool = False) -> Judge:
+    """A new check. It shares only the published shapes and the cell with the code under test."""
+    return Judge(robot, mounting, cell, exact=exact)
 
 
 def _along(p: np.ndarray, q: np.ndarray) -> pin.SE3:

@@ -1,4 +1,4 @@
-"""Distances against coal's, bounds against dense sampling, shapes against published meshes' extents."""
+"""Distances against those of coal, bounds against dense sampling, shapes against the extents of published meshes."""
 
 import coal
 import numpy as np
@@ -156,7 +156,7 @@ def test_an_upright_arm_is_clear_of_itself_and_of_its_table(name):
 
 @pytest.mark.parametrize("q3", [2.9, -2.9])
 def test_a_folded_elbow_and_a_pose_through_the_table_are_seen(q3):
-    """The check can fail."""
+    """So the check can fail."""
     cell = plain_cell(GROUND)
     around = surroundings(load_robot("ur5"), GROUND, cell)
     folded = np.array([0.0, -np.pi / 2, q3, 0.0, 0.0, 0.0])
@@ -207,7 +207,7 @@ def test_coal_with_the_true_shapes_finds_no_less_room_than_we_do(seed):
     q = rng.uniform(-2.5, 2.5, (3, 6))
     ours = surroundings(robot, mounting, cell).gaps(q)
     theirs = judge(robot, mounting, cell).gaps(q)
-    apart = ours.to_itself_m > 0.0  # where shapes overlap, depths of penetration are told differently
+    apart = ours.to_itself_m > 0.0  # where shapes overlap, the two define the depth of penetration differently
     assert np.all(ours.to_itself_m[apart] <= theirs.to_itself_m[apart] + GJK_M)
     apart = ours.to_cell_m > 0.0
     assert np.all(ours.to_cell_m[apart] <= theirs.to_cell_m[apart] + GJK_M)
@@ -244,7 +244,7 @@ def test_a_cell_survives_its_document_and_names_every_mistake():
     ],
 )
 def test_a_cell_that_makes_no_sense_is_refused_with_the_key(document, words):
-    """An operator reads which figure to mend."""
+    """The message names the figure to correct."""
     with pytest.raises(BadInput, match=words):
         cell_from_document(document)
 

@@ -26,7 +26,7 @@ def ran(*arguments: object, code: int = 0) -> subprocess.CompletedProcess[str]:
 
 
 def called(*arguments: str) -> Result:
-    """In this process: quicker, where a process is not the point."""
+    """The command in this process, which is faster."""
     result = CliRunner().invoke(app, ["design", *arguments])
     assert result.exception is None, result.exception
     return result
@@ -35,11 +35,11 @@ def called(*arguments: str) -> Result:
 def test_the_same_command_gives_the_same_bytes_and_a_picture(tmp_path: Path):
     """Two processes, one seed; the report names the clearances; the picture is a picture."""
     common = ("--robot", "ur3", "--mounting", "wall", "--evaluations", 60, "--seed", 5)
-    told = ran(*common, "-o", tmp_path / "a.json", "--plot", tmp_path / "a.png")
+    result = ran(*common, "-o", tmp_path / "a.json", "--plot", tmp_path / "a.png")
     answer = json.loads(ran(*common, "-o", tmp_path / "b.json", "--json").stdout)
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
-    assert "clear of itself by" in told.stdout
-    assert "fv std" in told.stdout
+    assert "clear of itself by" in result.stdout
+    assert "fv std" in result.stdout
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     excitation = excitation_from_document(json.loads((tmp_path / "a.json").read_text()))
     assert answer["digest"] == excitation.digest
@@ -57,7 +57,7 @@ def test_a_random_trajectory_for_validation_is_another_for_another_seed(tmp_path
 
 
 def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path):
-    """SIGINT in the middle of a long search: exit 0, a file with its proof, and a word about it."""
+    """SIGINT in the middle of a long search: exit 0, a file with its proof, and a message."""
     search = subprocess.Popen(
         [*COMMAND, "--robot", "ur5", "--evaluations", "1000000", "-o", str(tmp_path / "a.json")], stderr=subprocess.PIPE, text=True
     )
@@ -117,7 +117,7 @@ def test_mistakes_end_the_process_with_2_and_one_line(tmp_path: Path):
 @pytest.mark.soak
 @pytest.mark.timeout(600)
 def test_make_excitations_gives_the_shipped_file_again(tmp_path: Path):
-    """On the same kind of machine byte for byte; elsewhere a library's last digit may lead a search astray, so the whole is not asked."""
+    """On the same kind of machine byte for byte. On another, a library's last digit may change the path of the search: figures only."""
     options = "--seed 1 --evaluations 3000 --speed-limit 2.2 --flange-speed-limit 1.5"
     assert options in (Path(__file__).parents[2] / "Makefile").read_text("utf-8")
     called("--robot", "ur3", "--mounting", "wall", *options.split(), "-o", str(tmp_path / "again.json"))

@@ -36,7 +36,7 @@ def family(harmonics=5, period_s=10.0, offset=UPRIGHT, robot="ur5", **changes):
     robot=st.sampled_from(["ur3", "ur5", "ur20"]),
 )
 def test_every_curve_is_at_rest_at_both_ends_and_within_the_limits(seed, harmonics, period, size, starts, robot):
-    """Whatever the coefficients: zero speed and acceleration to 1e-12 after one and three repetitions; limits on a grid ten times finer."""
+    """For all coefficients: zero speed and acceleration to 1e-12 after one and three repetitions; limits on a grid ten times as dense."""
     curves = family(harmonics, period, robot=robot, starts_there=starts)
     u = size * np.random.default_rng(seed).standard_normal(curves.dimension)
     excitation = curves.excitation(u, repetitions=3)
@@ -75,18 +75,18 @@ def test_large_coefficients_reach_a_limit_in_every_joint(seed):
 def test_the_figures_of_merit_are_their_definitions(mounting):
     """Against plain numpy on the stacked regressor: singular values, inverse, determinant."""
     mount = Mounting.parse(mounting)
-    told = information(UR5, mount)
+    arm = information(UR5, mount)
     excitation = family().excitation(0.1 * np.random.default_rng(5).standard_normal(48))
     t = np.arange(1250) / 125.0
     state = excitation.at(t)
     base = base_parameters(UR5, mount)
     Y = regressor(UR5, mount, *state)[:, :, list(base.columns)]  # (N, J, B)
-    merits = told.merits(excitation)
+    merits = arm.merits(excitation)
     # a Gram matrix has half the digits: 1e-16 · cond² of a figure of a few hundred
     assert merits.condition == pytest.approx(np.linalg.cond(Y.reshape(-1, base.count)), rel=1e-6)
     columns = Y.reshape(-1, base.count)
     assert merits.scaled == pytest.approx(np.linalg.cond(columns / np.linalg.norm(columns, axis=0)), rel=1e-6)
-    weight = (np.abs(state.qd) > 0.02) / told.noise_nm
+    weight = (np.abs(state.qd) > 0.02) / arm.noise_nm
     A = (Y * weight[:, :, None]).reshape(-1, base.count)
     covariance = np.linalg.inv(A.T @ A)
     # the friction block with correlated noise: the sandwich, its middle from the full matrix of correlations, joint by joint
@@ -102,28 +102,28 @@ def test_the_figures_of_merit_are_their_definitions(mounting):
 
 def test_the_expected_deviations_are_those_of_correlated_noise():
     """Against noise that is drawn: 4000 fits of white-noise weights to rows with the assumed correlation."""
-    told = information(UR5, Mounting())
+    arm = information(UR5, Mounting())
     excitation = family().excitation(0.2 * np.random.default_rng(1).standard_normal(48))
     t = np.arange(1250) / RATE_HZ
     state = excitation.at(t)
-    Y, _ = told.rows(*state)  # (J, B, N)
-    weight = (np.abs(state.qd) > 0.02).T / told.noise_nm[:, None]
+    Y, _ = arm.rows(*state)  # (J, B, N)
+    weight = (np.abs(state.qd) > 0.02).T / arm.noise_nm[:, None]
     A = Y * weight[:, None, :]
-    estimator = np.linalg.solve(np.einsum("jbn,jcn->bc", A, A), (A * weight[:, None, :]).transpose(1, 0, 2).reshape(len(told.columns), -1))
+    estimator = np.linalg.solve(np.einsum("jbn,jcn->bc", A, A), (A * weight[:, None, :]).transpose(1, 0, 2).reshape(len(arm.columns), -1))
     rng = np.random.default_rng(2)
     lag = np.minimum(np.arange(1250), 1250 - np.arange(1250)) / RATE_HZ
     spectrum = np.sqrt(np.maximum(np.fft.rfft(np.exp(-lag / CORRELATION_S)).real, 0.0))
     draws = 4000
-    noise = np.fft.irfft(np.fft.rfft(rng.standard_normal((draws, 6, 1250))) * spectrum, n=1250) * told.noise_nm[:, None]
+    noise = np.fft.irfft(np.fft.rfft(rng.standard_normal((draws, 6, 1250))) * spectrum, n=1250) * arm.noise_nm[:, None]
     scatter = np.std(noise.reshape(draws, -1) @ estimator[-12:].T, axis=0)
     # a deviation from 4000 draws is itself good to 1/√8000 = 1.1 %; twelve of them within four of that
-    np.testing.assert_allclose(np.concatenate(told.friction_std(excitation)), scatter, rtol=0.045)
-    fc, fv = told.friction_std(excitation, repetitions=4)
-    np.testing.assert_allclose(np.concatenate([fc, fv]), 0.5 * np.concatenate(told.friction_std(excitation)))
+    np.testing.assert_allclose(np.concatenate(arm.friction_std(excitation)), scatter, rtol=0.045)
+    fc, fv = arm.friction_std(excitation, repetitions=4)
+    np.testing.assert_allclose(np.concatenate([fc, fv]), 0.5 * np.concatenate(arm.friction_std(excitation)))
 
 
 def test_a_joint_that_stands_still_makes_every_figure_infinite():
-    """Its friction cannot be told; no number pretends otherwise."""
+    """Its friction cannot be identified, so no figure is finite."""
     curves = family()
     u = np.random.default_rng(3).standard_normal(48).reshape(8, 6)
     u[:, 3] = 0.0
@@ -134,7 +134,7 @@ def test_a_joint_that_stands_still_makes_every_figure_infinite():
 
 
 def test_a_slower_pass_goes_the_same_way():
-    """A time scale changes speeds, not the path; digests at full speed are what they always were."""
+    """A time scale changes speeds, not the path; the digest at full speed stays that of older files."""
     excitation = family().excitation(0.3 * np.random.default_rng(4).standard_normal(48))
     slow = replace(excitation, time_scale=0.25)
     t = np.linspace(0.0, 10.0, 101)
@@ -187,6 +187,6 @@ def test_a_cost_above_the_forbidden_mark_is_a_broken_limit_and_below_it_none(see
     ],
 )
 def test_a_task_that_cannot_be_done_names_what_binds_and_by_how_far(changes, words):
-    """Nothing is searched for in vain."""
+    """The search ends before it begins."""
     with pytest.raises(BadInput, match=words):
         design(task(**changes), software="test", evaluations=10)

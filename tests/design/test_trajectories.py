@@ -1,4 +1,4 @@
-"""What is accepted hits nothing, says so truly, and comes out the same again. The soak marker repeats it on a thousand."""
+"""Accepted trajectories hit nothing, their proof is right, and one seed gives one file. The soak marker repeats it on a thousand."""
 
 import itertools
 import json
@@ -36,9 +36,9 @@ def accepted(robot, mounting, seed):
 
 
 def verify(robot, mounting, seeds):
-    """No collision at ten times the rate on path and approaches; at each 100th pose, finer shapes have no less room than the proof says."""
+    """No collision at ten times the rate on path and approaches; at each 100th pose, exact shapes have at least the proof's clearance."""
     arm, mount, cell = load_robot(robot), Mounting.parse(mounting), problem(robot, mounting).surroundings.cell
-    watch, finer = judge(arm, mount, cell), judge(arm, mount, cell, finer=True)
+    capsules, cylinders = judge(arm, mount, cell), judge(arm, mount, cell, exact=True)
     generation = load_robot(robot).generation
     nearest = np.inf
     for seed in seeds:
@@ -48,8 +48,8 @@ def verify(robot, mounting, seeds):
         assert clearance["to_cell_m"] >= cell.margin_m
         q = excitation.at(np.linspace(0.0, excitation.period_s, int(excitation.period_s * DENSE_HZ[generation]) + 1)).q
         ways = [q[0] + np.linspace(0.0, 1.0, 400)[:, None] * (rest - q[0]) for rest in one.approaches_rad]
-        assert not watch.collides(np.vstack([q, *ways])), (robot, mounting, seed)
-        seen = finer.gaps(q[::100])
+        assert not capsules.collides(np.vstack([q, *ways])), (robot, mounting, seed)
+        seen = cylinders.gaps(q[::100])
         # five digits are kept of a clearance of centimetres, and coal stops within 1e-6
         assert clearance["to_itself_m"] <= seen.to_itself_m.min() + 3e-6
         assert clearance["to_cell_m"] <= seen.to_cell_m.min() + 3e-6
@@ -80,7 +80,7 @@ def test_a_thousand_random_accepted_trajectories_collide_nowhere(block, capsys):
     assert min(row[3] for row in rows) >= 0.01
 
 
-def test_the_judge_sees_a_collision_that_is_there():
+def test_the_independent_check_finds_a_collision():
     """A check that never fails proves nothing: the elbow folded, the arm through the table, a box in the way."""
     ground = judge(load_robot("ur5"), Mounting(), Cell())
     assert ground.collides(pose(0, -1.57, 2.9, 0, 0, 0)[None])
@@ -122,10 +122,10 @@ def test_every_model_on_every_mounting_has_one():
 
 @pytest.mark.parametrize("optimiser", ["cma", "ga"])
 def test_the_same_seed_gives_the_same_file_and_another_seed_another(optimiser):
-    """Byte for byte, whatever numpy's global dice have done in between."""
+    """Byte for byte, whatever numpy's global random state is."""
     made = []
     for seed in (1, 1, 2):
-        np.random.rand(seed + len(made))  # noqa: NPY002 the global dice are what must not matter
+        np.random.rand(seed + len(made))  # noqa: NPY002 the global random state must have no effect
         excitation, _ = design(task(), software="test", seed=seed, evaluations=40, optimiser=optimiser)
         made.append(json.dumps(excitation.as_document()))
     assert made[0] == made[1] != made[2]
@@ -134,17 +134,17 @@ def test_the_same_seed_gives_the_same_file_and_another_seed_another(optimiser):
 @pytest.mark.parametrize("optimiser", ["cma", "ga"])
 def test_a_search_gets_better_and_keeps_its_best_when_it_is_stopped(optimiser):
     """The best never rises; asked to stop, the search returns at once what it had."""
-    told: list[Progress] = []
+    states: list[Progress] = []
 
     # the GA's first 300 are drawn at random: what it does with them shows later
     enough = {"cma": 320, "ga": 1000}[optimiser]
 
     def stop(at: Progress) -> bool:
-        told.append(at)
+        states.append(at)
         return at.evaluations < enough
 
     found = optimise(problem(), evaluations=10_000, seed=3, optimiser=optimiser, on_progress=stop)
-    best = [at.best for at in told]
+    best = [at.best for at in states]
     assert found.stopped
     assert found.evaluations == enough
     assert all(later <= earlier for earlier, later in itertools.pairwise(best))
@@ -174,13 +174,13 @@ def test_a_cell_that_contains_the_arm_is_refused_with_the_thing_that_touches():
 
 
 def test_limits_that_no_curve_keeps_end_with_the_one_that_binds():
-    """A flange that may hardly move: the search says which limit it could not keep."""
+    """A flange that may hardly move: the message names the limit that no curve keeps."""
     with pytest.raises(Infeasible, match=r"no allowed curve in 60 evaluations; .* the flange moves at .* m/s beyond its limit of 0.00 m/s"):
         design(task(flange_speed_limit_m_s=1e-3), software="test", evaluations=60)
 
 
 def test_a_file_whose_curve_was_changed_no_longer_keeps_clear():
-    """The proof is done again, not believed: a larger swing is found out; so is a cell whose digest does not match."""
+    """The proof is computed again: a larger swing is found, and a cell whose digest does not match."""
     path = ROOT / "config" / "excitation" / "ur5-ground.json"
     excitation = excitation_from_document(json.loads(path.read_text("utf-8")))
     wider = replace(excitation, a_rad_s=1.6 * excitation.a_rad_s, b_rad_s=1.6 * excitation.b_rad_s)

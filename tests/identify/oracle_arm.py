@@ -1,4 +1,4 @@
-"""Motions of a known arm: torque by pinocchio, not by the regressor under test, plus friction and rotor inertia that we choose."""
+"""Motions of a known arm. The torque is pinocchio's, not that of the regressor under test; friction and rotor inertia are chosen here."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class Truth:
 
 
 def excitation(robot: Robot, seed: int = 0, repetitions: int = 3, speed_rad_s: float = 1.5) -> Excitation:
-    """Five harmonics in 10 s, at rest at both ends, each joint as fast as asked at most."""
+    """Five harmonics in 10 s, at rest at both ends, with the given greatest speed of each joint."""
     rng = np.random.default_rng(seed)
     k = np.arange(1.0, 6.0)
     a, b = rng.normal(size=(2, 5, robot.joints))
@@ -63,7 +63,7 @@ def truth(robot: Robot, mounting: Mounting = GROUND, rate_hz: float = 125.0, **s
 
 
 def exact_motion(known: Truth) -> Motion:
-    """The truth as if filtering had been perfect."""
+    """The truth as a motion, without any filter."""
     return Motion(
         source="oracle",
         t_s=known.t_s,
@@ -83,7 +83,7 @@ def exact_motion(known: Truth) -> Motion:
 
 
 def recording(known: Truth, robot: Robot | None = None, noise: float = 1.0, seed: int = 0) -> Recording:
-    """What a controller would send: encoder and current noise of a real arm's size times `noise`."""
+    """The recording of a controller, with `noise` times the encoder and current noise of a real arm."""
     robot = robot or load_robot("ur5")
     rng = np.random.default_rng(seed)
 

@@ -1,4 +1,4 @@
-"""Units and clocks that are wrong throughout: put right where the recording says how, refused where it does not."""
+"""Wrong units and clocks of whole recordings: corrected where the recording determines how, refused otherwise."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def swing(rate_hz=125.0, duration_s=20.0, speed_rad_s=1.0):
 
 
 def scaled(recording, **factors):
-    """The same with fields in other units."""
+    """The same recording with fields in other units."""
     return replace(recording, **{name: getattr(recording, name) * factor for name, factor in factors.items()})
 
 
@@ -40,7 +40,7 @@ DEGREES = 180.0 / np.pi
 
 
 @pytest.mark.parametrize(
-    ("factors", "told"),
+    ("factors", "texts"),
     [
         ({"q": DEGREES}, ["positions are in degrees"]),
         ({"qd": DEGREES}, ["speeds are in degrees a second"]),
@@ -53,13 +53,13 @@ DEGREES = 180.0 / np.pi
         ({"t_s": 1e6}, ["time is in microseconds"]),
     ],
 )
-def test_a_wrong_unit_is_recognised_put_right_and_told(factors, told):
-    """The motion is that of the recording in SI units, to rounding, and each change is a warning of its own."""
+def test_a_wrong_unit_is_recognised_corrected_and_reported(factors, texts):
+    """The motion is that of the recording in SI units, to rounding, and each correction is a warning of its own."""
     right, found = motion(swing()), motion(scaled(swing(), **factors))
-    assert [repair.text for repair in found.repairs] == told
+    assert [repair.text for repair in found.repairs] == texts
     for name in ("q", "qd", "qdd", "current"):
         np.testing.assert_allclose(getattr(found, name), getattr(right, name), atol=1e-6)  # a clock in ms is rounded elsewhere
-    assert [warning.code for warning in of_motion(found, None)] == ["unit_repaired"] * len(told)
+    assert [warning.code for warning in of_motion(found, None)] == ["unit_repaired"] * len(texts)
 
 
 def test_positions_in_degrees_without_speeds_are_recognised():
@@ -94,7 +94,7 @@ def test_torn_rows_do_not_hide_a_unit(rows, value):
 
 
 def test_speeds_that_are_not_the_positions_own_are_refused():
-    """Three times too fast, which is no unit: what was found, what was expected."""
+    """Three times too fast, which is no unit: the message gives the ratio that was found and the one that was expected."""
     wrong = replace(swing(), qd=3.0 * swing().qd)
     with pytest.raises(Unidentifiable, match=r"swing: positions change 0\.33\d? times as fast as the speeds say; expected 1"):
         motion(wrong)
@@ -114,7 +114,7 @@ def test_a_clock_that_was_set_costs_no_row(leap_s):
     assert found.samples > 4800  # 5000 less the filter's edges at four ends
 
 
-def test_a_clock_set_several_times_is_followed():
+def test_a_clock_that_was_set_several_times_loses_no_row():
     """Back, ahead, back: three jumps, no row lost."""
     whole = swing(duration_s=60.0)
     t_s = whole.t_s.copy()
@@ -127,7 +127,7 @@ def test_a_clock_set_several_times_is_followed():
 
 @given(rows=st.lists(st.integers(3, 2496), max_size=30, unique=True), value=st.floats(-1e6, 1e6))
 def test_a_torn_time_is_no_clock_that_was_set(rows, value):
-    """Scattered times, ahead or behind, are left to be dropped one by one."""
+    """Scattered times, too early or too late, are left out row by row."""
     t_s = swing().t_s.copy()
     scattered = [row for k, row in enumerate(sorted(rows)) if k == 0 or row - sorted(rows)[k - 1] > 60]
     t_s[scattered] = value
@@ -136,12 +136,12 @@ def test_a_torn_time_is_no_clock_that_was_set(rows, value):
 
 @pytest.mark.parametrize("factor", [1.3, 1.9, 0.6])
 def test_a_clock_that_runs_at_another_pace_is_refused(factor):
-    """No unit explains it: inertia would come out wrong by its square."""
+    """No unit explains the ratio, and inertia would be wrong by its square."""
     with pytest.raises(Unidentifiable, match="check the columns and the clock"):
         motion(scaled(swing(), t_s=factor))
 
 
-def test_a_clock_a_little_off_is_doubted():
-    """Ten per cent: fitted, and told."""
+def test_a_clock_that_is_slightly_wrong_is_fitted_with_a_warning():
+    """Ten per cent: the recording is fitted, and a warning says that the clock is doubtful."""
     found = motion(scaled(swing(), t_s=1.1))
     assert [warning.code for warning in of_motion(found, None)] == ["clock_doubtful"]

@@ -1,6 +1,6 @@
-"""Whether the doubt about friction can be believed on a foreign friction law: the simulator's, which no law here is.
+"""Coverage of the confidence intervals of friction on an arm whose friction is none of the fitted laws: the simulator's.
 
-The truth is the noise-free fit on the same trajectory: an arm whose friction is not fc + fv·v has no other fc and fv.
+The true fc and fv are those of the noise-free fit on the same trajectory: an arm with another law has no other fc and fv.
 """
 
 import json
@@ -92,10 +92,10 @@ def test_ninety_percent_intervals_hold_the_truth_in_200_draws(repetitions, frict
     assert np.all((inside > 0.83) & (inside < 0.97))
 
 
-def test_misfit_is_told_apart_from_noise():
-    """On the noise-free replay what is left is misfit: its std exceeds the noise's on the joints whose gears bear load.
+def test_misfit_is_separated_from_noise():
+    """On the noise-free replay the residual is misfit: its standard deviation exceeds that of noise on the joints with loaded gears.
 
-    Both together are what the residual of the paper's law alone would have claimed.
+    Both together are the standard deviation by the residual of the paper's law alone.
     """
     quiet, _ = replays(0, 1)
     found = identify([quiet], load_robot("ur5"), quiet_mounting())
@@ -107,9 +107,9 @@ def test_misfit_is_told_apart_from_noise():
 def test_the_simulated_arms_own_masses_lie_within_their_intervals():
     """Of 40 rigid base parameters of a replay of 30 s, as many lie within 90 % intervals of noise and misfit as should.
 
-    By the paper's law, which leans on the masses and says so: none is beyond 3 deviations. By a law that bends nearly as the arm's does
-    the interval is a third as wide, and what servoj's pushes within a tick add to the torque at its end is no part of it: one of the
-    shoulder's is 4.5 of these off.
+    By the paper's law, whose misfit moves the masses and widens their intervals, none is beyond 3 standard deviations. By a law that is
+    nearly that of the arm the intervals are a third as wide. They do not include the torque that servoj adds within a tick, and one of
+    the shoulder's parameters is 4.5 standard deviations off.
     """
     controller = Controller(SimulateSettings(robot="ur5"))
     document = json.loads((EXCITATIONS / "ur5-ground.json").read_text("utf-8"))

@@ -52,7 +52,7 @@ def test_unknown_is_null_and_never_nan():
     assert "not_excited" in {warning["code"] for warning in printed["warnings"]}
 
 
-def test_a_richer_law_is_told_whole():
+def test_a_richer_law_is_in_the_document_with_all_parameters():
     """Name, every parameter by joint with its std, and the error of the laws it was chosen from; a joint at rest has nulls."""
     found = identify([recording(truth(UR5))], UR5, GROUND, friction="concave")
     found = replace(found, held_out={"paper": 1.0, "load": 0.9, "concave": 0.8})
@@ -66,10 +66,10 @@ def test_a_richer_law_is_told_whole():
     assert document(identify([recording(truth(UR5))], UR5, GROUND))["friction"]["law"] == {"name": "paper", "parameters": ["fc", "fv"]}
 
 
-def test_a_payload_is_told_with_its_doubt():
-    """Mass, centre, all ten parameters; no centre where nothing hangs."""
+def test_a_payload_is_in_the_document_with_its_uncertainty():
+    """Mass, centre and all ten parameters; no centre where there is no payload."""
     first, second = recording(truth(UR5)), recording(truth(UR5, seed=2), seed=2)
-    told = payload_document(identify_payload([second], identify([first], UR5, GROUND), UR5))
-    json.dumps(told, allow_nan=False)
-    assert set(told["parameters"]) == set(told["std"]) == {"m", "mx", "my", "mz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz"}
-    assert abs(told["mass_kg"]) < 5.0 * told["mass_std_kg"] + 0.02  # 0.02 kg for what the first run did not know of the arm
+    printed = payload_document(identify_payload([second], identify([first], UR5, GROUND), UR5))
+    json.dumps(printed, allow_nan=False)
+    assert set(printed["parameters"]) == set(document["std"]) == {"m", "mx", "my", "mz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz"}
+    assert abs(printed["mass_kg"]) < 5.0 * document["mass_std_kg"] + 0.02  # 0.02 kg for what the first run did not know of the arm

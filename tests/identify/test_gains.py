@@ -50,8 +50,8 @@ def test_gains_of_a_simulated_arm_are_found_within_3_percent(pair):
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), found.std)
 
 
-def test_a_wrong_mass_scales_all_gains_and_its_doubt_is_in_theirs(pair):
-    """Twice the mass said to hang there makes an arm twice as strong (1 %: friction is not rigid); 10 % doubt adds 10 % in common."""
+def test_a_wrong_mass_scales_all_gains_and_its_uncertainty_is_part_of_theirs(pair):
+    """Twice the stated mass gives gains twice as large, to 1 %. An uncertainty of 10 % adds 10 % that is common to all joints."""
     found = payload_gains(*pair, UR5, GROUND, PAYLOAD_KG, COM_M)
     double = payload_gains(*pair, UR5, GROUND, 2.0 * PAYLOAD_KG, COM_M, payload_std_kg=0.2 * PAYLOAD_KG)
     np.testing.assert_allclose(double.values / found.values, 2.0, rtol=0.01)
@@ -74,7 +74,7 @@ def synthetic(payload_kg, com_m, seed, noise=1.0, friction=1.0, rate_hz=50.0):
     return Recording(t_s=t_s, q=q, qd=qd, qdd=qdd, current=current, source=f"synthetic-{payload_kg:g}kg.csv")
 
 
-def test_standard_deviations_tell_the_truth():
+def test_standard_deviations_have_the_right_coverage():
     """Eight noise draws, 48 errors: a share of 0.68 ± 0.13 (two deviations of 48) lies within one std, none beyond four.
 
     24 draws at 125 Hz gave 0.69, and 0.90 within 1.645 std.
@@ -90,8 +90,8 @@ def test_standard_deviations_tell_the_truth():
     assert np.max(std) < 0.03
 
 
-def test_a_joint_that_carries_nothing_is_not_guessed():
-    """A point mass on the axis of joint 6: joint 6 unknown, with infinite doubt and no covariance; the others to 3 %."""
+def test_a_joint_that_carries_nothing_has_no_gain():
+    """A point mass on the axis of joint 6: joint 6 is unknown, with infinite standard deviation and no covariance; the others to 3 %."""
     com = (0.0, 0.0, 0.05)
     found = payload_gains(synthetic(0.0, com, 0), synthetic(3.0, com, 100), UR5, GROUND, 3.0, com)
     assert np.isnan(found.values[5])
@@ -112,7 +112,7 @@ def test_noise_in_the_currents_does_not_shrink_the_gains():
 
 
 def test_friction_may_differ_between_the_runs():
-    """A loaded run 30 % rougher, without noise: gains to 1e-3, which is what the filter leaves."""
+    """The loaded run has 30 % more friction, without noise: gains to 1e-3, which is the error of the filter."""
     runs = synthetic(0.0, COM_M, 1, noise=0.0, rate_hz=125.0), synthetic(3.0, COM_M, 2, noise=0.0, friction=1.3, rate_hz=125.0)
     found = payload_gains(*runs, UR5, GROUND, 3.0, COM_M)
     np.testing.assert_allclose(found.values, TRUE, rtol=1e-3)
@@ -128,7 +128,7 @@ def test_the_derivative_of_the_current_is_that_of_differences():
 
 
 def test_what_is_no_payload_pair_is_refused(pair):
-    """Masses that are none, runs without currents, and a pair without the payload."""
+    """Impossible masses, runs without currents, and a pair without the payload."""
     unloaded, loaded = pair
     for mass, com in ((0.0, COM_M), (-1.0, COM_M), (float("nan"), COM_M), (3.0, (0.0, 0.0)), (3.0, (0.0, 0.0, float("inf")))):
         with pytest.raises(BadInput, match="expected a positive mass and three finite coordinates"):

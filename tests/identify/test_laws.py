@@ -1,4 +1,4 @@
-"""Friction laws beyond the paper's, frozen rigid parameters, payloads: from arms that have exactly those."""
+"""Friction laws richer than the paper's, frozen rigid parameters and payloads, on arms that have exactly these."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from monitor.model.friction import LAWS
 from monitor.model.robot import Mounting, load_robot
 
 UR5 = load_robot("ur5")
-SHARE = np.array([0.0, 0.06, 0.05, 0.04, 0.05, 0.04])  # fl; none on joint 1, whose rotor's share of its load nobody can tell
+SHARE = np.array([0.0, 0.06, 0.05, 0.04, 0.05, 0.04])  # fl; none on joint 1, where the rotor's share of the load is unknown
 CONCAVE_NM = np.array([5.0, 6.0, 4.0, 1.0, 0.9, 0.8])  # fp at 1 rad/s
 
 
@@ -25,7 +25,7 @@ def loaded_friction(load, qd):
 
 
 def with_gears(seed=0, payload=None):
-    """The oracle's arm with friction that knows load and is concave. The load of joint 2 includes its rotor's, as the model must assume."""
+    """The oracle's arm with friction that depends on load and is concave. Joint 2's load includes its rotor's, as the model must assume."""
     known = truth(UR5, seed=seed)
     robot = UR5 if payload is None else carrying(payload)
     rigid = rigid_torque(robot, GROUND, known.q, known.qd, known.qdd)
@@ -74,7 +74,7 @@ def test_prediction_follows_the_law(rich):
 def test_fc_and_fv_of_a_rich_law_are_those_the_paper_would_have_found(known, rich):
     """The line nearest to the law over the run's speeds and loads: within 3 % of the paper's own fit in torque at 0.5 and 1 rad/s.
 
-    The paper's fit lets rigid parameters take a part of what it cannot say, so the two are not equal.
+    In the paper's fit, rigid parameters absorb a part of what its law cannot describe, so the two are not equal.
     """
     paper = identify_motions([exact_motion(known)], [known.torque], UR5, GROUND)
     assert rich.friction is not None
@@ -115,7 +115,7 @@ def test_auto_takes_the_paper_where_the_paper_is_right_and_more_where_it_is_not(
 
 
 def test_frozen_rigid_parameters_are_kept_and_steady_friction():
-    """They come back bit for bit with their covariance; friction over ten noisy replays scatters no more than with all free."""
+    """They and their covariance return bit for bit; friction over ten noisy replays scatters less than with all parameters free."""
     truth_ = truth(UR5)
     first = identify([recording(truth_, seed=99)], UR5, GROUND)
     free, frozen = [], []
@@ -165,8 +165,8 @@ def test_a_payload_of_nothing_is_refused():
         identify_payload([rec], found, load_robot("ur3"))
 
 
-def test_the_finer_terms_are_those_of_the_concave_law():
-    """Fitted on rows triangulated once, with scales and load settled together: within a fiftieth of what the law itself leaves."""
+def test_the_residual_friction_is_that_of_the_concave_law():
+    """Fitted on rows triangulated once, with scales and load found together: equal within a fiftieth of the law's own residual."""
     rec = recording(with_gears(seed=1))
     whole, beside = identify([rec], UR5, GROUND, friction="concave"), identify([rec], UR5, GROUND, residual_friction=True)
     np.testing.assert_allclose(beside.residual_friction.rms_nm, whole.rms_nm, rtol=0.02)

@@ -1,4 +1,4 @@
-"""The solver, and whether its doubt can be believed."""
+"""The solver, and the coverage of its standard deviations."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def naive_std(joints, weights):
     return np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
 
 
-def test_factors_say_all_that_the_rows_say():
+def test_factors_replace_the_rows():
     """Residuals and solution from triangular factors equal those from the rows themselves, to 1e-9 (condition number about 1e2)."""
     rng = np.random.default_rng(0)
     Y, x = rng.normal(size=(400, 3, 7)), rng.normal(size=7)
@@ -59,7 +59,7 @@ def test_factors_say_all_that_the_rows_say():
 
 
 def test_factors_merge_as_recordings_come():
-    """One recording after the other, none kept: the same solution as of all rows at once, to 1e-9."""
+    """Recordings are added one after the other: the solution is that of all rows at once, to 1e-9."""
     rng = np.random.default_rng(1)
     parts = []
     for samples in (30, 200, 4, 100):  # fewer rows than columns too
@@ -78,7 +78,7 @@ def test_factors_merge_as_recordings_come():
 
 
 def test_what_is_not_excited_stays_at_the_prior():
-    """Two equal columns share what the data say of their sum; their difference, and a column of zeros, are the prior's."""
+    """The data determine the sum of two equal columns; their difference, and a column of zeros, stay at the prior."""
     rng = np.random.default_rng(0)
     Y = rng.normal(size=(300, 1, 4))
     Y[:, :, 1] = Y[:, :, 0]
@@ -89,7 +89,7 @@ def test_what_is_not_excited_stays_at_the_prior():
     assert found.excited.tolist() == [False, False, True, False]
 
 
-def test_doubt_about_friction_is_calibrated_under_correlated_noise(arm):
+def test_intervals_of_friction_have_their_coverage_under_correlated_noise(arm):
     """With noise correlated over 0.3 s, 95 % intervals of fc and fv hold the truth in 90–98 % of 480 cases; naive ones in under 65 %.
 
     480 cases, not independent, give ±4 %; the jackknife's own deficit at 37 blocks is about 2 %.
@@ -116,7 +116,7 @@ def test_doubt_about_friction_is_calibrated_under_correlated_noise(arm):
     assert np.median(ratios) > 2.0  # √(2·0.3 s·25 Hz) ≈ 3.9 for a constant, less for columns that change within 0.3 s
 
 
-def test_doubt_is_no_larger_than_needed_under_white_noise(arm):
+def test_standard_deviations_are_no_larger_than_needed_under_white_noise(arm):
     """Where residuals are independent the textbook is right, and the jackknife agrees with it within 15 % on average of 20 draws."""
     Y, used, friction = arm
     rng = np.random.default_rng(8)

@@ -51,21 +51,21 @@ def replayed(request):
 
 
 @pytest.mark.parametrize("configured", ["ground", "ceiling", "wall"])
-def test_a_simulated_arm_tells_a_wrong_mounting_and_no_right_one(replayed, configured):
+def test_a_simulated_arm_contradicts_every_wrong_mounting_and_no_right_one(replayed, configured):
     """All nine pairs: the warning comes for the six wrong ones, with the right name and the angle to 3°.
 
     This motion is half as fast as a designed one, and its friction follows laws that the fit does not know."""
     real, moved, torque = replayed
-    told = mounting_check([moved], [torque], UR5, Mounting.parse(configured))
+    warning = mounting_check([moved], [torque], UR5, Mounting.parse(configured))
     if configured == real:
-        assert told is None
+        assert warning is None
         return
-    assert told.code == "mounting_contradiction"
-    angle_deg = float(re.search(r"is (\d+) ±", told.text)[1])
+    assert warning.code == "mounting_contradiction"
+    angle_deg = float(re.search(r"is (\d+) ±", warning.text)[1])
     assert abs(angle_deg - (180.0 if {configured, real} == {"ground", "ceiling"} else 90.0)) <= 3.0
-    assert f"the mounting {configured} puts it" in told.text
-    assert f"likely is {real} " in told.text
-    assert "yaw) never shows" in told.text
+    assert f"the mounting {configured} puts it" in warning.text
+    assert f"likely is {real} " in warning.text
+    assert "yaw) never shows" in warning.text
 
 
 def test_yaw_never_matters(replayed):
@@ -76,46 +76,46 @@ def test_yaw_never_matters(replayed):
         assert mounting_check([moved], [torque], UR5, turned) is None
 
 
-def test_a_tilt_is_told_once_it_is_larger_than_floors_are():
-    """With a real arm's noise: 1° passes, 4° is told with its size."""
+def test_a_tilt_is_reported_where_it_is_larger_than_that_of_floors():
+    """With a real arm's noise: 1° passes, and 4° is reported with its size."""
     known = truth(UR5, Mounting.parse("4,0,0"))
     moved = motion(recording(known))
     torque = joint_torque(moved, UR5)
     assert mounting_check([moved], [torque], UR5, Mounting.parse("3,0,0")) is None
-    told = mounting_check([moved], [torque], UR5, Mounting())
-    assert "is 4 ±" in told.text
-    assert "roll 4°, pitch 0°" in told.text
+    warning = mounting_check([moved], [torque], UR5, Mounting())
+    assert "is 4 ±" in warning.text
+    assert "roll 4°, pitch 0°" in warning.text
 
 
-def test_slow_motion_leaves_the_sign_to_the_masses_and_says_so():
-    """At a tenth of the speed inertia drowns in noise: weight upside down under a ceiling looks like weight on the ground."""
+def test_in_slow_motion_the_masses_give_the_sign_and_the_warning_says_so():
+    """At a tenth of the speed inertia is below the noise, so negative weights under a ceiling explain the data of an arm on the ground."""
     known = truth(UR5, Mounting.parse("ceiling"), speed_rad_s=0.15)
     torque = known.torque + 1.5 * np.random.default_rng(0).normal(size=known.torque.shape)
-    told = mounting_check([exact_motion(known)], [torque], UR5, Mounting())
-    assert "likely is ceiling" in told.text
-    assert "up is told from down by the manufacturer's masses" in told.text
+    warning = mounting_check([exact_motion(known)], [torque], UR5, Mounting())
+    assert "likely is ceiling" in warning.text
+    assert "up is told from down by the manufacturer's masses" in warning.text
     assert mounting_check([exact_motion(known)], [torque], UR5, Mounting.parse("ceiling")) is None
 
 
 def test_without_published_masses_an_open_sign_is_no_contradiction():
-    """Nobody knows up from down: a ceiling is not held against a ground, and a wall is told with the sign left open."""
+    """Nothing tells up from down: a ceiling does not contradict a ground, and a wall is reported with the sign left open."""
     unknown = replace(UR5, mass_kg=np.full(6, np.nan))
     known = truth(UR5, Mounting.parse("ceiling"), speed_rad_s=0.15)
     torque = known.torque + 1.5 * np.random.default_rng(0).normal(size=known.torque.shape)
     assert mounting_check([exact_motion(known)], [torque], unknown, Mounting()) is None
-    told = mounting_check([exact_motion(known)], [torque], unknown, Mounting.parse("wall"))
-    assert "up and down stay open" in told.text
+    warning = mounting_check([exact_motion(known)], [torque], unknown, Mounting.parse("wall"))
+    assert "up and down stay open" in warning.text
 
 
-def test_an_arm_that_says_too_little_is_not_accused():
-    """Noise alone, no weight in it: any direction is as good, so nothing is told."""
+def test_data_without_weight_contradict_no_mounting():
+    """Noise alone: every direction explains it as well, so there is no warning."""
     known = truth(UR5, speed_rad_s=0.3)
     torque = np.random.default_rng(1).normal(size=known.torque.shape)
     assert mounting_check([exact_motion(known)], [torque], UR5, Mounting.parse("wall")) is None
 
 
-def test_too_few_samples_say_nothing():
-    """Fewer rows than unknowns, or none: no error, no opinion."""
+def test_too_few_samples_give_no_warning():
+    """Fewer rows than unknowns, or none: no error, no warning."""
     assert mounting_check([], [], UR5, Mounting()) is None
     known = truth(UR5)
     short = replace(exact_motion(known), **{name: getattr(known, name)[:80] for name in ("t_s", "q", "qd", "qdd")})

@@ -1,4 +1,4 @@
-"""Arms that can exist: what they cost, and that others can load them."""
+"""Physically consistent arms: their residual, and that other programs load them."""
 
 import json
 import tomllib
@@ -50,7 +50,7 @@ def fitted(robot, mounting, recordings, gains=None):
 
 
 def is_physical(found: PhysicallyConsistentArm):
-    """Every tensor about its centre of mass is that of a mass distribution, every mass positive, no friction drives."""
+    """Every tensor about its centre of mass is that of a mass distribution, every mass is positive, and friction opposes motion."""
     for J in found.robot.inertia_kg_m2:
         assert np.linalg.eigvalsh(0.5 * np.trace(J) * np.eye(3) - J)[0] > 0.0
     assert np.all(found.robot.mass_kg > 0.0)
@@ -93,7 +93,7 @@ def loads(found: PhysicallyConsistentArm):
     np.testing.assert_allclose(read.base_rotation, np.eye(3), atol=1e-15)
 
 
-def test_ur10e_fits_within_2_percent_of_what_no_body_need_obey(real_data):
+def test_ur10e_fits_within_2_percent_of_the_unconstrained_fit(real_data):
     """Three runs of a real UR10e: weighted RMS residual at most 2 % above unconstrained; the arm loads everywhere."""
     robot = load_robot("ur10e")
     for name in ("ur-20_02_12-50sec_12harm.csv", "ur-20_02_10-30sec_12harm.csv", "ur-20_02_19_14harm50sec.csv"):
@@ -106,7 +106,7 @@ def test_ur10e_fits_within_2_percent_of_what_no_body_need_obey(real_data):
 
 
 def test_a_simulated_replay_fits_within_2_percent(ur5_replay):
-    """The simulator's friction is another law than the paper's: misfit there is, but not because of the constraints."""
+    """The simulator's friction is none of the laws, so there is misfit, but not by the constraints."""
     joints, weights, base = fitted(load_robot("ur5"), GROUND, [ur5_replay])
     found = physically_consistent(joints, weights, base.combination, load_robot("ur5"))
     print("residual ratio", found.residual_ratio)
@@ -146,7 +146,7 @@ def test_a_physical_arm_is_found_again(name):
     is_physical(found)
 
 
-def test_constraints_bind_where_least_squares_leaves_the_physical():
+def test_constraints_bind_where_least_squares_is_not_physical():
     """Torque of negative rotor inertia and driving friction: the fit refuses both, and its residual shows the price."""
     robot = load_robot("ur5")
     known = truth(robot)
@@ -166,7 +166,7 @@ def test_constraints_bind_where_least_squares_leaves_the_physical():
 def test_further_friction_parameters_are_kept_and_not_negative():
     """Two columns beyond the paper's, one of which the data want negative: it stays at zero, the other as bounded least squares has it.
 
-    To 1e-2: scipy's bounds know nothing of bodies.
+    To 1e-2: scipy has the bounds, but not the constraints of rigid bodies.
     """
     robot = load_robot("ur5")
     known = truth(robot)
@@ -188,7 +188,7 @@ def test_further_friction_parameters_are_kept_and_not_negative():
     assert abs(found.extra[1]) < 1e-6
 
 
-def test_what_cannot_be_met_is_said():
+def test_impossible_bounds_and_shapes_are_refused():
     """Bounds that cross, and shapes that do not fit."""
     robot = load_robot("ur5")
     joints, base = exact(robot, GROUND, rate_hz=25.0)
@@ -199,7 +199,7 @@ def test_what_cannot_be_met_is_said():
 
 
 def test_an_arm_of_unknown_masses_is_found_too():
-    """Masses and limits that nobody published: bounds by size alone, and still 2 %."""
+    """Unpublished masses and limits: the bounds depend on size alone, and the residual stays within 2 %."""
     robot = load_robot("ur5")
     joints, base = exact(robot, GROUND, noise_nm=0.5)
     bare = replace(

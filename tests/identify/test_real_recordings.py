@@ -51,7 +51,7 @@ def test_ur10e_torque_is_predicted_to_9_5_6_8_8_7_percent(ur10e, name):
     assert np.all(reduction >= 0.85)
 
 
-def test_ur10e_friction_repeats_across_trajectories_within_its_doubt(ur10e):
+def test_ur10e_friction_repeats_across_trajectories_within_its_uncertainty(ur10e):
     """F(0.4 rad/s) from three different runs, days apart, agrees within 5 % and within 4 std of the difference, misfit included.
 
     Trajectories that differ scatter more than replays of one do: 5 % is the reference's figure for fv, with F(v*) expected below.
@@ -128,10 +128,10 @@ def test_ur10e_chooses_load_and_concave_friction(ur10e, ur10e_auto):
 
 
 def test_ur10e_payload_is_found_with_the_arm_and_its_friction_frozen(ur10e, ur10e_auto):
-    """RMS at most 1.3 of the unloaded held-out RMS; without the load term it would not be. No payload is found where there is none.
+    """RMS at most 1.3 of the unloaded held-out RMS, and above it without the load term. No payload is found where there is none.
 
     The mass with these gains is 3.07 kg, from joint 2 alone 3.01, joint 3 alone 3.16, the wrists alone 3.02; the recording's authors
-    say about 2.6: gains that are 5 % high would explain a third of that, so the limits are wide.
+    give about 2.6 kg. Gains that are 5 % too high would explain a third of the difference, so the limits are wide.
     """
     robot, paper, read = ur10e
     found, _ = ur10e_auto
@@ -147,7 +147,7 @@ def test_ur10e_payload_is_found_with_the_arm_and_its_friction_frozen(ur10e, ur10
 
 
 def test_ur3e_is_read_by_its_column_names(real_data):
-    """25 Hz, temperatures, payload register; identified with gains assumed, with the warnings it deserves."""
+    """25 Hz, temperatures, payload register; identified with assumed gains, and with its warnings."""
     recording = read_recording(real_data / "ur3e" / "rtde_25hz.csv")
     assert (recording.samples, recording.joints, recording.context.payload_kg) == (888, 6, 1.07)
     found = identify([recording], load_robot("ur3e"), GROUND, gains=np.array([11.0, 11.0, 9.0, 5.0, 5.0, 5.0]))
@@ -202,7 +202,7 @@ def compensated(ur10e):
     models = []
     for residual_friction in (False, True):
         found = identify([read("ur-20_02_12-50sec_12harm.csv")], robot, GROUND, gains=GAINS, residual_friction=residual_friction)
-        found = replace(found, temperature_c=np.full(6, 30.0))  # was not recorded, and must be something
+        found = replace(found, temperature_c=np.full(6, 30.0))  # not recorded; the model needs one
         outcome = judge_identification(found, Context(robot="ur10e", recorded_at_unix_s=1.0), belief=None, health=None)
         assert isinstance(outcome, Assessment), outcome
         models.append(outcome.model)
@@ -210,8 +210,8 @@ def compensated(ur10e):
 
 
 @pytest.mark.parametrize("name", HELD_OUT)
-def test_the_finer_terms_foresee_a_real_arm_better(ur10e, compensated, name):
-    """Filtered torque on motions never fitted: 0.60 and 0.55 of the error without them, no joint more than 1 % worse."""
+def test_residual_friction_predicts_a_real_arm_better(ur10e, compensated, name):
+    """Filtered torque on motions that were not fitted: 0.60 and 0.55 of the error without it, no joint more than 1 % worse."""
     robot, _, read = ur10e
     moved = motion(read(name))
     torque = joint_torque(moved, robot, GAINS)
@@ -224,9 +224,9 @@ def test_the_finer_terms_foresee_a_real_arm_better(ur10e, compensated, name):
     assert np.linalg.norm(rms[1]) <= 0.75 * np.linalg.norm(rms[0])
 
 
-@pytest.mark.parametrize(("told", "asked"), [HELD_OUT, HELD_OUT[::-1]])
-def test_a_real_arms_samples_stay_in_the_interval_that_another_replay_has_shown(ur10e, compensated, told, asked):
-    """90 % intervals of unfiltered currents, on one motion never fitted, as told by another: they hold 93.9 and 90.7 %."""
+@pytest.mark.parametrize(("known", "asked"), [HELD_OUT, HELD_OUT[::-1]])
+def test_a_real_arms_samples_stay_in_the_interval_by_the_error_on_another_replay(ur10e, compensated, known, asked):
+    """90 % intervals of unfiltered currents, on one motion that was not fitted, by the error on another: they hold 93.9 and 90.7 %."""
     robot, _, read = ur10e
 
     def raw(name):
@@ -236,11 +236,11 @@ def test_a_real_arms_samples_stay_in_the_interval_that_another_replay_has_shown(
         return Recording(t_s=moved.t_s, q=moved.q, qd=moved.qd, target_qdd=moved.qdd, current=current, temperature_c=T)
 
     model = compensated[1]
-    shown = prediction_error.update(None, measure_prediction_error(raw(told), model, robot, GAINS), model.residual_rms_nm)
+    shown = prediction_error.update(None, measure_prediction_error(raw(known), model, robot, GAINS), model.residual_rms_nm)
     error_nm, measured_nm = prediction_error.rms(shown, model.residual_rms_nm)
     sure, seen = replace(model, error_rms_nm=error_nm, measured_rms_nm=measured_nm), raw(asked)
-    foreseen = predict_torque(sure, robot, seen.q, seen.qd, seen.target_qdd, seen.temperature_c)
+    predicted = predict_torque(sure, robot, seen.q, seen.qd, seen.target_qdd, seen.temperature_c)
     moving = np.abs(seen.qd) > 0.02
-    held = (np.abs(seen.current * GAINS - foreseen.torque) < 1.645 * foreseen.measured_std)[moving].mean()
+    held = (np.abs(seen.current * GAINS - predicted.torque) < 1.645 * predicted.measured_std)[moving].mean()
     print(asked, "held %", round(100 * held, 1), "error", np.round(error_nm, 2), "measured", np.round(measured_nm, 2))
     assert 0.85 <= held <= 0.95

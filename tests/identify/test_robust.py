@@ -26,12 +26,12 @@ def test_five_percent_of_gross_outliers_do_not_move_a_robust_fit():
     found = identify_motions([exact_motion(known)], [torque], UR5, GROUND, IdentifyOptions(method="robust"))
     assert off(found) < 0.01
     assert off(identify_motions([exact_motion(known)], [torque], UR5, GROUND)) > 0.05
-    told = [warning.text for warning in found.warnings if warning.code == "outliers"]
-    assert len(told) == 6  # each joint has them
-    assert all("5." in text or "4." in text for text in told)  # and is told how many
+    texts = [warning.text for warning in found.warnings if warning.code == "outliers"]
+    assert len(texts) == 6  # each joint has outliers
+    assert all("5." in text or "4." in text for text in texts)  # the text gives the share
 
 
-def test_spikes_and_a_push_are_survived_from_the_recording_on():
+def test_spikes_and_a_push_in_a_recording_hardly_change_the_result():
     """2 % of the current samples read 50 A, and somebody leans on joint 3 for 1 s (3 %): F within 3 %; plain WLS is off by over 10 %."""
     sound = recording(truth(UR5))
     rng = np.random.default_rng(4)
@@ -44,8 +44,8 @@ def test_spikes_and_a_push_are_survived_from_the_recording_on():
     assert "repaired_spikes" in {warning.code for warning in found.warnings}
 
 
-def test_where_all_is_well_robust_agrees_with_wls():
-    """Within half of the doubt about F(0.4), which differs by less than 40 %: Student's t gives up 6 % of efficiency."""
+def test_without_outliers_robust_agrees_with_wls():
+    """F(0.4) agrees within half of its standard deviation, and that within 40 %: Student's t has 6 % less efficiency."""
     sound = recording(truth(UR5))
     robust, wls = identify([sound], UR5, GROUND, method="robust"), identify([sound], UR5, GROUND)
     (F, std), (F_wls, std_wls) = robust.friction_at(0.4), wls.friction_at(0.4)

@@ -1,4 +1,4 @@
-"""One clock, no lag, and every torn row counted."""
+"""One even clock, no delay, and every torn row counted."""
 
 from dataclasses import replace
 
@@ -120,7 +120,7 @@ def test_a_hole_is_not_bridged():
 
 
 def test_the_controllers_clock_may_start_anywhere():
-    """Six weeks of uptime change nothing but the rounding of the clock: 4e6 s holds 5e-10 s, times ω."""
+    """Six weeks of uptime change only the rounding of the clock: 4e6 s holds 5e-10 s, times ω."""
     early, late = motion(swing()), motion(replace(swing(), t_s=swing().t_s + 4e6))
     np.testing.assert_allclose(late.q, early.q, atol=1e-7)
     assert late.rate_hz == pytest.approx(early.rate_hz, rel=1e-6)
@@ -154,7 +154,7 @@ def test_what_cannot_carry_an_identification_is_refused_with_the_reason(recordin
 
 
 def test_temperature_follows_the_motions_clock():
-    """A linear warm-up is the same line at the motion's times; a sensor that reads nothing is NaN and not somebody else's value."""
+    """A linear warm-up is the same line at the motion's times; a sensor without readings is NaN, and has no other joint's value."""
     base = swing()
     warm = np.stack([30.0 + 0.1 * base.t_s, np.full(len(base.t_s), np.nan)], axis=1)
     found = motion(replace(base, temperature_c=warm))
@@ -178,7 +178,7 @@ def test_despiking_repairs_what_stands_out_alone_and_leaves_the_rest():
     assert np.max(np.abs(repaired.current - untouched.current)) < 0.15
 
 
-def test_a_column_made_later_is_as_round_as_a_signal_recorded():
+def test_a_column_passes_the_filter_of_the_signals():
     """`rounded` of sgn(q̇) is the motion's own `direction`, away from the ends by a filter's length to 1e-3, over a hole too."""
     t_s = np.delete(np.arange(2500) / 125.0, np.arange(1000, 1060))
     found = motion(swing(t_s=t_s))

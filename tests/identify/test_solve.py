@@ -1,4 +1,4 @@
-"""From a known arm's motion back to the arm."""
+"""The parameters of a known arm, found from its motion."""
 
 from dataclasses import replace
 
@@ -57,8 +57,8 @@ def test_holding_torque_at_standstill_misleads_ls_and_not_wls():
     assert errors["ls"] > 0.01
 
 
-def test_friction_of_a_noisy_recording_lies_within_its_doubt():
-    """From positions, speeds and currents as a controller sends them: F(0.4 rad/s) to 2 %, fc and fv as their std say.
+def test_friction_of_a_noisy_recording_lies_within_its_uncertainty():
+    """From positions, speeds and currents as a controller sends them: F(0.4 rad/s) to 2 %, fc and fv within their standard deviations.
 
     Of 36 estimates in three recordings 95 % lie within two std; below 83 % is less likely than 1 in 100.
     """
@@ -79,7 +79,7 @@ def _within_two_std(found):
 
 
 def test_fc_and_fv_of_one_replay_trade_off():
-    """They are anti-correlated on every joint, and their sum at 0.4 rad/s is surer than either would make it."""
+    """They are anti-correlated on every joint, and the standard deviation of their sum at 0.4 rad/s is smaller than that of either."""
     found = identify([recording(truth(UR5))], UR5, GROUND)
     assert np.all(found.friction_cov[:, 0, 1] < 0.0)
     _, together = found.friction_at(0.4)
@@ -87,8 +87,8 @@ def test_fc_and_fv_of_one_replay_trade_off():
     assert np.all(together < 0.8 * apart)
 
 
-def test_two_recordings_say_more_than_one():
-    """Identified together, all samples count and doubt about F(0.4) falls: by √2 in the mean, here to below 0.9."""
+def test_two_recordings_give_smaller_standard_deviations_than_one():
+    """Identified together, all samples count, and the standard deviation of F(0.4) falls by √2 in the mean, here to below 0.9."""
     first, second = recording(truth(UR5)), recording(truth(UR5, seed=1), seed=1)
     one, both = identify([first], UR5, GROUND), identify([first, second], UR5, GROUND)
     assert both.samples > 1.9 * one.samples
@@ -97,7 +97,7 @@ def test_two_recordings_say_more_than_one():
 
 
 def test_torn_rows_do_not_move_the_result():
-    """Thirty rows torn as by a lost sync are left out and told, and friction moves by less than half of its doubt.
+    """Thirty rows torn as by a lost sync are left out with a warning, and friction changes by less than half of its standard deviation.
 
     Their noise was a part of it: √(2·30/3750) ≈ 0.13 of the standard deviation is to be expected."""
     sound = recording(truth(UR5))
@@ -157,7 +157,7 @@ def test_validation_figures_are_what_they_are_called():
 
 
 def test_a_joint_that_stands_still_has_no_friction_to_report():
-    """Its fc, fv and their doubt are unknown (NaN), the warnings say so, and the other joints are as if it were not there."""
+    """Its fc, fv and their standard deviations are NaN, there are warnings, and the other joints are as without it."""
     still = excitation(UR5)
     still = replace(still, a_rad_s=still.a_rad_s * [1, 1, 1, 1, 1, 0], b_rad_s=still.b_rad_s * [1, 1, 1, 1, 1, 0])
     t_s, (q, qd, qdd) = still.sampled(125.0)
@@ -183,7 +183,7 @@ def test_a_joint_that_stands_still_has_no_friction_to_report():
     ],
     ids=["warming", "simulator", "payload", "sign", "rate"],
 )
-def test_what_a_reader_must_know_is_told(change, code):
+def test_every_circumstance_has_its_warning(change, code):
     """Each circumstance has its warning, and the undisturbed recording has none of them."""
     sound = recording(truth(UR5))
     assert code not in codes(identify([sound], UR5, GROUND))
@@ -191,7 +191,7 @@ def test_what_a_reader_must_know_is_told(change, code):
 
 
 def test_what_does_not_fit_is_refused():
-    """No gains and no torque constant, gains that are none, another robot, another method, nothing at all."""
+    """No gains and no torque constant, impossible gains, another robot, another method, no recording."""
     sound = recording(truth(UR5))
     with pytest.raises(BadInput, match=r"torque constants of this model are not published.*--gains with 6 numbers"):
         identify([sound], load_robot("ur10e"), GROUND)
@@ -214,7 +214,7 @@ def test_measured_torque_needs_no_gains():
 
 
 def test_a_recording_of_another_model_is_refused():
-    """A UR3's file given as a UR5's would yield plausible nonsense: both names are told."""
+    """A UR3's file given as a UR5's would give a plausible but wrong result: the message gives both names."""
     measured = recording(truth(UR5, GROUND))
     other = replace(measured, context=replace(measured.context, robot="ur3"))
     with pytest.raises(BadInput, match="recorded on a ur3; the robot given is ur5"):

@@ -56,7 +56,7 @@ def test_base_parameters_explain_every_torque_that_standard_ones_do(seed, name, 
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_basis_does_not_depend_on_the_dice(seed):
+def test_the_basis_does_not_depend_on_the_random_states(seed):
     """Other random states give the same columns, and the same combinations to rounding (1e-9 with coefficients up to 30)."""
     robot, wall = load_robot("ur5"), Mounting.parse("wall")
     usual, other = base_parameters(robot, wall), base_parameters(robot, wall, seed=seed)
@@ -72,14 +72,14 @@ def test_friction_always_stands_for_itself():
             assert [set(row) for row in terms if name in row] == [{name}]
 
 
-def test_a_hair_of_tilt_makes_two_more_visible():
+def test_a_small_tilt_makes_two_more_parameters_identifiable():
     """Exactly level is 52, a hundredth of a degree off is 54: a ceiling must not be off by the rounding of π."""
     robot = load_robot("ur5")
     assert base_parameters(robot, Mounting(roll_rad=np.radians(0.01))).count == 54
     assert base_parameters(robot, Mounting(roll_rad=np.pi)).count == 52
 
 
-def test_names_say_what_is_lumped():
+def test_names_give_the_combination():
     """Short and readable; long sums end in an ellipsis."""
     names = base_parameters(load_robot("ur3"), Mounting.parse("wall")).names
     assert names[1] == "m1z1 − 4.104·J2xz"

@@ -165,15 +165,15 @@ def test_singular_values_fall_off_and_their_energy_adds_up():
 
 
 @pytest.mark.parametrize("mounting", ["ground", "wall"])
-def test_in_the_papers_frames_quotable_is_what_stands_alone(mounting):
+def test_in_the_papers_frames_individually_identifiable_is_a_column_of_its_own(mounting):
     """The row-space criterion and the columns agree: neither depends on the chosen basis."""
     robot, attitude = load_robot("ur5"), Mounting.parse(mounting)
     assert individually_identifiable(robot, attitude) == base_parameters(robot, attitude).by_column
 
 
 @pytest.mark.parametrize("frames", ["modified-dh", "joint"])
-def test_quotable_in_other_frames_means_no_invisible_change_touches_it(frames):
-    """A parameter may be quoted exactly where every combination without torque leaves it alone: here by the closed form, moved there."""
+def test_individually_identifiable_in_other_frames_means_that_no_invisible_change_contains_it(frames):
+    """A parameter is individually identifiable exactly where no combination without torque contains it: here by the closed form."""
     robot = load_robot("ur5")
     classes = individually_identifiable(robot, Mounting.parse("wall"), frames)
     change = np.eye(len(NAMES))
@@ -184,11 +184,11 @@ def test_quotable_in_other_frames_means_no_invisible_change_touches_it(frames):
     assert set(classes.fully) == untouched
     assert classes != individually_identifiable(
         robot, Mounting.parse("wall")
-    )  # frames matter: here m2 shows only in sums, there not at all
+    )  # the classes depend on the frames: m2 is in sums here, and without effect there
 
 
-def test_a_frame_askew_takes_what_could_be_quoted():
-    """Link 6 written in axes turned by 30° about its flange's x: Jxy and Jxz mix, and stay quotable; Jyz, Jzz mix with sums, and do not."""
+def test_in_a_turned_frame_fewer_parameters_are_individually_identifiable():
+    """Link 6 written in axes turned by 30° about its flange's x: Jxy and Jxz mix and stay so; Jyz and Jzz mix with sums and do not."""
     robot = load_robot("ur5")
     c, s = np.cos(np.radians(30.0)), np.sin(np.radians(30.0))
     frames = [(np.eye(3), np.zeros(3))] * 5 + [(np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), np.zeros(3))]
@@ -212,7 +212,7 @@ def test_moments_in_another_frame_are_pinocchios():
     np.testing.assert_allclose(change @ parameters(inertia), parameters(where.act(inertia)), atol=1e-12 * (1 + rng.uniform()))
 
 
-def test_frames_that_nobody_knows_are_refused():
+def test_unknown_frames_are_refused():
     """By name, and by count."""
     robot = load_robot("ur5")
     with pytest.raises(BadInput, match="known are standard-dh, modified-dh, joint"):
@@ -221,8 +221,8 @@ def test_frames_that_nobody_knows_are_refused():
         individually_identifiable(robot, Mounting(), [(np.eye(3), np.zeros(3))])
 
 
-def test_a_hundredth_of_a_degree_is_told():
-    """Rank 54 by algebra, with a note of how little of it a recording can show; level says nothing."""
+def test_a_tilt_of_a_hundredth_of_a_degree_has_a_note():
+    """The rank is 54 by algebra, with a note on how little of it a recording can show; a level base has no note."""
     robot = load_robot("ur3")
     document = base_document(robot, Mounting.parse("0.01,0,0"))
     assert document["count"] == 54

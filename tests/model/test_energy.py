@@ -1,4 +1,4 @@
-"""Kinetic energy against pinocchio, its uncertainty against dice, and the comparison with a limit against arithmetic."""
+"""Kinetic energy against pinocchio, its uncertainty against random draws, and the comparison with a limit by hand."""
 
 import numpy as np
 import pinocchio as pin
@@ -50,7 +50,7 @@ def test_its_uncertainty_is_that_of_the_parameters():
     np.testing.assert_allclose(np.std(draws, axis=0), found.std, rtol=0.09)
 
 
-def test_a_parameter_nobody_excited_makes_the_energy_it_carries_unknown():
+def test_a_parameter_without_excitation_makes_its_energy_unknown():
     """NaN where joint 6 moves, a figure where it stands still."""
     base = base_parameters(UR5, Mounting())
     covariance = 1e-6 * np.eye(base.count)
@@ -75,7 +75,7 @@ def test_flange_speed_is_pinocchios():
 
 
 def test_transfer_energy_is_that_of_two_bodies():
-    """m_R = M/2 + m_L, μ = (1/m_H + 1/m_R)⁻¹, E = ½μv²; a region that cannot yield takes m_R alone."""
+    """m_R = M/2 + m_L, μ = (1/m_H + 1/m_R)⁻¹, E = ½μv²; a region that cannot move away gives m_R alone."""
     m_R = effective_mass_kg(UR5, 2.0)
     assert m_R == pytest.approx(0.5 * (3.7 + 8.393 + 2.33 + 1.219 + 1.219 + 0.1879) + 2.0)
     speed, still = np.array([0.0, 0.25, 1.0]), Energy(np.zeros(3), np.zeros(3))
@@ -88,7 +88,7 @@ def test_transfer_energy_is_that_of_two_bodies():
 
 
 def test_the_whole_arm_is_compared_at_its_upper_95_percent():
-    """A limit between mean and upper bound is not called met; an unknown uncertainty is no verdict."""
+    """A limit between mean and upper bound does not count as kept; without an uncertainty there is no verdict."""
     speed, region = np.zeros(2), BodyRegion(name="chest", limit_j=1.1)
     assert compare(region, speed, 10.0, Energy(np.array([0.1, 1.0]), np.array([0.0, 0.05]))).arm_below is True
     assert compare(region, speed, 10.0, Energy(np.array([0.1, 1.0]), np.array([0.0, 0.1]))).arm_below is False
@@ -102,8 +102,8 @@ def test_a_limit_that_is_none_is_refused(text):
         BodyRegion.parse(text)
 
 
-def test_masses_that_nobody_knows_give_no_effective_mass():
-    """And a negative payload is none."""
+def test_unknown_masses_give_no_effective_mass():
+    """A negative payload is refused too."""
     from dataclasses import replace
 
     with pytest.raises(BadInput, match="not published"):

@@ -1,4 +1,4 @@
-"""The regressor against pinocchio, which knows nothing of it."""
+"""The regressor against pinocchio, which is independent of it."""
 
 from dataclasses import replace
 
@@ -54,7 +54,7 @@ def test_regressor_times_parameters_is_newton_euler_plus_friction_plus_rotors(se
 
 
 def test_masses_and_centres_alone_hold_the_arm_still():
-    """At rest the tensors do nothing: the nominal parameters give pinocchio's gravity torque on every mounting."""
+    """At rest the tensors have no effect: the nominal parameters give pinocchio's gravity torque on every mounting."""
     robot = load_robot("ur5e")
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (20, 6))
     still = np.zeros_like(q)
@@ -65,7 +65,7 @@ def test_masses_and_centres_alone_hold_the_arm_still():
         np.testing.assert_allclose(torque, newton_euler(robot, mounting, q, still, still), atol=1e-10)
 
 
-def test_a_joint_feels_no_link_inward_of_it():
+def test_links_inward_of_a_joint_have_no_torque_on_it():
     """Y is upper block-triangular, so per-joint factors may leave the lower half out."""
     rng = np.random.default_rng(1)
     Y = regressor(load_robot("ur3"), Mounting(roll_rad=0.3), *rng.normal(size=(3, 5, 6)))

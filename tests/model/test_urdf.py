@@ -46,7 +46,7 @@ RELATIONS = ["skew", "parallel", "antiparallel", "crossing", "perpendicular", "c
 
 
 def arm(relations, seed, first_upright=True):
-    """A URDF of a random serial arm, with fixed links screwed on here and there, as text."""
+    """A URDF of a random serial arm, with fixed links at random places, as text."""
     rng = np.random.default_rng(seed)
     parts = [link("base", rng)]
     parent = "base"
@@ -227,7 +227,7 @@ def test_a_file_is_read_and_a_missing_one_named(tmp_path):
     ],
     ids=["twice", "ring", "inertia", "axis"],
 )
-def test_what_an_independent_tester_slipped_in_is_refused(text, says):
-    """Named, where it would have been dropped or crashed later."""
+def test_faulty_files_by_an_independent_tester_are_refused(text, says):
+    """The message names the fault. Without the check it would be ignored, or cause a crash later."""
     with pytest.raises(BadInput, match=says):
         robot_from_urdf_text(text)
