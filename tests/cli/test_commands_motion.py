@@ -1,4 +1,4 @@
-"""`check`, `replay`, `record`, `allow`: real processes on the real wire, and what a person would read."""
+"""`check`, `replay`, `record` and `allow` in processes of their own on a simulated arm, with the output that a person reads."""
 
 import json
 import os
@@ -40,7 +40,7 @@ def remote():
 
 @pytest.fixture
 def config(tmp_path: Path, free_port: int):
-    """Writes a configuration; what is given replaces or adds lines of [replay]."""
+    """Writes a configuration; keyword arguments replace or add lines of [replay]."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))
     from excitations import short
 
@@ -65,13 +65,13 @@ def run(*arguments: object, timeout_s: float = 60.0) -> "subprocess.CompletedPro
 
 
 def checked(path: Path) -> tuple[int, dict]:
-    """What `check --json` prints, without the second that a process of its own takes to start."""
+    """Exit code and conditions of `check --json`, run in this process, which saves the second that another takes to start."""
     done = CliRunner().invoke(app, ["check", "--config", str(path), "--json"])
     return done.exit_code, {each["name"]: each for each in json.loads(done.stdout)["conditions"]}
 
 
 def test_check_looks_and_neither_uploads_nor_moves_anything(remote, config):
-    """Exit 0 and every condition by name where all hold; the arm, its program and its registers are as they were."""
+    """Where every condition holds the exit code is 0 and each is named; the arm, its program and its registers are as they were."""
     before = remote.truth()
     code, found = checked(config())
     assert code == 0, found
@@ -88,8 +88,8 @@ def test_check_looks_and_neither_uploads_nor_moves_anything(remote, config):
     assert len(after["stops"]) == len(before["stops"])
 
 
-def test_check_says_how_far_one_gets_on_the_bus(remote, config, free_port):
-    """Nobody there is no obstacle to a motion, and is said with what to do; a router without a daemon is another thing."""
+def test_check_reports_who_answers_on_the_bus(remote, config, free_port):
+    """An endpoint where nobody listens does not forbid a motion, and is reported; a router without a daemon is reported as such."""
     path = config()
     done = run("check", "--config", path)
     assert done.returncode == 0
@@ -110,7 +110,7 @@ def test_check_says_how_far_one_gets_on_the_bus(remote, config, free_port):
     ],
 )
 def test_check_names_what_speaks_against_a_motion_and_ends_with_three(remote, config, fault, undone, robot, names):
-    """One thing is wrong; it is named, and a replay is refused with the same words."""
+    """One thing is wrong: `check` names it, and a replay is refused with the same words."""
     if fault:
         remote.fault(fault[0], **fault[1])
     try:
@@ -128,8 +128,8 @@ def test_check_names_what_speaks_against_a_motion_and_ends_with_three(remote, co
             remote.fault(undone[0], **undone[1])
 
 
-def test_an_old_controller_that_lacks_variables_is_told_and_not_crashed(remote, config):
-    """It refuses the whole request with their names; the rest is asked for again."""
+def test_an_old_controller_that_lacks_variables_is_reported_without_a_crash(remote, config):
+    """Such a controller refuses the whole request and names the variables; the others are asked for again."""
     remote.fault("not_found", names="payload,payload_cog,actual_tool_accelerometer")
     try:
         code, found = checked(config())
@@ -141,8 +141,8 @@ def test_an_old_controller_that_lacks_variables_is_told_and_not_crashed(remote, 
         assert not found[name]["checked"]
 
 
-def test_an_arm_that_is_not_there_is_told_by_the_conditions(config):
-    """No traceback, and no condition of the arm is taken as fulfilled."""
+def test_an_arm_that_is_not_there_fails_its_conditions(config):
+    """There is no traceback, and no condition on the arm counts as fulfilled."""
     path = config()
     path.write_text(path.read_text().replace(HOST, "127.0.6.250"))
     code, found = checked(path)
@@ -152,7 +152,7 @@ def test_an_arm_that_is_not_there_is_told_by_the_conditions(config):
 
 
 def test_a_bad_configuration_ends_check_with_two(tmp_path):
-    """Not with three: nothing was looked at."""
+    """The exit code is not 3, because no condition was checked."""
     (tmp_path / "bad.toml").write_text(
         '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[replay]\npermit = "perhaps"\nstartup_timeout_s = 1e9\n'
     )
@@ -162,7 +162,7 @@ def test_a_bad_configuration_ends_check_with_two(tmp_path):
 
 
 def test_a_protective_stop_waits_for_a_person_who_says_who_and_why(remote, config):
-    """The stop ends the replay, is kept, refuses the next replay after the unlock, and is allowed by name."""
+    """The stop ends the replay and is stored. It refuses the next replay also after the unlock, until a person allows motion by name."""
     path = config(approach_speed_rad_s=1.0)
     output = path.parent / "r.parquet"
     moving = subprocess.Popen(
@@ -171,12 +171,12 @@ def test_a_protective_stop_waits_for_a_person_who_says_who_and_why(remote, confi
     try:
         assert eventually(lambda: max(abs(speed) for speed in remote.truth()["qd"]) > 0.1, 20.0)
         remote.protective_stop()
-        _, said = moving.communicate(timeout=20)
+        _, printed = moving.communicate(timeout=20)
     finally:
         moving.kill()
     assert moving.returncode == 1
-    assert "protective_stop" in said
-    assert "Traceback" not in said
+    assert "protective_stop" in printed
+    assert "Traceback" not in printed
     time.sleep(5.1)  # the controller refuses to unlock earlier
     from monitor.acquire.ur.dashboard import Dashboard
 
@@ -201,7 +201,7 @@ def test_a_protective_stop_waits_for_a_person_who_says_who_and_why(remote, confi
 
 
 def test_record_only_listens_while_another_program_moves_the_arm(remote, config):
-    """Rows of a motion that we did not make, every tick of it, with context and both clocks; nothing is uploaded by us."""
+    """The recording has every tick of another program's motion, the context and both clocks; nothing is uploaded by us."""
     path = config()
     client = subprocess.Popen([sys.executable, "-c", MOVE, HOST], stdout=subprocess.PIPE, text=True)
     try:
@@ -241,7 +241,7 @@ while True:
 
 
 def test_a_digital_input_is_a_permit(remote, config):
-    """Off: refused after the patience of the configuration. On: the arm moves. Off in the middle: it slows down, and says why."""
+    """Off: the replay is refused after the configured time. On: the arm moves. Off in between: it slows down, with the cause."""
     path = config(permit="digital_input:3", permit_timeout_s=0.5)
     output = path.parent / "r.parquet"
     refused = run("replay", "--config", path, "-o", output)
@@ -254,11 +254,11 @@ def test_a_digital_input_is_a_permit(remote, config):
     try:
         assert eventually(lambda: max(abs(speed) for speed in remote.truth()["qd"]) > 0.2, 20.0)
         remote.fault("digital_input", number=3, state="off")
-        _, said = moving.communicate(timeout=20)
+        _, printed = moving.communicate(timeout=20)
     finally:
         moving.kill()
         remote.fault("clear")
-    assert "permit_withdrawn" in said
+    assert "permit_withdrawn" in printed
     assert remote.truth()["standing"]
     assert checked(config())[0] == 0  # harmless: nobody has to acknowledge it
 
@@ -267,7 +267,7 @@ def test_a_digital_input_is_a_permit(remote, config):
     ("answer", "code"), [({"allow": True, "why": "parked"}, 0), ({"allow": False, "why": "the press is open"}, 2), (None, 2)]
 )
 def test_the_cells_own_program_permits_over_zenoh(remote, config, answer, code):
-    """It answers yes, no, or not at all; only a yes moves the arm, and what it said is told."""
+    """It agrees, refuses, or does not answer; only its agreement moves the arm, and its reason is printed."""
     import zenoh
 
     path = config(permit="zenoh", permit_timeout_s=5.0 if answer else 1.0, announce_s=0.5, approach_speed_rad_s=1.0)
@@ -312,7 +312,7 @@ def eventually(condition, within_s: float) -> bool:
 
 
 def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_needs_none(remote, config):
-    """Twice the time at half the pace, in a file of its own; a change of tool asks for another, and says so."""
+    """The first pass takes twice the time at half the speed, in a file of its own; the next replay needs none."""
     path = config(first_pass=True, first_pass_time_scale=0.5, approach_speed_rad_s=1.0)
     output, first = path.parent / "r.parquet", path.parent / "r-first-pass.parquet"
     done = run("replay", "--config", path, "-o", output, "--json")
@@ -331,7 +331,7 @@ def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_need
 
 
 def test_torque_outside_the_band_ends_a_first_pass_and_waits_for_a_person(remote, config):
-    """Here the joint gains are wrong by a factor of five: what is measured is not what the makers' parameters predict."""
+    """The configured gains are wrong by a factor of five, so measured torque differs from that of the manufacturer's parameters."""
     path = config("gains_nm_per_a = [60.0, 60.0, 60.0, 50.0, 50.0, 50.0]", first_pass=True, first_pass_time_scale=0.5)
     done = run("replay", "--config", path, "-o", path.parent / "r.parquet")
     assert done.returncode == 1
@@ -347,7 +347,7 @@ def test_torque_outside_the_band_ends_a_first_pass_and_waits_for_a_person(remote
 
 @pytest.mark.parametrize("numbers", [(signal.SIGHUP,), (signal.SIGTERM, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)])
 def test_a_signal_in_the_middle_of_a_replay_stops_the_arm_along_its_way(remote, config, numbers):
-    """Also a terminal that is closed, and signals in a bunch: the program ends by itself, and neither watchdog nor kill is needed."""
+    """So do a closed terminal and several signals at once: the program ends by itself; neither the watchdog nor a kill is needed."""
     path = config(approach_speed_rad_s=1.0)
     stops = len(remote.truth()["stops"])
     command = [sys.executable, "-m", "monitor", "replay", "--config", str(path), "-o", str(path.parent / "r.parquet")]
@@ -356,12 +356,12 @@ def test_a_signal_in_the_middle_of_a_replay_stops_the_arm_along_its_way(remote, 
         assert eventually(lambda: max(abs(speed) for speed in remote.truth()["qd"]) > 0.2, 20.0)
         for number in numbers:
             moving.send_signal(number)
-        _, said = moving.communicate(timeout=20)
+        _, printed = moving.communicate(timeout=20)
     finally:
         moving.kill()
-    assert moving.returncode == 1, said
-    assert "parent_asked_to_stop" in said
-    assert "Traceback" not in said
+    assert moving.returncode == 1, printed
+    assert "parent_asked_to_stop" in printed
+    assert "Traceback" not in printed
     truth = remote.truth()
     assert truth["program"] is None
     assert truth["standing"]
@@ -370,7 +370,7 @@ def test_a_signal_in_the_middle_of_a_replay_stops_the_arm_along_its_way(remote, 
 
 
 def test_a_signal_during_the_handler_of_another_is_no_deadlock():
-    """The handler of Python interrupts itself; an event of threading holds a lock for a moment, and would wait for itself."""
+    """A signal handler of Python can be interrupted by itself; an event of `threading` would then wait for its own lock."""
     code = (
         "import signal, sys\nfrom monitor.cli.options import stop_on\n"
         "with stop_on(signal.SIGTERM, signal.SIGINT) as stopping:\n"
@@ -380,5 +380,5 @@ def test_a_signal_during_the_handler_of_another_is_no_deadlock():
         "    sys.settrace(trace)\n    signal.raise_signal(signal.SIGTERM)\n    sys.settrace(None)\n"
         "    print(stopping.is_set())\n"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=False)
-    assert said.stdout == "True\n", said.stderr[-300:]
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=False)
+    assert done.stdout == "True\n", done.stderr[-300:]
