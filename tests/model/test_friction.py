@@ -53,7 +53,7 @@ def test_a_law_with_load_refuses_a_missing_load():
 @pytest.mark.parametrize("name", LAWS)
 @given(v=st.floats(0.0, 10), load=st.floats(0, 200))
 def test_a_law_gives_one_torque_by_columns_by_sums_and_at_a_point(name, v, load):
-    """Against the motion, with one parameter of each term: to 1e-12 of the torque, which is rounding (1e-200 N·m where numbers underflow)."""
+    """Against the motion, with one parameter of each term: to 1e-12 of the torque, or 1e-200 N·m where numbers underflow."""
     law, qd, loads = LAWS[name], np.array([[v]]), np.array([[load]])
     values = np.linspace(0.3, 0.9, len(law.terms))
     fitted = law.torque(values[None], qd, loads)
