@@ -3,6 +3,7 @@
 Only variables that ur-rtde decodes are asked for: a variable that it does not know would shift every later one without an error.
 """
 
+import math
 import re
 from typing import NamedTuple
 
@@ -84,8 +85,17 @@ def read_row(receive: RTDEReceiveInterface, signals: tuple[Signal, ...] = SIGNAL
             value = getattr(receive, signal.getter)()
             if signal.width > 1 and len(value) != signal.width:
                 raise TornRow(f"{signal.variable} has {len(value)} values; expected {signal.width}")
-            # NaN means "not reported", so a NaN that is reported becomes inf: no check takes inf for a missing value
-            row[COLUMN[signal.variable]] = np.where(np.isnan(value), np.inf, value) if signal.optional else value
+            row[COLUMN[signal.variable]] = _without_nan(value) if signal.optional else value
         if receive.getTimestamp() == row[0]:
             return row, attempt
     raise TornRow(f"no row was complete within {attempts} readings")
+
+
+def _without_nan(value: float | list[float]) -> float | list[float]:
+    """The value with inf in place of NaN: in a row NaN means "not reported", and no check takes inf for a missing value.
+
+    In plain Python, because numpy needs ten times as long for one to three numbers.
+    """
+    if isinstance(value, list):
+        return [math.inf if math.isnan(each) else each for each in value]
+    return math.inf if math.isnan(value) else value
