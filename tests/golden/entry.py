@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import zenoh
-from monitor.service.bus.monitor_document import MonitorDocument
 
 import monitor
 from monitor.assess import AssessSettings, assess
