@@ -12,7 +12,8 @@ from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.paper import printed as paper
 from monitor.studies.paper.campaign import CampaignSettings, campaign
-from monitor.studies.paper.reproduce import _page, _plain, reproduce
+from monitor.studies.paper.page import reproduction_page
+from monitor.studies.paper.reproduce import reproduce
 from monitor.studies.paper.sections import sections
 from monitor.views.report.html import check_page
 
@@ -27,13 +28,14 @@ def found():
 
 
 @pytest.fixture(scope="module")
-def told(found):
+def parts(found):
+    """The sections of the campaign."""
     return list(sections(found))
 
 
-def test_what_must_agree_with_the_paper_agrees(told):
+def test_what_must_agree_with_the_paper_agrees(parts):
     """Ranks, counts, equations, signs, orders of magnitude; and at least one figure is said to have to differ."""
-    checks = [check.document for section in told for check in section.checks]
+    checks = [check.document for section in parts for check in section.checks]
     failed = [check for check in checks if check["holds"] is False]
     assert not failed
     assert sum(check["holds"] is True for check in checks) >= 20
@@ -41,12 +43,12 @@ def test_what_must_agree_with_the_paper_agrees(told):
     assert all(check["holds"] is not None for check in checks if check["expected"] == "agree" and check["what"] != "linearly")
 
 
-def test_every_figure_and_table_of_the_paper_has_its_section(told):
+def test_every_figure_and_table_of_the_paper_has_its_section(parts):
     """Figures 1 to 9, tables 3 to 8, the appendix."""
-    titles = " ".join(section.title for section in told)
+    titles = " ".join(section.title for section in parts)
     for item in ("Figure 1", "Figure 2", "Figure 3", "Figures 4–6", "table 3", "tables 4–7", "Figure 7", "Figure 8", "Figure 9", "table 8"):
         assert item.lower() in titles.lower(), item
-    assert len(next(section for section in told if section.key == "appendix").tables[0][1].rows) == 54
+    assert len(next(section for section in parts if section.key == "appendix").tables[0][1].rows) == 54
 
 
 def test_a_result_that_contradicts_the_paper_is_told(found):
@@ -58,14 +60,14 @@ def test_a_result_that_contradicts_the_paper_is_told(found):
     assert {"fv of every joint falls as it warms", "and not with the wrong one"} <= failed
 
 
-def test_the_page_is_one_file_that_needs_no_network(found, told):
+def test_the_page_is_one_file_that_needs_no_network(found, parts):
     """No script, no link to another file; every figure is in it; every figure and word of a table too."""
-    text = _page([found], {"ur5": told}, SHORT, 1.0)
+    text = reproduction_page([found], {"ur5": parts}, SHORT, 1.0)
     assert not re.search(r"<script|<link|<img|url\(\s*[\"']?http|src=", text)
-    assert text.count("<svg") == text.count("</svg>") == sum(len(section.drawings) for section in told) == 7
+    assert text.count("<svg") == text.count("</svg>") == sum(len(section.drawings) for section in parts) == 7
     assert "0.4207" in text  # the paper's own number stands there
     assert "DOES NOT HOLD" not in text
-    json.dumps([_plain(section) for section in told], allow_nan=False)
+    json.dumps([section.as_document() for section in parts], allow_nan=False)
 
 
 @pytest.mark.soak

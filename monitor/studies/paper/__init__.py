@@ -1,1 +1,1 @@
-"""Raviola et al., Robotics 2021, 10, 83: its campaign on simulated arms, beside its printed figures."""
+"""The campaign of Raviola et al., Robotics 2021, 10, 83 on simulated arms, compared with the figures that the paper prints."""

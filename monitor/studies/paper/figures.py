@@ -1,4 +1,4 @@
-"""The paper's figures, drawn from a campaign on the simulated arm."""
+"""The figures of the paper, drawn from a campaign on a simulated arm."""
 
 from typing import TYPE_CHECKING
 
@@ -12,19 +12,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-RATE_HZ = 125.0
-SHOWN_S = 10.0  # of the validation: one period
-EVERY = 3  # samples drawn: 40 Hz is finer than the line
+RATE_HZ = 125.0  # of the drawn trajectories
+SHOWN_S = 10.0  # of a curve over time: one period
+EVERY = 3  # third sample is drawn: at some 40 Hz they are closer than the line is wide
 MEASURED, BEFORE, MODEL = "#222222", "#c8781e", "#1f6fb4"
+COLD, WARM = "#1f6fb4", "#b3261e"
+MOUNTING_COLOURS = {"ground": "#1f6fb4", "ceiling": "#c8781e", "wall": "#3d8a4d"}
 
 
 def _sheet(width: float, height: float) -> "Figure":
-    from matplotlib.figure import Figure  # 0.5 s; no pyplot: it would look for a screen
+    """An empty figure of this size [inch]."""
+    from matplotlib.figure import Figure  # 0.5 s; without pyplot, which would look for a screen
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def _joints(height: float) -> tuple["Figure", "list[Axes]"]:
+    """A figure with a panel for each of six joints."""
     figure = _sheet(9.0, height)
     axes = figure.subplots(3, 2, sharex=True).T.ravel().tolist()
     for j, one in enumerate(axes):
@@ -35,16 +39,16 @@ def _joints(height: float) -> tuple["Figure", "list[Axes]"]:
 
 
 def singular_values(found: Campaign) -> "Figure":
-    """Figure 1."""
+    """Figure 1: singular values of the regressor, and their cumulative energy."""
     figure = _sheet(9.0, 3.2)
     left, right = figure.subplots(1, 2)
     for (name, base), marker in zip(found.bases.items(), "ox^", strict=True):
         sigma = base.singular_values
         number = np.arange(1, len(sigma) + 1)
         left.semilogy(
-            number, np.maximum(sigma, 1e-17), marker, ms=3.5, label=f"{name}: {base.count}", fillstyle="none", color=_colour(name)
+            number, np.maximum(sigma, 1e-17), marker, ms=3.5, label=f"{name}: {base.count}", fillstyle="none", color=MOUNTING_COLOURS[name]
         )
-        right.plot(number, 100 * base.cumulative_energy, lw=1.4, label=name, color=_colour(name))
+        right.plot(number, 100 * base.cumulative_energy, lw=1.4, label=name, color=MOUNTING_COLOURS[name])
     left.axvline(52.5, color="0.5", lw=0.8, ls=":")
     left.axvline(54.5, color="0.5", lw=0.8, ls=":")
     left.set(xlabel="number", ylabel="singular value")
@@ -55,12 +59,8 @@ def singular_values(found: Campaign) -> "Figure":
     return figure
 
 
-def _colour(mounting: str) -> str:
-    return {"ground": "#1f6fb4", "ceiling": "#c8781e", "wall": "#3d8a4d"}[mounting]
-
-
 def trajectories(found: Campaign) -> "Figure":
-    """Figure 2."""
+    """Figure 2: position, speed and acceleration of both excitations."""
     figure = _sheet(9.0, 5.2)
     grid = figure.subplots(3, 2, sharex=True, sharey="row")
     for k, mounting in enumerate(("ground", "ceiling")):
@@ -81,7 +81,7 @@ def trajectories(found: Campaign) -> "Figure":
 
 
 def parameters(found: Campaign) -> "Figure":
-    """Figure 3, with the truth that only a simulated arm has."""
+    """Figure 3: identified base parameters, and the true ones, which only a simulated arm has."""
     figure = _sheet(9.0, 5.0)
     halves = figure.subplots(2, 1)
     identified = found.identified
@@ -104,13 +104,13 @@ def parameters(found: Campaign) -> "Figure":
         axes.set_ylabel("SI units")
         axes.grid(alpha=0.25)
         shown = np.concatenate([identified.values[part] + sign * 3 * identified.std[part] for sign in (1, -1)])
-        axes.set_ylim(min(2.0 * shown.min(), -0.15), 2.0 * shown.max())  # what is largest stands within the frame, not on it
+        axes.set_ylim(min(2.0 * shown.min(), -0.15), 2.0 * shown.max())  # the largest value stays inside the frame
     halves[0].legend(fontsize="small", ncols=2)
     return figure
 
 
 def validation(found: Campaign) -> "Figure":
-    """Figures 4 to 6: torque along the validation trajectory."""
+    """Figures 4 to 6: torque along the validation trajectory, measured and predicted."""
     figure, axes = _joints(6.2)
     shown = found.validation_t_s <= SHOWN_S
     t = found.validation_t_s[shown][::EVERY]
@@ -123,18 +123,18 @@ def validation(found: Campaign) -> "Figure":
 
 
 def cold_and_warm(found: Campaign) -> "Figure":
-    """Figure 7."""
+    """Figure 7: torque along the excitation by the cold and by the warm identification."""
     figure, axes = _joints(6.2)
     t = found.cold_warm_t_s[::EVERY]
     for j, one in enumerate(axes):
-        one.plot(t, found.cold_nm[::EVERY, j], color="#1f6fb4", lw=1.2, label="cold")
-        one.plot(t, found.warm_nm[::EVERY, j], color="#b3261e", lw=1.2, ls="--", label="warm")
+        one.plot(t, found.cold_nm[::EVERY, j], color=COLD, lw=1.2, label="cold")
+        one.plot(t, found.warm_nm[::EVERY, j], color=WARM, lw=1.2, ls="--", label="warm")
         one.set_ylabel("torque [Nm]", fontsize="small")
     return _finished(figure, axes, "t [s]")
 
 
 def viscous_over_temperature(found: Campaign) -> "Figure":
-    """Figure 8: ours as points with their line, the paper's as the slope of its own overall change where it prints temperatures."""
+    """Figure 8: fv over joint temperature with a straight line; beside it the fall in the paper, where the paper prints temperatures."""
     figure, axes = _joints(6.0)
     printed = PRINTED[found.robot.name]
     for j, one in enumerate(axes):
@@ -143,7 +143,7 @@ def viscous_over_temperature(found: Campaign) -> "Figure":
         one.plot(T, _line(T, fv), lw=1.2, color=MODEL, label="line through them")
         if printed.cold_c is not None and printed.warm_c is not None:
             ends = np.array([printed.cold_c[j], printed.warm_c[j]])
-            # the paper's figures are of its own arm: only the relative fall can be laid over ours, from the cold end
+            # the paper has another arm, so only the relative fall is drawn, from our cold end
             one.plot(ends, fv[0] * np.array([1.0, 1.0 + printed.viscous_change[j]]), "--", lw=1.2, color=BEFORE, label="fall in the paper")
         one.set_ylabel("fv [Nm·s/rad]", fontsize="small")
         one.sharex(axes[0])
@@ -151,11 +151,12 @@ def viscous_over_temperature(found: Campaign) -> "Figure":
 
 
 def _line(x: Array, y: Array) -> Array:
+    """The straight line through points, at their x; y itself where all x are equal."""
     return np.polyval(np.polyfit(x, y, 1), x).astype(float) if np.ptp(x) > 0 else y
 
 
 def transfer(found: Campaign) -> "Figure":
-    """Figure 9."""
+    """Figure 9: torque on the ceiling, simulated, and predicted with the regressor of either mounting."""
     figure, axes = _joints(6.2)
     shown = found.transfer_t_s <= SHOWN_S
     t = found.transfer_t_s[shown][::EVERY]
@@ -172,6 +173,7 @@ def transfer(found: Campaign) -> "Figure":
 
 
 def _finished(figure: "Figure", axes: "list[Axes]", xlabel: str) -> "Figure":
+    """The figure with labels and one legend for all panels."""
     for one in (axes[2], axes[5]):
         one.set_xlabel(xlabel, fontsize="small")
     handles, labels = axes[0].get_legend_handles_labels()

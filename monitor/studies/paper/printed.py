@@ -1,6 +1,6 @@
-"""What the paper prints: Raviola et al., Robotics 2021, 10, 83. Its figures stand here so that ours can stand beside them.
+"""The figures that the paper prints: Raviola et al., Robotics 2021, 10, 83.
 
-Only the report reads them: nothing that identifies or judges does.
+Only the report of the reproduction reads them. Nothing that identifies or judges does.
 """
 
 import math
@@ -14,25 +14,27 @@ TITLE = (
     "Robotics 2021, 10, 83"
 )
 COUNTS = {"ground": 52, "ceiling": 52, "wall": 54}  # base parameters, §2.3
-CLASSES = {"ground": (30, 39, 9), "wall": (30, 42, 6)}  # fully, in combination, without effect, as it counts them
-CEILING_CONDITION = 0.5  # of the ground's, about
-SAMPLES = 3750  # 30 s at 125 Hz: e_N falls with 1/√N
-LS_S, WLS_S = 0.05, 138.9  # [s]
-UNCHANGED = 40  # base parameters that stay while fc and fv change
-WARM_UP_MIN = 30.0
-TRANSFER = (0.0043, 0.0050, 0.6144)  # e_N: ground, ceiling with its own regressor, ceiling with the ground's
+# standard parameters that are identifiable alone, identifiable in combination, and without effect, as the paper counts them
+CLASSES = {"ground": (30, 39, 9), "wall": (30, 42, 6)}
+CEILING_CONDITION = 0.5  # condition number on the ceiling over that on the ground, about; figure 2
+SAMPLES = 3750  # N of its e_N: 30 s at 125 Hz
+LS_S, WLS_S = 0.05, 138.9  # time to solve [s]
+UNCHANGED = 40  # base parameters that do not change with temperature: all but fc and fv
+WARM_UP_MIN = 30.0  # length of its warm-up [min]
+# e_N [N·m] of table 8: ground, ceiling with its own regressor, ceiling with the ground's regressor
+TRANSFER = (0.0043, 0.0050, 0.6144)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Printed:
-    """The tables of one robot; joints 1…6."""
+    """The tables of one robot; tuples of six hold joints 1 to 6."""
 
-    validation: tuple[float, float, float]  # e_N before, LS, WLS; table 3
-    viscous_change: tuple[float, ...]  # over the campaign, fraction
-    average_nm: tuple[float, ...]  # change of joint torque, cold to warm
-    largest_nm: tuple[float, ...]
-    share: Mapping[int, float]  # by joint size: that change over the maximum joint torque
-    cold_c: tuple[float, ...] | None = None
+    validation: tuple[float, float, float]  # e_N [N·m] before identification, by LS, by WLS; table 3
+    viscous_change: tuple[float, ...]  # of fv over the campaign, as a fraction
+    average_nm: tuple[float, ...]  # change of joint torque from cold to warm
+    largest_nm: tuple[float, ...]  # of the same change
+    share: Mapping[int, float]  # by joint size: the largest change over the maximum joint torque
+    cold_c: tuple[float, ...] | None = None  # joint temperatures before the warm-up; None where the paper prints none
     warm_c: tuple[float, ...] | None = None  # after 30 minutes
 
 
@@ -65,7 +67,10 @@ ERRATA = (
 
 
 def appendix(robot: Robot) -> dict[str, dict[str, float]]:
-    """Rows of A1 and A2 that carry the arm's lengths, as formulas of them: name of the leading parameter → the others' coefficients."""
+    """Rows of equations A1 and A2 that contain lengths of the arm, as formulas of these lengths.
+
+    Returns for the name of each leading parameter the coefficients of the other parameters in its combination.
+    """
     a2, a3 = abs(robot.a_m[1]), abs(robot.a_m[2])
     d4, d5, d6 = (float(d) for d in robot.d_m[3:])
     return {
@@ -84,7 +89,7 @@ def appendix(robot: Robot) -> dict[str, dict[str, float]]:
 
 
 def furthest(terms: Mapping[str, float], printed: Mapping[str, float]) -> float:
-    """How far a row's coefficients are from the appendix's; infinite where one has a term that the other lacks."""
+    """The largest difference between coefficients of a row; infinite where one row has a term that the other does not have."""
     if set(terms) != set(printed):
         return math.inf
     return max(abs(terms[name] - value) for name, value in printed.items())

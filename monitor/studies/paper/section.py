@@ -1,4 +1,4 @@
-"""What a section of the reproduction is made of: checks, tables and drawings, as values."""
+"""The values that a section of the reproduction is made of: checks, tables and drawings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,27 +12,28 @@ from monitor.studies.paper.campaign import Campaign
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Expected = Literal["agree", "alike", "differ"]
+ORDER = 5.0  # two figures whose ratio is within this factor have the same order of magnitude
+Expected = Literal["agree", "alike", "differ"]  # to the last figure or sign, in order of magnitude, not at all
 
 
 class Check(NamedTuple):
-    """One comparison in words: what must agree must hold, or the paper is not reproduced."""
+    """One statement of the paper beside ours. The paper is reproduced where every check holds that can."""
 
     what: str
     paper: str
     ours: str
     expected: Expected
-    holds: bool | None  # None: nothing to hold, it must differ
+    holds: bool | None  # None: the figures must differ, as the arm is another one
     why: str
 
     @property
     def document(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """The check as plain JSON."""
         return {**self._asdict(), "holds": None if self.holds is None else bool(self.holds)}
 
 
 class Rows(NamedTuple):
-    """A table: the first column holds words, the others figures."""
+    """A table. The first column holds words, the others figures."""
 
     columns: tuple[str, ...]
     rows: list[list[Any]]
@@ -40,7 +41,7 @@ class Rows(NamedTuple):
 
 @dataclass(slots=True)
 class Section:
-    """One figure or table of the paper."""
+    """One figure or table of the paper, and its comparison. `drawings` are functions of the campaign, each with a caption."""
 
     key: str
     title: str
@@ -49,9 +50,18 @@ class Section:
     tables: list[tuple[str, Rows]] = field(default_factory=list)
     drawings: list[tuple[Callable[[Campaign], "Figure"], str]] = field(default_factory=list)
 
+    def as_document(self) -> dict[str, Any]:
+        """Checks and tables as plain JSON."""
+        return {
+            "section": self.key,
+            "title": self.title,
+            "checks": [check.document for check in self.checks],
+            "tables": [{"title": title, "columns": list(rows.columns), "rows": rows.rows} for title, rows in self.tables],
+        }
+
 
 def span(values: Array, unit: str, digits: int = 1) -> str:
-    """The least and the largest of some values, with their unit."""
+    """The least and the largest of the values, with their unit."""
     return f"{np.min(values):.{digits}f} … {np.max(values):.{digits}f} {unit}"
 
 

@@ -1,5 +1,6 @@
-"""The sections on parameters, trajectories and prediction: figures 1 and 2, validation, transfer and appendix."""
+"""The sections on parameters, trajectories and prediction: figures 1 to 6 and 9, tables 3 and 8, the appendix."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -7,15 +8,18 @@ import numpy as np
 from monitor.studies.paper import figures
 from monitor.studies.paper import printed as paper
 from monitor.studies.paper.campaign import Campaign
-from monitor.studies.paper.section import Check, Rows, Section
+from monitor.studies.paper.section import ORDER, Check, Rows, Section
 
-NEAR = 5e-4  # the paper prints coefficients with three decimals
-ORDER = 5.0  # an order of magnitude, to either side
-REST = 1e-6  # [rad/s, rad/s²] at the trajectory's ends
+NEAR = 5e-4  # largest difference of a coefficient: the paper prints three decimals
+REST = 1e-6  # largest speed [rad/s] and acceleration [rad/s²] at rest: a trajectory's file has twelve decimals
+LEAST_CLIFF = 1e9  # ratio of the last singular value that counts to the next one, which is rounding
+LEAST_GAIN = 0.8  # of the error before identification that LS must take away; the paper says about 90 %
+ALIKE = 0.1  # largest relative difference of the errors by LS and WLS
+LARGEST_TRANSFER_RATIO, LEAST_WRONG_RATIO = 2.0, 10.0  # of errors, with the right and with the wrong regressor
 
 
 def identifiability(found: Campaign) -> Section:
-    """Figure 1 and §2.3: how many parameters any motion can reveal."""
+    """Figure 1 and §2.3: how many parameters are identifiable."""
     section = Section(
         "figure_1",
         "Figure 1 and §2.3: how many parameters show",
@@ -33,7 +37,7 @@ def identifiability(found: Campaign) -> Section:
                 "the rest vanish",
                 f"{cliff:.0e} between two neighbours",
                 "agree",
-                bool(cliff > 1e9),
+                bool(cliff > LEAST_CLIFF),
                 "a rank is one only where the values fall off",
             )
         )
@@ -113,7 +117,7 @@ def trajectories(found: Campaign) -> Section:
 
 
 def parameters(found: Campaign) -> Section:
-    """The identified base parameters beside the printed ones."""
+    """Figure 3: the identified base parameters, with the true ones of the simulated arm."""
     identified, own = found.identified, found.truth
     section = Section(
         "figure_3",
@@ -152,35 +156,15 @@ def parameters(found: Campaign) -> Section:
 
 
 def validation(found: Campaign) -> Section:
-    """Torque predicted on a held-out trajectory."""
-    printed, N = paper.PRINTED[found.robot.name].validation, found.samples
-    scale = np.sqrt(N / paper.SAMPLES)  # ours as if it had the paper's N
-    before, ls, wls = (found.validation[key].normalised_nm * scale for key in ("before", "LS", "WLS"))
-    own = found.validation["own"].normalised_nm * scale
+    """Figures 4 to 6 and table 3: torque predicted along a trajectory that was not fitted."""
     section = Section(
         "table_3",
         "Figures 4–6 and table 3: validation on a trajectory that was not fitted",
         f"e_N = √(eᵀe)/N in Nm, at the paper's N = {paper.SAMPLES}. Before: the manufacturer's masses and centres of mass alone.",
     )
-    rows: list[list[Any]] = []
-    for name, theirs, ours, key in (
-        ("before", printed[0], before, "before"),
-        ("LS", printed[1], ls, "LS"),
-        ("WLS, the paper's W", printed[2], wls, "WLS"),
-        ("WLS as the monitor does it", None, own, "own"),
-    ):
-        rms = "  ".join(f"{value:.2f}" for value in found.validation[key].rms_nm)
-        rows.append(
-            [
-                name,
-                None if theirs is None else f"{theirs:.4f}",
-                f"{ours:.4f}",
-                None if theirs is None else f"{ours - theirs:+z.4f}",
-                None if theirs is None else f"{100 * (ours / theirs - 1):+z.0f} %",
-                rms,
-            ]
-        )
-    section.tables.append(("e_N [Nm]", Rows(("method", "paper", "ours", "difference", "relative", "RMS by joint [Nm]"), rows)))
+    scale = np.sqrt(found.samples / paper.SAMPLES)  # e_N falls with 1/√N: ours as if it had the paper's N
+    errors = {key: one.normalised_nm * scale for key, one in found.validation.items()}
+    section.tables.append(_error_table(found, errors))
     section.tables.append(
         (
             "Time to solve",
@@ -190,14 +174,46 @@ def validation(found: Campaign) -> Section:
             ),
         )
     )
+    section.checks += _validation_checks(found, errors["before"], errors["LS"], errors["WLS"])
+    section.drawings.append((figures.validation, "One period of the validation trajectory."))
+    return section
+
+
+def _error_table(found: Campaign, errors: Mapping[str, float]) -> tuple[str, Rows]:
+    """e_N [N·m] and RMS of each joint, by method."""
+    printed = paper.PRINTED[found.robot.name].validation
+    rows: list[list[Any]] = []
+    for name, theirs, key in (
+        ("before", printed[0], "before"),
+        ("LS", printed[1], "LS"),
+        ("WLS, the paper's W", printed[2], "WLS"),
+        ("WLS as the monitor does it", None, "own"),
+    ):
+        ours = errors[key]
+        rows.append(
+            [
+                name,
+                None if theirs is None else f"{theirs:.4f}",
+                f"{ours:.4f}",
+                None if theirs is None else f"{ours - theirs:+z.4f}",
+                None if theirs is None else f"{100 * (ours / theirs - 1):+z.0f} %",
+                "  ".join(f"{value:.2f}" for value in found.validation[key].rms_nm),
+            ]
+        )
+    return "e_N [Nm]", Rows(("method", "paper", "ours", "difference", "relative", "RMS by joint [Nm]"), rows)
+
+
+def _validation_checks(found: Campaign, before: float, ls: float, wls: float) -> list[Check]:
+    """What LS and WLS gain, from e_N [N·m] at the paper's N."""
+    printed = paper.PRINTED[found.robot.name].validation
     better, theirs = 1.0 - ls / before, 1.0 - printed[1] / printed[0]
-    section.checks += [
+    return [
         Check(
             "error taken away by LS",
             f"{100 * theirs:.0f} %",
             f"{100 * better:.0f} %",
             "agree",
-            better > 0.8,
+            better > LEAST_GAIN,
             "“about 90 %” in the abstract",
         ),
         Check(
@@ -205,7 +221,7 @@ def validation(found: Campaign) -> Section:
             f"{100 * (printed[2] / printed[1] - 1):+z.0f} %",
             f"{100 * (wls / ls - 1):+z.1f} %",
             "agree",
-            abs(wls / ls - 1.0) < 0.1,
+            abs(wls / ls - 1.0) < ALIKE,
             "the weights hardly matter for the whole torque",
         ),
         Check(
@@ -233,12 +249,10 @@ def validation(found: Campaign) -> Section:
             "a dense W of 22 500 × 22 500 against a factor for each row; the estimate is the same",
         ),
     ]
-    section.drawings.append((figures.validation, "One period of the validation trajectory."))
-    return section
 
 
 def transfer(found: Campaign) -> Section:
-    """One mounting's parameters used for another."""
+    """Figure 9 and table 8: the parameters of one mounting used on another."""
     ours = tuple(found.transfer[key].normalised_nm for key in ("ground", "ceiling", "ground regressor"))
     section = Section(
         "table_8",
@@ -257,7 +271,7 @@ def transfer(found: Campaign) -> Section:
             f"{paper.TRANSFER[1] / paper.TRANSFER[0]:.2f} of the ground's error",
             f"{ours[1] / ours[0]:.2f}",
             "agree",
-            ours[1] / ours[0] < 2.0,
+            ours[1] / ours[0] < LARGEST_TRANSFER_RATIO,
             "the same 52 combinations describe the arm on either",
         ),
         Check(
@@ -265,7 +279,7 @@ def transfer(found: Campaign) -> Section:
             f"{paper.TRANSFER[2] / paper.TRANSFER[1]:.0f} times worse",
             f"{ours[2] / ours[1]:.0f} times worse",
             "agree",
-            ours[2] / ours[1] > 10.0,
+            ours[2] / ours[1] > LEAST_WRONG_RATIO,
             "gravity enters through the regressor",
         ),
         Check(
@@ -282,7 +296,7 @@ def transfer(found: Campaign) -> Section:
 
 
 def appendix(found: Campaign) -> Section:
-    """The symbolic combinations of the appendix."""
+    """Equations A1 and A2: the symbolic combinations of the base parameters."""
     base = found.bases["wall"]
     terms = {next(iter(row)): row for row in base.terms}
     section = Section(

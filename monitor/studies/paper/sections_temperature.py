@@ -1,19 +1,24 @@
-"""The sections on temperature: warm-up, viscous friction, and what it makes of joint torque."""
+"""The sections on temperature: the warm-up, viscous friction, and joint torque from cold to warm."""
 
 import numpy as np
 
+from monitor.recording import Array
 from monitor.studies.paper import figures
 from monitor.studies.paper import printed as paper
 from monitor.studies.paper.campaign import Campaign
-from monitor.studies.paper.section import Check, Rows, Section, r_squared, span
+from monitor.studies.paper.section import ORDER, Check, Rows, Section, r_squared, span
 
-ORDER = 5.0  # an order of magnitude, to either side
-FALL_LEAST = 0.02  # a coefficient that falls by less over the warm-up has not fallen
-STRAIGHT = 0.95  # R² of fv against temperature
+LEAST_FALL = 0.02  # of fv over the warm-up, as a fraction; less is noise
+# maximum joint torque [N·m] → size of the joint, by robot
+JOINT_SIZES = {"ur3": {56.0: 2, 28.0: 1, 12.0: 0}, "ur5": {150.0: 3, 28.0: 1}}
+STRAIGHT = 0.95  # least R² of a line through fv over temperature
+LEAST_RISE_K, LARGEST_RISE_K = 5.0, 50.0  # of joint temperature over the warm-up
+SLOPES_PER_K = (-0.04, -0.004)  # bounds of the change of fv: half to twice what the paper finds
+LARGEST_RIGID_CHANGE = 0.02  # torque of the rigid parameters' change over the whole torque
 
 
 def warm_up(found: Campaign) -> Section:
-    """What changes between the cold and the warm arm."""
+    """Tables 4 to 7, first part: joint temperatures."""
     printed = paper.PRINTED[found.robot.name]
     section = Section(
         "warm_up",
@@ -38,14 +43,14 @@ def warm_up(found: Campaign) -> Section:
         ("Joint temperatures [°C]", Rows(("joint", "paper, cold", "paper, warm", "ours, cold", "ours, warm", "difference, warm"), rows))
     )
     rise = found.temperature_c[-1] - found.temperature_c[0]
-    told = "10–17 K (UR5)" if printed.warm_c is not None else "not at hand for the UR3"
+    in_paper = "10–17 K (UR5)" if printed.warm_c is not None else "not at hand for the UR3"
     section.checks.append(
         Check(
             "every joint warms by 5–50 K",
-            told,
+            in_paper,
             span(rise, "K"),
             "alike",
-            bool(np.all((rise > 5) & (rise < 50))),
+            bool(np.all((rise > LEAST_RISE_K) & (rise < LARGEST_RISE_K))),
             "heat of its own model, by the trajectory that was found: the order of the UR5's 10–17 K",
         )
     )
@@ -53,7 +58,7 @@ def warm_up(found: Campaign) -> Section:
 
 
 def viscous(found: Campaign) -> Section:
-    """Viscous friction over joint temperature."""
+    """Figure 8 and tables 4 to 7, second part: viscous friction over joint temperature."""
     printed = paper.PRINTED[found.robot.name]
     change = found.viscous[-1] / found.viscous[0] - 1.0
     coulomb = found.coulomb_nm[-1] / found.coulomb_nm[0] - 1.0
@@ -79,13 +84,22 @@ def viscous(found: Campaign) -> Section:
     section.tables.append(
         ("Change over the campaign", Rows(("", "paper", "ours", "difference [%-points]", "ours [%/K]", "R² of the line", "fc, ours"), rows))
     )
-    section.checks += [
+    section.checks += _viscous_checks(found, change, rise, straight)
+    section.drawings.append((figures.viscous_over_temperature, "fv of every identified run over the joint's mean temperature."))
+    return section
+
+
+def _viscous_checks(found: Campaign, change: Array, rise: Array, straight: Array) -> list[Check]:
+    """Sign, straightness and slope of fv over temperature, and that nothing else changes; all arrays (J,)."""
+    printed = paper.PRINTED[found.robot.name]
+    coulomb = found.coulomb_nm[-1] / found.coulomb_nm[0] - 1.0
+    return [
         Check(
             "fv of every joint falls as it warms",
             span(100 * np.array(printed.viscous_change), "%"),
             span(100 * change, "%"),
             "agree",
-            bool(np.all(change < -FALL_LEAST)),
+            bool(np.all(change < -LEAST_FALL)),
             "sign, of all six joints",
         ),
         Check(
@@ -101,7 +115,7 @@ def viscous(found: Campaign) -> Section:
             "0.8–2.2 %/K",
             span(100 * change / rise, "%/K", digits=2),
             "alike",
-            bool(np.all((change / rise < -0.004) & (change / rise > -0.04))),
+            bool(np.all((change / rise < SLOPES_PER_K[1]) & (change / rise > SLOPES_PER_K[0]))),
             "the simulated grease thins by 1.2–1.9 %/K, and lags behind its sensor",
         ),
         Check(
@@ -109,7 +123,7 @@ def viscous(found: Campaign) -> Section:
             f"{paper.UNCHANGED} do not change",
             f"they change {100 * found.rigid_std_of_torque:.1f} % of the torque, {np.nanmax(np.abs(found.rigid_drift_std)):.1f} σ at most",
             "agree",
-            found.rigid_std_of_torque < 0.02,
+            found.rigid_std_of_torque < LARGEST_RIGID_CHANGE,
             "only fc and fv change with temperature",
         ),
         Check(
@@ -121,16 +135,13 @@ def viscous(found: Campaign) -> Section:
             "of the simulated arm's law: the line through a concave curve has less intercept as the curve sinks",
         ),
     ]
-    section.drawings.append((figures.viscous_over_temperature, "fv of every identified run over the joint's mean temperature."))
-    return section
 
 
 def torques(found: Campaign) -> Section:
-    """What the change of viscous friction makes of joint torque."""
+    """Figure 7 and tables 4 to 7, third part: the change of joint torque from cold to warm."""
     printed = paper.PRINTED[found.robot.name]
     change = np.abs(found.warm_nm - found.cold_nm)
     average, largest = np.mean(change, axis=0), np.max(change, axis=0)
-    limit = found.robot.max_torque_nm
     section = Section(
         "figure_7",
         "Figure 7 and tables 4–7, third part: joint torque, cold against warm",
@@ -150,20 +161,7 @@ def torques(found: Campaign) -> Section:
     ]
     columns = ("", "average, paper", "ours", "difference", "largest, paper", "ours", "difference")
     section.tables.append(("Change of joint torque [Nm]", Rows(columns, rows)))
-    shares = []
-    joint_size = {56.0: 2, 28.0: 1, 12.0: 0} if found.robot.name == "ur3" else {150.0: 3, 28.0: 1}
-    for torque, size in joint_size.items():
-        of = limit == torque
-        ours = float(np.mean(largest[of] / limit[of]))
-        shares.append(
-            [f"size {size}", f"{100 * printed.share[size]:.1f} %", f"{100 * ours:.1f} %", f"{100 * (ours - printed.share[size]):+z.1f}"]
-        )
-    section.tables.append(
-        (
-            "Largest change over the maximum joint torque, mean of the size",
-            Rows(("joints", "paper", "ours", "difference [%-points]"), shares),
-        )
-    )
+    section.tables.append(_share_table(found, largest))
     ratio = average / np.array(printed.average_nm)
     section.checks += [
         Check(
@@ -185,3 +183,17 @@ def torques(found: Campaign) -> Section:
     ]
     section.drawings.append((figures.cold_and_warm, "One period of the excitation, first run and last."))
     return section
+
+
+def _share_table(found: Campaign, largest_nm: Array) -> tuple[str, Rows]:
+    """The largest change of torque (J,) over the maximum joint torque, as the mean over the joints of one size."""
+    printed, limit = paper.PRINTED[found.robot.name], found.robot.max_torque_nm
+    rows = []
+    for torque, size in JOINT_SIZES[found.robot.name].items():
+        of = limit == torque
+        ours = float(np.mean(largest_nm[of] / limit[of]))
+        rows.append(
+            [f"size {size}", f"{100 * printed.share[size]:.1f} %", f"{100 * ours:.1f} %", f"{100 * (ours - printed.share[size]):+z.1f}"]
+        )
+    title = "Largest change over the maximum joint torque, mean of the size"
+    return title, Rows(("joints", "paper", "ours", "difference [%-points]"), rows)
