@@ -5,7 +5,7 @@ an offset that hardly changes, so the next arrival can be predicted. The cycle s
 every POLL_S. Looking every POLL_S all the time costs much more processor time, and finds the packet no sooner.
 """
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 POLL_S = 0.0003  # between two looks around the expected arrival; shorter sleeps take more processor time and hardly gain precision
 MARGIN_S = 0.0005  # the cycle wakes so much earlier than the packet is expected: for the jitter of the network and of the search
@@ -16,8 +16,7 @@ MEAN_WEIGHT, DEVIATION_WEIGHT = 1 / 8, 1 / 4  # of the newest delay; Jacobson's 
 DEVIATIONS = 2.0  # added to the mean delay: then nine wake-ups of ten come in time
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pace:
+class Pace(NamedTuple):
     """When packets arrive, and how late this machine wakes a process that sleeps."""
 
     timestamp_s: float  # of the newest packet, on the controller's clock
@@ -31,12 +30,11 @@ class Pace:
         A packet is never seen before it arrives, so the smallest difference is the best estimate. It may rise by OFFSET_RISE only.
         """
         allowed_s = self.offset_s + OFFSET_RISE * max(timestamp_s - self.timestamp_s, 0.0)
-        return replace(self, timestamp_s=timestamp_s, offset_s=min(seen_s - timestamp_s, allowed_s))
+        return self._replace(timestamp_s=timestamp_s, offset_s=min(seen_s - timestamp_s, allowed_s))
 
     def woke(self, late_s: float) -> "Pace":
         """The pace after a sleep that lasted so much longer than asked for."""
-        return replace(
-            self,
+        return self._replace(
             late_s=(1.0 - MEAN_WEIGHT) * self.late_s + MEAN_WEIGHT * late_s,
             late_deviation_s=(1.0 - DEVIATION_WEIGHT) * self.late_deviation_s + DEVIATION_WEIGHT * abs(late_s - self.late_s),
         )
