@@ -1,4 +1,4 @@
-"""Belief: everything `assess` remembers of one arm, as a value that a JSON object carries exactly."""
+"""Belief: everything that `assess` remembers of one arm, as a value with an exact JSON document."""
 
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -17,7 +17,7 @@ from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
-from monitor.judge.temperature.stuck import Sensors, sensors_from_document
+from monitor.judge.temperature.stuck import SensorHistory, sensors_from_document
 from monitor.recording import Array, Context
 
 SCHEMA_VERSION = 4
@@ -25,7 +25,7 @@ SCHEMA_VERSION = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Belief:
-    """Everything `assess` remembers of one arm: the next belief is a function of this one and the next recording."""
+    """Everything that `assess` remembers of one arm. The next belief is a function of this one and the next recording."""
 
     robot: str
     reference_speed_rad_s: float
@@ -33,27 +33,26 @@ class Belief:
     began_at_unix_s: float
     replays: int
     days: int  # UTC days with a replay
-    contexts: tuple[OpenedContext, ...]  # the last one is in force, the one before it was before
-    reference_temperature_c: Array  # (J,) T0
+    contexts: tuple[OpenedContext, ...]  # in the order in which they were last entered: the last one is in force
+    reference_temperature_c: Array  # (J,) T0 [°C]
     filter_state: FilterState = field(metadata={"key": "track"})
     temperature_c: Array  # (J,) of the last replay
-    inside_range: Array  # (J,) 1 where that lay in the range learnt before it
-    first_log_torque: Array  # (J,) mean of y over the first replays, nothing taken out: what a change is split against
-    last_log_torque: Array  # (J,) of the last replay
+    inside_range: Array  # (J,) 1 where that lay in the range that was learnt before it, else 0
+    first_log_torque: Array  # (J,) mean of y over the first replays, uncorrected: the reference of an alert's attribution
+    last_log_torque: Array  # (J,) of the last replay; NaN where nothing was learnt
     first_temperature_c: Array  # (J,) mean over the same first replays
-    usage: Usage  # revolutions counted
-    mass_estimate: MassEstimate | None = field(metadata={"key": "weights"})  # the arm's, in the context in force
+    usage: Usage
+    mass_estimate: MassEstimate | None = field(metadata={"key": "weights"})  # in the context in force
     viscous: Law
     coulomb: Law
-    sensors: Sensors | None = None  # of temperature: which of them stand still; None in beliefs before it
-    prediction_error: PredictionErrorStatistics | None = field(
-        default=None, metadata={"key": "doubt"}
-    )  # of predicted torque; None before the first prediction and in older beliefs
+    sensors: SensorHistory | None = None  # None before the first replay, and in beliefs of releases without it
+    # of predicted torque; None before the first prediction, and in beliefs of releases without it
+    prediction_error: PredictionErrorStatistics | None = field(default=None, metadata={"key": "doubt"})
     schema_version: int = SCHEMA_VERSION
 
     @property
     def joints(self) -> int:
-        """J."""
+        """J, the number of joints."""
         return self.filter_state.joints
 
     @property
@@ -63,7 +62,7 @@ class Belief:
 
     @property
     def slot(self) -> Array:
-        """(J,) where the level of the context in force is kept."""
+        """(J,) slot of the filter in which the level of the context in force is kept."""
         return np.full(self.joints, self.contexts[-1].slot or 0)
 
     @property
@@ -85,51 +84,51 @@ class Belief:
 
     @property
     def wear(self) -> Array:
-        """(J,) mean of w, in the logarithm of friction torque."""
+        """(J,) mean of wear w [log]."""
         return self.filter_state.wear
 
     @property
     def wear_std(self) -> Array:
-        """(J,)."""
+        """(J,) standard deviation of w [log]."""
         return self.filter_state.wear_std
 
     @property
     def event(self) -> Array:
-        """(J,) ORDINARY, SETTLING, STEP, OUTLIER or UNSEEN: the last replay."""
+        """(J,) ORDINARY, SETTLING, STEP, OUTLIER or UNRESOLVED: the last replay."""
         return self.filter_state.event
 
     @property
     def learnt_from(self) -> np.ndarray:
-        """(J,) whether the last replay taught something of a joint."""
+        """(J,) whether the filter learnt from the last replay of the joint."""
         return self.filter_state.learnt_from
 
     @property
     def slope(self) -> Array:
-        """(J,) how log friction torque falls with temperature at T0 [1/K]."""
+        """(J,) −∂y/∂T at T0: how the logarithm of friction falls with temperature [1/K]."""
         return self.filter_state.slope_at(self.reference_temperature_c)
 
     def level(self) -> Array:
-        """(J,) log of friction torque at T0 in the context in force, unworn."""
+        """(J,) log friction torque at T0 in the context in force, without wear."""
         return self.filter_state.reference(self.reference_temperature_c, self.slot)[0] - self.wear
 
     def rate(self) -> tuple[Array, Array]:
-        """(J, 2) mean and (J, 2, 2) covariance of wear, log, and of its rate, a fraction a usual day of work."""
+        """Mean (J, 2) and covariance (J, 2, 2) of wear [log] and of its rate [1/usual day of work]."""
         pair = [WEAR, RATE]
         return self.filter_state.mean[:, pair], self.filter_state.cov[:, pair][:, :, pair]
 
     def wear_with_undetected(self, settings: DriftSettings) -> tuple[Array, Array]:
-        """Wear, log, and its standard deviation, (J,) each, with what may have begun unseen: what a person reads, no alert's ground."""
+        """Mean and standard deviation of wear [log], (J,) each, with undetected changes: for a person to read, and not for alerts."""
         H = np.zeros((self.joints, STATES))
         H[:, WEAR] = 1.0
         more, more_var = undetected_change(self.filter_state, H, settings)
         return self.wear + more, np.sqrt(self.wear_std**2 + more_var)
 
     def noise_std(self, settings: DriftSettings) -> Array:
-        """(J,) of y between replays."""
+        """(J,) standard deviation of y between replays [log]."""
         return np.sqrt(self.filter_state.noise_var(self.joints, settings))
 
     def reference_torque_nm(self, settings: DriftSettings) -> tuple[Array, Array]:
-        """F(v*, T0), wear included, and its standard deviation, (J,) each [N·m]; NaN where a joint was never seen."""
+        """F(v*, T0) with wear, and its standard deviation, (J,) each [N·m]; NaN where a joint was never resolved."""
         filter_state = self.filter_state
         mean, std = filter_state.reference(self.reference_temperature_c, self.slot)
         more, more_var = undetected_change(filter_state, filter_state.reference_row(self.reference_temperature_c, self.slot), settings)
@@ -143,15 +142,15 @@ class Belief:
         return fit_law(self.coulomb, T0, settings), fit_law(self.viscous, T0, settings)
 
     def as_document(self) -> dict[str, Any]:
-        """Plain JSON; `belief_from_document` is its exact inverse."""
+        """The belief as plain JSON; `belief_from_document` is the exact inverse."""
         document: dict[str, Any] = plain(self)
         return document
 
 
 def belief_from_document(document: Any) -> Belief:
-    """A Belief from `Belief.as_document()`.
+    """A Belief from `Belief.as_document()`, of this release or of an older one.
 
-    Raises BadInput naming the key that is missing or wrong, or the schema version that this release does not read.
+    Raises BadInput naming the key that is missing or wrong, or a schema version that this release does not read.
     """
     where = "belief"
     version = entry(document, "schema_version", where=where)

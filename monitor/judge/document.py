@@ -1,4 +1,4 @@
-"""Values of this room as plain JSON and back, exactly: a float's shortest repr is the float, NaN travels as null."""
+"""Values of this room as plain JSON and back, exactly: the shortest repr of a float is that float, and NaN becomes null."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -12,7 +12,7 @@ from monitor.recording import Array
 
 
 def plain(value: Any) -> Any:
-    """Lists for arrays and tuples, objects for dataclasses and named tuples, null for NaN."""
+    """A value as plain JSON: lists for arrays and tuples, objects for dataclasses and named tuples, null for NaN."""
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""Beliefs that an older release wrote, as this one would have written them. What it did not keep begins to be learnt."""
+"""Beliefs of older releases, in the form of this release. What an older release did not store is learnt from then on."""
 
 import copy
 import math
@@ -12,36 +12,36 @@ from monitor.judge.temperature.curves import no_bins
 
 
 def from_version_2(document: dict[str, Any]) -> dict[str, Any]:
-    """Version 2 counted wear a day in the logarithm, knew no use, and kept lines only.
+    """A document of version 3 from one of version 2, which had the wear rate of the logarithm, no usage, and straight lines only.
 
-    Raises BadInput where it is not what version 2 wrote.
+    Raises BadInput where the document is not one of version 2.
     """
-    told = copy.deepcopy(document)
+    migrated = copy.deepcopy(document)
     try:
-        J = len(told["reference_temperature_c"])
-        for mean, cov in zip(told["track"]["mean"], told["track"]["cov"], strict=True):
-            grown = math.exp(mean[WEAR])  # a rise of the logarithm by ẇ is a rise of friction by e^w·ẇ
+        J = len(migrated["reference_temperature_c"])
+        for mean, cov in zip(migrated["track"]["mean"], migrated["track"]["cov"], strict=True):
+            grown = math.exp(mean[WEAR])  # the derivative of e^w is e^w times that of w
             mean[RATE] *= grown
             cov[RATE] = [value * grown for value in cov[RATE]]
             for row in cov:
                 row[RATE] *= grown
-        told["usage"] = plain(no_usage(J))
+        migrated["usage"] = plain(no_usage(J))
         for law in ("viscous", "coulomb"):
-            told[law]["bins"] = plain(no_bins(J))
+            migrated[law]["bins"] = plain(no_bins(J))
     except (KeyError, TypeError, IndexError, ValueError) as wrong:
         raise BadInput(f"belief: not what schema_version 2 wrote: {wrong!r}") from None
-    told["schema_version"] = 3
-    return told
+    migrated["schema_version"] = 3
+    return migrated
 
 
 def from_version_3(document: dict[str, Any]) -> dict[str, Any]:
-    """Version 3 looked for changes at fewer replays: those it did not keep are as if nobody had seen them.
+    """A document of version 4 from one of version 3, whose change bank had fewer starts: the others begin without evidence.
 
-    Raises BadInput where it is not what version 3 wrote.
+    Raises BadInput where the document is not one of version 3.
     """
-    told = copy.deepcopy(document)
+    migrated = copy.deepcopy(document)
     try:
-        track = told["track"]
+        track = migrated["track"]
         for ages in track["ages"]:
             ages += [ages[-1] + 1.0 + k for k in range(WINDOW - len(ages))]
         for name in ("responses", "scores", "raw_scores", "informations"):
@@ -50,5 +50,5 @@ def from_version_3(document: dict[str, Any]) -> dict[str, Any]:
                 kind += [copy.copy(nothing) for _ in range(WINDOW - len(kind))]
     except (KeyError, TypeError, IndexError) as wrong:
         raise BadInput(f"belief: not what schema_version 3 wrote: {wrong!r}") from None
-    told["schema_version"] = 4
-    return told
+    migrated["schema_version"] = 4
+    return migrated

@@ -1,13 +1,13 @@
-"""Track: what the filter holds of each joint, as arrays over N joints: those of one arm, or of every arm of a fleet at once.
+"""The state of the drift filter, as arrays over N joints: those of one arm, or of every arm of a fleet at once.
 
-Per joint, with y = log F(v*), the friction torque at a reference speed, t = T − origin and Ṫ how fast the joint warms:
+For each joint, with y = log F, F the friction torque at the reference speed, t = T − origin and Ṫ the rate at which the joint warms:
 
     y = a_c − β·t + γ·t² + λ·Ṫ + w + n + ε,   w⁺ = w + e^(−w)·ẇ·Δu,   n⁺ = ρ·n + noise.
 
-a_c is the level in context c, n what is alike from one replay to the next, ε the noise within a replay. Levels and wear cannot
-be told apart by looking: w begins at 0 without doubt, the level carries all of it. A context seen before has its level still.
-u is use, counted in usual days of work; ẇ is the rise of friction itself, as a fraction of what it was, a usual day: the same work
-wears off the same, so friction rises along a straight line and its logarithm does not.
+a_c is the level in context c, w the wear, n the noise between replays with correlation ρ, ε the noise within a replay. The observations do
+not separate levels from wear: w begins at 0 with no uncertainty, and the level has all of it. A context that returns still has its level.
+Δu is work in usual days, and ẇ the increase of friction in a usual day as a fraction of the friction without wear. Equal work causes
+equal wear, so friction increases along a straight line and its logarithm does not.
 """
 
 from dataclasses import dataclass, field, replace
@@ -19,44 +19,46 @@ from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
 
-WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # log, 1/usual day, log, 1/K, 1/K², 1/(K/min); then the levels
-SLOTS = 4  # contexts whose levels are kept side by side
-LEVELS = 6
-STATES = LEVELS + SLOTS
-WINDOW = 48  # replays at which a sudden change may have begun: the last ones, then ever fewer …
-OLDEST = 200  # … so many replays back
-KINDS = 2  # of sudden changes: a step of wear, a new pace of it
-DIFFUSE_VAR = 100.0  # log² of an unknown level: e^±10 holds every torque, and leaves 10 digits of float64 to the rest
-LOG_RISE = np.array([-3.0, 3.0])  # no joint's friction is 20 times what it was, nor a twentieth
-ORDINARY, SETTLING, STEP, OUTLIER, UNRESOLVED = range(5)  # what the last replay was to a joint; the last two are not learnt from
+WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # w [log], ẇ [1/usual day], n [log], β [1/K], γ [1/K²], λ [1/(K/min)]; then the levels
+SLOTS = 4  # contexts whose levels are kept at the same time
+LEVELS = 6  # index of the first level
+STATES = LEVELS + SLOTS  # S
+WINDOW = 48  # W, number of replays at which a sudden change may have begun: the latest ones, and fewer of the older ones …
+OLDEST = 200  # … up to so many replays ago
+KINDS = 2  # of sudden changes: a step of wear, a new wear rate
+DIFFUSE_VAR = 100.0  # [log²] of an unknown level: e^±10 covers every torque, and float64 keeps 10 digits for the rest
+LOG_RISE = np.array([-3.0, 3.0])  # [log] bounds of wear: no joint has 20 times its friction, or a twentieth of it
+SLOPE_CHANGE = 0.15  # [fraction] by which another load may change β: it shifts the share of viscous friction
+HOLIDAY = 10.0  # times the usual interval: so long a pause says nothing about the usual interval
+ORDINARY, SETTLING, STEP, OUTLIER, UNRESOLVED = range(5)  # what the last replay was to a joint; the filter learns from the first three
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterState:
     """The filter's state of N joints."""
 
-    origin_c: Array  # (N,) from which temperatures are counted
+    origin_c: Array  # (N,) [°C] that t is counted from
     mean: Array  # (N, S)
     cov: Array  # (N, S, S)
-    replays: Array  # (N,) learnt from
-    interval_days: Array = field(metadata={"key": "cadence_days"})  # (N,) usual time between replays: ρ belongs to it
-    step_var: Array  # (N,) half the mean square of what differs from one replay to the next, within-replay noise taken off
-    product: Array  # (N,) mean product of what is noise in two successive replays
-    noise_weight: Array  # (N,) replays behind both
-    residual: Array  # (N,) of the last replay, as foreseen without noise; NaN where the next does not compare
+    replays: Array  # (N,) number that the filter learnt from
+    interval_days: Array = field(metadata={"key": "cadence_days"})  # (N,) usual time between replays, to which ρ belongs
+    step_var: Array  # (N,) γ₁: half the mean square difference of successive replays' noise, without the noise within a replay
+    product: Array  # (N,) c₁: mean product of successive replays' noise
+    noise_weight: Array  # (N,) number of replays in both
+    residual: Array  # (N,) of the last replay against its prediction without noise; NaN where the next one must not be compared with it
     consistency: Array  # (N,) running mean of normalised innovations squared: 1 where the filter is consistent
-    innovation: Array  # (N,) of the last replay; NaN where unseen
-    normalised: Array  # (N,) the same in its own σ
-    event: Array  # (N,) ORDINARY, SETTLING, STEP, OUTLIER or UNSEEN: the last replay
+    innovation: Array  # (N,) of the last replay; NaN where it was unresolved
+    normalised: Array  # (N,) the same over its standard deviation
+    event: Array  # (N,) ORDINARY, SETTLING, STEP, OUTLIER or UNRESOLVED: the last replay
     gate_run: Array  # (N,) signed count of gated replays in a row
-    outliers: Array  # (N,) gated so far
-    responses: Array  # (N, 2, W, S) what a unit change, W replays ago or fewer, has left of error in the filter
-    ages: Array  # (N, W) replays ago, ascending
+    outliers: Array  # (N,) number of gated replays so far
+    responses: Array  # (N, 2, W, S) error that a unit change at an earlier replay has left in the filter
+    ages: Array  # (N, W) [replays] since then, ascending
     glr_scores: Array = field(metadata={"key": "scores"})  # (N, 2, W) of each such change: Σ G·ν/S with ν clipped
     raw_glr_scores: Array = field(metadata={"key": "raw_scores"})  # (N, 2, W) the same with ν in full
     glr_informations: Array = field(metadata={"key": "informations"})  # (N, 2, W) Σ G²/S
-    agreeing: Array  # (N,) replays that the last one says agree with it: 1, or all since a change that was found
-    stepped: Array  # (N,) wear that came in steps, log
+    agreeing: Array  # (N,) number of replays that agree with the last one: 1, or all since a change that was detected
+    stepped: Array  # (N,) [log] wear that came in steps
 
     @property
     def joints(self) -> int:
@@ -70,30 +72,31 @@ class FilterState:
 
     @property
     def wear_std(self) -> Array:
-        """(N,)."""
+        """(N,) standard deviation of w."""
         return np.sqrt(np.maximum(self.cov[:, WEAR, WEAR], 0.0))
 
     @property
     def learnt_from(self) -> np.ndarray:
-        """(N,) whether the last replay taught something of a joint."""
+        """(N,) whether the filter learnt from the last replay of the joint."""
         learnt: np.ndarray = self.event <= STEP
         return learnt
 
-    def autocorrelation(self, arm: int, settings: DriftSettings) -> Array:
-        """(N,) ρ of successive replays, one for the `arm` joints of each arm: what lasts there lasts for all of them.
+    def autocorrelation(self, joints_per_arm: int, settings: DriftSettings) -> Array:
+        """(N,) ρ of the noise of successive replays, one value for each arm: its causes are common to the arm's joints.
 
-        With γ₁ = E[(εₖ − εₖ₋₁)²]/2 = σ²(1−ρ) and c₁ = E[εₖ·εₖ₋₁] = σ²ρ: ρ = c₁/(c₁ + γ₁). The joints' middle ones are averaged: wear
-        that sets in looks like noise that lasts, and must not pass for it.
+        With γ₁ = E[(εₖ − εₖ₋₁)²]/2 = σ²(1−ρ) and c₁ = E[εₖ·εₖ₋₁] = σ²ρ: ρ = c₁/(c₁ + γ₁). It is the trimmed mean over the arm's joints,
+        because beginning wear of one joint looks like correlated noise.
         """
-        each = np.sort((self.product / np.maximum(self.product + self.step_var, 1e-12)).reshape(-1, arm), axis=1)
-        trim = arm // 6 + (arm == 5)
-        rho = np.clip(each[:, trim : arm - trim].mean(axis=1), 0.0, settings.autocorrelation_max)
-        return np.repeat(rho, arm)
+        J = joints_per_arm
+        each = np.sort((self.product / np.maximum(self.product + self.step_var, 1e-12)).reshape(-1, J), axis=1)
+        trim = J // 6 + (J == 5)
+        rho = np.clip(each[:, trim : J - trim].mean(axis=1), 0.0, settings.autocorrelation_max)
+        return np.repeat(rho, J)
 
-    def noise_var(self, arm: int, settings: DriftSettings) -> Array:
-        """(N,) of y between replays: σ² = γ₁/(1 − ρ), drawn towards the arm's, and larger while few replays have told it."""
-        var = self.step_var / (1.0 - self.autocorrelation(arm, settings))
-        mean = np.repeat(var.reshape(-1, arm).mean(axis=1), arm)
+    def noise_var(self, joints_per_arm: int, settings: DriftSettings) -> Array:
+        """(N,) variance of the noise between replays: σ² = γ₁/(1 − ρ), shrunk towards the arm's mean, and larger after few replays."""
+        var = self.step_var / (1.0 - self.autocorrelation(joints_per_arm, settings))
+        mean = np.repeat(var.reshape(-1, joints_per_arm).mean(axis=1), joints_per_arm)
         n, alike = self.noise_weight, settings.alike_replays
         cautious: Array = (n * var + alike * mean) / (n + alike) * (1.0 + settings.caution / np.sqrt(n))
         return cautious
@@ -104,7 +107,7 @@ class FilterState:
         return levels
 
     def row(self, t: Array, warming: Array, slot: Array, *, noise: float = 1.0) -> Array:
-        """(N, S) H of a replay at t = T − origin, warming [K/min], slot; each (N,)."""
+        """(N, S) H of a replay at t = T − origin [K], a warming rate [K/min] and a slot, (N,) each; `noise` is the entry of n."""
         H = np.zeros((self.joints, STATES))
         H[:, WEAR], H[:, NOISE] = 1.0, noise
         H[:, SLOPE], H[:, CURVE], H[:, LAG] = -t, t * t, warming
@@ -112,30 +115,31 @@ class FilterState:
         return H
 
     def slope_at(self, temperature_c: Array) -> Array:
-        """(N,) −∂y/∂T at temperatures (N,) [1/K]: β − 2γt."""
+        """(N,) −∂y/∂T at temperatures (N,): β − 2γt [1/K]."""
         slope: Array = self.mean[:, SLOPE] - 2.0 * self.mean[:, CURVE] * (temperature_c - self.origin_c)
         return slope
 
     def reference_row(self, temperature_c: Array, slot: Array) -> Array:
-        """(N, S) H of `reference`."""
+        """(N, S) H of `reference`: wear included, noise left out."""
         return self.row(temperature_c - self.origin_c, np.zeros(self.joints), slot, noise=0.0)
 
     def reference(self, temperature_c: Array, slot: Array) -> tuple[Array, Array]:
-        """Log F(v*, T0), wear included and noise left out, and its standard deviation, each (N,)."""
+        """Mean and standard deviation of log F at a temperature (N,), wear included and noise left out, (N,) each."""
         H = self.reference_row(temperature_c, slot)
         mean = np.einsum("na,na->n", H, self.mean)
         return mean, np.sqrt(np.maximum(np.einsum("na,nab,nb->n", H, self.cov, H), 0.0))
 
 
 def initial_filter(
-    seen: Observation, settings: DriftSettings, *, fall_per_k: float, fall_std_per_k: float, coulomb_std_per_k: float
+    observation: Observation, settings: DriftSettings, *, fall_per_k: float, fall_std_per_k: float, coulomb_std_per_k: float
 ) -> FilterState:
-    """Before the first replay: no wear, unknown levels, what the robot family's friction does with temperature.
+    """The state before the first replay: no wear, unknown levels, and the robot family's dependence on temperature.
 
-    Only the origin and the size of the slopes are taken from the observation; `follow` then learns from it as from any other.
+    Only the origin and the size of the slopes come from the observation; the filter learns from it as from any other afterwards.
+    fall_per_k, fall_std_per_k : by which viscous friction falls, as a fraction. coulomb_std_per_k : of Coulomb friction, whose mean is 0.
     """
-    N = len(seen.log_torque)
-    share = seen.viscous_share
+    N = len(observation.log_torque)
+    share = observation.viscous_share
     slope = fall_per_k * share
     mean = np.zeros((N, STATES))
     mean[:, SLOPE] = slope
@@ -154,7 +158,7 @@ def initial_filter(
     cov = std[:, :, None] * np.eye(STATES) * std[:, None, :]
     unknown = np.full(N, np.nan)
     return FilterState(
-        origin_c=np.where(np.isfinite(seen.temperature_c), seen.temperature_c, settings.unknown_temperature_c),
+        origin_c=np.where(np.isfinite(observation.temperature_c), observation.temperature_c, settings.unknown_temperature_c),
         mean=mean,
         cov=cov,
         replays=np.zeros(N),
@@ -179,25 +183,25 @@ def initial_filter(
     )
 
 
-def predict_filter(state: FilterState, days: Array, arm: int, settings: DriftSettings, use: Array | None = None) -> FilterState:
-    """The same track `days` (N,) later, less sure: wear goes on at its rate, and the rate wanders. Silence never shrinks it.
+def predict_filter(state: FilterState, days: Array, joints_per_arm: int, settings: DriftSettings, use: Array | None = None) -> FilterState:
+    """The state `days` (N,) later: wear grows at its rate, the rate wanders, the noise decays. Its uncertainty never falls.
 
-    use : (N,) usual days of work done meanwhile; None where nobody counts: every day is one.
+    use : (N,) work done meanwhile, in usual days; None where nobody counts: every day is a usual one.
     """
     N = state.joints
     use = days if use is None else use
-    rho = state.autocorrelation(arm, settings)
-    held = rho ** np.minimum(days / state.interval_days, 1e3)  # of the noise; an Ornstein–Uhlenbeck process looked at now and then
+    rho = state.autocorrelation(joints_per_arm, settings)
+    held = rho ** np.minimum(days / state.interval_days, 1e3)  # share of n that is left: an Ornstein–Uhlenbeck process
     F = np.tile(np.eye(STATES), (N, 1, 1))
     F[:, WEAR, RATE] = use
     F[:, NOISE, NOISE] = held
     q = settings.rate_walk_per_sqrt_day**2 + (settings.pace_walk_per_sqrt_day * state.mean[:, RATE]) ** 2  # (N,)
-    Q = np.zeros((N, STATES, STATES))  # exact integral of a wandering rate, so that 30 days are 30 times one day
+    Q = np.zeros((N, STATES, STATES))  # exact integral of the rate's random walk, so that 30 days equal 30 times one day
     Q[:, WEAR, WEAR] = settings.wear_walk_per_sqrt_day**2 * days + q * use**3 / 3.0
     Q[:, WEAR, RATE] = Q[:, RATE, WEAR] = q * use**2 / 2.0
     Q[:, RATE, RATE] = q * use
-    Q[:, NOISE, NOISE] = state.noise_var(arm, settings) * (1.0 - held**2)
-    # friction rises along a straight line, not its logarithm: there and back again, with the slope of each
+    Q[:, NOISE, NOISE] = state.noise_var(joints_per_arm, settings) * (1.0 - held**2)
+    # friction increases along a straight line: predict e^w − 1, and return to w, with the derivative of each map in the covariance
     grown = np.exp(np.clip(state.mean[:, WEAR], *LOG_RISE))
     mean, cov = state.mean.copy(), state.cov.copy()
     mean[:, WEAR] = grown - 1.0
@@ -215,7 +219,7 @@ def predict_filter(state: FilterState, days: Array, arm: int, settings: DriftSet
 
 
 def rescale_rate(state: FilterState, factor: Array) -> FilterState:
-    """The same track where a usual day has become `factor` (N,) as much work: a day's rate is as many times what it was."""
+    """The state after a usual day of work became `factor` (N,) times as much work: the wear rate per usual day is as many times larger."""
     mean, cov, responses = state.mean.copy(), state.cov.copy(), state.responses.copy()
     mean[:, RATE] *= factor
     cov[:, RATE, :] *= factor[:, None]
@@ -225,9 +229,9 @@ def rescale_rate(state: FilterState, factor: Array) -> FilterState:
 
 
 def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterState:
-    """For joints in `opened` (N,), the level of their slot (N,) unknown; wear and its rate stay with their doubt.
+    """The state with an unknown level in the slot (N,) of the joints in `opened` (N,). Wear and its rate keep their uncertainty.
 
-    Wear that coincides with the change cannot be seen. Another load shifts the viscous share, and with it the slope.
+    Wear that coincides with the change cannot be observed. Another load changes the share of viscous friction, and with it the slope.
     """
     cov, mean, responses = state.cov.copy(), state.mean.copy(), state.responses.copy()
     n = np.flatnonzero(opened)
@@ -237,12 +241,12 @@ def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterStat
     cov[n, at, at] = DIFFUSE_VAR
     mean[n, at] = 0.0
     responses[n, :, :, at] = 0.0
-    cov[n, SLOPE, SLOPE] += (0.15 * mean[n, SLOPE]) ** 2
+    cov[n, SLOPE, SLOPE] += (SLOPE_CHANGE * mean[n, SLOPE]) ** 2
     return replace(state, mean=mean, cov=cov, responses=responses)
 
 
 def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings) -> FilterState:
-    """For joints in `new` (N,), which were replaced: no wear, and levels unknown in every slot; temperature and noise stay the family's."""
+    """The state with no wear and unknown levels in every slot for the joints in `new` (N,). The slope becomes less certain."""
     for slot in range(SLOTS):
         state = open_slot(state, np.full(state.joints, slot), new)
     mean, cov = state.mean.copy(), state.cov.copy()
@@ -251,20 +255,20 @@ def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings)
     cov[np.ix_(new, pair)] = 0.0
     cov[np.ix_(new, np.arange(STATES), pair)] = 0.0
     cov[new, RATE, RATE] = settings.rate_std_per_day**2
-    gone = {name: np.where(_of(new, getattr(state, name)), 0.0, getattr(state, name)) for name in _OF_THE_PAST}
-    return replace(state, mean=mean, cov=cov, residual=np.where(new, np.nan, state.residual), **gone)
+    cleared = {name: np.where(_of(new, getattr(state, name)), 0.0, getattr(state, name)) for name in _HISTORY}
+    return replace(state, mean=mean, cov=cov, residual=np.where(new, np.nan, state.residual), **cleared)
 
 
-_OF_THE_PAST = ("replays", "outliers", "gate_run", "stepped", "responses", "glr_scores", "raw_glr_scores", "glr_informations")
+_HISTORY = ("replays", "outliers", "gate_run", "stepped", "responses", "glr_scores", "raw_glr_scores", "glr_informations")
 
 
 def _of(mask: np.ndarray, like: Array) -> np.ndarray:
-    """The mask (N,), to be broadcast against an array (N, …)."""
+    """The mask (N,), shaped to be broadcast against an array (N, …)."""
     return mask.reshape(-1, *(1,) * (like.ndim - 1))
 
 
 def leave_context(state: FilterState, moved: np.ndarray) -> FilterState:
-    """For joints in `moved` (N,), which are in another context now: what came just before does not compare."""
+    """The state of joints that entered another context, `moved` (N,): the replays before are not compared with the next one."""
     return replace(
         state,
         residual=np.where(moved, np.nan, state.residual),
@@ -273,7 +277,7 @@ def leave_context(state: FilterState, moved: np.ndarray) -> FilterState:
 
 
 def update_interval(state: FilterState, days: Array) -> FilterState:
-    """The usual time between replays, after one that came `days` (N,) after the last; a holiday is no new habit."""
-    usual = (days > 0) & (days < 10.0 * state.interval_days)
+    """The state with the usual interval after a replay that came `days` (N,) after the last one. A holiday does not change it."""
+    usual = (days > 0) & (days < HOLIDAY * state.interval_days)
     step = np.log(np.where(usual, days, state.interval_days) / state.interval_days) / (np.minimum(state.replays, 10.0) + 1.0)
     return replace(state, interval_days=state.interval_days * np.exp(step))

@@ -26,7 +26,7 @@ from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.usage import Usage, no_usage, update_usage
 from monitor.judge.temperature.laws import Law, TemperatureSettings, initial_law, inside_range, reopen_law, update_law
-from monitor.judge.temperature.stuck import Sensors, stuck_sensors, update_sensors
+from monitor.judge.temperature.stuck import SensorHistory, stuck_sensors, update_sensors
 from monitor.recording import Array
 
 
@@ -38,7 +38,7 @@ class DriftState:
     filter_state: FilterState
     usage: Usage
     slot: Array  # (N,) in which slot of the filter the level of the context in force is kept
-    sensors: Sensors | None  # history of the temperature sensors; None before the first replay
+    sensors: SensorHistory | None  # of temperature; None before the first replay
     reference_temperature_c: Array  # (N,) T0 [°C]
     settled: Array  # (N,) number of replays that T0 is the mean of
     viscous: Law

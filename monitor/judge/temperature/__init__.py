@@ -1,1 +1,1 @@
-"""Friction over joint temperature: laws, curves, stuck sensors. Pure."""
+"""Friction over joint temperature: straight lines, curves, and temperature sensors that are stuck. Pure."""

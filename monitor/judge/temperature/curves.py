@@ -1,11 +1,13 @@
-"""Which law friction follows over the whole range of temperatures seen: a straight line, an exponential, or Vogel's law.
+"""The law that friction follows over the range of observed temperatures: a straight line, an exponential, or Vogel's law.
 
     linear       value = a + b·(T − T0)
     exponential  value = exp(a + b·(T − T0))
     vogel        value = exp(a + b·(1/(T − Tv) − 1/(T0 − Tv)))      Vogel (1921), as oils and greases follow it
 
-A joint's values are kept as means in bins of temperature. Each law is fitted with a quarter of the range left out, and judged by what
-it says there: the one that errs least is taken, the line where none is clearly better than it.
+A joint's values are stored as means in bins of temperature. Each law is fitted with a quarter of the range left out, and its error is
+measured there. The law with the least error is chosen, and the line where no other is clearly better.
+
+Shapes: J joints, B bins, L laws with Vogel's counted once for each pole.
 """
 
 from typing import Any, NamedTuple
@@ -18,19 +20,19 @@ from monitor.recording import Array
 
 LAWS = ("linear", "exponential", "vogel")
 VOGEL = LAWS.index("vogel")
-NEAREST_POLE_K = 5.0  # closer to its pole Vogel's law says nothing of this world
-LARGEST_LOG = 50.0
-POLES_C = (-60.0, -80.0, -100.0, -130.0, -170.0)  # Tv of oils: from soon below where they set, to where Vogel's law is an exponential
-BIN_K, COLDEST_C, BINS = 2.0, -20.0, 50
-PER_BIN = 3  # n, Σ T, Σ value
-PARTS = 4  # of the range, left out in turn
-FEWEST_BINS, FEWEST_REPLAYS = 5, 15
-BETTER = 0.95  # of the line's error: what is no better than that stays a line
-VOGEL_BETTER = 0.8  # of the exponential's: its third parameter bends with the noise, and goes astray beyond the range
+NEAREST_POLE_K = 5.0  # [K] closer to its pole Vogel's law has no physical meaning
+LARGEST_LOG = 50.0  # keeps exponentials finite
+POLES_C = (-60.0, -80.0, -100.0, -130.0, -170.0)  # Tv of oils: from just below their pour point to where Vogel's law equals an exponential
+BIN_K, COLDEST_C, BINS = 2.0, -20.0, 50  # width of a bin, lower end of the first, number: −20 to 80 °C
+PER_BIN = 3  # n, ΣT, Σvalue
+PARTS = 4  # of the range; each is left out once
+FEWEST_BINS, FEWEST_REPLAYS = 5, 15  # with less, every joint keeps its line
+BETTER = 0.95  # a law must have less than this share of the line's error
+VOGEL_BETTER = 0.8  # and Vogel's less than this share of the exponential's: its third parameter follows noise beyond the range
 
 
 class Curve(NamedTuple):
-    """The law chosen for each joint, (J,) arrays; `kind` indexes LAWS, and a joint of kind 0 is served by its line."""
+    """The law chosen for each joint, (J,) each. `kind` is an index of LAWS; a joint of kind 0 uses its line."""
 
     kind: Array
     a: Array
@@ -38,10 +40,10 @@ class Curve(NamedTuple):
     pole_c: Array
     reference_c: Array
     cov: Array  # (J, 2, 2) of (a, b)
-    held_out: Array  # (J, 3) error of each law where it was not fitted, in the value's unit; NaN while there is too little to choose by
+    held_out: Array  # (J, 3) RMS error of each law on what was left out, in the value's unit; NaN before there is enough to choose
 
     def at(self, temperature_c: Array) -> tuple[Array, Array]:
-        """Value and standard deviation at temperatures (…, J) of the laws that are no lines."""
+        """Value and standard deviation at temperatures (…, J), for the joints whose law is not the line."""
         x = np.where(self.kind == VOGEL, _of_vogel(temperature_c, self.reference_c, self.pole_c), temperature_c - self.reference_c)
         value = np.exp(np.clip(self.a + self.b * x, -LARGEST_LOG, LARGEST_LOG))
         var = self.cov[:, 0, 0] + 2.0 * self.cov[:, 0, 1] * x + self.cov[:, 1, 1] * x**2
@@ -49,12 +51,12 @@ class Curve(NamedTuple):
 
 
 def no_bins(joints: int) -> Array:
-    """(J, BINS, 3) before the first replay."""
+    """(J, BINS, 3) empty bins, as before the first replay."""
     return np.zeros((joints, BINS, PER_BIN))
 
 
 def update_bins(bins: Array, temperature_c: Array, value: Array) -> Array:
-    """The bins after one more value a joint, (J,) each; NaN in either leaves a joint as it was."""
+    """The bins after one more value of each joint, (J,) each. A joint with NaN in either keeps its bins."""
     seen = np.isfinite(temperature_c) & np.isfinite(value)
     n = np.flatnonzero(seen)
     at = np.clip((temperature_c[n] - COLDEST_C) // BIN_K, 0, BINS - 1).astype(int)
@@ -64,12 +66,12 @@ def update_bins(bins: Array, temperature_c: Array, value: Array) -> Array:
 
 
 def choose_curve(bins: Array, reference_c: Array, scatter: Array) -> Curve:
-    """The law of each joint that errs least where it was not fitted.
+    """The law of each joint with the least error on the parts of the range that were left out of its fit.
 
-    scatter : (J,) of one value between replays, in its unit.
+    bins : (J, BINS, 3); reference_c : (J,) T0; scatter : (J,) standard deviation of one value between replays, in the value's unit.
     """
     J = len(bins)
-    bins = bins[:, np.any(bins[..., 0] > 0, axis=0)]  # (J, B, 3): a cell that is 22 to 34 °C fills six of fifty
+    bins = bins[:, np.any(bins[..., 0] > 0, axis=0)]  # (J, B, 3): most arms use a few of the fifty
     n = bins[..., 0]  # (J, B)
     filled = n > 0
     full = filled.sum(axis=1)  # (J,)
@@ -83,21 +85,23 @@ def choose_curve(bins: Array, reference_c: Array, scatter: Array) -> Curve:
     poles = np.array(POLES_C)[:, None, None]
     x = np.concatenate([[t, t], _of_vogel(T, reference_c[:, None], poles)])  # (L, J, B): line, exponential, and Vogel's by pole
     y = np.concatenate([[v], np.broadcast_to(np.log(v), (len(x) - 1, *v.shape))])
-    weight = np.concatenate([[n], np.broadcast_to(n * v**2, (len(x) - 1, *v.shape))])  # an error of log v is one of v over v
+    weight = np.concatenate([[n], np.broadcast_to(n * v**2, (len(x) - 1, *v.shape))])  # an error of log v is the error of v over v
 
-    order = np.cumsum(filled, axis=1) - 1  # of a filled bin among the filled
+    order = np.cumsum(filled, axis=1) - 1  # position of a filled bin among the filled ones
     part = (PARTS * order) // np.maximum(full, 1)[:, None]
-    out = np.stack([part == k for k in range(PARTS)] + [np.zeros_like(filled)])[:, None]  # (PARTS + 1, 1, J, B); the last leaves out none
+    out = np.stack([part == k for k in range(PARTS)] + [np.zeros_like(filled)])[
+        :, None
+    ]  # (PARTS + 1, 1, J, B); the last one leaves out nothing
     a, b, cov = _fitted(x, y, np.where(out, 0.0, weight))  # (PARTS + 1, L, J)
     fits = _error(x, v, np.where(out, 0.0, n), a, b)
-    missed = _error(x, v, np.where(out, n, 0.0), a, b)[:PARTS]
-    j, best = np.arange(J), 2 + np.argmin(fits[:, 2:], axis=1)  # the pole, from what was not left out
-    of_vogel = np.take_along_axis(missed, best[:PARTS, None], axis=1)[:, 0]
-    squares = np.stack([missed[:, 0].sum(axis=0), missed[:, 1].sum(axis=0), of_vogel.sum(axis=0)], axis=1)  # (J, 3)
-    held = np.sqrt(squares / np.maximum(n.sum(axis=1), 1.0)[:, None])
-    kind = np.where(enough, np.argmin(held * np.array([BETTER, 1.0, 1.0 / VOGEL_BETTER]), axis=1), 0)
+    left_out = _error(x, v, np.where(out, n, 0.0), a, b)[:PARTS]
+    j, best = np.arange(J), 2 + np.argmin(fits[:, 2:], axis=1)  # the pole with the least error on what was fitted
+    of_vogel = np.take_along_axis(left_out, best[:PARTS, None], axis=1)[:, 0]
+    squares = np.stack([left_out[:, 0].sum(axis=0), left_out[:, 1].sum(axis=0), of_vogel.sum(axis=0)], axis=1)  # (J, 3)
+    held_out = np.sqrt(squares / np.maximum(n.sum(axis=1), 1.0)[:, None])
+    kind = np.where(enough, np.argmin(held_out * np.array([BETTER, 1.0, 1.0 / VOGEL_BETTER]), axis=1), 0)
     row = np.where(kind == VOGEL, best[PARTS], kind)
-    # of the fit, with what one value scatters; where a law misses its means by more, that counts too
+    # the standard deviation comes from the scatter, or from the misfit to the bins' means where that is larger
     misfit = np.sqrt(fits[PARTS, row, j] / np.maximum(full - 2.0, 1.0))
     curved = kind > 0
     return Curve(
@@ -107,12 +111,12 @@ def choose_curve(bins: Array, reference_c: Array, scatter: Array) -> Curve:
         pole_c=np.where(kind == VOGEL, np.array(POLES_C)[np.maximum(row - 2, 0)], 0.0),
         reference_c=reference_c,
         cov=np.where(curved[:, None, None], cov[PARTS, row, j] * np.maximum(scatter, misfit)[:, None, None] ** 2, 0.0),
-        held_out=np.where(enough[:, None] & np.isfinite(held), held, np.nan),
+        held_out=np.where(enough[:, None] & np.isfinite(held_out), held_out, np.nan),
     )
 
 
 def _lines(reference_c: Array) -> Curve:
-    """Nothing to choose by: every joint keeps its line."""
+    """A Curve in which every joint keeps its line."""
     J = len(reference_c)
     zero = np.zeros(J)
     return Curve(zero, zero, zero, zero, reference_c, np.zeros((J, 2, 2)), np.full((J, len(LAWS)), np.nan))
@@ -135,13 +139,13 @@ def curve_from_document(document: Any, joints: int, *, where: str) -> Curve | No
 
 
 def _of_vogel(T: Array, reference_c: Array, pole_c: Array) -> Array:
-    """What the logarithm is straight in by Vogel's law: 1/(T − Tv) − 1/(T0 − Tv)."""
+    """The regressor of Vogel's law, in which the logarithm is linear: 1/(T − Tv) − 1/(T0 − Tv)."""
     x: Array = 1.0 / np.maximum(T - pole_c, NEAREST_POLE_K) - 1.0 / np.maximum(reference_c - pole_c, NEAREST_POLE_K)
     return x
 
 
 def _fitted(x: Array, y: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """Weighted straight lines y = a + b·x along the last axis, and their covariance for a scatter of 1; NaN where not determined."""
+    """Weighted straight lines y = a + b·x along the last axis, and their covariance for a scatter of 1; NaN where they are undetermined."""
     S0, Sx, Sy = weight.sum(-1), (weight * x).sum(-1), (weight * y).sum(-1)
     Sxx, Sxy = (weight * x * x).sum(-1), (weight * x * y).sum(-1)
     det = S0 * Sxx - Sx**2
@@ -153,7 +157,7 @@ def _fitted(x: Array, y: Array, weight: Array) -> tuple[Array, Array, Array]:
 
 
 def _error(x: Array, v: Array, n: Array, a: Array, b: Array) -> Array:
-    """(…, L, J) Σ n·(v − law)² over bins; infinite where a law was not determined."""
+    """(…, L, J) Σ n·(v − law)² over bins; infinite where a law is undetermined."""
     eta = a[..., None] + b[..., None] * x
     eta[..., 1:, :, :] = np.exp(np.clip(eta[..., 1:, :, :], -LARGEST_LOG, LARGEST_LOG))
     squares: Array = np.where(n > 0, n * (v - eta) ** 2, 0.0).sum(-1)

@@ -1,8 +1,8 @@
-"""How friction falls as a joint warms: one straight line a joint, learnt from replay to replay, and a curve where that is better.
+"""Friction over joint temperature: one straight line for each joint, learnt from replay to replay, and a curve where that is better.
 
-Raviola et al. (2021), §4: fv falls linearly with the joint's temperature, Coulomb friction stays. A line is a Bayesian
-regression on running sums: the level is learnt from the data alone, the slope starts from what the robot family does, so
-that one replay already gives a usable law with an honest doubt. Over a wider range another law may fit better: `curves.py`.
+Raviola et al. (2021), §4: fv falls linearly with the joint's temperature, and Coulomb friction does not depend on it. A line is a Bayesian
+linear regression on running sums. Its level has no prior, and its slope has that of the robot family: one replay already gives a usable law
+with a realistic uncertainty. Over a wide range another law may fit better, see `curves`.
 """
 
 from dataclasses import dataclass, replace
@@ -11,41 +11,39 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from monitor.errors import BadConfiguration
+from monitor.judge.bounds import check_bounds
 from monitor.judge.document import array, plain
 from monitor.judge.temperature.curves import BINS, LAWS, PER_BIN, Curve, choose_curve, curve_from_document, no_bins, update_bins
 from monitor.recording import Array
 
-SUMS = 6  # n, Σt, Σt², Σy, Σty, Σy²
-LEAST_LEFT = 0.05  # of its intercept, however far a line is stretched: friction never drives
+SUMS = 6  # n, Σt, Σt², Σy, Σty, Σy² of the regression
+LEAST_LEFT = 0.05  # share of its intercept below which an extrapolated line does not fall: friction never drives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TemperatureSettings:
-    """What is believed of temperature before the first replay, and how far a law may be stretched."""
+    """The prior of the temperature laws, and how far they may be extrapolated."""
 
     viscous_fall_per_k: Annotated[float, Interval(ge=0.0, le=0.1)] = (
         0.015  # UR3 and UR5: 0.8–2.2 %/K between 22 and 40 °C, Raviola et al. (2021), table 4
     )
-    viscous_fall_std_per_k: Annotated[float, Interval(ge=1e-6, le=0.1)] = 0.007  # so that the published range is ± 1 σ
+    viscous_fall_std_per_k: Annotated[float, Interval(ge=1e-6, le=0.1)] = 0.007  # the published range is ± 1 σ
     coulomb_fall_std_per_k: Annotated[float, Interval(ge=1e-6, le=0.1)] = (
-        0.003  # the paper sees none; a straight line through a concave law leaves some
+        0.003  # the paper observes none; a straight line through a concave law leaves some
     )
     scatter: Annotated[float, Interval(ge=1e-6, le=1.0)] = (
-        0.05  # fraction; one trajectory's fc and fv scatter by 4–10 % from replay to replay
+        0.05  # prior scatter between replays, as a fraction: fc and fv of one trajectory scatter by 4–10 %
     )
-    scatter_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 5.0  # how many replays that belief is worth
-    margin_k: Annotated[float, Interval(ge=0.0, le=50.0)] = 3.0  # beyond the coldest and warmest replay a line is still trusted this far
+    scatter_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 5.0  # [replays] weight of that prior
+    margin_k: Annotated[float, Interval(gt=0.0, le=50.0)] = 3.0  # a law may be used so far beyond the coldest and the warmest replay
 
     def __post_init__(self) -> None:
-        """Raises BadConfiguration where a figure that must be positive is not."""
-        for name in ("viscous_fall_std_per_k", "coulomb_fall_std_per_k", "scatter", "scatter_replays", "margin_k"):
-            if not getattr(self, name) > 0:
-                raise BadConfiguration(f"temperature.{name} = {getattr(self, name)!r}; expected a positive number")
+        """Raises BadConfiguration naming the field that is out of its bounds."""
+        check_bounds(self, "temperature")
 
 
 class LawValue(NamedTuple):
-    """A law's value at a temperature, its standard deviation, and whether the line was stretched beyond what it has seen."""
+    """The value of a law at a temperature, its standard deviation, and whether it is an extrapolation."""
 
     value: Array
     std: Array
@@ -54,24 +52,24 @@ class LawValue(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Law:
-    """Sufficient statistics of one line a joint; t = T − origin_c, y = value − origin_value, against cancellation."""
+    """Sufficient statistics of one line for each joint. t = T − origin_c and y = value − origin_value, against cancellation."""
 
     origin_c: Array  # (J,)
-    origin_value: Array  # (J,) first value seen; NaN before
+    origin_value: Array  # (J,) first value; NaN before
     slope_prior: Array  # (J,) [unit/K]
     slope_prior_std: Array  # (J,)
     scatter_prior: Array  # (J,) [unit] between replays
     sums: Array  # (J, 6)
-    range_c: Array  # (J, 2) coldest and warmest replay; NaN before
+    range_c: Array  # (J, 2) coldest and warmest replay; NaN before the first
     bins: Array  # (J, BINS, 3) the same values by temperature, see `curves`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A law fitted: value = intercept + slope·(T − reference_c), wear divided out; or the curve, where that errs less."""
+    """A fitted law: value = intercept + slope·(T − reference_c), without wear; or the curve, where that has less error."""
 
     reference_c: Array  # (J,)
-    intercept: Array  # (J,) at reference_c; NaN where the joint was never seen
+    intercept: Array  # (J,) at reference_c; NaN where the joint was never resolved
     slope: Array  # (J,) [unit/K]
     cov: Array  # (J, 2, 2) of (intercept, slope)
     scatter: Array  # (J,) between replays
@@ -81,14 +79,14 @@ class Line:
 
     @property
     def law(self) -> tuple[str, ...]:
-        """(J,) linear, exponential or vogel: which of them `at` answers by."""
+        """(J,) linear, exponential or vogel: the law that `at` uses."""
         kinds = np.zeros(len(self.intercept)) if self.curve is None else self.curve.kind
         return tuple(LAWS[int(kind)] for kind in kinds)
 
     def at(self, temperature_c: Array) -> LawValue:
-        """Value, standard deviation of the law and `extrapolated`, each (…, J), at temperatures (…, J).
+        """Value, standard deviation of the law, and whether it is an extrapolation, (…, J) each, at temperatures (…, J).
 
-        A line stretched so far that friction would vanish is held at 5 % of its intercept: friction never drives.
+        An extrapolated line does not fall below 5 % of its intercept, because friction never drives.
         """
         t = temperature_c - self.reference_c
         value = self.intercept + self.slope * t
@@ -101,25 +99,25 @@ class Line:
         return LawValue(value, std, ~self.inside(temperature_c))
 
     def inside(self, temperature_c: Array) -> np.ndarray:
-        """(…, J) whether a temperature lies in the learnt range, widened by the margin; False where unknown."""
+        """(…, J) whether temperatures (…, J) lie in the learnt range, widened by the margin; False where either is unknown."""
         return inside_range(self.range_c, temperature_c, self.margin_k)
 
     @property
     def change(self) -> Array:
-        """(J,) relative change from the coldest to the warmest replay, as in table 4 of the paper."""
+        """(J,) relative change from the coldest to the warmest replay; Raviola et al. (2021), table 4."""
         cold = self.intercept + self.slope * (self.range_c[:, 0] - self.reference_c)
         with np.errstate(divide="ignore", invalid="ignore"):
             fraction: Array = self.slope * (self.range_c[:, 1] - self.range_c[:, 0]) / cold
         return np.where(np.isfinite(fraction), fraction, np.nan)
 
     def as_document(self) -> dict[str, Any]:
-        """Plain JSON; `line_from_document` is its inverse."""
+        """The line as plain JSON; `line_from_document` is the inverse."""
         document: dict[str, Any] = plain(self)
         return document
 
 
 def inside_range(range_c: Array, temperature_c: Array, margin_k: float) -> np.ndarray:
-    """(…, J) whether temperatures (…, J) lie in ranges (J, 2) widened by a margin; False where either is unknown."""
+    """(…, J) whether temperatures (…, J) lie in ranges (J, 2), widened by a margin; False where either is unknown."""
     within: np.ndarray = (temperature_c >= range_c[:, 0] - margin_k) & (temperature_c <= range_c[:, 1] + margin_k)
     return within
 
@@ -157,8 +155,8 @@ def law_from_document(document: Any, joints: int, *, where: str) -> Law:
 
 
 def initial_law(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_per_k: float, scatter: float) -> Law:
-    """A law before its first replay: slope and scatter as fractions of a first value (J,); NaN where it is unknown."""
-    size = np.where(np.isfinite(value), np.maximum(np.abs(value), 1e-3), 1.0)  # a friction of nothing would make the prior certain
+    """A law before its first replay. The priors of slope and scatter are fractions of a first value (J,), NaN where it is unknown."""
+    size = np.where(np.isfinite(value), np.maximum(np.abs(value), 1e-3), 1.0)  # a value of 0 would make the prior certain
     J = len(origin_c)
     return Law(
         origin_c=origin_c,
@@ -173,9 +171,9 @@ def initial_law(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_pe
 
 
 def update_law(law: Law, temperature_c: Array, value: Array) -> Law:
-    """The law after one more replay, (J,) each. NaN in `value` leaves a joint as it was.
+    """The law after one more replay, (J,) each. A joint with NaN in `value` keeps its law.
 
-    An unknown temperature counts as the origin: it teaches the level, and does not widen the range.
+    An unknown temperature counts as the origin: the level is learnt from it, and the range stays.
     """
     seen = np.isfinite(value)
     origin_value = np.where(np.isnan(law.origin_value), value, law.origin_value)
@@ -189,7 +187,7 @@ def update_law(law: Law, temperature_c: Array, value: Array) -> Law:
 
 
 def fit_law(law: Law, reference_c: Array, settings: TemperatureSettings) -> Line:
-    """The line that the replays so far and the prior support, referred to a temperature (J,); with the curve where that errs less."""
+    """The line by all replays so far and the prior, referred to a temperature (J,), and the curve where that has less error."""
     line = fit_line(law, reference_c, settings)
     return replace(line, curve=choose_curve(law.bins, reference_c, line.scatter))
 
@@ -199,7 +197,7 @@ def fit_line(law: Law, reference_c: Array, settings: TemperatureSettings) -> Lin
     n, St, Stt, Sy, Sty, Syy = law.sums.T  # (J,) each
     scatter = law.scatter_prior
     level, slope, cov = _posterior(law, scatter)
-    # the residual tells the scatter; the prior's share keeps a law of two replays from being certain
+    # the residuals determine the scatter; without its prior, a line through two replays would be certain
     rss = Syy - 2.0 * (level * Sy + slope * Sty) + level**2 * n + 2.0 * level * slope * St + slope**2 * Stt
     freedom = settings.scatter_replays
     scatter = np.sqrt((freedom * law.scatter_prior**2 + np.maximum(rss, 0.0)) / (freedom + np.maximum(n - 1.0, 0.0)))
@@ -237,7 +235,7 @@ def _posterior(law: Law, scatter: Array) -> tuple[Array, Array, Array]:
     """Level and slope (J,) about the origin and their covariance (J, 2, 2), for a given scatter."""
     n, St, Stt, Sy, Sty, _ = law.sums.T
     weight = 1.0 / scatter**2
-    # an unseen joint has no level: its precision is 0, and a tiny one keeps the algebra regular (intercept is NaN anyway)
+    # a joint without replays has no level: a tiny precision instead of 0 keeps the algebra regular, and its intercept is NaN
     A00 = np.where(n > 0, n, 1e-9) * weight
     A01 = St * weight
     A11 = Stt * weight + 1.0 / law.slope_prior_std**2

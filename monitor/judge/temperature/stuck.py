@@ -1,56 +1,59 @@
-"""A temperature sensor that stands still while the other joints warm and cool: what it tells is no temperature.
+"""Temperature sensors that are stuck: their value does not change while the arm's other joints warm and cool.
 
-Left alone, every season would look like wear of that joint, or hide it.
+A stuck value is not a temperature. If it were used, every season would look like wear of that joint, or hide it.
 """
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
-from monitor.judge.document import arrays
+from monitor.judge.document import array, key_of
 from monitor.recording import Array
 
-SAME_K = 1.0 / 32.0  # half a step of a UR's sensor: the mean of a replay moves by more
-REPLAYS = 5  # in a row that tell the same …
-MOVED_K = 3.0  # … while the other joints' median went up and down by so much
+SAME_K = 1.0 / 32.0  # [K] half a step of a UR's sensor: the mean over a replay varies by more
+REPLAYS = 5  # in a row with the same value …
+MOVED_K = 3.0  # [K] … while the median of the other joints varied by so much
 
 
-class Sensors(NamedTuple):
-    """Since when every joint's sensor tells what it tells, (J,) each; NaN before the first replay."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorHistory:
+    """For how long each joint's sensor has had its present value, (N,) each; NaN before the first replay."""
 
-    told_c: Array
-    replays: Array
-    others_low_c: Array  # of the other joints' median meanwhile
-    others_high_c: Array
+    value_c: Array = field(metadata={"key": "told_c"})
+    replays: Array  # in a row with this value
+    others_low_c: Array  # lowest median of the arm's other joints in these replays
+    others_high_c: Array  # and the highest
 
 
-def update_sensors(before: Sensors | None, temperature_c: Array, joints_per_arm: int) -> Sensors:
+def update_sensors(before: SensorHistory | None, temperature_c: Array, joints_per_arm: int) -> SensorHistory:
     """The history after one more replay at temperatures (N,) [°C]. A sensor without a value keeps its history."""
-    T = temperature_c
-    N = len(T)
+    T, N = temperature_c, len(temperature_c)
     unknown = np.full(N, np.nan)
-    was = before or Sensors(unknown, np.zeros(N), unknown, unknown)
+    was = before or SensorHistory(value_c=unknown, replays=np.zeros(N), others_low_c=unknown, others_high_c=unknown)
     known = np.isfinite(T)
     others = median_of_others(T, joints_per_arm)
-    same = known & (np.abs(T - was.told_c) < SAME_K)
-    return Sensors(
-        told_c=np.where(known & ~same, T, was.told_c),
+    same = known & (np.abs(T - was.value_c) < SAME_K)
+    return SensorHistory(
+        value_c=np.where(known & ~same, T, was.value_c),
         replays=np.where(same, was.replays + 1.0, np.where(known, 1.0, was.replays)),
         others_low_c=np.where(same, np.fmin(was.others_low_c, others), np.where(known, others, was.others_low_c)),
         others_high_c=np.where(same, np.fmax(was.others_high_c, others), np.where(known, others, was.others_high_c)),
     )
 
 
-def stuck_sensors(sensors: Sensors) -> np.ndarray:
-    """(J,) which sensors stand still though they should not."""
+def stuck_sensors(sensors: SensorHistory) -> np.ndarray:
+    """(N,) which sensors are stuck."""
     moved = sensors.others_high_c - sensors.others_low_c
-    still: np.ndarray = (sensors.replays >= REPLAYS) & (np.nan_to_num(moved) >= MOVED_K)
-    return still
+    stuck: np.ndarray = (sensors.replays >= REPLAYS) & (np.nan_to_num(moved) >= MOVED_K)
+    return stuck
 
 
-def sensors_from_document(document: Any, J: int) -> Sensors | None:
-    """Raises BadInput naming what is missing or wrong; None of null."""
-    return None if document is None else Sensors(**arrays(document, Sensors._fields, (J,), where="belief: sensors"))
+def sensors_from_document(document: Any, joints: int) -> SensorHistory | None:
+    """A SensorHistory from its document, or None of null. Raises BadInput naming what is missing or wrong."""
+    if document is None:
+        return None
+    return SensorHistory(**{f.name: array(document, key_of(f), (joints,), where="belief: sensors") for f in fields(SensorHistory)})
 
 
 def median_of_others(values: Array, joints_per_arm: int) -> Array:
