@@ -1,12 +1,12 @@
-"""What the simulated controller costs: its process's time on a core, idle and with clients, and how fast it is without a wire.
+"""The processor time of the simulated controller, idle and with clients, and its speed without a wire.
 
-`python -m tests.bench.simulator`; the figures are shares of one core, from the kernel's account of the simulator's process. Three
-parts: the arm (servo loop, motion, heat, wear); the rest of the controller's physics as issue 5 counts it (servoj's filter, sensor
-noise, what is guarded); and all else, beyond physics: programs, poses, the wire. They are metered inside the live process, between
-sleeps; the meter's own system calls cost about 0.1 % of a core and count as beyond.
+Run `python -m tests.bench.simulator`. The figures are shares of one core, from the kernel's account of the simulator's process. There
+are three parts: the arm (servo, motion, heat, wear); the rest of the controller's physics (servoj's filter, sensor noise, limits); and
+everything beyond physics (programs, poses, the wire). They are measured inside the running process. The system calls of the measurement
+cost about 0.1 % of a core and count as beyond physics.
 
-A core that sleeps between ticks wakes with cold caches and a low clock, and the same work takes it up to half as long again; so each
-line is measured twice, the second time with the cores kept awake by a process of the lowest class (SCHED_IDLE), which gives way at once.
+A core that sleeps between control periods wakes with cold caches and a low clock, so the same work takes up to one and a half times as
+long. Each line is therefore measured twice. The second time, processes of the lowest class (SCHED_IDLE) keep the cores awake.
 """
 
 import os
@@ -37,7 +37,7 @@ while time.monotonic() < end:
     t = c.initPeriod()
     swing = 0.3 * (1 - math.cos(2 * (r.getTimestamp() - begun)))
     if not c.servoJ([s + swing for s in start], 0, 0, 1 / hz, 0.03, 500):
-        print("ended", flush=True)  # leaving may hang in ur-rtde's destructors: this must not pass for a client that still streams
+        print("ended", flush=True)  # ur-rtde's destructors may hang: the output shows that this client no longer streams
         sys.exit()
     c.waitPeriod(t)
 c.servoStop()
@@ -75,23 +75,23 @@ runpy.run_module("monitor.simulate", run_name="__main__")
 
 
 class Metered:
-    """A simulator in a process of its own, whose time is divided into the arm, the rest of physics, and all else."""
+    """A simulator in a process of its own. Its time is divided into the arm, the rest of physics, and everything else."""
 
     def __init__(self, robot: str) -> None:
         command = [sys.executable, "-c", METERED, "--robot", robot, "--bind", ADDRESS]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        self._said()
+        self._line()
 
-    def _said(self) -> str:
+    def _line(self) -> str:
         assert self.process.stdout is not None
         return self.process.stdout.readline()
 
     def _spent(self) -> np.ndarray:
         self.process.send_signal(signal.SIGUSR1)
-        return np.array([float(word) for word in self._said().split()])
+        return np.array([float(word) for word in self._line().split()])
 
     def share(self, seconds: float) -> tuple[float, float, float]:
-        """Of one core over the next seconds: the arm, the rest of physics, and all else [%]."""
+        """Shares of one core over the next seconds: the arm, the rest of physics, and everything else [%]."""
         before = self._spent()
         time.sleep(seconds)
         wall, core, arm, controller = self._spent() - before
@@ -100,7 +100,7 @@ class Metered:
 
 @contextmanager
 def awake() -> Iterator[None]:
-    """Keep the cores from sleeping, with what runs only where nothing else wants to."""
+    """Keep the cores awake by processes that run only when no other process wants to."""
     spinning = [
         subprocess.Popen([sys.executable, "-c", "import os\nos.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))\nwhile True: pass"])
         for _ in range(os.cpu_count() or 1)
@@ -114,7 +114,7 @@ def awake() -> Iterator[None]:
 
 
 def on_the_wire(robot: str, hz: float) -> tuple[float, float, float, float]:
-    """Idle; and the arm, the rest of physics and all else while ur-rtde receives all and streams servoJ at this rate [% of a core]."""
+    """Shares of a core [%]: idle, then arm, rest of physics and everything else while ur-rtde receives and streams servoJ at this rate."""
     simulator, clients = Metered(robot), None
     try:
         idle = sum(simulator.share(SECONDS))
@@ -137,7 +137,7 @@ def on_the_wire(robot: str, hz: float) -> tuple[float, float, float, float]:
 
 
 def stepped(robot: str, *, moving: bool) -> float:
-    """Times faster than real time, without a wire."""
+    """Simulated time over processor time, without a wire."""
     controller = Controller(SimulateSettings(robot=robot))
     ticks, a_target = round(SECONDS / controller.clock.tick_s), round(0.008 / controller.clock.tick_s)
     home = controller.reference.q.copy()
@@ -151,7 +151,7 @@ def stepped(robot: str, *, moving: bool) -> float:
 
 
 def main() -> None:
-    """Two lines a robot."""
+    """Print two lines for each robot and rate."""
     print(f"{'robot':<8}{'at rest':>14}{'moving':>14}{'cores':>10}{'idle':>10}{'receive+control: arm':>24}{'controller':>14}{'beyond':>10}")
     for robot, hz in (("ur5", 125.0), ("ur5e", 125.0), ("ur5e", 500.0)):
         rest, moving = stepped(robot, moving=False), stepped(robot, moving=True)

@@ -38,11 +38,6 @@ class Measurements:
         self.sensors.faults.encoder_offset_rad = self.encoder_offset_rad if self._shifted else None
 
     @property
-    def encoders_shifted(self) -> bool:
-        """Whether an encoder shows another position than the true one."""
-        return self._shifted
-
-    @property
     def encoder_q(self) -> Array:
         """(J,) position of the arm as the encoders show it, without noise [rad]."""
         return self._arm.q + self.encoder_offset_rad if self._shifted else self._arm.q

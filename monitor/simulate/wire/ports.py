@@ -121,7 +121,6 @@ class Port(asyncio.Protocol):
         self.transport: asyncio.Transport | None = None
         self.full = False
         self.started = False
-        self.skipped = 0  # packets that were not sent, because the client did not read
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Accept the connection, unless there are too many."""
@@ -217,7 +216,6 @@ class RtdePort(Port):
         if transport is None or transport.is_closing():
             return
         if self.full:
-            self.skipped += 1
             self._deaf_since_s = self._deaf_since_s or now_s
             if now_s - self._deaf_since_s > DEAF_AFTER_S:
                 log.warning("rtde connection closed: it has not read for %g s", DEAF_AFTER_S)
@@ -303,7 +301,6 @@ def _to_all(ports: set[Port], packet: Callable[[], bytes]) -> None:
     for port in tuple(ports):
         transport = port.transport
         if port.full or transport is None or transport.is_closing():
-            port.skipped += 1
             continue
         made = packet() if made is None else made
         transport.write(made)

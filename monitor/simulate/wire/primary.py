@@ -28,7 +28,6 @@ _MODE = struct.Struct(">Q7?BBddd")
 _JOINT = struct.Struct(">dddffffB")
 _TOOL = struct.Struct(">BBddfBffB")
 _BOARD = struct.Struct(">iiBBddBBddffffBBBIBBB")
-_SIX = struct.Struct(">6d")
 _TWELVE = struct.Struct(">12d")
 
 
