@@ -37,12 +37,12 @@ NOTES = {
   explain by a step: these arms only wear, and the monitor does not know that.
 """,
 }
-ROWS = {  # by which each is known on the card
+ROWS = {  # the text by which the row of each note is found on the card
     "step": "within 30 days in 99 % ✗",
     "life": "P10–P90 of remaining",
 }
-SEED = 2028  # none that was looked at while anything was chosen; of 2021, 2026 and 2027 a card was seen, then something was changed
-REPLAYS, TESTS = 40, 12  # of each arm of full physics: learnt from, foreseen
+SEED = 2028  # not used while anything was chosen; the cards of 2021, 2026 and 2027 were read before later changes
+REPLAYS, TESTS = 40, 12  # of each arm of full physics: for learning, and for predicting
 EXCITATION = Path("config/excitation/ur5-ground.json")
 HEAD = """# What the verdicts are worth
 
@@ -68,18 +68,33 @@ def card(
     seed: int,
     arm_days_a_minute: float,
 ) -> str:
-    """The card of a rehearsal. `quieter`: what was told at σ = 1 %; `torque`: how well it is foreseen; `physics`: the surrogate's test."""
-    worn = sum(row["arms"] for row in (*document["detection"], *quieter))
+    """The card as Markdown.
+
+    document : of `rehearse`. quieter : detection of the kinds of wear that were also played at σ = 1 %. torque, physics : `summary` and
+    `surrogate` of the arms of full physics. arm_days_a_minute : speed of one process.
+    """
     text = HEAD.format(
         seed=seed,
         years=document["robot_years"],
-        worn=worn,
+        worn=sum(row["arms"] for row in (*document["detection"], *quieter)),
         noise=100 * document["between_std"],
         rho=document["autocorrelation"],
         learning=document["learning_days"],
         surrogate=_surrogate(physics),
     )
-    text += "\n## False alerts\n\nCounted are advisories of friction, of joints and of the arm, "
+    text += _false_alerts(document)
+    text += _detection(document, quieter)
+    text += _intervals(document, arm_days_a_minute)
+    text += _torque_rows(torque)
+    text += "\nFrom the onset on, the intervals of friction in joints that wear contain the truth less often "
+    text += "while the change is not yet detected: "
+    text += ", ".join(f"{row['wear']} {100 * row['interval_90']:.0f} %" for row in document["detection"]) + ".\n"
+    return text + notes(text)
+
+
+def _false_alerts(document: dict[str, Any]) -> str:
+    """Alerts of arms without wear, by scenario."""
+    text = "\n## False alerts\n\nCounted are advisories of friction, of joints and of the arm, "
     text += "and not those of the data (`data_quality`, …).\n\n"
     text += "| scenario | robot-years | alerts | a robot-year | at most | asked for |\n|---|---|---|---|---|---|\n"
     for name, rate in document["false_alarms"].items():
@@ -93,7 +108,12 @@ def card(
         f"\n{document['false_wear_alerts']} of them reached the wear tier. While learning, in the first {document['learning_days']} days, "
         f"there were {early['events']} more ({early['per_year']:.3f} a robot-year, at most {early['at_most']:.3f}).\n"
     )
-    text += "\n## Days from the onset of wear in one joint to the first tier\n\n"
+    return text
+
+
+def _detection(document: dict[str, Any], quieter: Sequence[dict[str, Any]]) -> str:
+    """How soon each kind of wear is detected."""
+    text = "\n## Days from the onset of wear in one joint to the first tier\n\n"
     text += (
         "Wear begins on a day drawn evenly from the days on which false alerts are counted above, "
         f"{LEARNING_DAYS} to {LATEST_ONSET}. Days are calendar days; every hundredth has no replay. Arms with holidays or swapped "
@@ -115,10 +135,15 @@ def card(
         f"{_met((ten['median_at_most_days'] or 1e9) <= 110)}.\n"
     )
     text += "The 5 % step within 30 days, by the days of baseline before it: " + _by_baseline(five["by_baseline"]) + ".\n"
+    return text
+
+
+def _intervals(document: dict[str, Any], arm_days_a_minute: float) -> str:
+    """Coverage of intervals, remaining life, what temperature leaves, and the speed."""
     life = document["remaining_life"]
     held, near = life["p10_p90_holds"], life["alpha_lambda_at_half_life"]
     cover, slope = document["friction_interval_90"], document["slope_left_per_k"]
-    text += "\n## Intervals, remaining life, temperature\n\n| figure | reached | asked for |\n|---|---|---|\n"
+    text = "\n## Intervals, remaining life, temperature\n\n| figure | reached | asked for |\n|---|---|---|\n"
     text += f"| 90 % intervals of friction at reference temperature contain the truth | {_percent(cover)} | 85–95 % {_between(cover)} |\n"
     text += f"| P10–P90 of remaining life contain the truth, at half-life | {_share(held, both=True)} | "
     text += f"75–85 % {_met(held['at_least'] >= 0.75 and held['at_most'] <= 0.85)} |\n"
@@ -129,24 +154,20 @@ def card(
         f"{_slope(slope)} | ≤ 0.1 %/K {_met(slope['at_most'] <= 0.001)} |\n"
     )
     text += f"| arm-days assessed a minute by one process, their simulation included | {arm_days_a_minute:,.0f} | ≥ 50 000 {_met(arm_days_a_minute >= 5e4)} |\n"  # noqa: E501 - a table's row
-    text += _torque_rows(torque)
-    text += "\nFrom the onset on, the intervals of friction in joints that wear contain the truth less often "
-    text += "while the change is not yet detected: "
-    text += ", ".join(f"{row['wear']} {100 * row['interval_90']:.0f} %" for row in document["detection"]) + ".\n"
-    return text + notes(text)
+    return text
 
 
 def notes(text: str) -> str:
-    """Why, of what the card says was not reached; nothing where all was."""
-    missed = [line for line in text.splitlines() if "✗ not reached" in line]
-    said = [why.strip() for key, why in NOTES.items() if any(ROWS[key] in line for line in missed)]
-    return "\n## Where a figure is not reached\n\n" + "\n".join(said) + "\n" if said else ""
+    """The explanation of every figure that the card marks as not reached; empty where all are reached."""
+    not_reached = [line for line in text.splitlines() if "✗ not reached" in line]
+    explanations = [why.strip() for key, why in NOTES.items() if any(ROWS[key] in line for line in not_reached)]
+    return "\n## Where a figure is not reached\n\n" + "\n".join(explanations) + "\n" if explanations else ""
 
 
 def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = None) -> str:
-    """Play everything, on so many processes, and write it down."""
+    """The card of everything played anew, on `workers` processes; `arms` is the number of arms without wear."""
     assess = AssessSettings()
-    began = time.process_time()  # so that the figure is that of a machine with nothing else to do
+    began = time.process_time()  # processor time: other work on the machine does not change the figure
     speed = play(FleetSettings(arms=64, days=90, seed=seed), assess)
     arm_days_a_minute = 64 * (speed.days + 60) / (time.process_time() - began) * 60.0
     few = max(arms // 6, 12)
@@ -164,7 +185,7 @@ def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = 
 
 
 def beside(text: str, page: Path) -> str:
-    """The card, followed by what the page holds below the card's end."""
+    """The card, followed by what the page contains below the card's end."""
     rest = page.read_text("utf-8").partition(END)[2] if page.is_file() else ""
     return text + END + rest if rest else text
 
@@ -235,12 +256,12 @@ def _share(share: dict[str, float], *, both: bool = False) -> str:
 
 
 def _by_baseline(spans: list[dict[str, Any]]) -> str:
-    """Each span of days before the onset: found in time of how many."""
-    told = []
+    """For each span of days before the onset: detected within 30 days, and the number of arms."""
+    texts = []
     for span in spans:
         share = span["within_30_days"]
-        told.append(f"{span['from_days']}–{span['to_days'] - 1} days {share['hits']:.0f} of {share['of']:.0f}")
-    return ", ".join(told)
+        texts.append(f"{span['from_days']}–{span['to_days'] - 1} days {share['hits']:.0f} of {share['of']:.0f}")
+    return ", ".join(texts)
 
 
 def main() -> None:
