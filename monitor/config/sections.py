@@ -42,14 +42,14 @@ def read_section(name: str, cls: type, value: Any, mistakes: list[str], left_out
             elif problem["type"] == "missing":
                 mistakes.append(f"{key}: missing")
             else:
-                said = _EXPECTED.get(problem["type"], f"{problem['msg'][0].lower()}{problem['msg'][1:]}")
-                mistakes.append(f"{key} = {problem['input']!r}: {said}")
+                reason = _EXPECTED.get(problem["type"], f"{problem['msg'][0].lower()}{problem['msg'][1:]}")
+                mistakes.append(f"{key} = {problem['input']!r}: {reason}")
         wrong = {problem["loc"][0] for problem in problems}
     except (BadInput, ValueError) as error:  # a room may refuse a value or a combination that its types allow
         # a room names itself and, for one key's mistake, the key: `replay: gain = 5.0; expected …`, `schedule.cron = …`
-        said = re.sub(rf"\A\[?{re.escape(name)}\]?[.:] *", "", str(error))
-        named = re.match(r"\w+(?= = )", said)
-        mistakes.append(f"{name}.{said}" if named else f"[{name}] {said}")
+        reason = re.sub(rf"\A\[?{re.escape(name)}\]?[.:] *", "", str(error))
+        named = re.match(r"\w+(?= = )", reason)
+        mistakes.append(f"{name}.{reason}" if named else f"[{name}] {reason}")
         wrong = {named[0]} if named else set()
     if wrong & value.keys():
         rest = {key: entry for key, entry in value.items() if key not in wrong}

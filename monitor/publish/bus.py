@@ -157,7 +157,7 @@ class Bus:
 
     def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> permit.PermitReply | None:
         """Ask for a permit on `permit/replay`; None where nobody answers in that time."""
-        return permit.asked(self._session, self._prefix, about, timeout_s)
+        return permit.ask_permit(self._session, self._prefix, about, timeout_s)
 
     def robot_alive(self, alive: bool) -> None:
         """Hold or drop the liveliness token of the link to the arm."""
@@ -212,8 +212,8 @@ class Bus:
                     _refuse(query, f"internal: {type(error).__name__}")
 
     def _answer(self, query: zenoh.Query) -> None:
-        asked = str(query.key_expr)
-        key = asked.removeprefix(f"{self._prefix}/")
+        selector = str(query.key_expr)
+        key = selector.removeprefix(f"{self._prefix}/")
         if key in self._answers:  # only the exact key: a wildcard must never make anything happen
             answer = self._answers[key]
             about = _payload(query, key) if answer.payload else _parameters(query, key)

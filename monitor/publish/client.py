@@ -122,8 +122,8 @@ class Client:
 
         Raises BadInput with the daemon's text where the arguments are wrong, BusError where no daemon answers.
         """
-        asked = {name: value for name, value in arguments.items() if value is not None}
-        return Torque.model_validate(self._one(kind_of(Torque).key(), asked).document)
+        given = {name: value for name, value in arguments.items() if value is not None}
+        return Torque.model_validate(self._one(kind_of(Torque).key(), given).document)
 
     def history(self, *, joint: int | None = None, since: str | None = None, until: str | None = None) -> Iterator[HistoryRow]:
         """Past estimates, the oldest first, page by page; times as RFC 3339."""

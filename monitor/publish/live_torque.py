@@ -26,8 +26,8 @@ class LiveTorque:
 
     def compared(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> tuple[TorquePrediction, Array]:
         """The model's prediction, (1, J), and the drives' torque, (J,) [N·m], of one sample; inputs are (J,)."""
-        foreseen = self._predictor.sample(q.tolist(), qd.tolist(), qdd.tolist(), temperature_c.tolist())
-        return TorquePrediction(*(np.array([part]) for part in foreseen)), current * self._gains
+        predicted = self._predictor.sample(q.tolist(), qd.tolist(), qdd.tolist(), temperature_c.tolist())
+        return TorquePrediction(*(np.array([part]) for part in predicted)), current * self._gains
 
     def document(self, q: Array, qd: Array, temperature_c: Array, predicted: TorquePrediction, measured: Array) -> dict[str, Any]:
         """The published document of one sample, without its time; arrays are (J,).

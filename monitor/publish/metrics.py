@@ -119,10 +119,10 @@ def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., G
         if value is not None:
             gauge.add_metric(who, float(value))
         yield gauge
-    trouble = family("joint_monitor_trouble", "1 while something is wrong with the monitor itself", "name")
+    problems = family("joint_monitor_trouble", "1 while something is wrong with the monitor itself", "name")
     for each in monitor.get("troubles", []):
-        trouble.add_metric([*who, each["name"]], 1.0)
-    yield trouble
+        problems.add_metric([*who, each["name"]], 1.0)
+    yield problems
     ended = family("joint_monitor_last_replay", "1 for how the last window ended", "state")
     if last:
         ended.add_metric([*who, last["state"]], 1.0)
@@ -149,10 +149,10 @@ def _health(health: Mapping[str, Any], who: list[str], family: Callable[..., Gau
     if health.get("next_replay_due"):
         due.add_metric(who, _unix_s(health["next_replay_due"]))
     yield due
-    said = family("joint_monitor_said_timestamp_seconds", "When the monitor last said how the arm is")
+    published = family("joint_monitor_said_timestamp_seconds", "When the monitor last said how the arm is")
     if health.get("said_at"):
-        said.add_metric(who, _unix_s(health["said_at"]))
-    yield said
+        published.add_metric(who, _unix_s(health["said_at"]))
+    yield published
 
 
 def _alerts(alerts: Mapping[str, Mapping[str, Any]], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:

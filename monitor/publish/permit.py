@@ -27,7 +27,7 @@ class PermitReply(NamedTuple):
     text: str
 
 
-def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
+def ask_permit(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
     """Ask once; None where nobody answered in that time."""
     answers: list[PermitReply] = []
     silent = False  # a program that answers this key has not answered yet
@@ -48,8 +48,8 @@ def asked(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout
         elif reply.err is not None and b"timeout" in reply.err.payload.to_bytes().lower():
             silent = True
         elif reply.err is not None:
-            said = printable(reply.err.payload.to_bytes().decode(errors="replace"))
-            answers.append(PermitReply(False, f"permit/replay answered with an error: {said}"))
+            reply_text = printable(reply.err.payload.to_bytes().decode(errors="replace"))
+            answers.append(PermitReply(False, f"permit/replay answered with an error: {reply_text}"))
     refused = next((answer for answer in answers if not answer.allowed), None)
     if refused is not None or silent or not answers:
         return refused
@@ -96,5 +96,5 @@ class Asker:
         self._session.close()
 
     def ask(self, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
-        """Ask once, as the function `asked`."""
-        return asked(self._session, self._prefix, about, timeout_s)
+        """Ask once, as the function `ask_permit`."""
+        return ask_permit(self._session, self._prefix, about, timeout_s)

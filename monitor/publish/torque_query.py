@@ -57,7 +57,7 @@ def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | 
 
 def _one_sample(request: Mapping[str, Any], temperature_c: Array | None, joints: int) -> list[list[float]] | None:
     """q, qd, qdd and temperature of a request that is plainly one valid sample, as most are; None where it must be checked in full."""
-    told = []
+    sample = []
     for name, (low, high) in RANGES.items():
         value = request.get(name)
         if value is None:
@@ -70,8 +70,8 @@ def _one_sample(request: Mapping[str, Any], temperature_c: Array | None, joints:
         for figure in value:
             if not low <= figure <= high:
                 return None
-        told.append(value)
-    return told if request.keys() <= RANGES.keys() else None
+        sample.append(value)
+    return sample if request.keys() <= RANGES.keys() else None
 
 
 def _rows(request: Mapping[str, Any], name: str, joints: int) -> Array:

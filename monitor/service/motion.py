@@ -53,7 +53,7 @@ def move(
 
     def play(played: Excitation, *, slowly: bool) -> Recording:
         waiting = store.stops.waiting()
-        told = waiting[-1].text if waiting else None
+        stop_text = waiting[-1].text if waiting else None
         band = None
         if slowly:
             band = band_for(
@@ -67,7 +67,7 @@ def move(
             context=context,
             on_progress=on_progress,
             should_stop=should_stop,
-            stopped_before=told,
+            stopped_before=stop_text,
             ask=None if ask is None else _permit(ask),
             announce=announce,
             band=band,
@@ -86,11 +86,11 @@ def move(
 
 def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[ConditionResult, ...]:
     """Every condition as it is now. Nothing is sent to the arm but requests for its state; the history adds its stops"""
-    told = None
+    stop_text = None
     try:
         with Store.reader(configuration.state_directory) as store:
             waiting = store.stops.waiting()
-            told = waiting[-1].text if waiting else None
+            stop_text = waiting[-1].text if waiting else None
     except StoreError:
         if present(configuration.state_directory):
             raise  # a history that cannot be read is not an empty one
@@ -99,16 +99,16 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
         configuration.excitation,
         configuration.robot_description,
         configuration.context,
-        stopped_before=told,
+        stopped_before=stop_text,
         ask=None if ask is None else _permit(ask),
     )
 
 
 def _permit(ask: AskAnswer) -> AskPermit:
     def asking(about: Mapping[str, Any], timeout_s: float) -> Permit | None:
-        told = outside(dict(about))
-        assert isinstance(told, dict)
-        answer = ask(told, timeout_s)
+        question = outside(dict(about))
+        assert isinstance(question, dict)
+        answer = ask(question, timeout_s)
         return None if answer is None else Permit(answer.allowed, answer.text)
 
     return asking

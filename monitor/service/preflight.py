@@ -26,8 +26,8 @@ def service_conditions(configuration: Configuration, now_unix_s: float | None = 
 
 def _configuration(configuration: Configuration) -> ConditionResult:
     overrides = ", ".join(configuration.overrides)
-    told = f"{configuration.path} is right" + (f"; the environment stands in for it: {overrides}" if overrides else "")
-    return ConditionResult(name="configuration", holds=True, text=told)
+    text = f"{configuration.path} is right" + (f"; the environment stands in for it: {overrides}" if overrides else "")
+    return ConditionResult(name="configuration", holds=True, text=text)
 
 
 def _history(configuration: Configuration) -> ConditionResult:
@@ -46,7 +46,7 @@ def _history(configuration: Configuration) -> ConditionResult:
         return ConditionResult(name="history", holds=False, text=f"{path}: {wrong}; the next `joint-monitor run` restores what can be")
     try:
         with closing(connected(path, "ro")) as connection:
-            said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             version = schema_of(connection, directory)
             rows = connection.execute("SELECT count(*) FROM ledger").fetchone()[0] if version else 0
     except StoreError as error:
@@ -55,8 +55,10 @@ def _history(configuration: Configuration) -> ConditionResult:
         return ConditionResult(
             name="history", holds=False, text=f"{path}: {error}; the next `joint-monitor run` restores the newest good backup"
         )
-    if said != "ok":
-        return ConditionResult(name="history", holds=False, text=f"{path}: damaged ({said}); the next run restores the newest good backup")
+    if result != "ok":
+        return ConditionResult(
+            name="history", holds=False, text=f"{path}: damaged ({result}); the next run restores the newest good backup"
+        )
     if not os.access(path, os.W_OK) or not os.access(directory, os.W_OK):
         return ConditionResult(name="history", holds=False, text=f"{path}: cannot be written by this user")
     newest = next(iter(backups(directory)), None)
@@ -69,8 +71,8 @@ def _disk(configuration: Configuration) -> ConditionResult:
     folder = next(each for each in (directory, *directory.parents) if os.access(each, os.F_OK))
     free_mb = shutil.disk_usage(folder).free / 1e6
     least_mb = configuration.store.least_free_mb
-    told = f"{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB"
-    return ConditionResult(name="disk", holds=free_mb >= least_mb, text=told)
+    text = f"{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB"
+    return ConditionResult(name="disk", holds=free_mb >= least_mb, text=text)
 
 
 def _clock(configuration: Configuration, now: float) -> ConditionResult:
@@ -103,7 +105,7 @@ def _synchronised() -> bool | None:
     """Whether systemd reports the host's clock as synchronised; None where there is no systemd."""
     command = ["timedatectl", "show", "--property=NTPSynchronized", "--value"]
     try:
-        said = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
+        result = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return {"yes": True, "no": False}.get(said.stdout.strip())
+    return {"yes": True, "no": False}.get(result.stdout.strip())

@@ -134,8 +134,8 @@ class Assessments:
         A page holds whole replays with ids above `after`, and about `limit` rows at most. The second value is the next `after`; None
         at the end.
         """
-        asked = {"ledger_id > ?": after, "joint = ?": joint, "recorded_at_unix_s >= ?": from_unix_s, "recorded_at_unix_s < ?": to_unix_s}
-        conditions = {condition: value for condition, value in asked.items() if value is not None}
+        limits = {"ledger_id > ?": after, "joint = ?": joint, "recorded_at_unix_s >= ?": from_unix_s, "recorded_at_unix_s < ?": to_unix_s}
+        conditions = {condition: value for condition, value in limits.items() if value is not None}
         rows = self._db.rows(
             "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction "  # noqa: S608 - fixed texts
             f"WHERE {' AND '.join(conditions)} ORDER BY ledger_id, joint LIMIT ?",

@@ -89,10 +89,10 @@ def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
         kind = StoreUnavailable if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO} else StoreError
         return kind(f"{path}: cannot be written: {error.strerror}")
     code = getattr(error, "sqlite_errorcode", None)
-    told = {sqlite3.SQLITE_FULL: " (no space is left)", sqlite3.SQLITE_IOERR: " (the disk is full, or fails)"}
+    causes = {sqlite3.SQLITE_FULL: " (no space is left)", sqlite3.SQLITE_IOERR: " (the disk is full, or fails)"}
     known = None if code is None else code & 0xFF
-    kind = StoreUnavailable if known in {*told, sqlite3.SQLITE_READONLY} else StoreError
-    return kind(f"{path}: {error}{told.get(known, '') if known is not None else ''}")
+    kind = StoreUnavailable if known in {*causes, sqlite3.SQLITE_READONLY} else StoreError
+    return kind(f"{path}: {error}{causes.get(known, '') if known is not None else ''}")
 
 
 def fault(path: Path) -> str | None:
@@ -103,14 +103,14 @@ def fault(path: Path) -> str | None:
     try:
         # not read-only: after a power cut the write-ahead log may lack its index, which only a writer may create
         with closing(connected(path, "rw", isolation_level=None, timeout=2.0)) as connection:
-            said = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
     except sqlite3.DatabaseError as error:
         if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
             raise refused_by(error, path) from None
         return str(error)
     # the first line only names the database: `*** in database main ***`
-    return None if said == "ok" else next((line for line in str(said).splitlines() if not line.startswith("***")), "damaged")
+    return None if result == "ok" else next((line for line in str(result).splitlines() if not line.startswith("***")), "damaged")
 
 
 def lost(directory: Path) -> str | None:

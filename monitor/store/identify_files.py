@@ -106,13 +106,13 @@ def identify_files(request: Request) -> Outcome:
         recordings, robot, mounting, method=request.method, friction=request.friction, gains=gains, rigid_from=earlier
     )  # fmt: skip
     validations: list[Validation] = [validate(found, recording, robot, gains) for recording in held_out]
-    told = document(found, validations)
+    result = document(found, validations)
     if estimated is not None:
-        told["gains"] = gains_document(estimated)
+        result["gains"] = gains_document(estimated)
     if loaded:
-        told["payload"] = payload_document(identify_payload(loaded, found, robot, gains=gains))
-        told["warnings"] += told["payload"].pop("warnings")
-    return Outcome(document=told, identification=found, gains=gains, recordings=recordings, held_out=held_out)
+        result["payload"] = payload_document(identify_payload(loaded, found, robot, gains=gains))
+        result["warnings"] += result["payload"].pop("warnings")
+    return Outcome(document=result, identification=found, gains=gains, recordings=recordings, held_out=held_out)
 
 
 def check_export(path: Path, method: str) -> None:
@@ -166,9 +166,9 @@ def _filled(estimated: Gains, request: Request) -> Array:
 
 def _earlier(path: Path, robot: Robot, mounting: Mounting) -> Identification:
     try:
-        told = json.loads(path.read_text("utf-8"))
+        result = json.loads(path.read_text("utf-8"))
     except OSError as wrong:
         raise BadInput(f"--rigid-from {path}: cannot be read: {wrong.strerror}") from None
     except (ValueError, RecursionError):
         raise BadInput(f"--rigid-from {path}: is not JSON; expected what `identify --json` printed") from None
-    return identification_from_document(told, robot, mounting, str(path))
+    return identification_from_document(result, robot, mounting, str(path))

@@ -82,8 +82,8 @@ def manifest(path: Path) -> list[Entry]:
     unknown = [str(name) for name in rows[0] if name not in MANIFEST_COLUMNS]
     missing = [name for name in MANIFEST_COLUMNS[:2] if name not in rows[0]]
     if unknown or missing:
-        said = f"column {unknown[0]!r} is not known" if unknown else f"column {missing[0]!r} is missing"
-        raise BadInput(f"--manifest {path}: {said}; expected file, recorded_at and, where known, {', '.join(MANIFEST_COLUMNS[2:])}")
+        mistake = f"column {unknown[0]!r} is not known" if unknown else f"column {missing[0]!r} is missing"
+        raise BadInput(f"--manifest {path}: {mistake}; expected file, recorded_at and, where known, {', '.join(MANIFEST_COLUMNS[2:])}")
     return [_entry(path, number, row) for number, row in enumerate(rows, start=2)]
 
 

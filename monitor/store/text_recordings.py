@@ -41,8 +41,8 @@ def read_text(path: Path, columns: str | None) -> Recording:
             f"{path}: has no header; say what its {usual} columns are, e.g. --columns timestamp,actual_q:6,actual_qd:6,actual_current:6"
         )
     if usual != layout.width and not (usual > layout.width and _only_padding(body, separator, layout.width)):
-        told = f"--columns {columns} names {layout.width}" if columns is not None else f"its header names {layout.width}"
-        raise BadInput(f"{path}: rows have {usual} columns, {told}")
+        expected = f"--columns {columns} names {layout.width}" if columns is not None else f"its header names {layout.width}"
+        raise BadInput(f"{path}: rows have {usual} columns, {expected}")
     return _recording(path, layout, body, separator)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from monitor.publish.permit import KEY, asked
+from monitor.publish.permit import KEY, ask_permit
 from monitor.publish.session import session_config
 
 PREFIX = "joint-monitor/v1/lab/arm"
@@ -57,7 +57,7 @@ def test_garbage_is_a_no_and_no_exception(sessions, payload):
     """Also where it is nested deeper than Python reads, and beside somebody's yes."""
     asking, one, two = sessions
     with answering(one, payload), answering(two, yes()):
-        answer = asked(asking, PREFIX, {}, 1.0)
+        answer = ask_permit(asking, PREFIX, {}, 1.0)
     assert answer is not None
     assert not answer.allowed
 
@@ -67,7 +67,7 @@ def test_one_who_has_not_answered_yet_has_not_agreed(sessions):
     asking, one, two = sessions
     held: list[zenoh.Query] = []
     with two.declare_queryable(f"{PREFIX}/{KEY}", held.append), answering(one, yes()):
-        answer = asked(asking, PREFIX, {}, 0.4)
+        answer = ask_permit(asking, PREFIX, {}, 0.4)
         assert held
     assert answer is None or not answer.allowed
 
@@ -76,7 +76,7 @@ def test_what_somebody_says_stays_in_one_line_of_a_log(sessions):
     """No line of his own, no escape sequence."""
     asking, one, _ = sessions
     with answering(one, yes("parked\nWARNING forged \x1b[2J")):
-        answer = asked(asking, PREFIX, {}, 1.0)
+        answer = ask_permit(asking, PREFIX, {}, 1.0)
     assert answer is not None
     assert answer.text.isprintable()
 
@@ -85,7 +85,7 @@ def test_a_bus_that_is_closed_gives_no_permit(free_port):
     """A refusal in words, which ends the window as skipped, and no exception in the schedule."""
     session = zenoh.open(session_config(mode="router", listen=(f"tcp/127.0.0.1:{free_port}",)))
     session.close()
-    answer = asked(session, PREFIX, {}, 0.2)
+    answer = ask_permit(session, PREFIX, {}, 0.2)
     assert answer is not None
     assert not answer.allowed
     assert "cannot be asked" in answer.text

@@ -74,13 +74,13 @@ def robot_digest(robot: Robot) -> str:
 
 
 def assess_recording(
-    store: Store, configuration: Configuration, held: EstimatorState, ledger_id: int, recording: Recording, now: Callable[[], float]
+    store: Store, configuration: Configuration, state: EstimatorState, ledger_id: int, recording: Recording, now: Callable[[], float]
 ) -> HistoryEntry:
     """Assess a recording that the store holds, and commit the result; a rejection ends its window with the reason.
 
     Raises StoreError where the history cannot be written.
     """
-    outcome = _outcome(recording, configuration, held, ledger_id)
+    outcome = _outcome(recording, configuration, state, ledger_id)
     if isinstance(outcome, Rejected):
         store.ledger.end(ledger_id, "rejected", outcome.reason, now())
         return HistoryEntry(outcome, [], recording)
@@ -100,7 +100,7 @@ def assess_recording(
 
 
 def assess_stored(
-    store: Store, configuration: Configuration, held: EstimatorState, ledger_id: int, now: Callable[[], float]
+    store: Store, configuration: Configuration, state: EstimatorState, ledger_id: int, now: Callable[[], float]
 ) -> HistoryEntry:
     """Assess a recording that waits on disk, as `assess_recording`. One that cannot be read is rejected."""
     try:
@@ -108,7 +108,7 @@ def assess_stored(
     except BadInput as error:
         store.ledger.end(ledger_id, "rejected", str(error), now())
         return HistoryEntry(Rejected(str(error)), [], None)
-    return assess_recording(store, configuration, held, ledger_id, recording, now)
+    return assess_recording(store, configuration, state, ledger_id, recording, now)
 
 
 def adopt_orphans(store: Store, at_unix_s: float) -> int:
@@ -125,15 +125,15 @@ def adopt_orphans(store: Store, at_unix_s: float) -> int:
     return adopted
 
 
-def _outcome(recording: Recording, configuration: Configuration, held: EstimatorState, ledger_id: int) -> Assessment | Rejected:
+def _outcome(recording: Recording, configuration: Configuration, state: EstimatorState, ledger_id: int) -> Assessment | Rejected:
     try:
         return assess(
             recording,
             robot=configuration.robot_description,
             mounting=configuration.mounting,
-            belief=held.belief,
-            health=held.health,
-            model=held.model,
+            belief=state.belief,
+            health=state.health,
+            model=state.model,
             gains=configuration.gains_nm_per_a,
             settings=configuration.assess,
         )

@@ -49,7 +49,7 @@ def recompute(store: Store) -> dict[str, Any]:
     The document counts the assessments that are identical to the last bit, lists the others with their differences, and names what has
     changed since they were made. An assessment whose recording was pruned cannot be repeated; the next checkpoint continues the series.
     """
-    held: EstimatorState | None = EstimatorState()  # None: not known until the next checkpoint
+    state: EstimatorState | None = EstimatorState()  # None: not known until the next checkpoint
     tally = _Tally()
     differing: list[dict[str, Any]] = []
     changed: dict[str, None] = {}
@@ -58,7 +58,7 @@ def recompute(store: Store) -> dict[str, Any]:
         between = []
         while changes and changes[0].at_unix_s < verdict.judged_at_unix_s:
             between.append(changes.popleft())
-        outcome, why = (None, "") if held is None else _repeated(store, verdict, _with_alert_changes(held, between))
+        outcome, why = (None, "") if state is None else _repeated(store, verdict, _with_alert_changes(state, between))
         if verdict.made_with is None:
             tally.unknown += 1
         else:
@@ -72,16 +72,16 @@ def recompute(store: Store) -> dict[str, Any]:
             tally.different += bool(wrong)
             if wrong and len(differing) < MOST_LISTED:
                 differing.append({"replay": verdict.ledger_id, "figures": len(wrong), "differs": wrong[:MOST_LISTED]})
-            held = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
-        elif held is not None and why and not why.startswith("gone"):
+            state = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
+        elif state is not None and why and not why.startswith("gone"):
             tally.different += 1
             differing.append({"replay": verdict.ledger_id, "figures": 1, "differs": [why]})
-            held = None
+            state = None
         else:
             tally.gone += 1
-            held = None
-        if held is None and (kept := store.assessments.checkpoint(verdict.ledger_id)) is not None:
-            held = EstimatorState(belief=belief_from_document(kept[0]), health=health_from_document(kept[1]))
+            state = None
+        if state is None and (kept := store.assessments.checkpoint(verdict.ledger_id)) is not None:
+            state = EstimatorState(belief=belief_from_document(kept[0]), health=health_from_document(kept[1]))
     return {
         "assessments": tally.identical + tally.different + tally.gone,
         "identical": tally.identical,
@@ -94,7 +94,7 @@ def recompute(store: Store) -> dict[str, Any]:
     }
 
 
-def _repeated(store: Store, verdict: StoredAssessment, held: EstimatorState) -> tuple[Assessment | None, str]:
+def _repeated(store: Store, verdict: StoredAssessment, state: EstimatorState) -> tuple[Assessment | None, str]:
     """The assessment once more; None with the reason where that is not possible."""
     made, why = _inputs(store, verdict)
     if made is None:
@@ -104,9 +104,9 @@ def _repeated(store: Store, verdict: StoredAssessment, held: EstimatorState) -> 
             made.recording,
             robot=made.robot,
             mounting=made.mounting,
-            belief=held.belief,
-            health=held.health,
-            model=held.model,
+            belief=state.belief,
+            health=state.health,
+            model=state.model,
             gains=made.gains,
             settings=made.settings,
         )
@@ -174,16 +174,16 @@ def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
     return known
 
 
-def _with_alert_changes(held: EstimatorState, events: list[AlertEvent]) -> EstimatorState:
+def _with_alert_changes(state: EstimatorState, events: list[AlertEvent]) -> EstimatorState:
     """The state with the alerts as people and the monitor itself changed them between two replays: the next assessment starts from it."""
-    health = held.health
+    health = state.health
     if health is None or not events:
-        return held
+        return state
     alerts = {alert.key: alert for alert in health.alerts}
     for event in events:
         alert = alert_from_document(event.document)
         alerts[alert.key] = alert
-    return EstimatorState(belief=held.belief, health=replace(health, alerts=tuple(alerts.values())), model=held.model)
+    return EstimatorState(belief=state.belief, health=replace(health, alerts=tuple(alerts.values())), model=state.model)
 
 
 def settings_from_document(cls: Any, document: dict[str, Any]) -> Any:
