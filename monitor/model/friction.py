@@ -7,7 +7,7 @@ Raviola et al. (2021), eq. (2). A new law is one more entry of `LAWS`, with the 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -109,11 +109,14 @@ class FrictionLaw:
     name: str
     terms: tuple[FrictionTerm, ...]  # K terms
     automatic: bool = True  # whether the choice `auto` considers the law
+    # (magnitude_at_point, smooth) of each term: a torque request reads them for every joint and sample
+    _at_point: tuple[tuple[Callable[[float, float], float], bool], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Raises ValueError where the law does not begin with fc and fv."""
         if self.terms[:2] != (FC, FV):
             raise ValueError(f"friction law {self.name!r} begins with {', '.join(self.parameters[:2])}; expected fc, fv")
+        object.__setattr__(self, "_at_point", tuple((term.magnitude_at_point, term.smooth) for term in self.terms))
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -164,11 +167,11 @@ class FrictionLaw:
     def opposing_torque_at_point(self, parameters: Sequence[float], direction: float, speed: float, load: float) -> float:
         """`opposing_torque` of one joint at one sample, from K parameters and plain numbers."""
         smooth = other = 0.0
-        for value, term in zip(parameters, self.terms, strict=True):
-            if term.smooth:
-                smooth += value * term.magnitude_at_point(speed, load)
+        for value, (magnitude, is_smooth) in zip(parameters, self._at_point, strict=True):
+            if is_smooth:
+                smooth += value * magnitude(speed, load)
             else:
-                other += value * term.magnitude_at_point(speed, load)
+                other += value * magnitude(speed, load)
         return direction * smooth + other
 
 
