@@ -1,4 +1,4 @@
-"""How far predicted torque is from measured torque, with the model's own error told apart from the noise of the measurement.
+"""How far predicted torque is from measured torque, with the model's own error separated from the noise of the measurement.
 
 Measured minus predicted torque is the sum of the model's error and the measurement's noise. The error changes slowly and the noise is
 uncorrelated after a few samples, so the covariance of the residual with itself `NOISE_S` later belongs to the error alone (compare the

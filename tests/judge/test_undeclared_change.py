@@ -1,4 +1,4 @@
-"""Weights that change without a word: a payload, a mounting, a gain; never wear."""
+"""Undeclared changes of payload, mounting or drive gains are detected as such, and never as wear."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ UR5 = load_robot("ur5")
 
 
 def carrying(seen: Identification, mass_kg: float, gain: float = 1.0) -> Identification:
-    """The same arm with a mass 5 cm in front of its flange, its weights seen through a gain; rigid noise as identify's."""
+    """The same arm with a mass 5 cm in front of its flange and with other drive gains; noise on the rigid parameters as after identify."""
     standard = np.zeros(seen.combination.shape[1])
     standard[65], standard[68] = mass_kg, 0.05 * mass_kg
     rigid = rigid_of(seen)
@@ -35,7 +35,7 @@ def lived(days: int, **changed: float) -> History:
 
 
 def test_an_undeclared_payload_is_named_and_is_no_wear():
-    """2.5 kg nobody declared: CHECK_FUNCTION from the first such replay, an alert from the second, no wear learnt meanwhile."""
+    """An undeclared 2.5 kg: CHECK_FUNCTION after the first such replay, an alert after the second, and no wear is learnt meanwhile."""
     history = lived(20, mass_kg=2.5)
     assert history.health.state == "CHECK_FUNCTION"
     assert [(day, joint, condition) for day, _, joint, condition, _ in history.told] == [(21, None, "payload_contradiction")]
@@ -46,14 +46,14 @@ def test_an_undeclared_payload_is_named_and_is_no_wear():
 
 
 def test_a_gain_that_changed_is_named_and_is_no_wear():
-    """Every weight 10 % larger: no mass at the flange does that."""
+    """All weights are 10 % larger, which no mass at the flange explains."""
     history = lived(20, gain=1.1)
     assert {condition for _, _, _, condition, _ in history.told} == {"gain_contradiction"}
     assert np.all(np.abs(history.last.belief.wear) < 0.01)
 
 
 def test_a_mounting_that_contradicts_gravity_is_no_wear():
-    """What identify says of gravity is believed at once."""
+    """The warning of identify about gravity counts at once."""
     history, arm = History(), Arm(seed=1)
     for day in range(12):
         seen = arm.replay(30.0, 0.0 if day < 9 else 0.2)
@@ -63,7 +63,7 @@ def test_a_mounting_that_contradicts_gravity_is_no_wear():
 
 
 def test_wear_and_quiet_replays_contradict_nothing():
-    """Friction that rises by 20 % weighs nothing: no contradiction in 40 replays, and the wear is told."""
+    """Friction that rises by 20 % changes no weight: no undeclared change in 40 replays, and the wear is reported."""
     history, arm = History(), Arm(seed=1)
     for day in range(40):
         history.add(day, carrying(arm.replay(30.0, np.array([0, 0, 0.2 * (day > 25), 0, 0, 0])), 0.0))
