@@ -1,9 +1,10 @@
 """A fleet of simulated arms as arrays: years of daily replays in seconds, from a seed.
 
-Friction and heat are the simulator's own (concave in speed, load-dependent, exponential in the grease's temperature, two thermal
-nodes): the monitor assumes none of them. What `identify` would make of a replay is a surrogate: the law's torque at the reference
-speed, times what differs from replay to replay, times the noise within one. `tests/studies` holds its distribution against that of
-full-physics replays.
+Friction and heat are the simulator's (concave in speed, load-dependent, exponential in the grease's temperature, two thermal nodes). The
+monitor assumes none of these. A surrogate stands for `identify`: the law's torque at the reference speed, times the noise between replays,
+times the noise within one. `tests/studies` compares its distribution with that of replays of the full physics.
+
+Shapes: A arms, J joints per arm.
 """
 
 from dataclasses import dataclass, replace
@@ -17,18 +18,21 @@ from monitor.recording import Array
 from monitor.simulate.arm.friction import FrictionLaw, default_law
 from monitor.simulate.arm.thermal import ThermalModel, default_thermal
 
-WORK_H, NIGHT_H = 10.0, 13.0
-SENSOR_STEP_K = 1.0 / 16.0
-WITHIN_SHARE = 0.7, 1.5  # of `within_std`: from the best replay to the worst
-MEAN_DUTY = 0.5 * 5.0 / 7.0  # of a working day's hours: 0.3 to 0.7 on five days of seven
+WORK_H, NIGHT_H = 10.0, 13.0  # [h] of a day
+REPLAY_MIN, REPLAY_DUTY = 0.5, 0.8  # [min] a replay's length, and its duty
+MISSED_REPLAYS = 0.01  # share of mornings without a replay
+DAYS_A_YEAR = 365.0
+SENSOR_STEP_K = 1.0 / 16.0  # [K] resolution of a UR's temperature sensor
+WITHIN_SHARE = 0.7, 1.5  # of `within_std`: in the best replay and in the worst
+MEAN_DUTY = 0.5 * 5.0 / 7.0  # share of the working hours in motion: 0.3 to 0.7 on five days of seven
 REVOLUTIONS_PER_DUTY_DAY = 0.6 * 0.6 / (2.0 * np.pi) * 3600.0 * WORK_H  # moving for 0.6 of the time, at 0.6 rad/s
 SCENARIOS = ("steady", "seasons", "cold_mornings", "warm_ups", "payload_swaps", "holidays", "wild_replays", "bad_sensors")
-PAYLOADS = 3  # different ones an arm carries in the scenario of that name
+PAYLOADS = 3  # number that an arm carries in turn in the scenario `payload_swaps`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetSettings:
-    """How many arms, how noisy, and what the reference speed is."""
+    """The fleet's size, its noise, and its scenarios."""
 
     arms: int = 100
     days: int = 425
@@ -38,12 +42,12 @@ class FleetSettings:
     autocorrelation: float = 0.5
     within_std: float = 0.005  # of log F within a replay
     reference_speed_rad_s: float = 0.4
-    scenarios: tuple[str, ...] = SCENARIOS  # dealt out in turn
+    scenarios: tuple[str, ...] = SCENARIOS  # assigned to the arms in turn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Wear:
-    """True wear: per arm, one joint's step and pace from a day on; the others stay as new."""
+    """True wear: one joint of each arm has a step and a constant rate from a day on; the others do not wear."""
 
     joint: Array  # (A,) index
     onset_day: Array  # (A,)
@@ -59,31 +63,38 @@ class Wear:
 
 
 class Day(NamedTuple):
-    """One morning's replays of the fleet."""
+    """The replays of one morning."""
 
-    replayed: np.ndarray  # (A,) whether there was one
-    slot: np.ndarray  # (A,) which of the arm's contexts it was in
-    opened: np.ndarray  # (A,) for the first time
+    replayed: np.ndarray  # (A,) whether the arm replayed
+    slot: np.ndarray  # (A,) the arm's context: its payload
+    opened: np.ndarray  # (A,) whether it replayed in this context for the first time
     seen: Observation  # (A·J,) each
-    motor_c: Array  # (A, J) as measured
-    grease_c: Array  # (A, J) true
     truth: Array  # (A, J) log of friction at the reference speed, without noise, at the true temperature
     worn: Array  # (A, J) log of the wear factor
     revolutions: Array  # (A, J) counted since the beginning
     used_days: Array  # (A,) mean days of work since the onset of wear
 
 
+class _Morning(NamedTuple):
+    """The fleet after a morning's replay."""
+
+    away: np.ndarray  # (A,) whether the arm is on holiday
+    motor_c: Array  # (A, J) mean over the replay
+    grease_c: Array  # (A, J) at its end
+    warming_k_per_min: Array  # (A, J) of the motor during the replay
+
+
 def unworn(arms: int) -> Wear:
-    """Nothing wears."""
+    """The wear of arms that do not wear."""
     zero = np.zeros(arms)
     return Wear(joint=zero, onset_day=zero + 1e9, step=zero, per_day=zero)
 
 
 class Fleet:
-    """Arms of one model, each with its own law, weather, work and luck."""
+    """Arms of one model, each with its own friction law, weather, work and noise."""
 
     def __init__(self, settings: FleetSettings, wear: Wear | None = None) -> None:
-        """Everything is drawn from `settings.seed`."""
+        """Every random number comes from `settings.seed`."""
         self.settings = settings
         self.robot: Robot = load_robot(settings.robot)
         A, J = settings.arms, self.robot.joints
@@ -109,11 +120,27 @@ class Fleet:
         self._used_days = np.zeros(A)
 
     def morning(self, day: int) -> Day:
-        """A night, a day's work, a morning's replay. To be called for every day in turn."""
-        s, dice, A, J = self.settings, self.dice, self.arms, self.joints
-        scenario = self.scenario
+        """A day's work, a night, and the replay of the next morning. To be called for every day in turn."""
+        morning = self._live_a_day(day)
+        replayed, opened = self._enter_contexts(morning.away)
+        factor = self.wear.at(day, self.joints, self._used_days)
+        truth = np.log(self.torque(morning.grease_c, factor))
+        return Day(
+            replayed=replayed,
+            slot=self._payload.copy(),
+            opened=opened,
+            seen=self._observe(morning, truth, replayed),
+            truth=truth,
+            worn=np.log(factor),
+            revolutions=self._revolutions.copy(),
+            used_days=self._used_days.copy(),
+        )
+
+    def _live_a_day(self, day: int) -> "_Morning":
+        """Work and heat until after the morning's replay."""
+        dice, A, scenario = self.dice, self.arms, self.scenario
         self._weather = 0.7 * self._weather + np.sqrt(1 - 0.49) * dice.normal(size=A)
-        room = self._base_c + self._season_k * np.sin(2 * np.pi * day / 365.0 + self._phase) + 1.2 * self._weather
+        room = self._base_c + self._season_k * np.sin(2 * np.pi * day / DAYS_A_YEAR + self._phase) + 1.2 * self._weather
         monday, weekend = day % 7 == 0, day % 7 in (5, 6)
         cold = np.where((scenario == "cold_mornings") & monday, -10.0, 0.0) + np.where(monday, -2.0, 0.0)
         starts = (scenario == "holidays") & (dice.random(A) < 1 / 60) & (day > self._holiday_until)
@@ -125,59 +152,50 @@ class Fleet:
         self._revolutions += duty[:, None] * REVOLUTIONS_PER_DUTY_DAY
         self._used_days += np.where(day > self.wear.onset_day, duty / MEAN_DUTY, 0.0)
         self._heat.live(self, NIGHT_H, room + cold, np.zeros(A))
-        # how long and how hard it has worked before the replay: from a cold start to the middle of a warm-up
+        # work before the replay: from a cold start to the middle of a warm-up
         warm = scenario == "warm_ups"
         warm_h = np.where(warm, dice.uniform(0.0, 0.5, A), dice.uniform(0.5, 1.0, A))
         warm_duty = np.where(warm, dice.uniform(0.3, 1.0, A), dice.choice([0.0, 0.15, 0.3], A))
         self._heat.live(self, warm_h, room + cold, warm_duty)
         before = self._heat.motor.copy()
-        self._heat.live(self, 0.5 / 60.0, room + cold, np.full(A, 0.8))  # the replay itself: half a minute
-        motor, grease = 0.5 * (before + self._heat.motor), self._heat.grease
+        self._heat.live(self, REPLAY_MIN / 60.0, room + cold, np.full(A, REPLAY_DUTY))
+        after = self._heat.motor
+        return _Morning(away, 0.5 * (before + after), self._heat.grease, (after - before) / REPLAY_MIN)
 
-        swaps = (scenario == "payload_swaps") & (dice.random(A) < 1 / 15)
+    def _enter_contexts(self, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which arms replay, and which of these for the first time with their payload, (A,) each."""
+        dice, A = self.dice, self.arms
+        swaps = (self.scenario == "payload_swaps") & (dice.random(A) < 1 / 15)
         self._payload = np.where(swaps, dice.integers(0, PAYLOADS, A), self._payload)
-        replayed = ~(away | (dice.random(A) < 0.01))
+        replayed: np.ndarray = ~(away | (dice.random(A) < MISSED_REPLAYS))
         arm = np.arange(A)
-        opened = replayed & ~self._known[arm, self._payload]
+        opened: np.ndarray = replayed & ~self._known[arm, self._payload]
         self._known[arm[replayed], self._payload[replayed]] = True
+        return replayed, opened
 
-        factor = self.wear.at(day, J, self._used_days)
-        truth = np.log(self.torque(grease, factor))
+    def _observe(self, morning: "_Morning", truth: Array, replayed: np.ndarray) -> Observation:
+        """What `identify` would make of the replays, by the surrogate, with lost values and outliers of their scenarios."""
+        s, dice, shape, scenario = self.settings, self.dice, truth.shape, self.scenario
         rho = s.autocorrelation
-        self._noise = rho * self._noise + np.sqrt(1 - rho**2) * s.between_std * dice.normal(size=(A, J))
-        within = s.within_std * dice.uniform(*WITHIN_SHARE, (A, J))
-        y = truth + self._noise + within * dice.normal(size=(A, J))
-        wild = (scenario == "wild_replays") & (dice.random(A) < 0.03)
-        y += np.where(wild[:, None] & (dice.random((A, J)) < 0.5), dice.normal(size=(A, J)) * 0.2, 0.0)
-        lost = (dice.random((A, J)) < 0.02) & (scenario == "wild_replays")[:, None]
+        self._noise = rho * self._noise + np.sqrt(1 - rho**2) * s.between_std * dice.normal(size=shape)
+        within = s.within_std * dice.uniform(*WITHIN_SHARE, shape)
+        y = truth + self._noise + within * dice.normal(size=shape)
+        wild = (scenario == "wild_replays") & (dice.random(self.arms) < 0.03)
+        y += np.where(wild[:, None] & (dice.random(shape) < 0.5), dice.normal(size=shape) * 0.2, 0.0)
+        lost = (dice.random(shape) < 0.02) & (scenario == "wild_replays")[:, None]
         lost |= ~replayed[:, None]
-        measured = np.rint((motor + 0.005 * dice.normal(size=(A, J))) / SENSOR_STEP_K) * SENSOR_STEP_K
-        warming = (self._heat.motor - before) / 0.5 + 0.03 * dice.normal(size=(A, J))  # [K/min], a line through half a minute of sixteenths
-        blind = (scenario == "bad_sensors")[:, None] & (dice.random((A, 1)) < 0.02)
-        measured = np.where(blind, np.nan, measured)
-        warming = np.where(blind, np.nan, warming)
-        viscous = self._viscous_share(grease)
-        torque = np.exp(y)
-        seen = Observation(
+        measured = np.rint((morning.motor_c + 0.005 * dice.normal(size=shape)) / SENSOR_STEP_K) * SENSOR_STEP_K
+        warming = morning.warming_k_per_min + 0.03 * dice.normal(size=shape)  # noise of a line through half a minute of the sensor's steps
+        blind = (scenario == "bad_sensors")[:, None] & (dice.random((self.arms, 1)) < 0.02)
+        viscous, torque = self._viscous_share(morning.grease_c), np.exp(y)
+        return Observation(
             log_torque=np.where(lost, np.nan, y).ravel(),
             variance=(within**2).ravel(),
-            temperature_c=measured.ravel(),
+            temperature_c=np.where(blind, np.nan, measured).ravel(),
             viscous_share=viscous.ravel(),
-            warming_k_per_min=warming.ravel(),
+            warming_k_per_min=np.where(blind, np.nan, warming).ravel(),
             coulomb_nm=((1.0 - viscous) * torque).ravel(),
             viscous_nm_s_per_rad=(viscous * torque / s.reference_speed_rad_s).ravel(),
-        )
-        return Day(
-            replayed=replayed,
-            slot=self._payload.copy(),
-            opened=opened,
-            seen=seen,
-            motor_c=measured,
-            grease_c=grease.copy(),
-            truth=truth,
-            worn=np.log(factor),
-            revolutions=self._revolutions.copy(),
-            used_days=self._used_days.copy(),
         )
 
     def torque(self, grease_c: Array, factor: Array) -> Array:
@@ -187,7 +205,7 @@ class Fleet:
         return self.law.torque(speed, load, grease_c, factor, factor)
 
     def _viscous_share(self, grease_c: Array) -> Array:
-        """What `identify` calls viscous of it: the slope of the line through two speeds of the law."""
+        """(A, J) share that `identify` finds viscous: by the slope of the line through the law at two speeds."""
         ones = np.ones_like(grease_c)
         slow, fast = (self.law.torque(v * ones, self._load_nm, grease_c, ones, ones) for v in (0.2, 1.0))
         v = self.settings.reference_speed_rad_s
@@ -196,7 +214,7 @@ class Fleet:
 
 
 class _Heat:
-    """Two thermal nodes a joint, stepped exactly under constant powers; the modes are computed once."""
+    """Two thermal nodes for each joint, stepped exactly under constant powers; the modes are computed once."""
 
     def __init__(self, model: ThermalModel, arms: int) -> None:
         self._model = model
@@ -211,7 +229,7 @@ class _Heat:
         self._rate, self._modes, self._inverse = rate.real, modes.real, np.linalg.inv(modes.real)
 
     def live(self, fleet: Fleet, hours: Array | float, room_c: Array, duty: Array) -> None:
-        """Hours (A,) in a room (A,) with a duty (A,)."""
+        """So many hours (A,) in a room of a temperature (A,) [°C] with a duty (A,)."""
         m = self._model
         gain = np.where(np.isnan(fleet.robot.drive_gain_nm_per_a), 12.0, fleet.robot.drive_gain_nm_per_a)
         load = 0.25 * fleet.robot.max_torque_nm
@@ -230,7 +248,7 @@ class _Heat:
 
 
 def various(law: FrictionLaw, arms: tuple[int, ...], dice: np.random.Generator) -> FrictionLaw:
-    """The law of each arm, (*arms, J): as different as arms of one model are."""
+    """The friction law of each arm, (*arms, J): they differ as arms of one model do."""
     values = {}
     spread = {"exponent": 0.05, "viscous_per_k": 0.15, "coulomb_per_k": 0.5}
     for name in law.__dataclass_fields__:
