@@ -27,14 +27,14 @@ class RobotSettings:
     site: str  # part of the Zenoh keys: a–z, 0–9, _ and -
     id: str  # the same; unique within the site
     host: str = "127.0.0.1"  # address of the controller
-    listen_hz: Annotated[float, Interval(ge=1.0, le=125.0)] = 10.0  # how often its state is received between replays
+    listen_hz: Annotated[float, Interval(ge=1.0, le=125.0)] = 10.0  # [Hz] rate at which its state is received between replays
     mounting: str = "ground"  # ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees
-    payload_kg: Annotated[float, Interval(ge=0.0, le=100.0)] = 0.0  # as set in the controller
+    payload_kg: Annotated[float, Interval(ge=0.0, le=100.0)] = 0.0  # [kg] as set in the controller
     tool: str = "none"
     serial: str | None = None
-    joint_serials: tuple[str, ...] = ()  # base to wrist, as on the type plates; one that changes is a joint without wear
-    maintenance: str = ""  # the last work that may have changed friction, in your words; a change of it opens a new baseline
-    gains_nm_per_a: tuple[float, ...] = ()  # joint torque per ampere; empty: the published torque constants
+    joint_serials: tuple[str, ...] = ()  # base to wrist, as on the type plates; a changed one means a new joint without wear
+    maintenance: str = ""  # the last work that may have changed friction, as text; a change of it starts a new baseline
+    gains_nm_per_a: tuple[float, ...] = ()  # [N·m/A] joint torque per ampere; empty: the published torque constants
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,10 +42,12 @@ class StoreSettings:
     """Where the history lives."""
 
     directory: str = "var/joint-monitor"  # relative to the configuration file
-    backups: Annotated[int, Interval(ge=1, le=365)] = 14  # of so many days the newest backup is kept
-    recordings_days: Annotated[float, Interval(ge=0.0, le=36500.0)] = 1825.0  # older ones are let go of; their verdicts stay; 0: none is
-    recordings_gb: Annotated[float, Interval(ge=0.0, le=1e6)] = 20.0  # the oldest beyond this are let go of; 0: none is
-    least_free_mb: Annotated[float, Interval(ge=1.0, le=1e6)] = 500.0  # with less left on the disk nothing is replayed
+    backups: Annotated[int, Interval(ge=1, le=365)] = 14  # days of which the newest backup is kept
+    recordings_days: Annotated[float, Interval(ge=0.0, le=36500.0)] = (
+        1825.0  # [d] older recordings are pruned, their assessments stay; 0: no limit
+    )
+    recordings_gb: Annotated[float, Interval(ge=0.0, le=1e6)] = 20.0  # [GB] the oldest recordings beyond this total are pruned; 0: no limit
+    least_free_mb: Annotated[float, Interval(ge=1.0, le=1e6)] = 500.0  # [MB] with less free space on the disk nothing is replayed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +71,7 @@ class Configuration:
     page: PageSettings
     assess: AssessSettings
     excitation: Excitation
-    overrides: tuple[str, ...] = ()  # variables of the environment that stand in for the file
+    overrides: tuple[str, ...] = ()  # variables of the environment that replace values of the file
 
     @property
     def robot_description(self) -> Robot:

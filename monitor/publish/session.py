@@ -24,13 +24,13 @@ _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vs
 class BusSettings:
     """Where the daemon meets the bus. Consumers connect to one of `listen`, or to the router in `connect`."""
 
-    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)  # endpoints that the daemon opens; loopback until you say otherwise
-    connect: tuple[str, ...] = ()  # routers that the daemon joins; retried for ever in the background
-    live_rate_hz: float = 5.0  # of torque/live
-    health_period_s: float = 60.0  # `health` is said again at least so often
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)  # endpoints that the daemon opens; the default is loopback only
+    connect: tuple[str, ...] = ()  # routers that the daemon joins; it tries again for ever in the background
+    live_rate_hz: float = 5.0  # [Hz] rate of torque/live
+    health_period_s: float = 60.0  # [s] longest time between two publications of `health`
     query_workers: int = 2  # threads that answer queries
     zenoh: str = ""  # path of a Zenoh configuration (JSON5) for the daemon: TLS, authentication, access control; see deploy/zenoh/
-    client_zenoh: str = ""  # the same for the commands of this machine: watch, alerts, ack, predict, …
+    client_zenoh: str = ""  # the same for the commands on this machine: watch, alerts, ack, predict, …
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the figure that is out of its range."""
@@ -72,8 +72,12 @@ def session_config(
         "connect/endpoints": list(connect),
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "transport/shared_memory/enabled": False,  # leaves files behind after kill −9
-        "connect/retry": {"period_init_ms": 250, "period_max_ms": 2000, "period_increase_factor": 2},  # back soon after a router's restart
+        "transport/shared_memory/enabled": False,  # it would leave files behind after kill −9
+        "connect/retry": {
+            "period_init_ms": 250,
+            "period_max_ms": 2000,
+            "period_increase_factor": 2,
+        },  # connected soon after a router's restart
     }
     if mode != "client":
         values[_WAIT_BEFORE_CLOSE] = PATIENCE_US  # Zenoh's own 5 s for each slow client would delay all others

@@ -253,7 +253,7 @@ class Running:
 
     def look_after(self) -> None:
         """Backup, retention, disk and clock."""
-        self.workers.maintenance.maintain()
+        self.workers.maintenance.check()
 
 
 Play = Callable[[], Recording]

@@ -457,13 +457,15 @@ def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
         assert told(client).stale is False
 
 
-def test_what_work_says_of_friction_is_told_with_health(cell):
+def test_what_work_says_of_friction_is_told_with_health(cell, monkeypatch: pytest.MonkeyPatch):
     """A look that work has given: change, doubt, looks and probability of that joint, valid by the schema."""
-    from monitor.judge.torque.production_residual import initial
+    from monitor.judge.torque.production_residual import initial, production_evidence
 
     daemon, _, _, endpoint = cell
     one = np.array([1.0, 0, 0, 0, 0, 0])
-    daemon.production._residuals = initial(6, 1)._replace(later_looks=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
+    residuals = initial(6, 1)._replace(later_looks=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
+    settings = daemon.state.configuration.assess.residual
+    monkeypatch.setattr(daemon.production, "evidence", lambda: production_evidence(residuals, settings))
     daemon.publisher.health()
     with Client(endpoint, "lab", "cell-1") as client:
         (each,) = client.health().production

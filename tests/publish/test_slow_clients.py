@@ -65,9 +65,12 @@ def test_a_client_that_no_longer_reads_is_cut_off_and_may_come_back(endpoint):
             [sys.executable, "-c", GREEDY, endpoint, PREFIX], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
         )
         try:
-            with Client(endpoint, "lab", "cell-1", timeout_s=20.0) as client:
+            with (
+                Client(endpoint, "lab", "cell-1", timeout_s=20.0) as client,
+                zenoh.open(session_config(mode="client", connect=(endpoint,))) as session,
+            ):
                 heard, waited = [], []
-                client._session.declare_subscriber(f"{PREFIX}/health", lambda _: heard.append(time.monotonic()))
+                session.declare_subscriber(f"{PREFIX}/health", lambda _: heard.append(time.monotonic()))
                 assert greedy.stdout.readline() == "asked\n"
                 greedy.send_signal(signal.SIGSTOP)
                 end = time.monotonic() + 6.0

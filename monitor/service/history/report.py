@@ -43,29 +43,13 @@ def report(
     state = store.assessments.state()
     document: Any = outside(
         {
-            "robot": {
-                "site": configuration.robot.site,
-                "id": configuration.robot.id,
-                "model": configuration.robot.model,
-                "serial": configuration.robot.serial,
-                "mounting": configuration.robot.mounting,
-                "payload_kg": configuration.robot.payload_kg,
-                "tool": configuration.robot.tool,
-                "trajectory": configuration.excitation.digest,
-            },
+            "robot": _robot(configuration),
             "from_unix_s": begin,
             "to_unix_s": end,
             "made_at_unix_s": now_unix_s,
             "version": __version__,
             "thresholds": _thresholds(configuration),
-            "verdict": None
-            if last is None
-            else {
-                "at_unix_s": last["recorded_at_unix_s"],
-                "health": last["health"],
-                "why": last["why"],
-                "temperature": last["temperature"],
-            },
+            "verdict": None if last is None else _verdict(last),
             "joints": _newest(rows),
             "stale": _stale(rows, begin, min(end, now_unix_s), configuration),
             "alerts": _alerts(until, state.health if state else None, begin, end),
@@ -80,6 +64,17 @@ def report(
     )
     assert isinstance(document, dict)
     return document
+
+
+def _robot(configuration: Configuration) -> dict[str, Any]:
+    """The arm as it is configured."""
+    names = ("site", "id", "model", "serial", "mounting", "payload_kg", "tool")
+    return {name: getattr(configuration.robot, name) for name in names} | {"trajectory": configuration.excitation.digest}
+
+
+def _verdict(last: Mapping[str, Any]) -> dict[str, Any]:
+    """The last assessment of the period, in short."""
+    return {"at_unix_s": last["recorded_at_unix_s"], **{name: last[name] for name in ("health", "why", "temperature")}}
 
 
 def _period(robot: str, store: Store, from_unix_s: float | None, to_unix_s: float | None, now_unix_s: float) -> tuple[float, float]:
