@@ -13,12 +13,12 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.model.base import base_parameters
 from monitor.model.fourier import Excitation
+from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array
 
 OBJECTIVES = ("friction", "condition", "scaled", "dopt")
-STANDSTILL_RAD_S = 0.02  # as `moving_rad_s` of identification
 RATE_HZ = 125.0  # of the samples for which the figures are reported
 # torque noise as a fraction of the torque limit, for large joints and wrists: the residual of identified models of real UR arms
 NOISE_SHARE = (0.007, 0.0035)
@@ -84,7 +84,7 @@ class Information:
 
     def _rows_over_noise(self, Y: Array, qd: Array) -> Array:
         """(J, B, N) the rows over the noise's standard deviation; 0 where the joint stands still."""
-        weight = (np.abs(qd) > STANDSTILL_RAD_S).T / self.noise_nm[:, None]  # (J, N)
+        weight = (np.abs(qd) > STANDSTILL_SPEED_RAD_S).T / self.noise_nm[:, None]  # (J, N)
         rows: Array = Y * weight[:, None, :]
         return rows
 
@@ -137,7 +137,7 @@ class Information:
         fc_std, fv_std = self.friction_std(excitation)
         _, state = excitation.sampled(RATE_HZ)
         speed = np.abs(state.qd)
-        moving = np.where(speed > STANDSTILL_RAD_S, speed, np.nan)
+        moving = np.where(speed > STANDSTILL_SPEED_RAD_S, speed, np.nan)
         return {
             "condition_number": _plain(merits.condition),
             "scaled_condition_number": _plain(merits.scaled),
@@ -147,7 +147,7 @@ class Information:
             "coulomb_std_nm": [_plain(value) for value in fc_std],
             "viscous_std_nm_s_per_rad": [_plain(value) for value in fv_std],
             "speed_range_rad_s": [[_plain(low), _plain(high)] for low, high in np.nanpercentile(moving, [5.0, 100.0], axis=0).T],
-            "moving_share": [_plain(value) for value in np.mean(speed > STANDSTILL_RAD_S, axis=0)],
+            "moving_share": [_plain(value) for value in np.mean(speed > STANDSTILL_SPEED_RAD_S, axis=0)],
             "noise_model": {
                 "torque_std_nm": [_plain(value) for value in self.noise_nm],
                 "correlation_s": CORRELATION_S,

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from monitor.identify.signals.motion import STANDSTILL_SPEED_RAD_S, SignalSettings
+from monitor.identify.signals.motion import SignalSettings
 from monitor.identify.warnings import DataWarning
-from monitor.model.friction import PAPER, FrictionLaw
+from monitor.model.friction import PAPER, STANDSTILL_SPEED_RAD_S, FrictionLaw
 from monitor.model.robot import Mounting
 from monitor.recording import Array
 

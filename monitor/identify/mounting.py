@@ -15,10 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import triangle
-from monitor.identify.signals.motion import STANDSTILL_SPEED_RAD_S, Motion
+from monitor.identify.signals.motion import Motion
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import base_parameters
+from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.model.identifiable import mounting_with_up
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import PER_JOINT, Mounting, Robot
@@ -27,7 +29,6 @@ from monitor.recording import Array, Indices, Mask
 CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordings the estimate is right to 0.3°
 SURE_STD = 5.0  # standard deviations by which the configured direction must explain the data worse
 ALIKE = 0.5  # cosine between the fitted weights and the manufacturer's; with a payload or a tool it stays above 0.9
-CORRELATED_S = 0.5  # time over which residuals are correlated: one independent sample
 FEW_SAMPLES = 400  # for the quick check
 SAMPLES = 1500  # of all motions together: the effect of gravity changes slowly, so more samples add little
 ROUNDS = 30  # steps of one descent, at most
@@ -159,7 +160,7 @@ class _Problem:
             factors.append(weight * R)
             self.size += weight**2 * float(R[:, -1] @ R[:, -1])
             moving_s = sum(float(np.sum(used[:, j])) * step / moved.rate_hz for (_, used), moved in zip(rows, motions, strict=True))
-            evidence += moving_s / CORRELATED_S
+            evidence += moving_s / CORRELATED_S  # independent samples
         self.evidence = max(evidence, 1.0)
         C: Array = np.zeros((1, B + 3 * len(self.weighty) + 1))
         if factors:

@@ -123,8 +123,8 @@ class Excitation:
             "b_rad_s": self.b_rad_s.tolist(),
             "source": self.source,
         }
-        told = {"cell": self.cell, "proof": self.proof, "objectives": self.objectives}
-        return document | {key: dict(value) for key, value in told.items() if value is not None}
+        optional = {"cell": self.cell, "proof": self.proof, "objectives": self.objectives}
+        return document | {key: dict(value) for key, value in optional.items() if value is not None}
 
 
 def excitation_from_document(document: Any) -> Excitation:

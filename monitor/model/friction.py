@@ -16,6 +16,7 @@ from monitor.errors import BadInput
 from monitor.recording import Array
 
 SIGN_SPEED_RAD_S = 0.001  # width of tanh(q̇/0.001), which stands for sgn(q̇): Raviola et al. (2021), eq. (2)
+STANDSTILL_SPEED_RAD_S = 0.02  # at a lower speed friction is stiction, and the torque depends on what was before
 STRIBECK_SPEED_RAD_S = 0.1  # v_s: fixed, so that the law is linear; the residual hardly changes between 0.05 and 0.2 rad/s
 CONCAVE_EXPONENT = 0.5  # p: factory sweeps of a UR5e fit best with 0.52–0.63; with 0.5 the column differs most from those of fc and fv
 LOAD_SHARE_STD = 0.2  # fl of healthy gears is 0.02–0.1; on a joint without load the data do not limit fl, and this prior does

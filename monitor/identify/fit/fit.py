@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.identify.fit.equations import FitProblem
+from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import Factor, Projected, Rows, Solution, factors, residual_rms, residuals_of, solve
 from monitor.model.friction import PAPER, FrictionLaw
 from monitor.recording import Array
@@ -20,7 +21,6 @@ LOAD_ROUNDS = 3  # friction is a tenth of the torque, and the load's part a tent
 ROBUST_ROUNDS = 20  # at most
 ROBUST_SETTLED = 1e-3  # relative change of each joint's residual at which the rounds end
 STUDENT_FREEDOM = 4.0  # Student's t: 94 % efficient for normal noise, and without regard for an outlier of twenty deviations
-CORRELATED_S = 0.5  # time over which residuals of real arms are correlated: 0.4–0.55 s
 MAD = 1.4826  # median absolute deviation → standard deviation of normal noise
 
 

@@ -14,6 +14,7 @@ from monitor.identify.fit.least_squares import Rows, Solution, residuals_of
 from monitor.identify.signals.motion import Motion
 from monitor.recording import Array, Indices
 
+CORRELATED_S = 0.5  # time over which residuals of real arms are correlated: 0.4–0.55 s
 WINDOW_STEPS = 6  # steps in a block: with six staggered partitions instead of one the covariance is smoother, and regular
 HIGHEST_LEVERAGE = 1.0 - 1e-3  # of a block: the influence of a block that the rest cannot replace is limited to a thousandfold
 

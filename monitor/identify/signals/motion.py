@@ -14,9 +14,9 @@ from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair, cleaned
 from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
 from monitor.identify.signals.rows import LIMITS, sound_rows
+from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.recording import Array, Indices, Mask, Recording
 
-STANDSTILL_SPEED_RAD_S = 0.02  # at a lower speed friction is stiction, and the torque depends on what was before
 MAX_TEMPERATURE_C = 200.0  # no reading of a joint's sensor
 FEWEST_ROWS = 10  # fewer sound rows are no recording
 
