@@ -38,6 +38,12 @@ class Installation:
         arm.believe(model)
         self._dynamics = InverseDynamics(model)
 
+    def install(self, *, payload: tuple[float, ...] | None = None, gravity: Array | None = None) -> None:
+        """Declare this payload and gravity, and restore them after a restart. None keeps the installed value."""
+        self.installed_payload = payload or self.installed_payload
+        self.installed_gravity = self.installed_gravity if gravity is None else gravity
+        self.declare(payload=payload, gravity=gravity)
+
     def take_over(self, before: "Installation") -> None:
         """Restore what is installed, as after a restart of the controller. Declarations of programs are lost."""
         self.installed_payload, self.installed_gravity = before.installed_payload, before.installed_gravity

@@ -107,6 +107,10 @@ class Moves:
         if self._reference.mode in {"move", "line"} or self._reference.queued:
             self.interrupted = self._last
 
+    def forget(self) -> None:
+        """Forget the interrupted move: its program has ended."""
+        self.interrupted = None
+
     def resume(self) -> None:
         """Continue the interrupted move from where the arm stands."""
         move, self.interrupted = self.interrupted, None

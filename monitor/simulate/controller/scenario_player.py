@@ -106,14 +106,16 @@ def _happen(event: ScenarioEvent, work: Work, target: ScenarioTarget) -> None:
         case "payload":
             arm.carry(payload_kg=given["kg"], declared=False)
             if given["told"]:
-                installation.installed_payload = (given["kg"], *arm.payload_com_m)
-            installation.declare(payload=installation.installed_payload if given["told"] else None)
+                installation.install(payload=(given["kg"], *arm.payload_com_m))
+            else:
+                installation.declare()
         case "mounting":
             mounting = Mounting.parse(given["mounting"])
             arm.carry(mounting, declared=False)
             if given["told"]:
-                installation.installed_gravity = mounting.gravity_in_base
-            installation.declare(gravity=installation.installed_gravity if given["told"] else None)
+                installation.install(gravity=mounting.gravity_in_base)
+            else:
+                installation.declare()
         case "fault":
             inject(given["fault"], dict(given["with"]), target.faults)
 

@@ -43,7 +43,6 @@ class Ports:
 
     def __init__(self, controller: Controller, shut_down: Callable[[], None]) -> None:
         """`shut_down` ends the whole simulator."""
-        self.attach(controller)
         self.shut_down = shut_down
         self.open: dict[str, set[Port]] = {service: set() for service in SERVICES}
         self.faults = WireFaults()
@@ -51,11 +50,11 @@ class Ports:
         self._held_until_s = 0.0
         self._state_every = max(1, round(primary.PERIOD_S / controller.clock.tick_s))
         self._numbers = 0
-        self.dead = False
+        self.attach(controller)
 
     def attach(self, controller: Controller) -> None:
         """Serve this controller from now on."""
-        self.controller = controller
+        self.controller, self.dead = controller, False
         self._variables = output_variables(controller)
         self._realtime = realtime.packing(controller, self._variables, controller.settings.polyscope)
 
@@ -100,6 +99,15 @@ class Ports:
         made: dict[tuple[str, ...], bytes] = {}
         for port in tuple(self.open["rtde"]):
             port.publish(tick, now_s, made, hold=hold)
+
+    def kill(self) -> None:
+        """Reset all connections, and refuse new ones until another controller is attached."""
+        self.dead = True
+        self.drop("all", reset=True)
+
+    def clear_faults(self) -> None:
+        """End the faults of the wire."""
+        self.faults = WireFaults()
 
     def drop(self, service: str, *, reset: bool) -> int:
         """Close the connections of one service or of `all`, with FIN or RST. Returns their number."""

@@ -10,7 +10,7 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import RobotMode
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.listeners import Listeners
-from monitor.simulate.wire.ports import Ports, WireFaults
+from monitor.simulate.wire.ports import Ports
 
 FREEZE_DELAY_S = 0.02  # so that the client that asks for a freeze gets its reply first
 
@@ -53,7 +53,7 @@ class ServedRobot:
 
     def clear(self) -> None:
         """End every lasting fault of the wire."""
-        self.ports.faults = WireFaults()
+        self.ports.clear_faults()
         self.listeners.back()
 
     def _stall(self, arguments: dict[str, Any]) -> str:
@@ -96,8 +96,7 @@ class ServedRobot:
     def _restart(self, arguments: dict[str, Any]) -> str:
         """Kill the controller: all connections are reset at once. A new controller with the same arm answers later."""
         seconds, power = arguments["seconds"], arguments["power"]
-        self.ports.dead = True
-        self.ports.drop("all", reset=True)
+        self.ports.kill()
         self.listeners.away("all", 0.0)
         if self._rebirth is not None:
             self._rebirth.cancel()  # the controller was killed again before it was back
@@ -110,5 +109,4 @@ class ServedRobot:
             controller.safety.power(RobotMode.IDLE)
             controller.safety.power(RobotMode.RUNNING)
         self.ports.attach(controller)
-        self.ports.dead = False
         self.listeners.back()

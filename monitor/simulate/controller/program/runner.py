@@ -75,7 +75,7 @@ class Programs:
             machine.journal.program_message("PROGRAM_XXX_STOPPED", PROGRAM_NAME)
         self.current, machine.modes.runtime = None, Runtime.STOPPED
         machine.watchdog.clear()
-        machine.moves.interrupted = None
+        machine.moves.forget()
         if reference.mode != "stop" or reference.queued:
             reference.stop(PROGRAM_STOP_RAD_S2)
         return True
