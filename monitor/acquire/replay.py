@@ -14,7 +14,7 @@ import numpy as np
 from monitor import __version__
 from monitor.acquire.driver import Driver, ReplayTask
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
-from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, refuse_unless, some
+from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, named_conditions, refuse_unless
 from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.torque_band import TorqueBand
@@ -63,9 +63,9 @@ def replay(
         state=None,
         stopped_before=stopped_before,
     )
-    refuse_unless(some(inputs, OF_CONFIGURATION))
+    refuse_unless(named_conditions(inputs, OF_CONFIGURATION))
     inputs = dataclasses.replace(inputs, identity=driver.identity(settings.host))
-    refuse_unless(some(inputs, OF_CONTROLLER))
+    refuse_unless(named_conditions(inputs, OF_CONTROLLER))
     task = ReplayTask(settings=settings, excitation=excitation, robot=robot, context=inputs.context)
     watch = Watch(settings, Gate(inputs, ask=ask, announce=announce), on_progress, should_stop, band)
     session = driver.stream(task)

@@ -57,7 +57,7 @@ def conditions(inputs: ConditionInputs) -> tuple[ConditionResult, ...]:
     return tuple(_result(condition, inputs) for condition in CONDITIONS)
 
 
-def some(inputs: ConditionInputs, names: tuple[str, ...]) -> tuple[ConditionResult, ...]:
+def named_conditions(inputs: ConditionInputs, names: tuple[str, ...]) -> tuple[ConditionResult, ...]:
     """What the conditions of these names find, in the order of the names."""
     by_name = {condition.name: condition for condition in CONDITIONS}
     return tuple(_result(by_name[name], inputs) for name in names)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
-from monitor.acquire.safety.conditions import AT_THE_LAST, conditions, refuse_unless, some
+from monitor.acquire.safety.conditions import AT_THE_LAST, conditions, named_conditions, refuse_unless
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Permit
 from monitor.acquire.state import ArmState
 
@@ -66,11 +66,11 @@ class Gate:
             if answer is None and in_time:
                 return False
             inputs = replace(inputs, permit=answer or Permit(False, f"permit/replay: no answer within {settings.permit_timeout_s:g} s"))
-        found = some(inputs, ("permit",))
+        found = named_conditions(inputs, ("permit",))
         if settings.permit_input is not None and not found[0].holds and in_time:
             return False  # the input may still be switched on
         self._log_or_refuse(found)
-        refuse_unless(some(inputs, AT_THE_LAST))  # minutes may have passed with the announcement and the permit
+        refuse_unless(named_conditions(inputs, AT_THE_LAST))  # minutes may have passed with the announcement and the permit
         return True
 
     def _log_or_refuse(self, results: tuple[ConditionResult, ...]) -> None:

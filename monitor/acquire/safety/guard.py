@@ -3,7 +3,7 @@
 `replay` and the streaming process both ask, so that neither needs to trust the other.
 """
 
-from monitor.acquire.safety.conditions import OF_STATE, refuse_unless, some
+from monitor.acquire.safety.conditions import OF_STATE, named_conditions, refuse_unless
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.settings import ReplaySettings
 from monitor.model.fourier import Excitation
@@ -23,7 +23,9 @@ def check_all(settings: ReplaySettings, excitation: Excitation, robot: Robot, co
 
     Raises MotionRefused with the reason; returns if every condition holds.
     """
-    refuse_unless(some(inputs(settings, excitation, robot, context), ("motion_allowed", "address", "trajectory", "trajectory_clear")))
+    refuse_unless(
+        named_conditions(inputs(settings, excitation, robot, context), ("motion_allowed", "address", "trajectory", "trajectory_clear"))
+    )
 
 
 def check_quick(settings: ReplaySettings, excitation: Excitation, robot: Robot) -> None:
@@ -31,14 +33,14 @@ def check_quick(settings: ReplaySettings, excitation: Excitation, robot: Robot) 
 
     Raises MotionRefused.
     """
-    refuse_unless(some(inputs(settings, excitation, robot), ("motion_allowed", "address", "trajectory")))
+    refuse_unless(named_conditions(inputs(settings, excitation, robot), ("motion_allowed", "address", "trajectory")))
 
 
-def check_state(known: ConditionInputs, *, but: tuple[str, ...] = ()) -> tuple[ConditionResult, ...]:
-    """Whether the arm may begin to move from where it is: every condition on its state, but for those of these names.
+def check_state(known: ConditionInputs, *, without: tuple[str, ...] = ()) -> tuple[ConditionResult, ...]:
+    """Whether the arm may begin to move from where it is: every condition on its state, without those of these names.
 
     Raises MotionRefused with the first condition that does not hold.
     """
-    found = some(known, tuple(name for name in OF_STATE if name not in but))
+    found = named_conditions(known, tuple(name for name in OF_STATE if name not in without))
     refuse_unless(found)
     return found

@@ -60,12 +60,12 @@ def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: Conditi
     try:
         rows = [arm.next_row() for _ in range(STATE_ROWS)]
         for row in rows:
-            guard.check_state(replace(known, state=arm_state(row)), but=("approach_clear",))
+            guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
         last = _wait_for_go(arm, rows)
         guard.check_state(replace(known, state=arm_state(last)))
         arm.proved_q = last[COLUMN["target_q"]].copy()
         arm.held_up()  # by the proof of the way to the start
-        guard.check_state(replace(known, state=arm_state(arm.next_row())), but=("approach_clear",))
+        guard.check_state(replace(known, state=arm_state(arm.next_row())), without=("approach_clear",))
     except StreamFailure as failure:
         raise RobotUnreachable(f"{host}: {failure}") from None
     return arm
