@@ -10,6 +10,10 @@ import numpy as np
 from monitor.assess import AssessSettings, judge_identification
 from monitor.identify.identification import Identification
 from monitor.judge.assessment import Assessment
+from monitor.judge.belief import Belief
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.learn import begin
+from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context
@@ -83,6 +87,11 @@ def identification(fc: np.ndarray, fv: np.ndarray, cov: np.ndarray, temperature_
         normalised_error_nm=0.01,
         samples=3750,
     )
+
+
+def fresh(settings: DriftSettings | None = None, temperature_c: float = 30.0) -> Belief:
+    """The belief of a UR5 before its first replay."""
+    return begin("ur5", CONTEXT, Arm().replay(temperature_c), START_S, settings=settings or DriftSettings(), laws=TemperatureSettings())
 
 
 class History:

@@ -1,0 +1,92 @@
+"""The belief as a document: exact, checked when it is read, and carried over from older releases."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import CONTEXT, DAY_S, Arm, History, fresh, weather
+
+from monitor.errors import BadInput
+from monitor.judge.belief import belief_from_document
+from monitor.judge.drift.filter_state import (
+    RATE,
+    WEAR,
+)
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.learn import learn
+from monitor.judge.temperature.laws import TemperatureSettings
+
+LAWS = TemperatureSettings()
+
+
+def test_the_belief_survives_as_json():
+    """Through JSON text and back, the belief gives bit for bit the same next assessment."""
+    import json
+
+    history, dice = History(), np.random.default_rng(2)
+    for day in range(8):
+        history.add(day, Arm(seed=day).replay(weather(day, dice)))
+    kept = history.last.belief
+    history.last = replace(history.last, belief=belief_from_document(json.loads(json.dumps(kept.as_document(), allow_nan=False))))
+    there = history.add(8, Arm(seed=8).replay(28.0)).belief
+    history.last = replace(history.last, belief=kept)
+    straight = history.add(8, Arm(seed=8).replay(28.0)).belief
+    assert json.dumps(there.as_document()) == json.dumps(straight.as_document())
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        ({"schema_version": 99}, "schema_version is 99"),
+        ({"track": {}}, "track: the key"),
+        ({"temperature_c": "much"}, "temperature_c is not an array"),
+        ({"viscous": {}}, "viscous: the key"),
+        ({"replays": "many"}, "many"),
+    ],
+)
+def test_a_spoilt_belief_is_refused_by_the_name_of_its_key(spoil, says):
+    """No half-read state: what is wrong is said."""
+    document = {**fresh().as_document(), **spoil}
+    with pytest.raises(BadInput, match=says):
+        belief_from_document(document)
+
+
+def test_a_belief_without_a_key_is_refused():
+    """A missing key is named."""
+    document = fresh().as_document()
+    del document["track"]["noise_weight"]
+    with pytest.raises(BadInput, match="'noise_weight' is missing"):
+        belief_from_document(document)
+
+
+def test_a_belief_of_the_last_release_is_carried_over():
+    """Schema 2 knew no use and no bins, and the rate of the logarithm: wear, level and rate of friction are what they were."""
+    belief = fresh()
+    for day in range(12):
+        at = belief.at_unix_s + DAY_S
+        belief = learn(belief, Arm(seed=day).replay(30.0, 0.1 * (day > 8)), CONTEXT, at, settings=DriftSettings(), laws=LAWS).belief
+    old = copy.deepcopy(belief.as_document())
+    for law in ("viscous", "coulomb"):
+        del old[law]["bins"]
+    del old["usage"]
+    for opened in old["contexts"]:
+        for added in ("joint_serials", "maintenance", "revolutions"):
+            del opened["context"][added]
+    for mean in old["track"]["mean"]:
+        mean[RATE] /= np.exp(mean[WEAR])
+    carried = belief_from_document({**old, "schema_version": 2})
+    assert np.allclose(carried.rate()[0], belief.rate()[0], rtol=1e-12)
+    assert np.array_equal(carried.wear, belief.wear)
+    assert carried.contexts == belief.contexts
+    assert np.isnan(carried.usage.per_day).all()
+    onwards = learn(carried, Arm(seed=99).replay(30.0, 0.1), CONTEXT, carried.at_unix_s + DAY_S, settings=DriftSettings(), laws=LAWS).belief
+    assert onwards.as_document()["schema_version"] == 4
+    with pytest.raises(BadInput, match="not what schema_version 2 wrote"):
+        belief_from_document({**old, "schema_version": 2, "track": {}})
+
+
+def test_a_belief_of_an_older_release_is_refused_with_what_to_do():
+    """Schema 1 cannot be carried over; the message says how the history is kept."""
+    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2 to 4\. .*joint-monitor assess"):
+        belief_from_document({**fresh().as_document(), "schema_version": 1})
