@@ -1,4 +1,4 @@
-"""The commands of a service that lasts, as a user types them: schedule, history, export, import, assess --from-store, status, check."""
+"""The commands `schedule`, `history`, `export`, `import`, `assess --from-store` and `check` on the history of an arm."""
 
 import csv
 import json
@@ -7,25 +7,15 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from command_line import printed
 from test_backups_and_retention import configuration, lived, recordings  # noqa: F401 - a fixture
-from typer.testing import CliRunner
 
-from monitor.cli.main import app
-from monitor.errors import MonitorError
+from monitor.errors import BadInput
 from monitor.recording import Context, Recording
 from monitor.store.recordings import read_recording, write_recording
 from monitor.store.store import Store
 
-DAY = 86_400.0
-
-
-def run(*arguments: str, code: int = 0) -> str:
-    done = CliRunner().invoke(app, arguments)  # in this process: the interpreter's start would be most of the test
-    ended, said = done.exit_code, done.stdout
-    if isinstance(done.exception, MonitorError):
-        ended, said = done.exception.exit_code, str(done.exception)
-    assert ended == code, (done.exception, done.output)
-    return said
+DAY_S = 86_400.0
 
 
 @pytest.fixture(scope="module")
@@ -44,28 +34,29 @@ def cell(tmp_path_factory: pytest.TempPathFactory, recordings: list[Recording]) 
 
 
 def test_schedule_lists_the_next_windows_in_the_sites_own_time(cell: Path):
-    """Local and UTC, and what became of the last ones."""
-    told = json.loads(run("schedule", "--config", str(cell), "--count", "3", "--json"))
-    assert [window["local"][-5:] for window in told["windows"]] == ["02:30"] * 3
-    assert all(window["opens"].endswith(("00:30:00Z", "01:30:00Z")) for window in told["windows"])
-    assert [row["state"] for row in told["last"]] == ["assessed"] * 3
-    assert "none on 2026-12-24..2027-01-02" in run("schedule", "--config", str(cell))
+    """Windows are given in local time and in UTC; the last ones with their outcome."""
+    document = json.loads(printed("schedule", "--config", str(cell), "--count", "3", "--json"))
+    assert [window["local"][-5:] for window in document["windows"]] == ["02:30"] * 3
+    assert all(window["opens"].endswith(("00:30:00Z", "01:30:00Z")) for window in document["windows"])
+    assert [row["state"] for row in document["last"]] == ["assessed"] * 3
+    assert "none on 2026-12-24..2027-01-02" in printed("schedule", "--config", str(cell))
 
 
 def test_history_tells_what_was_learnt_and_says_what_it_left_out(cell: Path):
-    """Newest rows by default; one joint; a span of time."""
-    told = json.loads(run("history", "--config", str(cell), "--joint", "3", "--json"))
-    assert [row["replay"] for row in told["rows"]] == [1, 2, 3]
-    assert "fc [Nm]" in run("history", "--config", str(cell), "--limit", "2")
-    none = run("history", "--config", str(cell), "--from", "2030-01-01")
+    """It prints the newest rows, those of one joint, or those of a span of time."""
+    document = json.loads(printed("history", "--config", str(cell), "--joint", "3", "--json"))
+    assert [row["replay"] for row in document["rows"]] == [1, 2, 3]
+    assert "fc [Nm]" in printed("history", "--config", str(cell), "--limit", "2")
+    none = printed("history", "--config", str(cell), "--from", "2030-01-01")
     assert "no replay" in none
-    assert "2026-01-31T03:00:00Z" in run("history", "--config", str(cell), "--from", "yesterday", code=2)
+    with pytest.raises(BadInput, match="2026-01-31T03:00:00Z"):
+        printed("history", "--config", str(cell), "--from", "yesterday")
 
 
 def test_what_is_exported_can_be_read_by_others_and_a_recording_be_imported_again(cell: Path, tmp_path: Path):
-    """CSV and Parquet say the same; the recording's figures are the stored ones."""
+    """CSV and Parquet hold the same figures, and an exported recording holds the stored ones."""
     for name in ("friction.csv", "friction.parquet", "ledger.csv"):
-        run("export", "--config", str(cell), "-o", str(tmp_path / name), "--what", name.split(".")[0])
+        printed("export", "--config", str(cell), "-o", str(tmp_path / name), "--what", name.split(".")[0])
     parquet = pd.read_parquet(tmp_path / "friction.parquet")
     assert len(parquet) == 18
     assert str(parquet["recorded_at"].dt.tz) == "UTC"
@@ -74,65 +65,66 @@ def test_what_is_exported_can_be_read_by_others_and_a_recording_be_imported_agai
         rows = list(csv.DictReader(file))
     assert [float(row["coulomb_nm"]) for row in rows] == list(parquet["coulomb_nm"])
     for what, full in (("friction", parquet), ("ledger", pd.read_csv(tmp_path / "ledger.csv"))):
-        run("export", "--config", str(cell), "-o", str(tmp_path / "none.csv"), "--what", what, "--from", "2100-01-01")
+        printed("export", "--config", str(cell), "-o", str(tmp_path / "none.csv"), "--what", what, "--from", "2100-01-01")
         none = pd.read_csv(tmp_path / "none.csv")
         assert len(none) == 0
         assert set(none.columns) <= set(full.columns)
-    run("export", "--config", str(cell), "-o", str(tmp_path / "one.csv"), "--what", "recording", "--replay", "2")
+    printed("export", "--config", str(cell), "-o", str(tmp_path / "one.csv"), "--what", "recording", "--replay", "2")
     stored = read_recording(cell.parent / "history" / "recordings" / "replay-000002.parquet")
     assert (read_recording(tmp_path / "one.csv").q == stored.q).all()
-    assert "no recording" in run(
-        "export", "--config", str(cell), "-o", str(tmp_path / "x.csv"), "--what", "recording", "--replay", "9", code=2
-    )
-    assert "ends in .csv" in run("export", "--config", str(cell), "-o", str(tmp_path / "x.xls"), code=2)
+    with pytest.raises(BadInput, match="no recording"):
+        printed("export", "--config", str(cell), "-o", str(tmp_path / "x.csv"), "--what", "recording", "--replay", "9")
+    with pytest.raises(BadInput, match=r"ends in \.csv"):
+        printed("export", "--config", str(cell), "-o", str(tmp_path / "x.xls"))
 
 
 def test_recordings_made_elsewhere_become_history_and_are_marked(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
-    """In time order whatever the order of the files; a second time they are known; none is taken of before or of a time to come."""
+    """They are judged in time order, and are known the second time; one made before 1970, in the future, or out of order is refused."""
     config = tmp_path / "cell.toml"
     config.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "history"\n')
     files = []
     for day in (3, 1, 2):
-        context = Context(robot="ur5", recorded_at_unix_s=1.0e9 + day * DAY)
+        context = Context(robot="ur5", recorded_at_unix_s=1.0e9 + day * DAY_S)
         files.append(tmp_path / f"day-{day}.parquet")
         write_recording(files[-1], replace(recordings[day - 1], context=context, source=""))
     for wrong in (4.0e9, 1.0e15):
         context = Context(robot="ur5", recorded_at_unix_s=wrong)
         write_recording(tmp_path / "to-come.parquet", replace(recordings[0], context=context, source=""))
-        assert "between 1970 and now" in run("import", "--config", str(config), str(tmp_path / "to-come.parquet"), code=2)
-    told = json.loads(run("import", "--config", str(config), *map(str, files[:2]), "--json"))
-    assert (told["assessed"], told["rejected"], told["known_already"]) == (2, [], 0)
-    assert "1 assessed" not in run("import", "--config", str(config), str(files[0]))
-    assert "time order" in run("import", "--config", str(config), str(files[2]), code=2)
+        with pytest.raises(BadInput, match="between 1970 and now"):
+            printed("import", "--config", str(config), str(tmp_path / "to-come.parquet"))
+    document = json.loads(printed("import", "--config", str(config), *map(str, files[:2]), "--json"))
+    assert (document["assessed"], document["rejected"], document["known_already"]) == (2, [], 0)
+    assert "1 assessed" not in printed("import", "--config", str(config), str(files[0]))
+    with pytest.raises(BadInput, match="time order"):
+        printed("import", "--config", str(config), str(files[2]))
     with Store.reader(tmp_path / "history") as store:
         assert [(row.kind, row.state) for row in store.ledger.rows()] == [("imported", "assessed")] * 2
         assert store.ledger.began_unix_s() is None  # the learning phase begins with the arm's own replays
-    assert "the same" in run("assess", "--from-store", "--config", str(config))
+    assert "the same" in printed("assess", "--from-store", "--config", str(config))
 
 
 def test_every_past_verdict_is_recomputed_from_the_store(cell: Path):
-    """All the same: exit 0; one altered: exit 3, named."""
-    told = json.loads(run("assess", "--from-store", "--config", str(cell), "--json"))
-    assert (told["identical"], told["different"]) == (3, 0)
-    assert "nothing else beside it" in run("assess", "--from-store", "--config", str(cell), "--robot", "ur5", code=2)
+    """All verdicts come out the same; an option beside --config is refused."""
+    document = json.loads(printed("assess", "--from-store", "--config", str(cell), "--json"))
+    assert (document["identical"], document["different"]) == (3, 0)
+    with pytest.raises(BadInput, match="nothing else beside it"):
+        printed("assess", "--from-store", "--config", str(cell), "--robot", "ur5")
 
 
 def test_check_says_whether_the_service_could_run(cell: Path, tmp_path: Path):
-    """Configuration, history, disk, clock; an arm that does not answer is its own matter."""
-    said = run("check", "--config", str(cell), "--json", code=3)
-    told = json.loads(said)
-    assert {each["name"]: each["holds"] for each in told["service"]} == {
+    """It checks configuration, history, disk and clock. An arm that does not answer does not prevent the service."""
+    document = json.loads(printed("check", "--config", str(cell), "--json", code=3))
+    assert {each["name"]: each["holds"] for each in document["service"]} == {
         "configuration": True,
         "history": True,
         "disk": True,
         "clock": True,
     }
-    assert told["may_run"]
-    assert not told["may_move"]
+    assert document["may_run"]
+    assert not document["may_move"]
     (tmp_path / "history").mkdir()
     (tmp_path / "history" / "history.sqlite").write_bytes(b"no database" * 1000)
     (tmp_path / "cell.toml").write_text(cell.read_text())
-    said = run("check", "--config", str(tmp_path / "cell.toml"), "--json", code=3)
-    told = json.loads(said)
-    assert [each["name"] for each in told["service"] if not each["holds"]] == ["history"]
-    assert not told["may_run"]
+    document = json.loads(printed("check", "--config", str(tmp_path / "cell.toml"), "--json", code=3))
+    assert [each["name"] for each in document["service"] if not each["holds"]] == ["history"]
+    assert not document["may_run"]

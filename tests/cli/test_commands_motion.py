@@ -12,6 +12,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 import zenoh
+from command_line import program
 from typer.testing import CliRunner
 
 from monitor.cli.main import app
@@ -59,11 +60,6 @@ def config(tmp_path: Path, free_port: int):
     return write
 
 
-def run(*arguments: object, timeout_s: float = 60.0) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "monitor", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
-
-
 def checked(path: Path) -> tuple[int, dict]:
     """Exit code and conditions of `check --json`, run in this process, which saves the second that another takes to start."""
     done = CliRunner().invoke(app, ["check", "--config", str(path), "--json"])
@@ -77,7 +73,7 @@ def test_check_looks_and_neither_uploads_nor_moves_anything(remote, config):
     assert code == 0, found
     assert found["gravity"]["checked"]
     assert found["payload"]["checked"]
-    done = run("check", "--config", config())
+    done = program("check", "--config", config())
     table = done.stdout
     assert done.returncode == 0, done.stderr
     assert "the arm may move" in table
@@ -91,7 +87,7 @@ def test_check_looks_and_neither_uploads_nor_moves_anything(remote, config):
 def test_check_reports_who_answers_on_the_bus(remote, config, free_port):
     """An endpoint where nobody listens does not forbid a motion, and is reported; a router without a daemon is reported as such."""
     path = config()
-    done = run("check", "--config", path)
+    done = program("check", "--config", path)
     assert done.returncode == 0
     assert f"bus, commands at tcp/127.0.0.1:{free_port}: nobody: nobody listens there" in " ".join(done.stdout.split())
     router = zenoh.open(session_config(mode="router", listen=(f"tcp/127.0.0.1:{free_port}",)))
@@ -156,7 +152,7 @@ def test_a_bad_configuration_ends_check_with_two(tmp_path):
     (tmp_path / "bad.toml").write_text(
         '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[replay]\npermit = "perhaps"\nstartup_timeout_s = 1e9\n'
     )
-    done = run("check", "--config", tmp_path / "bad.toml")
+    done = program("check", "--config", tmp_path / "bad.toml")
     assert done.returncode == 2
     assert "startup_timeout_s" in done.stderr
 
@@ -187,15 +183,15 @@ def test_a_protective_stop_waits_for_a_person_who_says_who_and_why(remote, confi
     code, found = checked(path)
     assert code == 3
     assert "joint-monitor allow" in found["previous_stop"]["told"]
-    refused = run("replay", "--config", path, "-o", output)
+    refused = program("replay", "--config", path, "-o", output)
     assert refused.returncode == 2
     assert "previous_stop" in refused.stderr
 
-    assert run("allow", "--config", path, "--by", " ", "--why", "x").returncode == 2
-    allowed = run("allow", "--config", path, "--by", "Ada", "--why", "a box stood in the way; it is gone", "--json")
+    assert program("allow", "--config", path, "--by", " ", "--why", "x").returncode == 2
+    allowed = program("allow", "--config", path, "--by", "Ada", "--why", "a box stood in the way; it is gone", "--json")
     assert json.loads(allowed.stdout)["allowed"][0]["cause"] == "protective_stop"
     assert checked(path)[0] == 0
-    assert "no stop is waiting" in run("allow", "--config", path, "--by", "Ada", "--why", "again").stdout
+    assert "no stop is waiting" in program("allow", "--config", path, "--by", "Ada", "--why", "again").stdout
     with Store.reader(path.parent / "history") as store:
         assert store.stops.waiting() == []
 
@@ -207,7 +203,7 @@ def test_record_only_listens_while_another_program_moves_the_arm(remote, config)
     try:
         assert "moving" in client.stdout.readline()
         scripts = remote.truth()["scripts_started"]
-        done = run("record", "--config", path, "--seconds", 2, "-o", path.parent / "r.parquet", "--json")
+        done = program("record", "--config", path, "--seconds", 2, "-o", path.parent / "r.parquet", "--json")
         assert done.returncode == 0, done.stderr
         assert remote.truth()["scripts_started"] == scripts
     finally:
@@ -244,7 +240,7 @@ def test_a_digital_input_is_a_permit(remote, config):
     """Off: the replay is refused after the configured time. On: the arm moves. Off in between: it slows down, with the cause."""
     path = config(permit="digital_input:3", permit_timeout_s=0.5)
     output = path.parent / "r.parquet"
-    refused = run("replay", "--config", path, "-o", output)
+    refused = program("replay", "--config", path, "-o", output)
     assert refused.returncode == 2
     assert "digital input 3 is off" in refused.stderr
     remote.fault("digital_input", number=3, state="on")
@@ -275,7 +271,7 @@ def test_the_cells_own_program_permits_over_zenoh(remote, config, answer, code):
     endpoint = path.read_text().partition("listen = ")[2].split('"')[1]
     asked: list[dict] = []
     done: list = []
-    runner = threading.Thread(target=lambda: done.append(run("replay", "--config", path, "-o", output)))
+    runner = threading.Thread(target=lambda: done.append(program("replay", "--config", path, "-o", output)))
     runner.start()
     if answer is not None:
         with zenoh.open(session_config(mode="peer", connect=(endpoint,), wait_for_peer=False)) as session:
@@ -315,7 +311,7 @@ def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_need
     """The first pass takes twice the time at half the speed, in a file of its own; the next replay needs none."""
     path = config(first_pass=True, first_pass_time_scale=0.5, approach_speed_rad_s=1.0)
     output, first = path.parent / "r.parquet", path.parent / "r-first-pass.parquet"
-    done = run("replay", "--config", path, "-o", output, "--json")
+    done = program("replay", "--config", path, "-o", output, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["first_pass"] == str(first)
     slow, normal = read_recording(first), read_recording(output)
@@ -325,7 +321,7 @@ def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_need
     assert "first pass" in slow.context.note
     assert abs(slow.qd).max() == pytest.approx(0.5 * abs(normal.qd).max(), rel=0.1)
     first.unlink()
-    done = run("replay", "--config", path, "-o", output)
+    done = program("replay", "--config", path, "-o", output)
     assert done.returncode == 0, done.stderr
     assert not first.exists()
 
@@ -333,7 +329,7 @@ def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_need
 def test_torque_outside_the_band_ends_a_first_pass_and_waits_for_a_person(remote, config):
     """The configured gains are wrong by a factor of five, so measured torque differs from that of the manufacturer's parameters."""
     path = config("gains_nm_per_a = [60.0, 60.0, 60.0, 50.0, 50.0, 50.0]", first_pass=True, first_pass_time_scale=0.5)
-    done = run("replay", "--config", path, "-o", path.parent / "r.parquet")
+    done = program("replay", "--config", path, "-o", path.parent / "r.parquet")
     assert done.returncode == 1
     assert "torque_band" in done.stderr
     assert "were expected" in done.stderr

@@ -1,4 +1,4 @@
-"""Commands as a person types them: answers on standard output, mistakes as one sentence and exit 2."""
+"""The program as a person runs it: answers on standard output, mistakes as one sentence and exit code 2."""
 
 import json
 import subprocess
@@ -6,18 +6,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import program
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = "14.87,13.26,11.13,10.62,11.03,11.47"
 COMMANDS = ("run", "simulate", "replay", "identify", "base", "energy", "predict", "watch", "status", "demo")
 
 
-def joint_monitor(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run([sys.executable, "-m", "monitor", *arguments], capture_output=True, text=True, timeout=100, check=False)
-
-
 def refused(*arguments: str) -> str:
-    ended = joint_monitor(*arguments)
+    """What the program prints on standard error when it refuses the arguments."""
+    ended = program(*arguments)
     assert ended.returncode == 2, ended.stderr
     assert "Traceback" not in ended.stderr
     assert ended.stdout == ""
@@ -25,10 +23,10 @@ def refused(*arguments: str) -> str:
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
-    """`--help` is quick because numpy, pinocchio and Zenoh stay out of it."""
-    told = joint_monitor("--help").stdout
+    """`--help` is quick because it imports neither numpy nor pinocchio nor Zenoh."""
+    listed = program("--help").stdout
     for command in COMMANDS:
-        assert command in told
+        assert command in listed
     heavy = {"numpy", "scipy", "pandas", "pinocchio", "zenoh", "rtde_control"}
     code = f"import sys, monitor.cli.main; print(sorted({heavy} & set(sys.modules)))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -37,16 +35,16 @@ def test_help_names_every_command_and_imports_nothing_heavy():
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command: str):
-    """Each has a help page that says what it does."""
-    ended = joint_monitor(command, "--help")
+    """Each command has a help page."""
+    ended = program(command, "--help")
     assert ended.returncode == 0
     assert len(ended.stdout.splitlines()) > 5
 
 
 def test_a_real_recording_is_identified_as_json(real_data: Path):
-    """UR10e, trained on 50 s, held out 30 s: no worse than 9 5 6 8 8 7 %, and 85 % below the manufacturer's parameters."""
+    """UR10e, fitted to 50 s, validated on 30 s: errors are at most 9, 5, 6, 8, 8 and 7 %, and 85 % below the manufacturer's parameters."""
     trained, held_out = (str(real_data / "ur10e" / f"ur-20_02_{name}.csv") for name in ("12-50sec_12harm", "10-30sec_12harm"))
-    ended = joint_monitor("identify", trained, "--robot", "ur10e", "--columns", COLUMNS, "--gains", GAINS, "--validate", held_out, "--json")
+    ended = program("identify", trained, "--robot", "ur10e", "--columns", COLUMNS, "--gains", GAINS, "--validate", held_out, "--json")
     assert ended.returncode == 0, ended.stderr
     document = json.loads(ended.stdout)
     (validation,) = document["validation"]
@@ -58,20 +56,20 @@ def test_a_real_recording_is_identified_as_json(real_data: Path):
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
         ("ur_standstill/real_10hz.csv", "stands still"),
         ("ur_standstill/ursim_125hz.csv", "stands still"),
         ("ur3_warmup/dataset_02052023.csv", "no joint positions"),
     ],
 )
-def test_a_recording_that_cannot_tell_is_refused_with_the_reason(real_data: Path, name: str, says: str):
-    """Standing arms and files without positions: exit 2 and why."""
-    assert says in refused("identify", str(real_data / name), "--robot", "ur5")
+def test_an_uninformative_recording_is_refused_with_the_reason(real_data: Path, name: str, message: str):
+    """Recordings of a standing arm and files without positions end with exit code 2 and the reason."""
+    assert message in refused("identify", str(real_data / name), "--robot", "ur5")
 
 
 def test_wrong_arguments_are_sentences(tmp_path: Path):
-    """What was wrong and what would be right."""
+    """The message says what was wrong and what would be right."""
     table = tmp_path / "table.csv"
     table.write_text("timestamp,actual_q_0\n0.0,1.0\n")
     assert "known are" in refused("identify", str(table), "--robot", "ur7")
@@ -83,20 +81,20 @@ def test_wrong_arguments_are_sentences(tmp_path: Path):
 
 
 def test_before_the_first_run_the_commands_say_what_is_missing(tmp_path: Path, free_port: int):
-    """No history, no daemon: each in a sentence."""
+    """Without history or daemon, each command says so in a sentence."""
     config = tmp_path / "cell.toml"
     config.write_text(
         f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "history"\n'
         f'[bus]\nlisten = ["tcp/127.0.0.1:{free_port}"]\n[replay]\nallow_motion = false\n'
     )
     numbers = ["--q=0,0,0,0,0,0", "--qd=0,0,0,0,0,0"]
-    for arguments, says, code in (
+    for arguments, message, code in (
         (["status", "--config", str(config)], "no history yet", 1),
         (["predict", "--config", str(config), *numbers], "nobody answers", 1),
         (["watch", "--config", str(config)], "nobody answers", 1),
         (["replay", "--config", str(config), "-o", str(tmp_path / "r.parquet")], "allow_motion", 2),
         (["replay", "--config", str(config), "-o", str(tmp_path / "r.csv")], "Parquet", 2),
     ):
-        ended = joint_monitor(*arguments)
-        assert (ended.returncode, says in ended.stderr) == (code, True), ended.stderr
+        ended = program(*arguments)
+        assert (ended.returncode, message in ended.stderr) == (code, True), ended.stderr
         assert "Traceback" not in ended.stderr
