@@ -63,14 +63,15 @@ def figures(text: str, option: str, count: int, what: str = "figures, one a join
     """
     import numpy as np
 
+    expected = f"expected {count} {what}, finite and comma-separated"
     try:
         numbers = np.array([float(part) for part in text.split(",")])
     except ValueError:
-        raise BadInput(f"{option} {text!r}: not numbers; expected {count} {what}, comma-separated") from None
+        raise BadInput(f"{option} {text!r}: not numbers; {expected}") from None
     if len(numbers) != count:
-        raise BadInput(f"{option}: {len(numbers)} given; expected {count} {what}, comma-separated")
+        raise BadInput(f"{option} {text!r}: {len(numbers)} given; {expected}")
     if not np.all(np.isfinite(numbers)):
-        raise BadInput(f"{option} {text!r}: expected finite numbers")
+        raise BadInput(f"{option} {text!r}: not finite; {expected}")
     return numbers
 
 

@@ -160,7 +160,7 @@ def test_times_that_are_missing_or_the_same_are_refused(recordings):
         (["assess", "--robot", "ur5"], "no recording was given"),
         (["assess", "--robot", "ur5", "--manifest", "a.csv", "b.csv"], "expected it alone"),
         (["assess", "--robot", "ur5", "--interval", "soon", "a.csv"], "--interval 'soon'"),
-        (["assess", "--robot", "ur5", "--gains", "1,2", "--interval", "1d", "a.csv"], "2 figures; expected 6"),
+        (["assess", "--robot", "ur5", "--gains", "1,2", "--interval", "1d", "a.csv"], "2 given; expected 6 figures"),
         (["assess", "--robot", "ur5", "--config", "config/monitor.toml", "a.csv"], "both given"),
         (["rehearse", "--config", "config/monitor.toml", "--plot", "x.pdf"], "ends in .png or .html"),
     ],
