@@ -1,4 +1,4 @@
-"""Stories: what a year of an arm's life makes the monitor say, and what it must not say."""
+"""Stories of up to a year of an arm: which alerts the monitor raises, and which it must not raise."""
 
 import json
 from dataclasses import replace
@@ -42,7 +42,7 @@ QUIET = [{"autocorrelation": 0.5}, {"fall_per_k": 0.022}, *(pytest.param(kind, m
 
 @pytest.mark.parametrize("kind", QUIET, ids=str)
 def test_a_quiet_year_raises_no_wear_alert(kind):
-    """Seasons, warm and cold mornings, 2 % noise, white or lasting: 2 arm-years of each kind without a wear alert.
+    """Seasons, warm and cold mornings, 2 % noise, white or correlated: 2 arm-years of each kind without a wear alert.
 
     Advisories: at most 1 in the 2 years here (measured over 36 arm-years: none of a joint, two of the arm's common mode).
     """
@@ -53,14 +53,14 @@ def test_a_quiet_year_raises_no_wear_alert(kind):
 
 
 def test_a_cold_monday_is_no_wear():
-    """Every Monday 10 K colder after an idle weekend, which uncompensated is +15 % of fv: nothing is said in 20 weeks."""
+    """Every Monday is 10 K colder after an idle weekend, which is +15 % of fv without compensation: no alert in 20 weeks."""
     history = lived(140, seed=1, noise=0.01, temperature=lambda day, dice: 21.0 + dice.normal() if day % 7 == 0 else 31.0 + dice.normal())
     assert history.told == []
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_wear_of_ten_percent_a_month_is_found_in_its_joint(seed):
-    """From day 30 on, 2 % noise: an advisory within 35 days, a wear alert within 45 (15 % by then), and of joint 3 alone."""
+def test_wear_of_ten_percent_a_month_is_detected_in_its_joint(seed):
+    """From day 30 on, 2 % noise: an advisory within 35 days, a wear alert within 45 days (15 % by then), both of joint 3 only."""
     history = lived(80, seed=seed, wear=lambda day: on_joint_3(max(0, day - 30) * 0.1 / 30))
     assert set(history.first(tiers=ALL_TIERS)) == {3}
     assert 30 < history.first(tiers=ALL_TIERS)[3] < 65
@@ -72,16 +72,16 @@ def test_wear_of_ten_percent_a_month_is_found_in_its_joint(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_step_of_eight_percent_is_found(seed):
-    """1 % noise: told as wear within 8 replays of the step, joint 3 alone, and the size is right to 2.5 %."""
+def test_a_step_of_eight_percent_is_detected(seed):
+    """1 % noise: a wear alert within 8 replays of the step, of joint 3 only, and the size is right to 2.5 %."""
     history = lived(80, seed=seed, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 60)))
     assert set(history.first(tiers=ALL_TIERS)) == {3}
     assert 60 < history.first()[3] < 68.5
     assert history.last.friction[2].wear == pytest.approx(0.08, abs=0.025)
 
 
-def test_a_brown_supply_voltage_is_not_six_worn_joints():
-    """All joints +4 % from one day to the next: the arm is to be checked, no joint is called worn."""
+def test_a_change_of_all_joints_together_is_not_six_worn_joints():
+    """All joints rise by 4 % from one day to the next: the arm has an alert, and no joint has a wear alert."""
     history = lived(90, seed=2, noise=0.01, wear=lambda day: np.full(6, 0.04 * (day >= 60)))
     assert history.first() == {}
     assert None in history.first(tiers=ALL_TIERS, condition="common_mode")
@@ -89,7 +89,7 @@ def test_a_brown_supply_voltage_is_not_six_worn_joints():
 
 
 def test_remaining_life_is_near_the_truth_for_a_constant_rate():
-    """0.1 % a day, 1 % noise, asked at 12 % of 30 %: the median of 6 arms' P50 within 20 %, and P10–P90 holds the truth in most."""
+    """0.1 % a day, 1 % noise, asked at 12 % of 30 %: the median P50 of 6 arms is within 20 %, and most P10–P90 contain the truth."""
     errors, held = [], 0
     for seed in range(6):
         history = lived(120, seed=seed, noise=0.01, wear=lambda day: on_joint_3(0.001 * day))
@@ -103,8 +103,8 @@ def test_remaining_life_is_near_the_truth_for_a_constant_rate():
     assert history.last.friction[0].remaining_life.p50_days is None  # a quiet joint of the same arm
 
 
-def test_a_gap_of_a_month_is_taken_up_again():
-    """Nothing is said because of the gap, doubt is larger after it, and wear goes on being found."""
+def test_learning_continues_after_a_gap_of_a_month():
+    """The gap raises no alert, the uncertainty is larger after it, and wear is still detected."""
     wear = {3: 0.0}
     history, arm = History(), Arm(seed=3, noise=0.01)
     for day in range(60):
@@ -119,7 +119,7 @@ def test_a_gap_of_a_month_is_taken_up_again():
 
 
 def test_assessment_is_markov():
-    """Belief and health through JSON after every replay: the same verdicts as without."""
+    """Belief and health through JSON after every replay give the same verdicts as without."""
     from monitor.judge.alerts.documents import health_from_document
     from monitor.judge.belief import belief_from_document
 
@@ -138,7 +138,7 @@ def test_assessment_is_markov():
 
 
 def test_the_published_document_is_plain_json():
-    """No NaN, the promised names, one entry a joint, also where temperature is unknown."""
+    """It has no NaN, the promised names, and one entry for each joint, also where the temperature is unknown."""
     history = History()
     first = history.add(0, replace(Arm().replay(30.0), temperature_c=None))
     document = json.loads(json.dumps(first.as_document(), allow_nan=False))
@@ -151,8 +151,8 @@ def test_the_published_document_is_plain_json():
     json.dumps(first.model.as_document(), allow_nan=False)
 
 
-def test_the_law_that_is_told_is_the_one_by_which_torque_is_foreseen():
-    """Point by point along the learnt range, for curves as for lines; nothing of a joint that was never seen."""
+def test_the_published_law_is_the_one_from_which_torque_is_predicted():
+    """Point by point along the learnt range, for curves as for lines; a joint that was never resolved has no points."""
     history, source, dice = History(), Arm(seed=3, noise=0.005), np.random.default_rng(3)
     for day in range(40):
         history.add(day, source.replay(dice.uniform(8.0, 40.0)))
@@ -170,7 +170,7 @@ def test_the_law_that_is_told_is_the_one_by_which_torque_is_foreseen():
 
 
 def test_an_alert_document_says_whether_it_is_active():
-    """With the joint from 1, the tier and the evidence in words."""
+    """It has the joint counted from 1, the tier, and the evidence in words."""
     history = lived(40, seed=0, noise=0.005, wear=lambda day: on_joint_3(0.12 * (day >= 30)))
     [alert] = history.health.active_alerts
     document = alert_document(alert)
@@ -181,7 +181,7 @@ def test_an_alert_document_says_whether_it_is_active():
 
 
 def test_a_replay_is_learnt_once_and_in_time_order():
-    """The same replay again, an older one, and one without a time are refused as values; the belief is not touched."""
+    """The same replay again, an older one, and one without a time are Rejected, and the belief does not change."""
     first = History().add(10, Arm().replay(30.0))
     for at, says in ((first.recorded_at_unix_s, "learnt last"), (first.recorded_at_unix_s - 60, "60 s older"), (None, "does not say when")):
         outcome = judge_identification(
@@ -192,7 +192,7 @@ def test_a_replay_is_learnt_once_and_in_time_order():
 
 
 def test_another_arms_belief_is_refused():
-    """Robot and reference speed belong to the history; mixing them is a mistake of the caller, and named."""
+    """Robot and reference speed belong to the history; another one is an error of the caller, and BadInput names it."""
     first = History().add(0, Arm().replay(30.0))
     later = replace(CONTEXT, recorded_at_unix_s=START_S + 90_000.0)
     with pytest.raises(BadInput, match="belief is of ur5, the recording of ur3"):
@@ -203,7 +203,7 @@ def test_another_arms_belief_is_refused():
 
 
 def test_a_recording_without_motion_is_rejected_with_its_reason():
-    """An arm that stood still teaches nothing; that is no error."""
+    """An arm that stood still gives nothing to learn from. That is an ordinary outcome."""
     t = np.arange(1250) / 125.0
     still = Recording(
         t_s=t,
@@ -243,8 +243,8 @@ def simulated() -> list[Assessment]:
     return verdicts
 
 
-def test_the_whole_flow_finds_the_worn_joint_of_a_simulated_arm(simulated):
-    """Full physics and the real identification: joint 3 is worn, no other is; the size is right to 5 %."""
+def test_the_whole_flow_detects_the_worn_joint_of_a_simulated_arm(simulated):
+    """Full physics and the real identification: joint 3 has wear, no other has, and the size is right to 5 %."""
     raised = {(alert.joint, alert.tier) for verdict in simulated for _, alert in verdict.transitions if alert.tier != "advisory"}
     assert raised == {(3, "wear")}
     assert simulated[-1].friction[2].wear == pytest.approx(0.25, abs=0.05)
@@ -252,7 +252,7 @@ def test_the_whole_flow_finds_the_worn_joint_of_a_simulated_arm(simulated):
 
 
 def test_the_simulated_arm_shows_friction_falling_with_temperature(simulated):
-    """Every joint's β is positive after 12 days over 12 K, as in the paper; the temperatures span what they were made to."""
+    """Every joint's β is positive after 12 days over 12 K, as in the paper, and the range is that of the simulated temperatures."""
     last = simulated[-1]
     assert all(entry.friction_slope_per_k > 0 for entry in last.temperature)
     assert all(entry.range_c[1] - entry.range_c[0] > 8 for entry in last.temperature)
@@ -268,7 +268,7 @@ def test_the_simulated_arm_shows_friction_falling_with_temperature(simulated):
     ],
 )
 def test_a_replay_that_was_disturbed_is_stored_and_not_learnt_from(quality, words):
-    """What acquisition counted is believed; nothing is identified from it, whatever it would have said."""
+    """The quality that acquisition counted decides, before anything is identified."""
     rows = np.zeros((1250, 6))
     recording = Recording(
         t_s=np.arange(1250) * 0.008,

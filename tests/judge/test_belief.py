@@ -20,8 +20,8 @@ from monitor.judge.temperature.laws import TemperatureSettings
 LAWS = TemperatureSettings()
 
 
-def test_the_belief_survives_as_json():
-    """Through JSON text and back, the belief gives bit for bit the same next assessment."""
+def test_a_belief_read_from_json_gives_the_same_next_assessment():
+    """Bit for bit, through JSON text and back."""
     import json
 
     history, dice = History(), np.random.default_rng(2)
@@ -45,23 +45,23 @@ def test_the_belief_survives_as_json():
         ({"replays": "many"}, "many"),
     ],
 )
-def test_a_spoilt_belief_is_refused_by_the_name_of_its_key(spoil, says):
-    """No half-read state: what is wrong is said."""
+def test_a_damaged_belief_is_refused_with_the_name_of_its_key(spoil, says):
+    """No state is read in part: the message says what is wrong."""
     document = {**fresh().as_document(), **spoil}
     with pytest.raises(BadInput, match=says):
         belief_from_document(document)
 
 
 def test_a_belief_without_a_key_is_refused():
-    """A missing key is named."""
+    """The message names the missing key."""
     document = fresh().as_document()
     del document["track"]["noise_weight"]
     with pytest.raises(BadInput, match="'noise_weight' is missing"):
         belief_from_document(document)
 
 
-def test_a_belief_of_the_last_release_is_carried_over():
-    """Schema 2 knew no use and no bins, and the rate of the logarithm: wear, level and rate of friction are what they were."""
+def test_a_belief_of_schema_2_is_carried_over():
+    """Schema 2 had no usage and no bins, and the rate of the logarithm: wear, level and the rate of friction stay as they were."""
     belief = fresh()
     for day in range(12):
         at = belief.at_unix_s + DAY_S
@@ -86,7 +86,7 @@ def test_a_belief_of_the_last_release_is_carried_over():
         belief_from_document({**old, "schema_version": 2, "track": {}})
 
 
-def test_a_belief_of_an_older_release_is_refused_with_what_to_do():
-    """Schema 1 cannot be carried over; the message says how the history is kept."""
+def test_a_belief_of_schema_1_is_refused_with_what_to_do():
+    """It cannot be carried over; the message says how the history is kept."""
     with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2 to 4\. .*joint-monitor assess"):
         belief_from_document({**fresh().as_document(), "schema_version": 1})

@@ -1,4 +1,4 @@
-"""One replay after another: what noise is learnt from, which changes are looked for, and what a change of the baseline is."""
+"""The filter from replay to replay: which replays the noise is estimated from, and which sudden changes are detected."""
 
 import copy
 from dataclasses import replace
@@ -20,7 +20,7 @@ DRIFT, LAWS = DriftSettings(), TemperatureSettings()
 
 
 def lived(replays: list[Identification]) -> list[Belief]:
-    """One replay a day; the belief after each."""
+    """The belief after each of the replays, one a day."""
     belief, beliefs = begin("ur5", CONTEXT, replays[0], START_S, settings=DRIFT, laws=LAWS), []
     for day, seen in enumerate(replays):
         belief = learn(belief, seen, CONTEXT, START_S + day * DAY_S, settings=DRIFT, laws=LAWS).belief
@@ -29,13 +29,13 @@ def lived(replays: list[Identification]) -> list[Belief]:
 
 
 def a_year(seed: int, *, days: int = 150, wear: dict[int, np.ndarray] | None = None) -> list[Identification]:
-    """Daily replays in the weather; `wear` (6,) on single days."""
+    """Daily replays under varying temperature; `wear` (6,) on single days."""
     arm, dice = Arm(seed=seed, autocorrelation=0.5), np.random.default_rng(seed)
     return [arm.replay(weather(day, dice), (wear or {}).get(day, 0.0)) for day in range(days)]
 
 
-def test_wild_replays_teach_no_noise():
-    """Joint 3 is 35 % off every 15 days: the noise learnt of it is that of the same days without, within a twelfth."""
+def test_outliers_do_not_raise_the_estimated_noise():
+    """Joint 3 is 35 % off every 15 days: its estimated noise is that of the same days without outliers, within 8 %."""
     wild = {day: np.array([0, 0, 0.35, 0, 0, 0]) for day in range(30, 150, 15)}
     calm, shaken = lived(a_year(3))[-1], lived(a_year(3, wear=wild))
     assert sum(belief.event[2] == OUTLIER for belief in shaken) == len(wild)
@@ -43,8 +43,8 @@ def test_wild_replays_teach_no_noise():
     assert ratio == pytest.approx(1.0, abs=0.08)
 
 
-def test_replays_without_a_temperature_teach_no_noise():
-    """Every tenth replay is 15 K colder and its sensor is silent: the noise learnt is that of the others, within a twelfth."""
+def test_replays_without_a_temperature_do_not_raise_the_estimated_noise():
+    """Every tenth replay is 15 K colder without a temperature: the estimated noise is that of the other replays, within 8 %."""
     seen = a_year(4)
     arm = Arm(seed=40, autocorrelation=0.0)
     dark = [replace(arm.replay(16.0), temperature_c=None) if day > 20 and day % 10 == 0 else one for day, one in enumerate(seen)]
@@ -52,8 +52,8 @@ def test_replays_without_a_temperature_teach_no_noise():
     assert np.allclose(blind.noise_std(DRIFT) / calm.noise_std(DRIFT), 1.0, atol=0.08)
 
 
-def test_a_step_among_the_first_replays_is_of_the_baseline():
-    """+7 % from the third replay on: taken for wear weeks later it would be in doubt by 4 % for ever, and what comes after unseen."""
+def test_a_step_among_the_first_replays_belongs_to_the_baseline():
+    """+7 % from the third replay on. As wear, its uncertainty would stay at 4 %, and later wear would not be detected."""
     settled = {day: np.full(6, 0.07) * (np.arange(6) == 1) for day in range(2, 150)}
     later = {day: wear if day < 90 else wear + 0.05 * 1.07 * (np.arange(6) == 1) for day, wear in settled.items()}
     for seed in range(3):
@@ -67,16 +67,16 @@ def test_a_step_among_the_first_replays_is_of_the_baseline():
 
 @pytest.mark.parametrize("first", range(DRIFT.baseline_replays - 1, DRIFT.baseline_replays + 3))
 @pytest.mark.parametrize("size", [1.0, -0.3])
-def test_a_jump_right_after_the_first_replays_is_wear_though_it_is_gated(first, size):
-    """Wild replays are not learnt from, and still they are replays: a jump at the 7th or 8th is no more of the baseline than at the 9th."""
+def test_a_jump_right_after_the_baseline_is_wear_although_it_is_gated(first, size):
+    """Outliers count as replays although nothing is learnt from them: a jump at the 7th or 8th replay is wear, as at the 9th."""
     jumped = {day: size * (np.arange(6) == 2) for day in range(first, 30)}
     belief = lived(a_year(8, days=30, wear=jumped))[-1]
     expected = np.log1p(size) if first >= DRIFT.baseline_replays else 0.0
     assert belief.wear[2] == pytest.approx(expected, abs=0.06)
 
 
-def test_a_change_is_looked_for_at_every_one_of_the_last_replays():
-    """A step's first replay says most of it: of the youngest starts none is left out, of the older ones ever more."""
+def test_every_one_of_the_last_replays_may_be_the_start_of_a_change():
+    """A step's first replay has most of its evidence: none of the youngest starts is dropped, and ever more of the older ones."""
     ages = lived(a_year(5))[-1].filter_state.ages[0]
     assert np.array_equal(ages[: DENSE + 1], np.arange(DENSE + 1))
     assert np.all(np.diff(ages) > 0)
@@ -85,15 +85,15 @@ def test_a_change_is_looked_for_at_every_one_of_the_last_replays():
 
 
 @pytest.mark.parametrize("true", [0.04, 0.20])
-def test_noise_far_larger_than_supposed_is_learnt_though_much_of_it_looks_wild(true):
-    """Twice or ten times the 2 % of the family: after 80 days a quarter is missing at most; with the gate keeping it out it was half."""
+def test_noise_far_above_its_prior_is_learnt_although_the_gate_excludes_much_of_it(true):
+    """Noise of twice or ten times the prior of 2 %: after 80 days the estimate is within a quarter."""
     arm, dice = Arm(seed=11, noise=true), np.random.default_rng(11)
     belief = lived([arm.replay(weather(day, dice)) for day in range(80)])[-1]
     assert np.median(belief.noise_std(DRIFT)) == pytest.approx(true, rel=0.25)
 
 
-def test_a_joint_that_was_replaced_has_no_wild_replays_behind_it():
-    """Counted on, those of the old joint would make every wild replay of the new one its noise."""
+def test_a_replaced_joint_has_no_outliers_behind_it():
+    """The count of the old joint would let every outlier of the new one count as noise."""
     wild = {day: np.array([0, 0, 0.4, 0, 0, 0]) for day in range(20, 60, 5)}
     filter_state = lived(a_year(9, days=60, wear=wild))[-1].filter_state
     new = np.arange(6) == 2
@@ -102,16 +102,16 @@ def test_a_joint_that_was_replaced_has_no_wild_replays_behind_it():
     assert np.array_equal(replace_joints(filter_state, new, DRIFT).outliers[~new], filter_state.outliers[~new])
 
 
-def test_every_second_replay_without_a_temperature_leaves_noise_to_be_learnt():
-    """The ones before and after a blind one compare: of a true 4 % they tell 3 to 5, where the family's 2 % would stay for ever."""
+def test_noise_is_learnt_where_every_second_replay_has_no_temperature():
+    """The replays before and after a blind one are compared: from a true 4 % the estimate is 3 to 5 %, and not the prior of 2 %."""
     arm, dice = Arm(seed=12, noise=0.04, within=0.002), np.random.default_rng(12)
     seen = [arm.replay(weather(day, dice)) for day in range(100)]
     blind = [replace(one, temperature_c=None) if day % 2 else one for day, one in enumerate(seen)]
     assert np.median(lived(blind)[-1].noise_std(DRIFT)) == pytest.approx(0.04, abs=0.01)
 
 
-def test_a_belief_that_looked_for_fewer_changes_is_carried_over():
-    """Schema 3 kept 28 starts: those are as they were, the others begin to be looked for, and the next replay is learnt as ever."""
+def test_a_belief_of_schema_3_is_carried_over():
+    """Schema 3 had 28 starts of a change: these stay, the others begin without evidence, and the next replay is learnt from."""
     belief = lived(a_year(7, days=60))[-1]
     kept = 28
     old = copy.deepcopy(belief.as_document())

@@ -1,4 +1,4 @@
-"""Which law of temperature is chosen: by what it says where it was not fitted."""
+"""The choice of a temperature law, by its error on temperatures left out of the fit."""
 
 from dataclasses import replace
 
@@ -39,8 +39,8 @@ LAWS = {
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_law_that_holds_is_chosen(name):
-    """2 % noise, 200 replays from 5 to 45 °C: right in at least five of six joints, and within 2.5 % of the truth to the cold edge."""
+def test_the_true_law_is_chosen(name):
+    """2 % noise, 200 replays from 5 to 45 °C: right in at least five of six joints, and within 2.5 % of the truth at the cold end."""
     line = learnt_of(LAWS[name])
     assert sum(law == name for law in line.law) >= 5
     T = np.linspace(5.0, 45.0, 9)[:, None] * np.ones(6)
@@ -49,8 +49,8 @@ def test_the_law_that_holds_is_chosen(name):
     assert np.all(np.nanargmin(held, axis=1) == ["linear", "exponential", "vogel"].index(name))
 
 
-def test_a_curve_errs_less_than_the_line_that_the_paper_draws():
-    """From 5 to 45 °C an exponential bends by a tenth: the line stays what it is and is still told."""
+def test_a_curve_has_less_error_than_the_papers_line():
+    """From 5 to 45 °C an exponential bends by a tenth. The line stays as it is and is still published."""
     line = learnt_of(LAWS["exponential"])
     T = np.linspace(5.0, 45.0, 9)[:, None] * np.ones(6)
     of_curve = np.abs(line.at(T).value - LAWS["exponential"](T)).mean()
@@ -60,14 +60,14 @@ def test_a_curve_errs_less_than_the_line_that_the_paper_draws():
 
 
 def test_few_replays_or_a_narrow_range_keep_the_line():
-    """Fourteen replays, or four bins of 2 K: nothing to choose by, and no error is claimed."""
+    """Fourteen replays, or four bins of 2 K, are too few to choose: no error is reported."""
     for line in (learnt_of(LAWS["exponential"], replays=14), learnt_of(LAWS["exponential"], coldest=24.0, warmest=29.9)):
         assert set(line.law) == {"linear"}
         assert np.isnan(line.curve.held_out).all()
 
 
-def test_what_is_stretched_beyond_the_range_is_flagged_and_stays_positive():
-    """From −20 to 80 °C, whatever the law."""
+def test_an_extrapolation_is_flagged_and_stays_positive():
+    """From −20 to 80 °C, for every law."""
     for friction in LAWS.values():
         line = learnt_of(friction, coldest=20.0, warmest=40.0)
         T = np.linspace(-20.0, 80.0, 21)[:, None] * np.ones(6)
@@ -77,8 +77,8 @@ def test_what_is_stretched_beyond_the_range_is_flagged_and_stays_positive():
         assert np.array_equal(told.extrapolated, (line.range_c[:, 0] - 3.0 > T) | (line.range_c[:, 1] + 3.0 < T))
 
 
-def test_ninety_percent_intervals_hold_the_truth():
-    """Of chosen curves inside the range, 20 seeds: 90 % nominal, and never below 80 %."""
+def test_ninety_percent_intervals_contain_the_truth():
+    """Of the chosen curves inside the range, 20 seeds: 90 % nominal, and never below 80 %."""
     T = np.linspace(8.0, 42.0, 7)[:, None] * np.ones(6)
     held = [
         np.abs(told.value - LAWS["exponential"](T)) < 1.645 * told.std

@@ -1,4 +1,4 @@
-"""The filter: what it must equal, and what it must never do."""
+"""Properties of the filter: what it equals, and what it must never do."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def predicted(state: FilterState, days: float) -> FilterState:
 
 @st.composite
 def beliefs(draw: st.DrawFn) -> Belief:
-    """Any mean, any covariance from nearly sure to nearly ignorant, correlated or singular."""
+    """Any mean, and any covariance: nearly certain, nearly diffuse, correlated or singular."""
     dice = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     scale = np.array([0.1, 1e-3, 0.02, 0.01, 1e-4, 0.01, 1.0, 1.0, 1.0, 1.0]) * 10.0 ** dice.uniform(-2, 1, size=STATES)
     root = dice.normal(size=(6, STATES, draw(st.integers(1, STATES)))) * scale[:, None]  # rank 1…S
@@ -47,7 +47,7 @@ def beliefs(draw: st.DrawFn) -> Belief:
 
 
 def least_eigenvalue(cov: np.ndarray) -> np.ndarray:
-    """(J,) of the covariances scaled to unit diagonals, so that rounding is the same for every unit."""
+    """(J,) smallest eigenvalue of covariances scaled to unit diagonals, so that rounding does not depend on units."""
     d = np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2), 1e-300))
     return np.linalg.eigvalsh(cov / d[:, :, None] / d[:, None, :])[:, 0]
 
@@ -59,8 +59,8 @@ def moved(days: float, rho_held: float) -> np.ndarray:
 
 
 @given(belief=beliefs(), days=st.floats(0.0, 1000.0))
-def test_silence_never_makes_us_surer(belief, days):
-    """Ageing adds to the variance of every combination of states; level, slopes and rate stay, wear goes on, noise fades."""
+def test_a_prediction_never_reduces_the_uncertainty(belief, days):
+    """It adds to the variance of every combination of states; level and slopes stay, wear grows at its rate, noise decays."""
     after = predicted(belief.filter_state, days)
     # the autocorrelation before it is learnt; the same rise every day is less and less of its logarithm
     F = np.array([moved(days, 0.5**days)] * belief.joints)  # (J, S, S)
@@ -76,8 +76,8 @@ def test_silence_never_makes_us_surer(belief, days):
 
 
 @given(belief=beliefs(), seed=st.integers(0, 1000), days=st.floats(0.01, 30.0))
-def test_looking_never_makes_us_less_sure_unless_something_jumped(belief, seed, days):
-    """An ordinary update shrinks every variance; the covariance stays symmetric and positive semi-definite whatever comes."""
+def test_an_update_never_raises_the_uncertainty_unless_a_change_was_detected(belief, seed, days):
+    """An ordinary update shrinks every variance; the covariance stays symmetric and positive semi-definite in every case."""
     at = belief.at_unix_s + days * DAY_S
     before = predicted(belief.filter_state, (at - belief.at_unix_s) / DAY_S)
     after = learn(
@@ -91,8 +91,8 @@ def test_looking_never_makes_us_less_sure_unless_something_jumped(belief, seed, 
 
 
 @given(belief=beliefs(), split=st.floats(0.05, 0.95))
-def test_a_month_is_its_two_halves(belief, split):
-    """Ageing composes: the noise of a wandering rate is integrated, not added a step."""
+def test_predicting_a_month_equals_predicting_its_two_halves(belief, split):
+    """The random walk of the rate is integrated over time, and not added once for each step."""
     once = predicted(belief.filter_state, 30.0)
     twice = predicted(predicted(belief.filter_state, split * 30.0), (1.0 - split) * 30.0)
     scale = np.sqrt(np.einsum("jaa,jbb->jab", once.cov, once.cov)) + 1e-30
@@ -101,8 +101,8 @@ def test_a_month_is_its_two_halves(belief, split):
 
 
 @given(seed=st.integers(0, 2**32 - 1), days=st.floats(0.0, 100.0))
-def test_a_fleets_filter_is_filterpys(seed, days):
-    """The algebra on arrays that a fleet goes through gives filterpy's predict and update, of one arm or of many, to rounding."""
+def test_a_fleets_filter_equals_filterpys(seed, days):
+    """The algebra on arrays for a fleet equals filterpy's predict and update for one arm, to rounding."""
     from monitor.judge.drift import kalman
 
     dice = np.random.default_rng(seed)
@@ -121,8 +121,8 @@ def test_a_fleets_filter_is_filterpys(seed, days):
         assert np.allclose(many[1][one], few[1], atol=1e-9 * largest)
 
 
-def test_the_filter_is_the_joint_gaussian_of_all_replays():
-    """After 15 irregular replays the filter's last state equals conditioning one big Gaussian on all of them at once."""
+def test_the_filter_equals_the_joint_gaussian_of_all_replays():
+    """After 15 irregular replays the filter's last state equals one large Gaussian conditioned on all of them at once."""
     settings = DriftSettings(gate_sigma=20.0, shift_sigma=20.0, pace_sigma=20.0, settle_replays=0, memory_replays=1e5, between_replays=1e4)
     dice, arm = np.random.default_rng(5), Arm(seed=5)
     days = np.cumsum(dice.uniform(0.8, 1.2, size=15))
@@ -169,8 +169,8 @@ def test_the_filter_is_the_joint_gaussian_of_all_replays():
     assert np.allclose(belief.filter_state.cov[0], cov[-STATES:, -STATES:], atol=1e-4 * np.outer(std, std))
 
 
-def test_a_month_of_silence_moves_only_the_doubt():
-    """30 days without a replay leave the level, slope and rate, and widen the doubt of wear."""
+def test_a_month_without_replays_changes_only_the_uncertainty_and_the_wear_at_its_rate():
+    """30 days without a replay leave level, slope and rate, and raise the uncertainty of wear."""
     history = History()
     for day in range(40):
         history.add(day, Arm(seed=day).replay(30.0))
@@ -188,8 +188,8 @@ def test_settings_out_of_range_are_named(wrong):
         DriftSettings(**wrong)
 
 
-def test_friction_that_is_not_resolved_is_not_seen():
-    """Negative, uncertain and slow joints give NaN; the others their logarithm."""
+def test_unresolved_friction_is_nan():
+    """Negative, uncertain and slow joints give NaN; the others give their logarithm."""
     cov = np.zeros((6, 2, 2))
     cov[:, 0, 0] = 0.01
     cov[1, 0, 0] = 4.0

@@ -23,14 +23,14 @@ from monitor.judge.temperature.laws import TemperatureSettings
 LAWS = TemperatureSettings()
 
 
-def test_a_belief_cannot_be_aged_backwards():
-    """Time before the belief's is a broken promise, and said so."""
+def test_a_replay_before_the_beliefs_time_is_an_error():
+    """BadInput names the time."""
     with pytest.raises(BadInput, match="before it"):
         learn(fresh(), Arm().replay(30.0), CONTEXT, START_S - 1.0, settings=DriftSettings(), laws=LAWS)
 
 
-def test_one_wild_replay_teaches_nothing_and_is_told():
-    """A replay 40 % off (4σ is 8 %) leaves every mean where ageing put it; the joint is named."""
+def test_a_single_outlier_is_not_learnt_from_and_is_reported():
+    """A replay 40 % off, where 4 σ are 8 %, leaves every mean at its prediction; a warning names the joint."""
     history = History()
     for day in range(20):
         history.add(day, Arm(seed=day).replay(30.0))
@@ -45,8 +45,8 @@ def test_one_wild_replay_teaches_nothing_and_is_told():
     assert not history.told
 
 
-def test_three_wild_replays_on_one_side_are_a_step():
-    """A 40 % jump that stays is believed at the third replay, to within 3 σ of one replay (6 %)."""
+def test_three_outliers_in_a_row_on_one_side_are_a_step():
+    """A 40 % jump that stays is detected at the third replay, to within 3 σ of one replay (6 %)."""
     history = History()
     for day in range(20):
         history.add(day, Arm(seed=day).replay(30.0))
@@ -57,8 +57,8 @@ def test_three_wild_replays_on_one_side_are_a_step():
     assert all(abs(joint.wear) < 0.03 for joint in last.friction if joint.joint != 2)  # nobody else moved
 
 
-def test_wild_replays_on_both_sides_are_no_step():
-    """Up, down, up: bad data, and the joint stays where it was."""
+def test_outliers_on_both_sides_are_no_step():
+    """Up, down, up, down: these are bad data, and the estimate stays where it was."""
     history = History()
     for day in range(20):
         history.add(day, Arm(seed=day).replay(30.0))
@@ -70,15 +70,15 @@ def test_wild_replays_on_both_sides_are_no_step():
 
 @pytest.mark.parametrize("noise", [0.01, 0.03])
 def test_the_noise_between_replays_is_learnt(noise):
-    """After 150 quiet replays the noise believed is the noise there is, to 30 % averaged over the joints (it started at 2 %)."""
+    """After 150 quiet replays the estimated noise is the true noise, to 30 % averaged over the joints. Its prior is 2 %."""
     history, arm = History(), Arm(seed=3, noise=noise)
     for day in range(150):
         history.add(day, arm.replay(30.0))
     assert np.mean(history.last.belief.noise_std(DriftSettings())) == pytest.approx(noise, rel=0.3)
 
 
-def test_noise_that_lasts_is_learnt_as_such():
-    """ρ = 0.5 is told from ρ = 0 by the mean over the joints after 150 replays (σ of that mean is about 0.03)."""
+def test_the_autocorrelation_of_the_noise_is_learnt():
+    """The mean over the joints after 150 replays distinguishes ρ = 0.5 from ρ = 0; its σ is about 0.03."""
     learnt = {}
     for rho in (0.0, 0.5):
         history, arm = History(), Arm(seed=4, autocorrelation=rho)
@@ -90,7 +90,7 @@ def test_noise_that_lasts_is_learnt_as_such():
 
 
 def test_the_temperature_slope_is_learnt():
-    """A year's weather shows how joint 1's friction falls, within 3 σ as believed and 0.15 %/K."""
+    """From a year's weather the filter learns how friction falls with temperature, within 3 of its σ and within 0.15 %/K."""
     history, arm, dice = History(), Arm(seed=7), np.random.default_rng(7)
     for day in range(0, 365, 2):
         history.add(day, arm.replay(weather(day, dice)))
@@ -102,8 +102,8 @@ def test_the_temperature_slope_is_learnt():
     assert np.all(error < 0.0015)
 
 
-def test_a_new_payload_keeps_the_wear_and_says_so():
-    """A changed context forgets the level, not the wear; the next wear is seen against the new level."""
+def test_a_new_payload_keeps_the_wear_and_is_reported():
+    """In a new context the level is unknown and the wear is kept; later wear is measured against the new level."""
     history = History()
     for day in range(60):
         history.add(day, Arm(seed=day, noise=0.005).replay(30.0, np.array([0, 0, 0.002 * day, 0, 0, 0])))
@@ -121,8 +121,8 @@ def test_a_new_payload_keeps_the_wear_and_says_so():
     assert not [warning for warning in again.warnings if warning.code == "context_changed"]
 
 
-def test_a_context_known_to_the_gram_is_the_same():
-    """The same payload read back with rounding opens no new context; an unknown one does."""
+def test_contexts_are_equal_within_their_tolerance():
+    """The same payload with rounding opens no new context; an unknown payload does."""
     history = History()
     history.add(0, Arm().replay(30.0), replace(CONTEXT, payload_kg=1.2))
     same = history.add(1, Arm().replay(30.0), replace(CONTEXT, payload_kg=1.2000001))
@@ -131,8 +131,8 @@ def test_a_context_known_to_the_gram_is_the_same():
     assert len(other.belief.contexts) == 2
 
 
-def test_a_joint_that_says_nothing_is_left_as_it_was():
-    """A joint that did not reach the reference speed is aged, not learnt, and checked."""
+def test_an_unresolved_joint_keeps_its_prediction():
+    """A joint that did not reach the reference speed is predicted, not updated, and its state is CHECK_FUNCTION."""
     history = History()
     for day in range(5):
         history.add(day, Arm(seed=day).replay(30.0))
@@ -144,8 +144,8 @@ def test_a_joint_that_says_nothing_is_left_as_it_was():
     assert after.health.joints[3].state == "CHECK_FUNCTION"
 
 
-def test_without_temperatures_we_are_less_sure_and_raise_nothing():
-    """No sensor: 15 % more friction could be a cold morning; it is learnt with doubt and told."""
+def test_without_temperatures_the_uncertainty_is_larger_and_no_wear_alert_is_raised():
+    """Without a sensor, 15 % more friction may be a cold morning: it is learnt with a larger uncertainty, and a warning says so."""
     with_t, without = History(), History()
     for day in range(40):
         seen = Arm(seed=day).replay(30.0, 0.15 if day > 20 else 0.0)
@@ -165,8 +165,8 @@ def test_without_temperatures_we_are_less_sure_and_raise_nothing():
     assert "outside the temperatures" not in reasons
 
 
-def test_a_context_seen_before_has_its_baseline_back():
-    """Two payloads in turn: 30 % more friction under the second is neither wear nor learnt twice; wear that came meanwhile is seen."""
+def test_a_context_that_returns_has_its_baseline():
+    """Two payloads in turn: 30 % more friction under the second is no wear and is learnt once; wear that came meanwhile is detected."""
     history, heavier = History(), replace(CONTEXT, payload_kg=3.0)
     for day in range(60):
         loaded = day % 20 >= 10
@@ -182,8 +182,8 @@ def test_a_context_seen_before_has_its_baseline_back():
     assert "known from before" in warning.text
 
 
-def test_a_fifth_context_takes_the_place_of_the_one_longest_away():
-    """Four baselines are kept; the ledger remembers all, and says which have lost theirs."""
+def test_a_fifth_context_takes_the_slot_of_the_one_that_was_left_first():
+    """Four baselines are kept. The ledger lists every context and shows which have lost their slot."""
     history = History()
     for day, payload in enumerate([0.0, 1.0, 2.0, 3.0, 0.0, 4.0, 0.0]):
         last = history.add(day, Arm(seed=day).replay(30.0), replace(CONTEXT, payload_kg=payload))
@@ -197,16 +197,16 @@ def test_a_fifth_context_takes_the_place_of_the_one_longest_away():
 
 
 @pytest.mark.parametrize("firmware", ["URSoftware 5.11.0.108249 (Feb 2021)", "5.11.00.108249", " 5.11.0.108249 "])
-def test_a_firmware_is_its_version_however_it_is_spelt(firmware):
-    """One differing blank or word opens no context; another version does."""
+def test_firmware_is_compared_by_its_version(firmware):
+    """Blanks or words around it open no context; another version does."""
     history = History()
     history.add(0, Arm().replay(30.0), replace(CONTEXT, firmware="5.11.0.108249"))
     assert len(history.add(1, Arm().replay(30.0), replace(CONTEXT, firmware=firmware)).belief.contexts) == 1
     assert len(history.add(2, Arm().replay(30.0), replace(CONTEXT, firmware="5.12.0.108249")).belief.contexts) == 2
 
 
-def test_a_wild_first_replay_is_no_wear_of_all_that_follow():
-    """The first replay 40 % low, the rest as they should be: the baseline begins again, no joint is called worn."""
+def test_an_outlier_as_the_first_replay_is_no_wear_later():
+    """The first replay is 40 % low and the others are normal: the baseline starts again, and no joint has wear."""
     history = History()
     for day in range(40):
         history.add(day, Arm(seed=day).replay(30.0, np.array([0, -0.4 * (day == 0), 0, 0, 0, 0])))
@@ -214,8 +214,8 @@ def test_a_wild_first_replay_is_no_wear_of_all_that_follow():
     assert history.told == []
 
 
-def test_a_fast_warm_up_is_told_from_wear():
-    """The grease lags behind the sensor by 3 minutes: replays that warm at 1 K/min show 2 % more friction, and none of it is wear."""
+def test_a_fast_warm_up_is_no_wear():
+    """The grease lags behind the sensor by 3 minutes: replays that warm at 1 K/min have 2 % more friction, and none of it is wear."""
     history, dice = History(), np.random.default_rng(4)
     for day in range(60):
         warming = 1.2 * (day >= 30) * dice.uniform(0.5, 1.0)
@@ -228,8 +228,8 @@ def test_a_fast_warm_up_is_told_from_wear():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_fast_wear_is_followed(seed):
-    """2 % a day from day 40 on: ten days later the wear told is within 2.5 of its standard deviations, and within 4 %."""
+def test_fast_wear_is_estimated(seed):
+    """2 % a day from day 40 on: ten days later the estimated wear is within 2.5 of its standard deviations, and within 4 %."""
     history, arm, dice = History(), Arm(seed=seed, noise=0.01), np.random.default_rng(seed)
     for day in range(51):
         history.add(day, arm.replay(weather(day, dice), np.array([0, 0, 0.02 * max(0, day - 40), 0, 0, 0])))

@@ -1,4 +1,4 @@
-"""The lines fv(T) and fc(T): what one replay gives, what many give, and where they end."""
+"""The temperature laws fv(T) and fc(T) after one replay and after many, and temperature sensors that are stuck."""
 
 import json
 from dataclasses import replace
@@ -34,8 +34,8 @@ def law_of(temperatures: np.ndarray, values: np.ndarray) -> Law:
     return law
 
 
-def test_one_replay_gives_a_usable_law_with_an_honest_doubt():
-    """Level as measured, slope of the robot family ± its published spread; ten kelvin away the doubt is larger."""
+def test_one_replay_gives_a_usable_law_with_a_realistic_uncertainty():
+    """The level is measured, the slope is the robot family's with its published spread; ten kelvin away the uncertainty is larger."""
     line = fit_law(law_of(np.array([25.0]), np.array([10.0])), 25.0 * ONE, SETTINGS)
     assert line.intercept[0] == pytest.approx(10.0)
     assert line.slope[0] == pytest.approx(-0.15)  # 1.5 %/K of 10
@@ -47,8 +47,8 @@ def test_one_replay_gives_a_usable_law_with_an_honest_doubt():
     assert there.extrapolated[0]
 
 
-def test_many_replays_give_the_line_that_is_there():
-    """60 replays over 20–40 °C with 3 % scatter: slope and level within 3 of their own σ, and σ of the slope below 0.1 %/K."""
+def test_many_replays_give_the_true_line():
+    """60 replays over 20–40 °C with 3 % scatter: slope and level within 3 of their σ, and σ of the slope below 0.1 %/K."""
     dice = np.random.default_rng(0)
     T = dice.uniform(20, 40, 60)
     fv = 10.0 - 0.12 * (T - 30.0) + dice.normal(size=60) * 0.3
@@ -63,7 +63,7 @@ def test_many_replays_give_the_line_that_is_there():
 
 @given(st.lists(st.tuples(st.floats(0, 60), st.floats(1, 20)), min_size=2, max_size=12))
 def test_the_running_sums_are_the_whole_regression(replays):
-    """The line equals a batch Bayesian regression with the same scatter, whatever the replays."""
+    """The line equals a batch Bayesian regression with the same scatter, for any replays."""
     T, value = np.array(replays).T
     law = law_of(T, value)
     line = fit_law(law, T[:1], SETTINGS)
@@ -75,23 +75,23 @@ def test_the_running_sums_are_the_whole_regression(replays):
     assert line.slope[0] == pytest.approx(expected[1], rel=1e-6, abs=1e-6)
 
 
-def test_the_reference_temperature_is_a_way_of_speaking():
-    """Value and doubt at 33 °C are the same from a line referred to 20 and to 40 °C."""
+def test_the_reference_temperature_does_not_change_the_law():
+    """Value and uncertainty at 33 °C are equal for a line referred to 20 °C and to 40 °C."""
     law = law_of(np.array([22.0, 28.0, 36.0]), np.array([11.0, 10.1, 9.2]))
     a, b = (fit_law(law, T0 * ONE, SETTINGS).at(33.0 * ONE) for T0 in (20.0, 40.0))
     assert a.value[0] == pytest.approx(b.value[0], rel=1e-12)
     assert a.std[0] == pytest.approx(b.std[0], rel=1e-9)
 
 
-def test_friction_never_drives_however_far_a_line_is_stretched():
-    """At 200 °C the line of −0.15/K from 10 would be negative: it is held at 5 % and flagged."""
+def test_friction_never_drives_however_far_a_line_is_extrapolated():
+    """At 200 °C the line of −0.15/K from 10 would be negative: it stays at 5 % of its intercept and is flagged."""
     hot = fit_law(law_of(np.array([25.0]), np.array([10.0])), 25.0 * ONE, SETTINGS).at(200.0 * ONE)
     assert hot.value[0] == pytest.approx(0.5)
     assert hot.extrapolated[0]
 
 
-def test_a_new_context_keeps_the_slope_and_learns_the_level_anew():
-    """A payload that adds 30 % moves the level at once; the slope learnt before stands as the prior."""
+def test_a_new_context_keeps_the_slope_and_learns_the_level_again():
+    """A payload that adds 30 % moves the level at once; the slope learnt before is the prior."""
     T = np.linspace(20, 40, 30)
     law = law_of(T, 10.0 - 0.10 * (T - 30.0))
     slope = fit_law(law, 30.0 * ONE, SETTINGS).slope[0]
@@ -101,8 +101,8 @@ def test_a_new_context_keeps_the_slope_and_learns_the_level_anew():
     assert line.slope[0] == pytest.approx(slope)
 
 
-def test_a_joint_never_seen_has_no_law():
-    """NaN values teach nothing: the line says NaN instead of a guess, and does not spoil the others."""
+def test_a_joint_that_was_never_resolved_has_no_law():
+    """NaN values change nothing: the line is NaN instead of a guess, and the other joints keep theirs."""
     law = initial_law(np.full(2, 25.0), np.array([10.0, np.nan]), fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
     line = fit_law(update_law(law, np.full(2, 25.0), np.array([10.0, np.nan])), np.full(2, 25.0), SETTINGS)
     assert line.intercept[0] == pytest.approx(10.0)
@@ -110,8 +110,8 @@ def test_a_joint_never_seen_has_no_law():
     assert not line.inside(np.full(2, 25.0))[1]
 
 
-def test_documents_carry_law_and_line_exactly():
-    """NaN travels as null; every float comes back as it was."""
+def test_documents_of_laws_and_lines_are_exact():
+    """NaN becomes null, and every float is read as it was written."""
     law = update_law(law_of(np.array([21.3, 30.7]), np.array([10.1, 9.3])), np.array([np.nan]), np.array([9.9]))
     line = fit_law(law, 27.1 * ONE, SETTINGS)
     assert plain(law_from_document(plain(law), 1, where="law")) == plain(law)
@@ -120,14 +120,14 @@ def test_documents_carry_law_and_line_exactly():
         law_from_document({**plain(law), "sums": [[1.0]]}, 1, where="law")
 
 
-def test_settings_that_cannot_be_are_named():
-    """A scatter of nothing would make one replay certain."""
+def test_invalid_settings_are_named():
+    """A scatter of 0 would make one replay certain."""
     with pytest.raises(BadConfiguration, match=r"temperature\.scatter"):
         TemperatureSettings(scatter=0.0)
 
 
-def test_a_sensor_that_stands_still_is_no_wear_of_a_winter():
-    """Joint 3 tells 31.0 °C from day 60 on while a season passes: its sensor is told, its wear is not. One that works never is."""
+def test_a_stuck_sensor_is_reported_and_a_winter_is_no_wear():
+    """Joint 3 reports 31.0 °C from day 60 on while a season passes: an alert of its sensor, none of its wear, none of another sensor."""
     history, arm, dice = History(), Arm(seed=5, noise=0.01, autocorrelation=0.5), np.random.default_rng(5)
     for day in range(230):
         true = 31.0 - 8.0 * np.sin(2 * np.pi * day / 365.0) + 1.5 * dice.normal()
@@ -141,8 +141,8 @@ def test_a_sensor_that_stands_still_is_no_wear_of_a_winter():
     assert "temperature_stuck" in {warning.code for warning in history.last.warnings}
 
 
-def test_a_sensor_that_moves_again_is_believed_again():
-    """Five replays at 31.0 °C while the others went by 3 K; then it moves. Where nothing moves, a sensor may stand still."""
+def test_a_sensor_that_changes_again_is_used_again():
+    """Five replays at 31.0 °C while the others changed by 3 K; then it changes. Where nothing changes, no sensor is stuck."""
     others = [25.0, 26.0, 28.0, 27.0, 25.5]
     sensors = None
     for median in others:
@@ -154,8 +154,8 @@ def test_a_sensor_that_moves_again_is_believed_again():
     assert not stuck_sensors(sensors).any()
 
 
-def test_a_temperature_that_no_joint_has_teaches_nothing_and_is_told():
-    """One replay at 1000 °C, 0 K or infinity leaves law and range as they were; three in a row are the sensor's alert."""
+def test_an_impossible_temperature_is_not_learnt_from_and_is_reported():
+    """One replay at 1000 °C, 0 K or infinity changes neither law nor range; three in a row raise the sensor's alert."""
     spoilt, sound, arm, dice = History(), History(), Arm(seed=5, noise=0.01), np.random.default_rng(5)
     for day in range(40):
         true = 31.0 + 3.0 * dice.normal()

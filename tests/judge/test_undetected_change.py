@@ -1,4 +1,4 @@
-"""What may have begun unseen: a doubt that grows with the suspicion, and ends where a change is believed."""
+"""Undetected changes: their uncertainty grows with the evidence, and ends with the detection."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ DRIFT, LAWS = DriftSettings(), TemperatureSettings()
 
 
 def lived(wear_per_day: float, days: int, onset: int = 60) -> list[Belief]:
-    """Joint 3 wears from `onset` on; one belief a day."""
+    """The belief of every day; joint 3 wears from `onset` on."""
     arm = Arm(seed=1, autocorrelation=0.5)
     belief, beliefs = None, []
     for day in range(days):
@@ -27,8 +27,8 @@ def lived(wear_per_day: float, days: int, onset: int = 60) -> list[Belief]:
     return beliefs
 
 
-def test_the_plus_minus_of_wear_grows_before_a_change_is_found_and_is_the_filters_after():
-    """0.1 % a day in joint 3: before the change is believed its ± is wider than the filter's own and nearer to the truth; then the same."""
+def test_the_uncertainty_of_wear_grows_before_a_detection_and_is_the_filters_after_it():
+    """0.1 % a day in joint 3: before the detection the published wear is less certain and nearer to the truth; after it both are equal."""
     beliefs = lived(0.001, 130)
     found = next(day for day, belief in enumerate(beliefs) if day > 60 and belief.event[2] == STEP)
     before, after = beliefs[found - 1], beliefs[found]
@@ -41,8 +41,8 @@ def test_the_plus_minus_of_wear_grows_before_a_change_is_found_and_is_the_filter
     assert np.allclose([mean[2], std[2]], [after.wear[2], after.wear_std[2]], rtol=1e-9)
 
 
-def test_a_joint_that_is_well_is_doubted_a_little():
-    """By 0.2–0.4 %, where the filter alone says 0.14; with nobody supposing that wear begins, exactly what the filter says."""
+def test_a_healthy_joint_has_a_little_more_uncertainty():
+    """0.2–0.4 %, where the filter alone has 0.14 %; with a prior rate of 0 onsets, exactly the filter's."""
     belief = lived(0.0, 90)[-1]
     _, std = belief.wear_with_undetected(DRIFT)
     assert np.all(std >= belief.wear_std)

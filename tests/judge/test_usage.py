@@ -1,4 +1,4 @@
-"""Use: wear comes from work, and remaining life is told in it."""
+"""Usage: wear comes from work, and remaining life is given in revolutions."""
 
 from dataclasses import replace
 from functools import cache
@@ -16,8 +16,8 @@ J = 6
 
 
 @given(daily=st.floats(10.0, 1e5), days=st.lists(st.floats(0.1, 10.0), min_size=1, max_size=20))
-def test_the_same_work_every_day_is_one_usual_day_a_day(daily, days):
-    """Whatever the spacing of the replays."""
+def test_equal_work_on_every_day_is_one_usual_day_per_day(daily, days):
+    """This holds for every interval between replays."""
     usage, count = update_usage(no_usage(1), np.array([0.0]), np.array([0.0])).usage, 0.0
     for span in days:
         count += daily * span
@@ -27,8 +27,8 @@ def test_the_same_work_every_day_is_one_usual_day_a_day(daily, days):
         assert usage.per_day[0] == pytest.approx(daily)
 
 
-def test_a_counter_that_is_missing_or_ran_backwards_counts_as_usual():
-    """And is taken up again from where it is."""
+def test_a_counter_that_is_missing_or_ran_backwards_means_usual_work():
+    """Counting continues from its new value."""
     usage = update_usage(no_usage(1), np.array([1000.0]), np.array([0.0])).usage
     usage = update_usage(usage, np.array([2000.0]), np.array([1.0])).usage
     for odd in (np.nan, 5.0):
@@ -40,7 +40,7 @@ def test_a_counter_that_is_missing_or_ran_backwards_counts_as_usual():
 
 @cache
 def wearing(*, count: bool) -> History:
-    """0.3 % a day of work, on five days of seven; then six weeks of holidays, and a replay."""
+    """0.3 % a day of work, on five days of seven; then six weeks of holidays and a replay."""
     history, revolutions, wear = History(), 0.0, 0.0
     for day in range(120):
         works = day % 7 < 5 and day < 78
@@ -52,16 +52,16 @@ def wearing(*, count: bool) -> History:
     return history
 
 
-def test_a_holiday_wears_nothing_where_somebody_counts():
-    """Six weeks off after 40 days of work: counted, nothing is foreseen for them; uncounted, days are taken for work."""
+def test_a_holiday_causes_no_wear_where_revolutions_are_counted():
+    """Six weeks off after 40 days of work: with a count no wear is predicted for them; without one, days count as work."""
     counted, not_counted = wearing(count=True).last.friction[1], wearing(count=False).last
     assert counted.wear == pytest.approx(0.003 * 42, abs=0.02)
     assert not_counted.belief.filter_state.innovation[1] < -0.03  # days alone foresaw more
     assert abs(wearing(count=True).last.belief.filter_state.innovation[1]) < 0.03
 
 
-def test_remaining_life_is_told_in_revolutions():
-    """Rate a revolution is what it is: from +12.6 % to +30 %, 0.3 % a working day of 4000 revolutions."""
+def test_remaining_life_is_given_in_revolutions():
+    """The wear per revolution is constant: from +12.6 % to +30 % at 0.3 % a working day of 4000 revolutions."""
     told = wearing(count=True).last.friction[1]
     assert told.remaining_revolutions[1] == pytest.approx((0.30 - 0.126) / 0.003 * 4000.0, rel=0.25)
     assert told.revolutions == pytest.approx(4000.0 * 56)
@@ -69,15 +69,15 @@ def test_remaining_life_is_told_in_revolutions():
 
 
 def test_counts_of_another_arm_are_refused():
-    """As many as joints."""
+    """One count is expected for each joint."""
     history = History()
     history.add(0, Arm().replay(30.0))
     with pytest.raises(BadInput, match="revolutions has 2 figures; expected 6"):
         history.add(1, Arm().replay(30.0), replace(CONTEXT, revolutions=(1.0, 2.0)))
 
 
-def test_a_replaced_joint_begins_without_wear_and_the_others_keep_theirs():
-    """By the serial of its type plate; joints 2 and 5 had worn by 20 %."""
+def test_a_replaced_joint_starts_without_wear_and_the_others_keep_theirs():
+    """A new serial number shows the replacement; joints 2 and 5 had worn by 20 %."""
     history, serials = History(), ("a", "b", "c", "d", "e", "f")
     worn = np.array([0, 0.2, 0, 0, 0.2, 0])
     for day in range(60):
@@ -93,7 +93,7 @@ def test_a_replaced_joint_begins_without_wear_and_the_others_keep_theirs():
 
 
 def test_maintenance_opens_a_baseline_and_keeps_the_wear():
-    """Greasing takes 15 % off: told as maintenance, it is neither falling friction nor wear that went away."""
+    """Grease lowers friction by 15 %: declared as maintenance, this is neither an alert of falling friction nor less wear."""
     history = History()
     for day in range(80):
         greased = day >= 50
@@ -106,8 +106,8 @@ def test_maintenance_opens_a_baseline_and_keeps_the_wear():
 @pytest.mark.parametrize(
     "said", [{"maintenance": "joint 3 greased"}, {"joint_serials": ("a", "b", "X", "d", "e", "f")}], ids=lambda said: next(iter(said))
 )
-def test_work_that_was_told_once_is_not_undone_by_silence(said):
-    """In a manifest the line of that day says it and the next ones do not: the baseline after the work goes on, whatever is carried."""
+def test_maintenance_that_is_declared_once_holds_for_later_replays(said):
+    """A manifest states it on the line of that day only: the baseline after the work continues under every payload."""
     history, serials = History(), ("a", "b", "c", "d", "e", "f")
     for day in range(60):
         context = replace(CONTEXT, joint_serials=serials) if day == 0 else replace(CONTEXT, **said) if day == 30 else CONTEXT

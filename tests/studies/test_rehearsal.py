@@ -1,4 +1,4 @@
-"""A small fleet through the tiers: how often it cries wolf, how soon it sees wear; the large one is in the soak and on the card."""
+"""A small fleet: how many false alerts there are, and how soon wear is detected. The large fleet is in the soak tests and on the card."""
 
 import json
 from dataclasses import replace
@@ -25,7 +25,7 @@ from monitor.studies.rehearsal.rehearse import rehearse
 from monitor.studies.rehearsal.remaining_life import life
 
 ASSESS = AssessSettings()
-FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise as it told it alone
+FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise from its own replays alone
 
 
 def test_a_quiet_fleet_is_quiet():
@@ -37,8 +37,8 @@ def test_a_quiet_fleet_is_quiet():
     assert np.nanmedian(np.abs(quiet.slope_error_per_k)) < 0.001
 
 
-def test_a_step_of_five_percent_is_told_within_weeks_in_its_joint():
-    """σ = 2 %, ρ = 0.5: the median of 24 arms is below 15 days (10 are measured on 250), and nine of ten know the joint."""
+def test_a_step_of_five_percent_is_detected_within_weeks_in_its_joint():
+    """σ = 2 %, ρ = 0.5: the median of 24 arms is below 15 days (it is 10 on 250 arms), and nine of ten name the right joint."""
     wear = onsets(24, 1, step=0.05, latest=200)
     told = delay(Reported.of(play(FleetSettings(arms=24, days=240, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
     assert told.median_days < 15
@@ -47,9 +47,9 @@ def test_a_step_of_five_percent_is_told_within_weeks_in_its_joint():
 
 
 def test_wear_is_not_taken_for_noise():
-    """60 % a year in one joint of 24 arms: σ of each joint, as it told it alone, is the 2 % the fleet was given, to 3.5 %.
+    """60 % a year in one joint of 24 arms: σ of each joint, estimated from it alone, is the fleet's 2 %, to 3.5 %.
 
-    One σ of the luck is 2.5 % of the joints that wear; while the filter's doubt of level and pace passed for noise, they had 5.3 % more.
+    One σ of the sampling error is 2.5 % for joints that wear; if the uncertainty of level and rate counted as noise, they had 5.3 % more.
     """
     wear = Wear(joint=np.arange(24) % 6.0, onset_day=np.full(24, 40.0), step=np.zeros(24), per_day=np.full(24, 0.6 / 365.0))
     played = play(FleetSettings(arms=24, days=160, seed=4, scenarios=("steady", "seasons", "warm_ups")), FREE, wear)
@@ -60,8 +60,8 @@ def test_wear_is_not_taken_for_noise():
     assert np.mean(std[~worn]) == pytest.approx(0.02, rel=0.035)
 
 
-def test_what_is_not_found_yet_is_in_the_interval_and_raises_nothing():
-    """10 % a year in 24 arms: friction's 90 % interval holds the truth more often than the filter's own, and not one verdict changes."""
+def test_undetected_changes_widen_the_interval_and_change_no_alert():
+    """10 % a year in 24 arms: friction's 90 % interval contains the truth more often than the filter's, and every alert is the same."""
     wear = Wear(joint=np.arange(24) % 6.0, onset_day=np.full(24, 60.0), step=np.zeros(24), per_day=np.full(24, 0.1 / 365.0))
     blind = replace(ASSESS, drift=replace(ASSESS.drift, onsets_per_year=0.0))
     told, before = (play(FleetSettings(arms=24, days=170, seed=5, scenarios=COMPARABLE), one, wear) for one in (ASSESS, blind))
@@ -100,7 +100,7 @@ def test_the_fleets_filter_is_the_daemons():
 
 
 def test_the_same_seed_is_the_same_fleet():
-    """Day by day, bit for bit; another seed is another."""
+    """Bit for bit, day by day; another seed is another fleet."""
     a, b, c = (Fleet(FleetSettings(arms=4, seed=seed)) for seed in (1, 1, 2))
     for day in range(5):
         one, two, three = (fleet.morning(day).seen.log_torque for fleet in (a, b, c))
@@ -115,14 +115,14 @@ def test_the_bound_of_a_rate_is_garwoods(events, years, at_most):
 
 
 def test_the_bounds_of_a_share_are_exact():
-    """59 of 59 show 95 %; none of none shows nothing."""
+    """59 of 59 prove 95 %; none of none proves nothing."""
     assert Share(hits=59, of=59).at_least == pytest.approx(0.05 ** (1 / 59))
     assert Share(hits=0, of=10).at_least == 0.0
     assert np.isnan(Share(hits=0, of=0).value)
 
 
-def test_thresholds_that_tell_nothing_or_cry_before_any_onset_still_give_plain_json():
-    """Told of no arm, nobody can say in which joint; where every arm cried before, there is no delay. Neither is a NaN or an error."""
+def test_thresholds_that_alert_never_or_always_still_give_plain_json():
+    """Without any alert the right joint is unknown; where every arm had a false alert, there is no delay. Both are null in the document."""
     wear = onsets(2, 1, step=0.02, latest=62)
     deaf = play(FleetSettings(arms=2, days=63, seed=3, scenarios=COMPARABLE), ASSESS, wear)
     wolf = replace(deaf, tier_day=np.zeros_like(deaf.tier_day))
@@ -133,8 +133,8 @@ def test_thresholds_that_tell_nothing_or_cry_before_any_onset_still_give_plain_j
         assert row["interval_90"] is None
 
 
-def test_a_kind_of_wear_played_in_groups_is_one_answer(monkeypatch):
-    """Groups are other arms with other days; together they are as many as asked for, told apart by nothing."""
+def test_wear_played_in_groups_gives_one_answer(monkeypatch):
+    """Groups have other arms with other days; together they are as many arms as were asked for."""
     base, kind = FleetSettings(arms=8, between_std=0.01), Kind("100 %/year", 0.0, 1.0, 8)
     monkeypatch.setattr(detection, "LATEST_ONSET", 62)
     monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: 100)
@@ -148,8 +148,8 @@ def test_a_kind_of_wear_played_in_groups_is_one_answer(monkeypatch):
     assert np.array_equal(onset, [0, 1, 2, 10, 11, 12])
 
 
-def test_the_card_says_what_was_not_reached():
-    """Every figure is on it; one beyond its limit is said to be."""
+def test_the_card_marks_what_was_not_reached():
+    """It contains every figure, and marks one beyond its limit."""
     share = {"hits": 10.0, "of": 10.0}
     wear = onsets(12, 1, step=0.05, latest=70)
     told = delay(Reported.of(play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
@@ -200,7 +200,7 @@ def test_the_card_says_what_was_not_reached():
 
 
 def test_the_card_explains_what_was_not_reached_and_nothing_else():
-    """One row missed, one explanation; none missed, no heading."""
+    """One row that was not reached has one explanation; without one there is no heading."""
     row = "| P10–P90 of remaining life hold the truth | 90 % | 75–85 % {} |\n"
     assert notes(row.format("✓")) == ""
     told = notes(row.format("✗ not reached"))
@@ -271,7 +271,7 @@ def test_the_surrogate_is_what_identify_makes_of_full_physics(seed):
 
 @pytest.mark.soak
 def test_remaining_life_is_calibrated():
-    """α-λ at half-life of 96 arms, on its one-sided bound a little below the promise for want of arms."""
+    """α-λ at half-life of 96 arms; the limits are a little below the promise because there are few arms."""
     found = life(96, ASSESS, seed=5, base=FleetSettings())
     print(found)
     assert found.alpha_lambda.value >= 0.8
