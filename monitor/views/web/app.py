@@ -28,6 +28,8 @@ STATIC = {
     "page.js": "text/javascript",
     "arm.js": "text/javascript",
     "charts.js": "text/javascript",
+    "elements.js": "text/javascript",
+    "controls.js": "text/javascript",
     "uPlot.iife.min.js": "text/javascript",
     "uPlot.min.css": "text/css",
     "uPlot.LICENSE.txt": "text/plain",

@@ -1,4 +1,4 @@
-// The arm from its Denavit-Hartenberg parameters, seen from the front and a little from above; every joint in the colour of its state.
+// A drawing of the arm from its Denavit-Hartenberg parameters, seen from the front and a little above; joints have the colour of their state.
 "use strict";
 const ArmDrawing = (() => {
   const SVG = "http://www.w3.org/2000/svg";
@@ -6,7 +6,7 @@ const ArmDrawing = (() => {
   const times = (A, B) => A.map((row) => B[0].map((_, k) => row.reduce((sum, a, i) => sum + a * B[i][k], 0)));
   const apply = (A, v) => A.map((row) => row.reduce((sum, a, i) => sum + a * v[i], 0));
 
-  // origin of every frame, with the corner between d and a where both are there
+  // the origin of every frame, and the corner between d and a where both are not zero
   function chain(arm, q) {
     let R = arm.base, p = [0, 0, 0];
     const origins = [p], way = [[p]];
@@ -75,7 +75,7 @@ const ArmDrawing = (() => {
         this.edges[i].setAttribute("points", points);
         this.links[i].setAttribute("points", points);
       });
-      // joint circles must stay apart to be read and hit, also where the wrist folds
+      // the circles of joints keep a distance, so that a person can read and press them where the wrist folds
       const at = origins.slice(0, -1).map(seen), apart = 11.6 * this.unit;
       for (let round = 0; round < 12; round++)
         for (let i = 0; i < at.length; i++)

@@ -1,4 +1,4 @@
-// Three charts of one joint: friction over time with its interval, fv over temperature with its law, torque now.
+// Three charts of one joint: friction over time with its interval, fv over temperature with its law, live torque.
 "use strict";
 const Charts = (() => {
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -15,7 +15,7 @@ const Charts = (() => {
 
   const plain = (digits, unit = "") => (_, value) => (value == null ? "–" : `${value.toFixed(digits)}${unit}`);
 
-  // value and deviation of joint j over temperature, as the monitor foresees torque: a straight line, or the curve that errs less
+  // fv and its standard deviation over temperature for joint j, as the monitor predicts torque: a straight line, or the curve that errs less
   function lawOf(line, j) {
     const chosen = line.curve && line.curve.kind[j] > 0 ? line.curve : null, by = chosen || line, c = by.cov[j], T0 = by.reference_c[j];
     const inverse = (t) => 1 / Math.max(t - chosen.pole_c[j], 5);  // Vogel's law
@@ -49,12 +49,12 @@ const Charts = (() => {
     empty(id, text) {
       const place = document.getElementById(id);
       if (this.plots[id]) { this.plots[id].destroy(); delete this.plots[id]; }
-      const told = document.createElement("div");
-      told.className = "empty"; told.textContent = text;
-      place.replaceChildren(told);
+      const note = document.createElement("div");
+      note.className = "empty"; note.textContent = text;
+      place.replaceChildren(note);
     }
 
-    // what is left: from now along P10, P50 and P90 to the limit, as far as there is room for; null without a trend
+    // remaining life: lines from now along P10, P50 and P90 to the limit, cut at the edge of the chart; null without a trend
     ahead(times, own, now, limit) {
       const left = now && now.remaining_life, begin = times[times.length - 1], wear = own.wear[own.wear.length - 1];
       if (!left || left.verdict !== "trend" || left.p50_days == null || wear == null || wear >= limit) return null;
@@ -69,7 +69,7 @@ const Charts = (() => {
       ctx.save();
       ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
       ctx.fillStyle = css("--band"); ctx.strokeStyle = css("--line1"); ctx.lineWidth = 1.5 * devicePixelRatio;
-      // the corner: P10 has met the limit while P90 has not yet
+      // the corner where P10 has reached the limit and P90 has not
       const corner = [ahead.late[0], ahead.early[1]];
       ctx.beginPath();
       [ahead.from, ahead.early, corner, ahead.late].forEach((point, k) => (k ? ctx.lineTo(...at(point)) : ctx.moveTo(...at(point))));
@@ -83,7 +83,7 @@ const Charts = (() => {
       if (!times.length || !own) return this.empty("wear", "No replay has been assessed yet.");
       const percent = own.wear.map((w) => (w == null ? null : 100 * w));
       const side = (sign) => own.wear.map((w, k) => (w == null ? null : 100 * (w + sign * 2 * own.wear_std[k])));
-      // what each replay says by itself, against the unworn friction that the estimate of its day goes with; null in an old history
+      // the change that each replay shows by itself, relative to the unworn friction of its day; null where an old history lacks it
       const alone = own.wear.map((w, k) => {
         const one = own.replay_torque_nm[k], all = own.reference_torque_nm[k];
         return w == null || one == null || !all ? null : 100 * ((one * (1 + w)) / all - 1);
@@ -107,10 +107,10 @@ const Charts = (() => {
         ],
       }, [times, percent, side(1), side(-1), alone].map((column, k) => (ahead ? [...column, k ? null : ahead.until] : column)), 250);
       if (missing) {
-        const told = document.createElement("p");
-        told.className = "dim";
-        told.textContent = `Of ${missing} replays drawn, the history keeps the estimate only: no point of their own.`;
-        document.getElementById("wear").append(told);
+        const note = document.createElement("p");
+        note.className = "dim";
+        note.textContent = `Of ${missing} replays drawn, the history keeps the estimate only: no point of their own.`;
+        document.getElementById("wear").append(note);
       }
       const last = percent.length - 1;
       document.getElementById("wear").setAttribute("aria-label",
@@ -179,7 +179,7 @@ const Charts = (() => {
         : `Joint ${joint}: no law yet`);
     }
 
-    // the arm is no longer heard: nothing of the past may look like now
+    // the arm is no longer received: past samples must not look like present ones
     still(text) { this.live = []; this.empty("torque", text); this.quiet = text; document.getElementById("torque").setAttribute("aria-label", text); }
 
     sample(document_) {

@@ -1,69 +1,20 @@
-// The page: last values of the bus as they change, the past from the history, and commands on behalf of a person.
+// The page: last values of the bus as they change, and the history.
 "use strict";
-const $ = (id) => document.getElementById(id);
-const STATES = {
-  NORMAL: ["✓", "Normal"], CHECK_FUNCTION: ["C", "Check function"], OFF_SPEC: ["S", "Out of specification"],
-  MAINTENANCE_REQUIRED: ["M", "Maintenance required"], FAILURE: ["F", "Failure"], null: ["?", "Not known yet"],
-};
-const SILENT_MS = 20000;  // the monitor says its time every 5 s
-const UNHEARD_MS = 15000;  // torque comes every 10 s at the least where the arm is heard
-const TOKEN = document.querySelector('meta[name="page-token"]').content;
+const SILENT_MS = 20000;  // without an event for so long the connection counts as lost: the monitor sends its time every 5 s
+const UNHEARD_MS = 15000;  // without live torque for so long the arm counts as not received: it comes every 10 s at least
 const values = {};
-let about = null, past = { t: [], joints: {}, replays: 0 }, drawing = null, charts = null, chosen = null, pending = null;
+let about = null, past = { t: [], joints: {}, replays: 0 }, drawing = null, charts = null, chosen = null;
 let stops = [], stream = null, lost = null, heard = Date.now(), clock = null, torqueAt = null;
 
-const make = (tag, text, attributes = {}) => {
-  const made = document.createElement(tag);
-  if (text != null) made.textContent = text;
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  return made;
-};
-const chip = (state) => {
-  const [letter, words] = STATES[state] || STATES.null;
-  const made = make("span", null, { class: "chip", "data-state": String(state) });
-  made.append(make("i", letter, { "aria-hidden": "true" }), make("span", words, { class: "words" }));
-  return made;
-};
-const number = (value, digits = 1) => (value == null ? "–" : value.toFixed(digits));
-const percent = (value, digits = 1) => (value == null ? "–" : `${signed(100 * value, digits)} %`);
-const signed = (value, digits = 1) => { const text = Math.abs(value).toFixed(digits); return Number(text) === 0 ? text : `${value > 0 ? "+" : "−"}${text}`; };
-const moment = (text, seconds = false) => {
-  if (!text) return "–";
-  const at = new Date(text);
-  return at.toLocaleString(undefined, { year: "numeric", month: "short", day: "numeric", hour: "2-digit", minute: "2-digit", ...(seconds ? { second: "2-digit" } : {}) });
-};
-const now = () => (clock ? clock.told + Date.now() - clock.at : Date.now());  // by the monitor's clock: a telephone's may be wrong
-const brief = (text) => {  // with its year where that is another one
-  const at = new Date(text), other = at.getFullYear() !== new Date(now()).getFullYear();
-  return at.toLocaleString(undefined, { ...(other ? { year: "numeric" } : {}), month: "short", day: "numeric", hour: "2-digit", minute: "2-digit" });
-};
-const timed = (tag, text) => make(tag, text ? brief(text) : "–", text ? { title: text, class: "time" } : {});
-const words = (condition) => condition.replaceAll("_", " ").replace(/^./, (letter) => letter.toUpperCase());
-const spoken = (why) => (why || "").replace(/\b[a-z]+(_[a-z]+)+\b/g, (word) => word.replaceAll("_", " "));
-const place = (joint) => (joint == null ? "The arm" : `Joint ${joint}`);
-function life(row) {
-  const left = row && row.remaining_life;
-  if (!left) return "–";
-  if (left.verdict === "reached") return "limit reached";
-  if (left.p50_days == null) return "no trend";
-  const days = (d) => (d == null ? "–" : d >= 730 ? `${(d / 365.25).toFixed(1)} a` : `${d.toFixed(0)} d`);
-  return `${days(left.p50_days)} (${days(left.p10_days)}–${days(left.p90_days)})`;
-}
-async function read(path) {
-  const answer = await fetch(path, { credentials: "same-origin" });
-  if (answer.status === 401) location.reload();
-  if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-  return answer.json();
-}
 const friction = (joint) => values[`joint/${joint}/friction`];
 const count = () => (about ? about.arm.links.length : 6);
 const stateOf = (joint) => ((values.health && values.health.joints) || []).find((one) => one.joint === joint) || { state: null, why: "not known yet" };
 
 const stale = () => make("span", "STALE", { class: "old", title: "nothing was learnt for too long: the state is of then, not of now" });
-// what to do when nothing is learnt any more
-const MEND = "Look below, at Replays, why the last windows ended as they did, and at The monitor itself; once the arm may move, ask for a replay.";
+// advice for joints that are STALE
+const STALE_ADVICE = "Look below, at Replays, why the last windows ended as they did, and at The monitor itself; once the arm may move, ask for a replay.";
 
-// --- what is drawn -----------------------------------------------------------------------------------
+// --- what is shown -----------------------------------------------------------------------------------
 
 function verdict() {
   const health = values.health || { state: null };
@@ -71,9 +22,9 @@ function verdict() {
   state.replaceWith(Object.assign(chip(health.state), { id: "state" }));
   $("why").textContent = spoken(health.why) || "No replay has been assessed yet.";
   $("since").textContent = health.since ? `since ${moment(health.since)}` : "";
-  $("said").textContent = moment(health.said_at);  // outside what is read aloud when it changes: it does so every minute
+  $("said").textContent = moment(health.said_at);  // this element is outside the live region: a screen reader would read it aloud every minute
   $("old").hidden = $("stale").hidden = !health.stale;
-  $("stale").textContent = health.stale ? `${health.stale_why.replace(/^STALE: /, "").replace(/^./, (letter) => letter.toUpperCase())}. ${MEND}` : "";
+  $("stale").textContent = health.stale ? `${health.stale_why.replace(/^STALE: /, "").replace(/^./, (letter) => letter.toUpperCase())}. ${STALE_ADVICE}` : "";
   $("due").textContent = moment(health.next_replay_due);
   $("revision").textContent = values.model ? String(values.model.revision) : "0";
   $("verdict").dataset.state = String(health.state);
@@ -86,12 +37,12 @@ function verdict() {
   }
 }
 
-// what is wrong with the monitor itself stands at the top: a page that says NORMAL of an arm that is switched off would deceive
-function troubles() {
+// problems of the monitor itself are at the top, because the state below them may be out of date; returns whether they have changed
+function problems() {
   const all = (values.monitor && values.monitor.troubles) || [];
-  const name = (trouble) => (trouble.name === "arm" ? "The arm is not heard" : `The monitor has trouble, ${trouble.name.replaceAll("_", " ")}`);
+  const name = (problem) => (problem.name === "arm" ? "The arm is not heard" : `The monitor has trouble, ${problem.name.replaceAll("_", " ")}`);
   const lines = [...stops.map((stop) => `Nothing moves until a person has looked at the arm and said so (joint-monitor allow): ${stop}`),
-    ...all.map((trouble) => `${name(trouble)} since ${moment(trouble.since)}: ${trouble.text}`)];
+    ...all.map((problem) => `${name(problem)} since ${moment(problem.since)}: ${problem.text}`)];
   if ([...$("troubles").children].map((line) => line.textContent).join() === lines.join()) return false;
   $("troubles").replaceChildren(...lines.map((line) => make("p", line, { class: "bad" })));
   return true;
@@ -122,8 +73,8 @@ function joints() {
   }
 }
 
-function split(parts) {
-  // logarithms that add up; as percentages of friction torque
+// the causes of a change: they add up as logarithms, and are shown as percentages of friction torque
+function attribution(parts) {
   const rows = [["measured change", parts.whole], ["of it temperature", parts.temperature], ["of it payload and context", parts.payload],
     ["of it wear", parts.wear], ["of it chance", parts.rest]];
   const table = make("table");
@@ -137,7 +88,7 @@ function split(parts) {
   return table;
 }
 
-// as the monitor itself judges: an advisory of wear leaves its joint NORMAL
+// the state that the monitor itself gives the joint; "advice" where the joint stays NORMAL
 function stateOfAlert(alert) {
   if (!alert.active) return "null";
   const condition = about.conditions[alert.condition], state = condition ? condition.states[alert.tier] : null;
@@ -147,10 +98,10 @@ const keyOf = (alert) => `${alert.joint}/${alert.condition}`;
 const shelved = (alert) => Boolean(alert.shelved_until) && Date.parse(alert.shelved_until) > now();
 const waits = (alert) => !alert.acknowledged_at && !shelved(alert);
 
-// what the alert's figure is the probability of; conditions of the data have none
-function sure(alert) {
+// the probability of the change that the condition is about, as a sentence; null for a condition of the data, which has none
+function probability(alert) {
   const condition = about.conditions[alert.condition], what = condition ? condition.probability_of : null;
-  const chance = alert.probability > 0.9999 ? "more than 99.99" : number(100 * alert.probability, 2);  // no evidence makes it 100 %
+  const chance = alert.probability > 0.9999 ? "more than 99.99" : number(100 * alert.probability, 2);  // it never reaches 100 %
   return what && `Probability that friction ${what}: ${chance} %. Change ${percent(alert.change)}.`;
 }
 
@@ -161,16 +112,16 @@ function alertCard(alert) {
   if (alert.active && alert.acknowledged_at) title.append(make("span", "acknowledged", { class: "pill" }));
   if (alert.active && shelved(alert)) title.append(make("span", "shelved", { class: "pill" }));
   card.append(title, make("p", alert.text), make("p", alert.active ? alert.action : "", { class: "action" }));
-  const told = [`raised ${moment(alert.raised_at)}`];
-  if (alert.updated_at !== alert.raised_at && alert.active) told.push(`updated ${moment(alert.updated_at)}`);
-  if (alert.cleared_at) told.push(`cleared ${moment(alert.cleared_at)}`);
-  if (alert.acknowledged_at) told.push(`acknowledged by ${alert.acknowledged_by}, ${moment(alert.acknowledged_at)}${alert.acknowledged_why ? `: ${alert.acknowledged_why}` : ""}`);
-  if (alert.shelved_until) told.push(`${shelved(alert) ? "" : "was "}shelved by ${alert.shelved_by} until ${moment(alert.shelved_until)}${alert.shelved_why ? `: ${alert.shelved_why}` : ""}`);
-  card.append(make("p", told.join(" · "), { class: "dim" }));
-  const evidence = make("details"), figure = sure(alert);
+  const steps = [`raised ${moment(alert.raised_at)}`];
+  if (alert.updated_at !== alert.raised_at && alert.active) steps.push(`updated ${moment(alert.updated_at)}`);
+  if (alert.cleared_at) steps.push(`cleared ${moment(alert.cleared_at)}`);
+  if (alert.acknowledged_at) steps.push(`acknowledged by ${alert.acknowledged_by}, ${moment(alert.acknowledged_at)}${alert.acknowledged_why ? `: ${alert.acknowledged_why}` : ""}`);
+  if (alert.shelved_until) steps.push(`${shelved(alert) ? "" : "was "}shelved by ${alert.shelved_by} until ${moment(alert.shelved_until)}${alert.shelved_why ? `: ${alert.shelved_why}` : ""}`);
+  card.append(make("p", steps.join(" · "), { class: "dim" }));
+  const evidence = make("details"), figure = probability(alert);
   evidence.append(make("summary", "Evidence", { "aria-label": `Evidence of ${name}` }));
   if (figure) evidence.append(make("p", figure));
-  if (alert.split) evidence.append(split(alert.split));
+  if (alert.split) evidence.append(attribution(alert.split));
   if (evidence.childElementCount > 1) card.append(evidence);
   if (alert.active) {
     const row = make("div", null, { class: "row" });
@@ -216,7 +167,7 @@ function alerts() {
   $("cleared").replaceChildren(...gone.map(alertCard));
 }
 
-// the cards are made anew with every word of theirs: who works by keyboard stays with the alert that he was at
+// replaces the focus after the cards were made again, so that a person with a keyboard stays at the same alert
 function refocus(key, what) {
   const card = [...document.querySelectorAll("#active .alert")].find((one) => one.dataset.key === key);
   if (card) (card.querySelector(what ? `[data-do="${what}"]` : "summary") || card.querySelector("button, summary")).focus();
@@ -242,9 +193,9 @@ function figures() {
   }
   rows.push(["Why", spoken(state.why) || "–"]);
   $("figures").replaceChildren(...rows.map(([term, value]) => {
-    const pair = make("div"), told = make("dd");
-    told.append(value);
-    pair.append(make("dt", term), told);
+    const pair = make("div"), description = make("dd");
+    description.append(value);
+    pair.append(make("dt", term), description);
     return pair;
   }));
 }
@@ -270,15 +221,15 @@ function choose(joint) {
 }
 
 function live() {
-  const told = values["torque/live"];
-  if (!told) return;
-  drawing.pose(told.q_rad);
-  if (now() - Date.parse(told.at) > UNHEARD_MS) return unheard();  // the last word of an arm that is gone
+  const sample = values["torque/live"];
+  if (!sample) return;
+  drawing.pose(sample.q_rad);
+  if (now() - Date.parse(sample.at) > UNHEARD_MS) return unheard();  // the last sample of an arm that is no longer received
   torqueAt = Date.now();
-  charts.sample(told);
+  charts.sample(sample);
   charts.torque(chosen);
-  const left = told.residual_nm ? told.residual_nm[chosen - 1] : null;
-  $("residual").textContent = left == null ? "" : `residual ${signed(left, 2)} Nm${told.extrapolated[chosen - 1] ? ", outside the temperatures learnt" : ""}`;
+  const left = sample.residual_nm ? sample.residual_nm[chosen - 1] : null;
+  $("residual").textContent = left == null ? "" : `residual ${signed(left, 2)} Nm${sample.extrapolated[chosen - 1] ? ", outside the temperatures learnt" : ""}`;
 }
 
 function unheard() {
@@ -309,92 +260,33 @@ async function history() {
 async function self() {
   const own = await read("/api/monitor");
   stops = own.stops;
-  troubles();
+  problems();
   const hours = own.up_s / 3600;
   const rows = [["Version", own.version], ["Host", (values.info && values.info.host) || "–"], ["Up", hours < 1 ? `${Math.round(own.up_s / 60)} min` : hours < 72 ? `${hours.toFixed(1)} h` : `${(hours / 24).toFixed(0)} d`],
     ["Memory", `${number(own.resident_mb, 0)} MB`], ["History", `${number(own.history_mb, 1)} MB`], ["Disk free", `${own.disk_free_gb} GB (${(100 * own.disk_free_share).toFixed(0)} %)`],
     ["Documents dropped", String(own.documents_dropped)], ["Last windows", Object.entries(own.last_windows).map(([state, n]) => `${n} ${state}`).join(", ") || "none"],
     ["Its clock", moment(own.now, true)]];
-  const said = values.monitor;  // what the monitor says of itself on the bus, where it does
-  if (said) {
-    const troubles = (said.troubles || []).map((trouble) => (typeof trouble === "string" ? trouble : trouble.text || trouble.what || JSON.stringify(trouble)));
-    rows.unshift(["Troubles", troubles.join("; ") || "none"]);
-    if (said.next_replay_why) rows.push(["Next replay, why", said.next_replay_why]);
-    const slowest = Object.entries(said.workers || {}).sort((a, b) => b[1] - a[1])[0];
+  const document_ = values.monitor;  // null until the monitor has published it
+  if (document_) {
+    const texts = (document_.troubles || []).map((problem) => (typeof problem === "string" ? problem : problem.text || problem.what || JSON.stringify(problem)));
+    rows.unshift(["Troubles", texts.join("; ") || "none"]);
+    if (document_.next_replay_why) rows.push(["Next replay, why", document_.next_replay_why]);
+    const slowest = Object.entries(document_.workers || {}).sort((a, b) => b[1] - a[1])[0];
     if (slowest) rows.push(["Longest silent worker", `${slowest[0]}, ${slowest[1].toFixed(0)} s`]);
   }
   $("self").replaceChildren(...rows.map(([term, value]) => { const pair = make("div"); pair.append(make("dt", term), make("dd", value)); return pair; }));
 }
 
-// --- what is done -------------------------------------------------------------------------------------
-
-function ask(command, what, title, text) {
-  pending = { command, what, key: keyOf(what) };
-  $("dialog-h").textContent = title;
-  $("dialog-text").textContent = text;
-  $("problem").textContent = "";
-  $("hours-l").hidden = $("hours").disabled = command !== "shelve";  // what is hidden must not be asked for
-  if (command === "shelve") $("hours").value = "24";
-  $("by").value = localStorage.getItem("joint-monitor-name") || "";
-  $("reason").value = "";
-  $("ok").textContent = { ack: "Acknowledge", shelve: "Shelve", replay: "Ask for a replay" }[command];
-  $("dialog").showModal();
-  ($("by").value ? $("reason") : $("by")).focus();
-}
-
-$("cancel").addEventListener("click", () => $("dialog").close());
-$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else refocus(pending.key, pending.command); });
-$("form").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  const { command, what } = pending;
-  const request = { ...what, by: $("by").value.trim(), why: $("reason").value.trim() };
-  if (command === "shelve") request.hours = Number($("hours").value);
-  localStorage.setItem("joint-monitor-name", request.by);
-  $("ok").disabled = true;
-  try {
-    const answer = await fetch(`/api/cmd/${command}`, {
-      method: "POST", credentials: "same-origin", headers: { "Content-Type": "application/json", "X-Page-Token": TOKEN }, body: JSON.stringify(request),
-    });
-    const told = await answer.json();
-    if (!answer.ok) throw new Error(told.error || String(answer.status));
-    $("dialog").close();
-    soon();
-  } catch (error) {
-    $("problem").textContent = error.message;
-  } finally {
-    $("ok").disabled = false;
-  }
-});
-$("replay").addEventListener("click", () => ask("replay", {}, "Ask for a replay now", "The arm moves if every condition of a replay holds: make sure that nobody is near it."));
-
-$("theme").addEventListener("click", () => {
-  const dark = document.documentElement.dataset.theme ? document.documentElement.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  document.documentElement.dataset.theme = dark ? "light" : "dark";
-  localStorage.setItem("joint-monitor-theme", document.documentElement.dataset.theme);
-  repaint();
-});
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => repaint());
-function repaint() { if (charts && chosen) { charts.again(); detail(); } }
-
-$("tabs").addEventListener("keydown", (event) => {
-  const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-  const to = event.key === "Home" ? 1 : event.key === "End" ? count() : step ? ((chosen - 1 + step + count()) % count()) + 1 : null;
-  if (to == null) return;
-  event.preventDefault();
-  choose(to);
-  $(`tab-${to}`).focus();
-});
-
 // --- what arrives --------------------------------------------------------------------------------------
 
 let again = null;
-function soon() { clearTimeout(again); again = setTimeout(() => { history().catch(told); self().catch(told); }, 300); }
-function told(error) { console.warn(error); }
+function soon() { clearTimeout(again); again = setTimeout(() => { history().catch(report); self().catch(report); }, 300); }
+function report(error) { console.warn(error); }
 
 function take(key, document_) {
   values[key] = document_;
   if (key === "torque/live") return live();
-  if ((key === "monitor" && troubles()) || key === "replay") soon();
+  if ((key === "monitor" && problems()) || key === "replay") soon();
   if (key === "health" || key === "model") verdict();
   if (key === "health") { joints(); alerts(); }
   if (key.startsWith("alert/")) { alerts(); soon(); }
@@ -406,7 +298,7 @@ function listen() {
   if (stream) stream.close();
   heard = Date.now();
   stream = new EventSource("/api/live");
-  stream.addEventListener("time", (event) => { heard = Date.now(); clock = { told: Number(event.data), at: heard }; });
+  stream.addEventListener("time", (event) => { heard = Date.now(); clock = { time: Number(event.data), at: heard }; });
   stream.addEventListener("value", (event) => {
     heard = Date.now();
     const space = event.data.indexOf(" ");
@@ -414,7 +306,7 @@ function listen() {
     if (!$("active").childElementCount) alerts();
   });
   stream.addEventListener("open", () => {
-    if (lost && !$("dialog").open) return location.reload();  // the monitor was started anew: its tokens are new, too
+    if (lost && !$("dialog").open) return location.reload();  // the monitor has started again, and has a new page token
     lost = null;
     link();
   });
@@ -426,7 +318,7 @@ function cut() {
   link();
 }
 
-// whether what stands here is of now
+// shows whether the page is connected
 function link() {
   $("link").textContent = lost ? "not connected" : "live";
   $("link").className = `pill ${lost ? "lost" : "live"}`;
@@ -436,7 +328,7 @@ function link() {
   verdict();
 }
 
-// every second: a link that died without a word, a stream that was refused, an arm that is no longer heard
+// every second: has the stream stopped without an error, was it refused, is the arm no longer received?
 function tick() {
   if (Date.now() - heard > SILENT_MS) { cut(); listen(); }
   if (torqueAt && Date.now() - torqueAt > UNHEARD_MS) unheard();
@@ -457,12 +349,12 @@ async function begin() {
   chosen = 1;
   verdict(); joints();
   await history();
-  self().catch(told);
-  setInterval(() => self().catch(told), 30000);
+  self().catch(report);
+  setInterval(() => self().catch(report), 30000);
   setInterval(tick, 1000);
   $("zone").textContent = `Times are those of ${Intl.DateTimeFormat().resolvedOptions().timeZone}.`;
   let first = true;
-  const worst = () => {  // the first look is at the joint that matters most
+  const worst = () => {  // the joint in the worst state is shown first
     if (!first || !values.health) return;
     first = false;
     const order = Object.keys(STATES);
@@ -475,4 +367,4 @@ async function begin() {
 
 const kept = localStorage.getItem("joint-monitor-theme");
 if (kept === "light" || kept === "dark") document.documentElement.dataset.theme = kept;
-begin().catch((error) => { $("why").textContent = `The page could not be loaded: ${error.message}`; told(error); });
+begin().catch((error) => { $("why").textContent = `The page could not be loaded: ${error.message}`; report(error); });

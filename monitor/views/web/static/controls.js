@@ -1,0 +1,61 @@
+// What a person does: the dialog of the commands, the theme, the tabs by keyboard.
+"use strict";
+const TOKEN = document.querySelector('meta[name="page-token"]').content;
+let pending = null;  // the command of the open dialog
+
+function ask(command, what, title, text) {
+  pending = { command, what, key: keyOf(what) };
+  $("dialog-h").textContent = title;
+  $("dialog-text").textContent = text;
+  $("problem").textContent = "";
+  $("hours-l").hidden = $("hours").disabled = command !== "shelve";  // a hidden field must not be required
+  if (command === "shelve") $("hours").value = "24";
+  $("by").value = localStorage.getItem("joint-monitor-name") || "";
+  $("reason").value = "";
+  $("ok").textContent = { ack: "Acknowledge", shelve: "Shelve", replay: "Ask for a replay" }[command];
+  $("dialog").showModal();
+  ($("by").value ? $("reason") : $("by")).focus();
+}
+
+$("cancel").addEventListener("click", () => $("dialog").close());
+$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else refocus(pending.key, pending.command); });
+$("form").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const { command, what } = pending;
+  const request = { ...what, by: $("by").value.trim(), why: $("reason").value.trim() };
+  if (command === "shelve") request.hours = Number($("hours").value);
+  localStorage.setItem("joint-monitor-name", request.by);
+  $("ok").disabled = true;
+  try {
+    const answer = await fetch(`/api/cmd/${command}`, {
+      method: "POST", credentials: "same-origin", headers: { "Content-Type": "application/json", "X-Page-Token": TOKEN }, body: JSON.stringify(request),
+    });
+    const reply = await answer.json();
+    if (!answer.ok) throw new Error(reply.error || String(answer.status));
+    $("dialog").close();
+    soon();
+  } catch (error) {
+    $("problem").textContent = error.message;
+  } finally {
+    $("ok").disabled = false;
+  }
+});
+$("replay").addEventListener("click", () => ask("replay", {}, "Ask for a replay now", "The arm moves if every condition of a replay holds: make sure that nobody is near it."));
+
+$("theme").addEventListener("click", () => {
+  const dark = document.documentElement.dataset.theme ? document.documentElement.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  document.documentElement.dataset.theme = dark ? "light" : "dark";
+  localStorage.setItem("joint-monitor-theme", document.documentElement.dataset.theme);
+  repaint();
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => repaint());
+function repaint() { if (charts && chosen) { charts.again(); detail(); } }
+
+$("tabs").addEventListener("keydown", (event) => {
+  const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+  const to = event.key === "Home" ? 1 : event.key === "End" ? count() : step ? ((chosen - 1 + step + count()) % count()) + 1 : null;
+  if (to == null) return;
+  event.preventDefault();
+  choose(to);
+  $(`tab-${to}`).focus();
+});
