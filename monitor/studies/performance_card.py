@@ -178,9 +178,9 @@ def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = 
         # 9600 lives are ± 0.6 points; of 14 400 steps a bound is 0.12 points below what was found
         document = rehearse(assess, arms=arms, seed=seed, lives=4 * arms, steps=6 * arms, each=pool.map)
         one_arm = partial(study_arm, excitation=excitation, settings=assess, replays=REPLAYS, tests=TESTS, clock=time.process_time)
-        foreseen = list(pool.map(one_arm, range(1000 * seed, 1000 * seed + max(arms // 75, 2))))
+        studied = list(pool.map(one_arm, range(1000 * seed, 1000 * seed + max(arms // 75, 2))))
         rows = [{"between_std": 0.01, **one.result()} for one in later]
-    torque, physics = summary(foreseen, replays=REPLAYS, tests=TESTS), surrogate(foreseen, base.within_std)
+    torque, physics = summary(studied, replays=REPLAYS, tests=TESTS), surrogate(studied, base.within_std)
     return card(document, rows, torque, physics, seed=seed, arm_days_a_minute=arm_days_a_minute)
 
 
