@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "views"))
-from life import grow, monitor
+from lived_monitor import grow, monitor
 
 REPLAYS = 5 * 365 * 4
 PATHS = ("/", "/static/page.js", "/static/uPlot.iife.min.js", "/api/about", "/api/history", "/api/schedule", "/api/monitor")

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from life import DAY_S, FIRST_UNIX_S, configuration, monitor
+from lived_monitor import DAY_S, FIRST_UNIX_S, configuration, monitor
 
 from monitor.judge.document import plain
 from monitor.judge.temperature.curves import Curve

@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from life import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
+from lived_monitor import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
 
 from monitor.errors import BadConfiguration, BadInput, BusError
 from monitor.publish.registry import KINDS

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from life import DAY_S, FIRST_UNIX_S, ONSET, PER_DAY, WEARING, configuration, identified, live_through
+from lived_monitor import DAY_S, FIRST_UNIX_S, ONSET, PER_DAY, WEARING, configuration, identified, live_through
 from typer.testing import CliRunner
 
 from monitor.cli.main import app

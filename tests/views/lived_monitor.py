@@ -1,6 +1,6 @@
 """A robot's monitor with a past: one identified replay of the simulator, told again for many days with heat, wear and noise on it.
 
-`python life.py DIRECTORY [PORT]` serves its page until Enter is pressed.
+`python lived_monitor.py DIRECTORY [PORT]` serves its page until Enter is pressed.
 """
 
 import json
