@@ -1,4 +1,4 @@
-"""A robot's monitor with a past: one identified replay of the simulator, told again for many days with heat, wear and noise on it.
+"""A monitor with a history: one identified replay of the simulator, repeated for many days with temperature, wear and noise added.
 
 `python lived_monitor.py DIRECTORY [PORT]` serves its page until Enter is pressed.
 """
@@ -31,8 +31,8 @@ from monitor.store.store import Store
 
 DAY_S = 86_400.0
 FIRST_UNIX_S = 1_780_282_800.0  # Monday 2026-06-01 03:00 UTC
-WEARING, ONSET, PER_DAY = 3, 20, 0.012
-COLD = {12: -8.0, 33: -9.0}
+WEARING, ONSET, PER_DAY = 3, 20, 0.012  # joint that wears, day of the onset, growth of its friction a day
+COLD = {12: -8.0, 33: -9.0}  # day → change of temperature [K]
 
 
 def configuration(directory, listen="127.0.0.1:0", **page_settings):
@@ -47,14 +47,14 @@ def configuration(directory, listen="127.0.0.1:0", **page_settings):
 
 @lru_cache
 def identified(seed=0):
-    """One identification for all the tests of a process: nothing changes it."""
+    """One identification and its context, shared by all tests of a process; nothing changes it."""
     excitation = replace(find_excitation("ur5-ground", Path()), repetitions=1)
     recording = stepped_replay(Controller(SimulateSettings(robot="ur5", seed=seed)), excitation)
     return identify([recording], load_robot("ur5"), Mounting(), method="wls"), recording.context
 
 
 def live_through(store, settings, found, context, days, seed=0):
-    """The past of so many days, one replay each, assessed as the daemon does it."""
+    """Fill the store with so many days, one replay each, assessed as the daemon assesses it; the windows of days 9 and 25 are skipped."""
     rng = np.random.default_rng(seed)
     belief = health = None
     fall = np.array([0.013, 0.016, 0.014, 0.019, 0.018, 0.015])
@@ -95,7 +95,7 @@ def live_through(store, settings, found, context, days, seed=0):
 
 
 def grow(store, replays):
-    """Many more replays in the history, made of the last one's documents: for speed, not for meaning."""
+    """Add many replays to the history, copies of the last one: for tests of speed, which do not read the figures."""
     last = store.assessments.replays()[-1]
     rows = [(joint, json.dumps(one)) for _, joint, _, one in store.assessments.friction_of([last])]
     with store.database.transaction() as db:
@@ -112,12 +112,13 @@ def grow(store, replays):
 
 
 def no_arm(excitation, context, should_stop):
+    """A replay that must not be played."""
     raise AssertionError("nothing moves here")
 
 
 @contextmanager
 def monitor(directory, days=45, settings=None, moving=True, before=None, later_days=0):
-    """Daemon and page; yields (page server, daemon, store)."""
+    """A daemon and its page; yields page server, daemon and store. `later_days` is how long ago the last replay was."""
     settings = settings or configuration(directory)
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(settings.state_directory))
@@ -140,7 +141,7 @@ def monitor(directory, days=45, settings=None, moving=True, before=None, later_d
 
 
 def _move(daemon, clock, done):
-    """An arm at work, as the listener would tell of it."""
+    """Feed the daemon with an arm at work, as the listener would."""
     excitation = daemon.state.configuration.excitation
     gains = load_robot("ur5").drive_gain_nm_per_a
     rng = np.random.default_rng(1)

@@ -1,49 +1,34 @@
-"""The page in a real Chromium: clicked through, by keyboard, on a phone, light and dark, without a network.
+"""The page in a real Chromium: by mouse, by keyboard, on a phone, light and dark, without a network.
 
-Skips, saying so, where no Chromium or Playwright is installed.
+It is skipped where no Chromium or Playwright is installed.
 """
 
 import re
-import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from lived_monitor import DAY_S, FIRST_UNIX_S, configuration, monitor
+from browser_sizes import SIZES
+from lived_monitor import configuration, monitor
 
 from monitor.judge.document import plain
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
-from monitor.publish.timestamps import rfc3339
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-if CHROMIUM is None:
-    pytest.skip("no Chromium is installed (Debian: apt-get install chromium): the page is not tested in a browser", allow_module_level=True)
-sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser")
-expect = sync_api.expect
+expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
 
 pytestmark = [pytest.mark.xdist_group("page"), pytest.mark.timeout(240)]
-SIZES = {"desktop": {"width": 1366, "height": 900}, "phone": {"width": 390, "height": 844}}
 
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """Forty days of an arm whose elbow wears; it moves."""
+    """The page of an arm that moves, with forty days of history; its joint 3 wears."""
     with monitor(tmp_path_factory.mktemp("life"), days=40) as (server, daemon, store):
         yield server, daemon, store
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield running
-        running.close()
-
-
 @pytest.fixture
 def opened(served, browser):
-    """A page of a size and scheme; whatever the browser complains about, or asks of another host, fails the test."""
+    """Opens the page in a size and colour scheme. An error or warning of the browser, or a request to another host, fails the test."""
     server, _, _ = served
     contexts, trouble = [], []
 
@@ -52,7 +37,7 @@ def opened(served, browser):
         contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(20_000)
-        # the test itself reads pixels, and is told that it could do so faster
+        # the test itself reads pixels; the browser warns that this is slow
         page.on(
             "console",
             lambda message: (
@@ -73,7 +58,7 @@ def opened(served, browser):
 
 
 def test_the_state_of_the_arm_is_seen_at_once(opened):
-    """The verdict, the alert with evidence, the joint that wears in drawing, table and tabs, its charts, and what is live."""
+    """The page shows the verdict, the alert with evidence, the wearing joint in drawing, table and tabs, its charts, and live torque."""
     page = opened[0]()
     expect(page.locator("#state")).to_contain_text("Maintenance required")
     expect(page.locator("#active .alert")).to_have_count(1)
@@ -82,7 +67,7 @@ def test_the_state_of_the_arm_is_seen_at_once(opened):
     expect(page.locator('#arm .joint[data-state="MAINTENANCE_REQUIRED"]')).to_have_count(1)
     expect(page.locator('#arm .joint[data-state="NORMAL"]')).to_have_count(5)
     expect(page.locator("#joints tbody tr")).to_have_count(6)
-    expect(page.locator("#which")).to_have_text("3")  # the first look is at the joint that matters most
+    expect(page.locator("#which")).to_have_text("3")  # the joint in the worst state is shown first
     expect(page.locator("#old")).to_be_hidden()
     assert re.search(r"friction now 2\d\.\d % above.*; limit \d+ days after", page.locator("#wear").get_attribute("aria-label"))
     assert "% per kelvin" in page.locator("#law").get_attribute("aria-label")
@@ -93,7 +78,7 @@ def test_the_state_of_the_arm_is_seen_at_once(opened):
 
 
 def test_torque_and_drawing_move_with_the_arm(opened):
-    """Two looks a second apart differ, and every chart has ink on it."""
+    """After three seconds the drawing and the torque have changed, and every chart has coloured pixels."""
     page = opened[0]()
     before = page.locator("#arm .link").nth(2).get_attribute("points"), page.locator("#torque").get_attribute("aria-label")
     page.wait_for_timeout(3000)
@@ -115,8 +100,8 @@ def test_torque_and_drawing_move_with_the_arm(opened):
         assert inked > 10, (chart, colour)  # pixels: an empty chart has none, and a line of three seconds has some
 
 
-def test_the_law_drawn_is_the_one_that_foresees_torque(opened):
-    """A straight line, an exponential and Vogel's law, as `Line.at` answers, with twice its deviation either side."""
+def test_the_law_drawn_is_the_one_that_predicts_torque(opened):
+    """A straight line, an exponential and Vogel's law are drawn as `Line.at` computes them, with 2σ to either side."""
     page, zero, T0 = opened[0](), np.zeros(3), np.array([24.0, 27.0, 30.0])
     cov = np.tile([[4e-4, -2e-6], [-2e-6, 1e-6]], (3, 1, 1))
     a, b, pole_c = np.array([0.0, 2.0, 2.0]), np.array([0.0, -0.016, 800.0]), np.array([0.0, 0.0, -100.0])
@@ -140,7 +125,7 @@ def test_the_law_drawn_is_the_one_that_foresees_torque(opened):
 
 
 def test_choosing_a_joint_in_drawing_table_or_tabs_shows_it_everywhere(opened):
-    """By mouse."""
+    """A click on any of the three chooses the joint."""
     page = opened[0]()
     for joint, where in ((5, "#arm .joint >> nth=4"), (2, "#joints tbody tr >> nth=1"), (6, "#tab-6")):
         page.locator(where).click()
@@ -151,10 +136,10 @@ def test_choosing_a_joint_in_drawing_table_or_tabs_shows_it_everywhere(opened):
 
 
 def test_everything_can_be_done_by_keyboard(opened, served):
-    """Tabs by arrows, a joint of the drawing by Enter, the dialog by Tab, Escape and Enter; focus is always seen."""
+    """Arrows change tabs, Enter chooses a joint of the drawing, Tab, Escape and Enter work in the dialog; the focus is always visible."""
     _, _, store = served
     page = opened[0]()
-    # by Tab one comes to things in the order in which the eye does
+    # Tab follows the order on the screen
     tops = page.evaluate("[...document.querySelectorAll('main > section')].map((one) => one.getBoundingClientRect().top)")
     assert tops == sorted(tops)
     page.locator("#tab-3").focus()
@@ -193,7 +178,7 @@ def test_everything_can_be_done_by_keyboard(opened, served):
 
 
 def test_an_alert_is_acknowledged_by_a_click_and_two_browsers_see_it(opened, served):
-    """Without a name it is not sent; with one it is in the store, and on another's page without loading it anew."""
+    """Without a name it is not sent; with one it is stored, and another browser shows it without reloading."""
     _, _, store = served
     open_, _ = opened
     page, other = open_(), open_("phone", "dark")
@@ -211,8 +196,8 @@ def test_an_alert_is_acknowledged_by_a_click_and_two_browsers_see_it(opened, ser
     assert store.events.rows(limit=1)[0].document["acknowledged_by"] == "Ada"
 
 
-def test_a_refusal_is_told_in_the_dialog(opened):
-    """A replay where motion is not allowed: the daemon's own words, and nothing closes."""
+def test_a_refusal_is_shown_in_the_dialog(opened):
+    """For a replay where motion is not allowed the dialog shows the daemon's text and stays open."""
     open_, trouble = opened
     page = open_()
     page.locator("#replay").click()
@@ -220,7 +205,7 @@ def test_a_refusal_is_told_in_the_dialog(opened):
     page.locator("#ok").click()
     expect(page.locator("#problem")).to_contain_text("motion is not allowed")
     expect(page.locator("#dialog")).to_be_visible()
-    trouble[:] = [told for told in trouble if "409" not in told]  # the browser notes every refusal
+    trouble[:] = [text for text in trouble if "409" not in text]  # the browser logs every refusal
 
 
 @pytest.mark.parametrize(
@@ -233,7 +218,7 @@ def test_a_refusal_is_told_in_the_dialog(opened):
     ],
 )
 def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme):
-    """Nothing sticks out sideways; text keeps a contrast of 4.5 to what is behind it; what is touched is 20 pixels high."""
+    """Nothing is wider than the window, text has a contrast of 4.5 or more, and what one touches is 20 pixels high or more."""
     page = opened[0](size, scheme)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     weak = page.evaluate(
@@ -265,7 +250,7 @@ def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme):
 
 @pytest.mark.soak
 def test_the_theme_button_is_remembered(opened):
-    """Dark by a click on a light system, and still after loading anew."""
+    """A click makes the page dark on a light system, and it stays dark after a reload."""
     page = opened[0]()
     light = page.evaluate("getComputedStyle(document.body).backgroundColor")
     page.locator("#theme").click()
@@ -276,18 +261,18 @@ def test_the_theme_button_is_remembered(opened):
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark
 
 
-def test_a_new_monitor_asks_for_its_token_and_says_that_it_knows_nothing_yet(browser, tmp_path):
-    """A wrong token is told; the right one opens the page, on which nothing looks good or bad before the first replay."""
+def test_a_new_monitor_asks_for_its_token_and_claims_nothing(browser, tmp_path):
+    """A wrong token is refused; the right one opens the page, which shows no state before the first replay."""
     (tmp_path / "token").write_text("a token of this test")
     settings = configuration(tmp_path, token_file="token")
     with monitor(tmp_path, days=0, settings=settings, moving=False) as (server, _, _):
         page = browser.new_page()
         page.goto(server.url)
         expect(page.locator("#arm")).to_have_count(0)
-        for token, told in (("wrong", True), ("a token of this test", False)):
+        for token, refused in (("wrong", True), ("a token of this test", False)):
             page.get_by_label("Token").fill(token)
             page.get_by_role("button", name="Sign in").click()
-            expect(page.get_by_role("alert").filter(has_text="not the token")).to_have_count(int(told))
+            expect(page.get_by_role("alert").filter(has_text="not the token")).to_have_count(int(refused))
         expect(page.locator("#state")).to_contain_text("Not known yet")
         expect(page.locator("#active")).to_contain_text("Nothing can be said yet")
         expect(page.locator("#why")).to_have_text("No replay has been assessed yet.")
@@ -296,8 +281,8 @@ def test_a_new_monitor_asks_for_its_token_and_says_that_it_knows_nothing_yet(bro
         page.close()
 
 
-def test_what_was_learnt_too_long_ago_is_marked_and_says_what_to_do(browser, tmp_path):
-    """Three weeks without a replay: the state stays, and arm, every joint and the words say that it is of then."""
+def test_an_old_verdict_is_marked_with_advice(browser, tmp_path):
+    """After three weeks without a replay the state stays, and the arm and every joint are marked STALE."""
     with monitor(tmp_path, days=3, moving=False, later_days=21) as (server, _, _):
         page = browser.new_page()
         page.goto(server.url)
@@ -308,120 +293,3 @@ def test_what_was_learnt_too_long_ago_is_marked_and_says_what_to_do(browser, tmp
         expect(page.locator("#joints .old")).to_have_count(6)
         assert page.title().startswith("STALE")
         page.close()
-
-
-ALERT = {
-    "active": True,
-    "raised_at": "2026-06-01T03:00:00Z",
-    "updated_at": "2026-06-01T03:00:00Z",
-    "change": 0.0,
-    "probability": 1.0,
-    "text": "<img src=x onerror=alert(1)> " + "W" * 300,
-    "action": "Look.",
-}
-MANY = [
-    (1, "wear_rising", "wear", {}),
-    (2, "sudden_step", "limit", {}),
-    (3, "friction_falling", "advisory", {}),
-    (4, "temperature_sensor", "advisory", {}),
-    (5, "wear_rising", "advisory", {}),
-    (6, "wear_rising", "limit", {"acknowledged_at": "2026-06-02T03:00:00Z", "acknowledged_by": "A" * 200}),
-    (6, "data_quality", "advisory", {"shelved_until": "2030-01-01T00:00:00Z", "shelved_by": "Grace", "shelved_why": "spare on its way"}),
-    (None, "common_mode", "advisory", {}),
-]
-
-
-@pytest.fixture
-def blank(tmp_path, browser):
-    """A monitor without a past, and a page that looks at it on a phone; whatever is markup by mistake fails the test."""
-    settings = configuration(tmp_path)
-    settings = replace(settings, robot=replace(settings.robot, tool="t" * 200))
-    with monitor(tmp_path, days=0, settings=settings, moving=False) as (server, daemon, store):
-        page = browser.new_page(viewport=SIZES["phone"])
-        wrong = []
-        page.on("dialog", lambda dialog: wrong.append(dialog.message))
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.clock.install()
-        page.goto(server.url)
-        expect(page.locator("#link")).to_have_text("live")
-        yield page, daemon, store
-        page.close()
-        assert not wrong
-
-
-def test_who_works_by_keyboard_stays_with_his_alert_however_many_there_are(blank):
-    """Eight at once with words that never end: nothing sticks out, what waits comes first, every button says whose it is."""
-    page, daemon, _ = blank
-    for joint, condition, tier, more in MANY:
-        where = "arm" if joint is None else f"j{joint}"
-        daemon.bus.stream(f"alert/{where}/{condition}", "alert", {"joint": joint, "condition": condition, "tier": tier, **ALERT, **more})
-    cards = page.locator("#active .alert")
-    expect(cards).to_have_count(8)
-    expect(page.locator("#count")).to_have_text("6")  # neither acknowledged nor shelved
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    assert cards.evaluate_all("all => all.map(one => one.dataset.key)") == [
-        "2/sudden_step", "1/wear_rising", "3/friction_falling", "4/temperature_sensor", "5/wear_rising", "null/common_mode",
-        "6/wear_rising", "6/data_quality",
-    ]  # fmt: skip
-    labels = page.locator("#active button").evaluate_all("all => all.map(one => one.getAttribute('aria-label') || one.textContent)")
-    assert len({label for label in labels if "Look" not in label}) == sum("Look" not in label for label in labels) == 15
-    expect(page.locator('[data-key="5/wear_rising"]')).to_have_attribute("data-state", "advice")  # its joint is NORMAL
-    # a figure is a probability only where the condition has one
-    assert "Probability" not in page.locator('[data-key="4/temperature_sensor"]').text_content()
-    assert "has fallen" in page.locator('[data-key="3/friction_falling"]').text_content()
-    page.locator('[data-key="4/temperature_sensor"] [data-do="ack"]').focus()
-    before = cards.first.element_handle()
-    daemon.bus.stream(
-        "alert/j1/wear_rising", "alert", {"joint": 1, "condition": "wear_rising", "tier": "wear", **ALERT, "text": "said anew"}
-    )
-    expect(page.locator('[data-key="1/wear_rising"]')).to_contain_text("said anew")
-    assert not before.evaluate("one => one.isConnected")  # all were made anew
-    assert page.evaluate("document.activeElement.closest('.alert').dataset.key + document.activeElement.dataset.do") == (
-        "4/temperature_sensorack"
-    )
-    # hours that were typed for a shelf keep no acknowledgement from being sent
-    page.locator('[data-key="4/temperature_sensor"] [data-do="shelve"]').click()
-    page.locator("#hours").fill("99999")
-    page.keyboard.press("Escape")
-    page.locator('[data-key="4/temperature_sensor"] [data-do="ack"]').click()
-    page.locator("#by").fill("Ada")
-    page.locator("#ok").click()
-    expect(page.locator("#problem")).to_contain_text("no alert can be acknowledged")  # the daemon's own word: it was sent
-    page.keyboard.press("Escape")
-    assert page.evaluate("document.activeElement.closest('.alert').dataset.key") == "4/temperature_sensor"
-
-
-def test_an_arm_that_is_not_heard_is_told_at_the_top_and_its_torque_is_not_now(blank):
-    """Trouble comes and goes with the bus; an old sample is no present torque, whenever the page is opened."""
-    page, daemon, store = blank
-    trouble = {"name": "arm", "since": "2026-06-01T03:00:00Z", "text": "connection refused"}
-    daemon.bus.stream("monitor", "monitor", {"troubles": [trouble]})
-    expect(page.locator("#troubles")).to_contain_text("The arm is not heard since")
-    expect(page.locator("#troubles")).to_contain_text("connection refused")
-    daemon.bus.stream("monitor", "monitor", {"troubles": []})
-    expect(page.locator("#troubles")).to_be_empty()
-    sample = {name: [0.0] * 6 for name in ("q_rad", "predicted_nm", "std_nm", "measured_nm", "residual_nm", "extrapolated")}
-    daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S + DAY_S), **sample})
-    expect(page.locator("#torque canvas")).to_be_visible()
-    page.clock.fast_forward(16_000)
-    expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
-    expect(page.locator("#residual")).to_be_empty()
-    daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S), **sample})
-    store.stops.add("protective_stop", "safety mode 3", FIRST_UNIX_S)
-    page.reload()
-    expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
-    expect(page.locator("#troubles")).to_contain_text("Nothing moves until a person has looked at the arm")
-
-
-def test_a_monitor_that_falls_silent_without_a_word_is_noticed_and_found_again(blank):
-    """No end of the stream, no error, as when a telephone leaves the network: after 20 s nothing here claims to be of now."""
-    page, _, _ = blank
-    page.route("**/api/live", lambda route: route.abort())
-    page.clock.fast_forward(21_000)
-    expect(page.locator("#link")).to_have_text("not connected")
-    expect(page.locator("#lost")).to_contain_text("all that stands here is of then")
-    assert page.title().startswith("NOT CONNECTED")
-    page.unroute("**/api/live")
-    page.clock.fast_forward(21_000)
-    expect(page.locator("#link")).to_have_text("live")
-    expect(page.locator("#lost")).to_be_hidden()

@@ -1,4 +1,4 @@
-"""The page of the real service: it is there while the daemon runs, and keeps nobody from ending."""
+"""The page of the real service: it is served while the daemon runs, and does not delay its end."""
 
 import http.client
 import os
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.xdist_group("page")
 
 
 def test_the_service_serves_its_page_and_ends_in_time_with_a_browser_looking(tmp_path, free_port):
-    """`run` with a [page]: it answers, a stream stays open, SIGTERM ends both within five seconds, with 0."""
+    """With a stream open, SIGTERM ends the service within five seconds and with exit code 0."""
     (tmp_path / "cell.toml").write_text(
         '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\nhost = "127.0.90.7"\n[store]\ndirectory = "history"\n'
         f'[bus]\nlisten = ["tcp/127.0.90.7:0"]\n[page]\nlisten = "127.0.0.1:{free_port}"\n'
@@ -46,7 +46,7 @@ def test_the_service_serves_its_page_and_ends_in_time_with_a_browser_looking(tmp
 
 
 def test_an_open_page_without_a_token_is_a_configuration_error(tmp_path):
-    """Exit 78, and the sentence says what is missing: nothing is served to a network by mistake."""
+    """The exit code is 78 and the message names token_file, so that no page is served to a network by mistake."""
     (tmp_path / "cell.toml").write_text(
         '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[page]\nlisten = "0.0.0.0:8420"\n[store]\ndirectory = "history"\n'
     )

@@ -1,4 +1,4 @@
-"""The page's server: who may see it, who may command, that it is quick with years of history, and that nobody can hold it up."""
+"""The page's server: who may see the page, who may command, that years of history are quick, that no client can hold it up."""
 
 import http.client
 import json
@@ -26,7 +26,7 @@ TOKEN = "correct horse battery staple"
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """Forty days of one arm whose elbow wears, and its page."""
+    """The page of an arm with forty days of history; its joint 3 wears."""
     with monitor(tmp_path_factory.mktemp("life"), days=40, moving=False) as (server, daemon, store):
         yield server, daemon, store
 
@@ -64,7 +64,7 @@ def command(server, name, document, **changed):
 
 
 def test_everything_the_page_needs_comes_from_here(served):
-    """Each file that the page names is served, with a policy that forbids every other source."""
+    """Every file that the page names is served, with a policy that forbids every other source."""
     server, _, _ = served
     status, headers, page = ask(server, "/")
     assert status == 200
@@ -84,8 +84,8 @@ def test_everything_the_page_needs_comes_from_here(served):
         assert ask(server, path)[0] == 404
 
 
-def test_the_past_is_told_as_columns(served):
-    """As many times as replays, each joint with each figure; the wearing joint has worn, the others have not."""
+def test_the_history_comes_as_columns(served):
+    """There are as many times as replays and a column for each figure of each joint; only the wearing joint has worn."""
     server, _, store = served
     past = json.loads(ask(server, "/api/history")[2])
     assert past["replays"] == past["shown"] == len(past["t"]) == len(store.assessments.replays()) == 38  # two windows were skipped
@@ -101,8 +101,8 @@ def test_the_past_is_told_as_columns(served):
     assert own["resident_mb"] > 10
 
 
-def test_what_is_live_is_what_the_bus_says(served):
-    """The first events are the bus's last values; what is said later comes within a second."""
+def test_the_stream_sends_the_values_of_the_bus(served):
+    """The first events are the last values of the bus; a later value comes within a second."""
     server, daemon, _ = served
     host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
     connection = http.client.HTTPConnection(host, int(port), timeout=10)
@@ -125,8 +125,8 @@ def test_what_is_live_is_what_the_bus_says(served):
     connection.close()
 
 
-def test_a_stream_says_the_monitors_time_so_that_silence_is_news(served, monkeypatch):
-    """Nothing new on the bus: the clock comes all the same, and comes again."""
+def test_a_stream_sends_the_monitors_time_again_and_again(served, monkeypatch):
+    """The clock comes also without a new value on the bus, so a page notices a lost connection."""
     monkeypatch.setattr("monitor.views.web.app.CLOCK_PERIOD_S", 0.3)
     server, _, _ = served
     host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
@@ -136,12 +136,12 @@ def test_a_stream_says_the_monitors_time_so_that_silence_is_news(served, monkeyp
     while len(times) < 2:
         if stream.readline() == b"event: time\n":
             times.append(int(stream.readline()[6:]))
-    assert times[0] == times[1] == pytest.approx(1000 * (FIRST_UNIX_S + 40 * DAY_S))  # the fixture's clock stands
+    assert times[0] == times[1] == pytest.approx(1000 * (FIRST_UNIX_S + 40 * DAY_S))  # the clock of the fixture does not move
     connection.close()
 
 
 def test_a_person_acknowledges_through_the_same_code_as_the_bus(served):
-    """The alert's document, the store's event, and the answer; a second person finds what the first one said."""
+    """The alert's document, the stored event and the answer name the person; a second person finds what the first one wrote."""
     server, daemon, store = served
     before = store.events.range()[1]
     status, _, answer = command(server, "ack", {"joint": 3, "condition": "wear_rising", "by": "Ada", "why": "grease is ordered"})
@@ -153,7 +153,7 @@ def test_a_person_acknowledges_through_the_same_code_as_the_bus(served):
 
 
 @pytest.mark.parametrize(
-    ("document", "told"),
+    ("document", "message"),
     [
         ({"joint": 3, "condition": "wear_rising", "by": ""}, "by"),
         ({"joint": 5, "condition": "wear_rising", "by": "Ada"}, "no active alert 5/wear_rising"),
@@ -162,12 +162,12 @@ def test_a_person_acknowledges_through_the_same_code_as_the_bus(served):
         ([], "expected a JSON object"),
     ],
 )
-def test_a_command_that_means_nothing_is_answered_with_the_reason(served, document, told):
-    """As over the bus: which field, and what is active."""
+def test_an_impossible_command_is_answered_with_the_reason(served, document, message):
+    """As over the bus, the answer names the field, or the alerts that are active."""
     server, _, _ = served
     status, _, answer = command(server, "ack", document)
     assert status == 409
-    assert told in json.loads(answer)["error"]
+    assert message in json.loads(answer)["error"]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -182,8 +182,8 @@ def test_a_command_that_means_nothing_is_answered_with_the_reason(served, docume
         {"X_Page_Token": "gueßed"},
     ],
 )
-def test_a_page_of_somebody_else_commands_nothing(served, name, changed):
-    """Another origin, none, or without the token that only our page can read: refused, and nothing is written."""
+def test_a_page_of_another_site_cannot_command(served, name, changed):
+    """A command with another origin, without one, or without the token that only our page can read is refused; nothing is written."""
     server, _, store = served
     before = store.events.range()
     changed = {key: value if value is None else value.encode("utf-8").decode("latin-1") for key, value in changed.items()}
@@ -193,7 +193,7 @@ def test_a_page_of_somebody_else_commands_nothing(served, name, changed):
 
 
 def test_other_requests_that_are_no_commands_are_refused(served):
-    """No JSON, another type, too much, an unknown name, the wrong method."""
+    """Refused are a body that is not JSON, of another type or too large, an unknown command, and the wrong method."""
     server, _, _ = served
     good = {"Origin": origin(server), "X_Page_Token": token_of(server)}
     assert ask(server, "/api/cmd/ack", "POST", "{", **good, Content_Type="application/json")[0] == 400
@@ -204,8 +204,8 @@ def test_other_requests_that_are_no_commands_are_refused(served):
     assert ask(server, "/api/cmd/ack")[0] == 405
 
 
-def test_a_name_that_somebody_else_gave_this_machine_is_not_served(served):
-    """A page elsewhere may let its own name resolve to 127.0.0.1; the Host of its requests gives it away."""
+def test_a_foreign_host_name_is_not_served(served):
+    """A foreign site may let its own name resolve to 127.0.0.1; the Host header of its requests shows it."""
     server, _, _ = served
     port = server.url.rstrip("/").rsplit(":", 1)[1]
     assert ask(server, "/", Host=f"rebound.example:{port}")[0] == 421
@@ -214,7 +214,7 @@ def test_a_name_that_somebody_else_gave_this_machine_is_not_served(served):
 
 
 def test_without_the_token_nothing_is_shown(guarded):
-    """Every address but the files of the page itself; a wrong token costs a second; the right one opens a session."""
+    """This holds for every address except the page's static files; a wrong token takes a second, the right one opens a session."""
     for path in ("/api/about", "/api/history", "/api/schedule", "/api/monitor", "/api/live"):
         assert ask(guarded, path)[0] == 401, path
     status, _, page = ask(guarded, "/")
@@ -237,12 +237,12 @@ def test_without_the_token_nothing_is_shown(guarded):
     assert (status, headers["location"]) == (303, "/")
     assert ask(guarded, "/api/about", Cookie=session)[0] == 200
     assert ask(guarded, "/api/about", Cookie=session + "x")[0] == 401
-    # a browser gives a host's cookies to all its ports: another monitor of this machine must not sign one out here
+    # a browser sends a host's cookies to all of its ports: another monitor of this machine must not end the session here
     assert session.partition("=")[0].endswith(guarded.url.rstrip("/").rsplit(":", 1)[1])
 
 
-def test_five_years_of_history_are_told_at_once(tmp_path):
-    """7300 replays more of six joints: the page's data together; 400 of them are drawn. Bounded generously: the figure is in the bench."""
+def test_five_years_of_history_are_answered_quickly(tmp_path):
+    """With 7300 more replays of six joints all data of the page come within 3 s, 400 replays of them; the benchmark has the figure."""
     with monitor(tmp_path, days=3, moving=False, before=lambda store: grow(store, 7300)) as (server, _, _):
         ask(server, "/")
         began = time.monotonic()
@@ -252,11 +252,11 @@ def test_five_years_of_history_are_told_at_once(tmp_path):
         past = json.loads(ask(server, "/api/history")[2])
         assert past["replays"] == 7303
         assert 350 <= past["shown"] <= 450
-        assert took < 3.0  # 0.2 s on an idle machine; a page that read every row would need ten times this bound's tenth
+        assert took < 3.0  # it takes 0.2 s on an idle machine; a page that read every row would take ten times as long
 
 
-def test_browsers_that_never_read_hold_nobody_up(served):
-    """Forty streams that nobody reads: the bus goes on, and the page still answers others."""
+def test_browsers_that_never_read_hold_up_nobody_else(served):
+    """With forty streams that nobody reads, the bus goes on and the page answers other requests."""
     server, daemon, _ = served
     host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
     idle = []
@@ -268,14 +268,14 @@ def test_browsers_that_never_read_hold_nobody_up(served):
     for k in range(200):
         daemon.bus.stream("torque/live", "torque-live", {"k": k, "padding": "x" * 20_000})
     assert ask(server, "/api/history")[0] == 200
-    assert ask(server, "/api/live")[0] == 503  # 32 are enough; the others were told so
+    assert ask(server, "/api/live")[0] == 503  # a 33rd stream is refused
     for stuck in idle:
         stuck.close()
 
 
-def test_connections_that_ask_nothing_keep_nobody_out_for_long(tmp_path, monkeypatch):
-    """As many as the server takes: silent ones, headers and bodies that never end; soon they are closed, and the page answers."""
-    monkeypatch.setattr("monitor.views.web.server.IDLE_S", 2.0)  # on a busy machine two hundred take half a second
+def test_idle_connections_are_closed_and_the_page_answers_again(tmp_path, monkeypatch):
+    """The server is full of silent connections and of headers and bodies that never end; it closes them, and answers again."""
+    monkeypatch.setattr("monitor.views.web.server.IDLE_S", 2.0)  # two hundred connections take half a second on a busy machine
     with monitor(tmp_path, days=0, moving=False) as (server, _, _), ExitStack() as stack:
         host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
         head = f"POST /login HTTP/1.1\r\nHost: {host}:{port}\r\n".encode()
@@ -289,8 +289,8 @@ def test_connections_that_ask_nothing_keep_nobody_out_for_long(tmp_path, monkeyp
             time.sleep(0.1)
 
 
-def test_a_thousand_wild_requests_leave_the_page_standing(served):
-    """Seeded bytes on the socket, many at a time."""
+def test_a_thousand_malformed_requests_do_no_harm(served):
+    """After random bytes on many sockets at once the page answers."""
     import random
 
     server, _, _ = served
@@ -315,13 +315,13 @@ def test_a_thousand_wild_requests_leave_the_page_standing(served):
     for thread in threads:
         thread.join()
     until = time.monotonic() + 10.0
-    while ask(server, "/")[0] == 503 and time.monotonic() < until:  # the last of them are still being seen off
+    while ask(server, "/")[0] == 503 and time.monotonic() < until:  # the last connections are still being closed
         time.sleep(0.1)
     assert ask(server, "/")[0] == 200
 
 
-def test_settings_that_would_open_the_page_to_everybody_are_refused(tmp_path):
-    """A network address without a token, no address, no file, a token one may guess, a port that is taken."""
+def test_settings_that_open_the_page_to_everybody_are_refused(tmp_path):
+    """Refused are a network address without a token, a wrong address, a missing file, a short token, and a port that is in use."""
     for wrong in ("0.0.0.0:8420", "192.168.1.4:80", "cell.example:80", "[::]:80"):
         with pytest.raises(BadInput, match="token_file"):
             PageSettings(listen=wrong)
@@ -345,7 +345,7 @@ def test_settings_that_would_open_the_page_to_everybody_are_refused(tmp_path):
 
 
 def test_thinning_keeps_the_ends_and_the_newest():
-    """In order, without doubles, never more than asked for by much; short pasts whole."""
+    """The result is in order, without repetition, and about as long as asked for; a short history stays complete."""
     assert thinned([], 600, 60) == []
     assert thinned(list(range(50)), 600, 60) == list(range(50))
     for count in (61, 599, 601, 7300, 100_000):
@@ -356,16 +356,16 @@ def test_thinning_keeps_the_ends_and_the_newest():
         assert shown[-60:] == list(range(count - 60, count))
 
 
-def test_a_joint_that_was_not_seen_leaves_a_gap():
-    """None where a replay told nothing, and no figure moves to another day."""
-    told = columns([(1, 1, 10.0, {"wear": 0.123456789}), (1, 2, 10.0, {"wear": None}), (2, 2, 20.0, {"wear": 0.5})])
-    assert told["t"] == [10, 20]
-    assert told["joints"]["1"]["wear"] == [0.12346, None]
-    assert told["joints"]["2"]["wear"] == [None, 0.5]
+def test_a_joint_without_a_figure_has_a_gap():
+    """The column has None where a replay has no figure, and no figure moves to another day."""
+    made = columns([(1, 1, 10.0, {"wear": 0.123456789}), (1, 2, 10.0, {"wear": None}), (2, 2, 20.0, {"wear": 0.5})])
+    assert made["t"] == [10, 20]
+    assert made["joints"]["1"]["wear"] == [0.12346, None]
+    assert made["joints"]["2"]["wear"] == [None, 0.5]
 
 
 def test_the_vendored_library_is_declared_and_shipped():
-    """Its licence beside it, and the wheel takes the whole package folder."""
+    """Its licence lies beside it, and the wheel contains the whole package folder."""
     root = Path(__file__).parents[2]
     static = root / "monitor" / "views" / "web" / "static"
     assert "MIT" in (static / "uPlot.LICENSE.txt").read_text("utf-8")

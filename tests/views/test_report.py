@@ -1,4 +1,4 @@
-"""The report: what was found in a period and what was not watched, from the history alone, on one page that needs no network."""
+"""The report on a period: what was found and what was not monitored, from the history alone, on one page that needs no network."""
 
 import json
 import re
@@ -24,7 +24,7 @@ END = FIRST_UNIX_S + DAYS * DAY_S
 
 @pytest.fixture(scope="module")
 def lived(tmp_path_factory):
-    """Forty days; joint 3 wears from the 21st on; two windows were skipped, and a week later one was rejected."""
+    """Forty days of history: joint 3 wears from day 21 on, two windows were skipped, and a week after the last one was rejected."""
     folder = tmp_path_factory.mktemp("report")
     settings = configuration(folder)
     (folder / "cell.toml").write_text(
@@ -39,15 +39,15 @@ def lived(tmp_path_factory):
     return folder, settings
 
 
-def told(lived, begin=None, end=None):
+def report_of(lived, begin=None, end=None):
     _, settings = lived
     with Store.reader(settings.state_directory) as store:
         return report(settings, store, begin, end, END + 8 * DAY_S)
 
 
-def test_everything_that_happened_is_told_with_its_evidence(lived):
-    """Verdict, joints, the alert with words and transitions, thresholds in force."""
-    whole = told(lived)
+def test_everything_that_happened_is_reported_with_its_evidence(lived):
+    """The document has the verdict, the joints, the alert with text and transitions, and the thresholds in force."""
+    whole = report_of(lived)
     assert whole["verdict"]["health"]["joints"][2] == "MAINTENANCE_REQUIRED"
     assert [joint["joint"] for joint in whole["joints"]] == [1, 2, 3, 4, 5, 6]
     (alert,) = [alert for alert in whole["alerts"] if alert["condition"] == "wear_rising"]
@@ -59,9 +59,9 @@ def test_everything_that_happened_is_told_with_its_evidence(lived):
     assert whole["contexts"][0]["changed"]["tool"] == [None, "gripper"]
 
 
-def test_every_replay_says_by_itself_what_friction_was_within_its_own_interval(lived):
-    """The truth of each day lies in 2σ of the day's own figure for nine in ten, in 4σ for all; and it is not the filter's estimate."""
-    history = told(lived)["history"]
+def test_every_replay_has_its_own_figure_of_friction_with_its_own_interval(lived):
+    """On nine days of ten the truth is within 2σ of the day's own figure, on all within 4σ; the filter's estimate is another."""
+    history = report_of(lived)["history"]
     for joint in range(1, 7):
         rows = [row for row in history if row["joint"] == joint]
         day = np.array([row["replay"] - 1 for row in rows])
@@ -76,17 +76,17 @@ def test_every_replay_says_by_itself_what_friction_was_within_its_own_interval(l
 
 
 def test_a_history_that_kept_no_figure_of_single_replays_says_so(lived):
-    """As before this release: the drawing has the line and its band, the words under it say why there is no point."""
-    whole = told(lived)
+    """For a history of an early release the drawing has the line and its band, and the caption says why there is no point."""
+    whole = report_of(lived)
     assert "no point" not in report_page([whole])
     for row in whole["history"]:
         del row["replay_torque_nm"], row["replay_torque_std_nm"]
     assert f"Of {len(whole['history'])} of {len(whole['history'])} figures" in report_page([whole])
 
 
-def test_what_was_not_watched_is_told_with_the_reason(lived):
-    """Skipped and rejected windows by name; the days after the last replay as a gap; nothing is smoothed over."""
-    unwatched = told(lived)["unwatched"]
+def test_what_was_not_monitored_is_reported_with_the_reason(lived):
+    """The report lists skipped and rejected windows with their reasons, and the days after the last replay as a gap."""
+    unwatched = report_of(lived)["unwatched"]
     assert unwatched["windows"] == DAYS + 1
     assert unwatched["assessed"] == DAYS - 2
     assert [row["state"] for row in unwatched["failed"]] == ["skipped", "skipped", "rejected"]
@@ -96,31 +96,31 @@ def test_what_was_not_watched_is_told_with_the_reason(lived):
 
 
 def test_a_period_holds_only_what_is_in_it(lived):
-    """The quiet weeks: no alert, no transition, and joint 3 normal; from is in, to is out."""
-    quiet = told(lived, FIRST_UNIX_S, FIRST_UNIX_S + 14 * DAY_S)
+    """The weeks before the onset have no alert and no transition, and joint 3 is normal; the end of a period does not belong to it."""
+    quiet = report_of(lived, FIRST_UNIX_S, FIRST_UNIX_S + 14 * DAY_S)
     assert not quiet["alerts"]
     assert not quiet["events"]
     assert set(quiet["verdict"]["health"]["joints"]) == {"NORMAL"}
     assert len({row["replay"] for row in quiet["history"]}) == 13  # one of the fourteen windows was skipped
     assert quiet["unwatched"]["windows"] == 14
     with pytest.raises(BadInput, match="nothing was attempted"):
-        told(lived, FIRST_UNIX_S - 30 * DAY_S, FIRST_UNIX_S - 20 * DAY_S)
+        report_of(lived, FIRST_UNIX_S - 30 * DAY_S, FIRST_UNIX_S - 20 * DAY_S)
     with pytest.raises(BadInput, match="before it begins"):
-        told(lived, FIRST_UNIX_S, FIRST_UNIX_S - DAY_S)
+        report_of(lived, FIRST_UNIX_S, FIRST_UNIX_S - DAY_S)
 
 
 def test_a_period_in_which_nothing_was_assessed_says_so(lived):
-    """Only the rejected window: no verdict, no drawing, and the reason as text, never as markup."""
-    text = report_page([told(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
+    """A period with only a rejected window has no verdict and no drawing; the reason is escaped text."""
+    text = report_page([report_of(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
     assert "nothing can be said of this arm" in text
     assert "torn &lt;rows&gt;" in text
     assert "<svg" not in text
 
 
 def test_the_page_needs_no_network_and_holds_what_the_document_holds(lived):
-    """Two robots on one page; their states, the alert's words, the reasons, the limits of the method, a line to sign."""
-    whole = told(lived)
-    text = report_page([whole, told(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
+    """With two robots the page has both states, the alert's text, the reasons, the limits of the method, and a line to sign."""
+    whole = report_of(lived)
+    text = report_page([whole, report_of(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
     assert not re.search(r"<script|<link|<img|src=", text)
     assert text.count("<svg") == 2
     for part in ("maintenance required", "wear rising", "door is open", "flexspline", "Reviewed by", "gripper", "Not acknowledged"):
@@ -129,7 +129,7 @@ def test_the_page_needs_no_network_and_holds_what_the_document_holds(lived):
 
 
 def test_friction_over_temperature_is_drawn_as_the_law_that_was_chosen():
-    """By its points; a verdict of before, which tells none, as the straight line that it told."""
+    """The law is drawn by its points; a verdict of an early release, which has none, by its straight line."""
     line = {"viscous_nm_s_per_rad": 8.0, "slope_nm_s_per_rad_k": -0.1, "reference_temperature_c": 25.0, "range_c": (15.0, 35.0)}
     assert np.allclose(law_points(line, []), [[15.0, 35.0], [9.0, 7.0], [0.0, 0.0]])
     assert np.allclose(law_points({**line, "range_c": None}, [20.0, 30.0])[1], [8.5, 7.5])
@@ -138,7 +138,7 @@ def test_friction_over_temperature_is_drawn_as_the_law_that_was_chosen():
 
 
 def test_the_command_writes_the_page_and_the_document(lived, tmp_path):
-    """Both at once; mistakes are sentences."""
+    """One command writes both; a mistake gives one sentence."""
     folder, _ = lived
     page = tmp_path / "report.html"
     ran = CliRunner().invoke(
@@ -158,20 +158,20 @@ def test_the_command_writes_the_page_and_the_document(lived, tmp_path):
         assert why in str(ran.exception)
 
 
-def test_a_report_made_long_after_the_last_replay_says_that_the_state_is_of_then(lived):
-    """Eight days after, all six joints are STALE with when they were learnt of; the period that ends with its last replay has none."""
-    whole = told(lived)
+def test_a_report_made_long_after_the_last_replay_marks_the_state_as_stale(lived):
+    """Eight days after the last replay all six joints are STALE with their times; in a period that ends with the last replay none is."""
+    whole = report_of(lived)
     assert [one["joint"] for one in whole["stale"]] == [1, 2, 3, 4, 5, 6]
-    assert "STALE: all joints" in report_page([whole | {"history": []}])  # nothing to draw
-    fresh = told(lived, FIRST_UNIX_S, END)
+    assert "STALE: all joints" in report_page([whole | {"history": []}])  # without drawings, which take time
+    fresh = report_of(lived, FIRST_UNIX_S, END)
     assert fresh["stale"] == []
     assert "STALE" not in report_page([fresh | {"history": []}])
 
 
-def test_an_alert_is_told_as_it_stood_at_the_end_of_the_period(lived):
-    """What happened later belongs to a later report: on that day friction had risen less, and fewer replays agreed."""
-    early = told(lived, FIRST_UNIX_S, FIRST_UNIX_S + 29 * DAY_S)
-    (then,), (now,) = early["alerts"], told(lived)["alerts"]
+def test_an_alert_is_reported_as_it_was_at_the_end_of_the_period(lived):
+    """On the last day of the period friction had risen less and fewer replays agreed than later."""
+    early = report_of(lived, FIRST_UNIX_S, FIRST_UNIX_S + 29 * DAY_S)
+    (then,), (now,) = early["alerts"], report_of(lived)["alerts"]
     assert then["change"] < 0.5 * now["change"]
     assert then["text"] != now["text"]
     assert then["updated_at"] < early["to"] < now["updated_at"]
@@ -179,25 +179,25 @@ def test_an_alert_is_told_as_it_stood_at_the_end_of_the_period(lived):
 
 
 def test_a_period_in_which_nothing_was_attempted_is_reported_as_that(lived):
-    """A shut plant has a page for the file too; a period before the first window, in the future or of no history is a mistake."""
-    idle = told(lived, END + DAY_S, END + 6 * DAY_S)
+    """A plant that was shut has a report too; a period before the first window, in the future, or without a history is refused."""
+    idle = report_of(lived, END + DAY_S, END + 6 * DAY_S)
     assert idle["unwatched"]["gaps"] == [{"from": rfc3339(END + DAY_S), "to": rfc3339(END + 6 * DAY_S)}]
     assert "No window was attempted" in report_page([idle])
-    assert told(lived, END, END + 99 * DAY_S)["unwatched"]["gaps"][0]["to"] == rfc3339(END + 8 * DAY_S)  # the future is no gap
+    assert report_of(lived, END, END + 99 * DAY_S)["unwatched"]["gaps"][0]["to"] == rfc3339(END + 8 * DAY_S)  # now
     with pytest.raises(BadInput, match="nothing was attempted"):
-        told(lived, END + 9 * DAY_S, END + 10 * DAY_S)
+        report_of(lived, END + 9 * DAY_S, END + 10 * DAY_S)
 
 
 def test_a_history_without_any_window_has_nothing_to_report(tmp_path):
-    """In words that say so."""
+    """The message says so."""
     settings = configuration(tmp_path)
     with Store.open(settings.state_directory) as store, pytest.raises(BadInput, match="no replay was attempted yet"):
         report(settings, store, None, None, END)
 
 
-def test_no_figure_is_minus_nothing_and_levels_are_told_apart_in_grey(lived):
-    """What rounds to zero has no sign that would mean less friction; tier and limit have dashes of their own."""
-    text = report_page([told(lived)])
+def test_no_figure_is_minus_zero_and_levels_differ_in_grey(lived):
+    """A figure that rounds to zero has no minus sign; the lines of tier and limit have different dashes."""
+    text = report_page([report_of(lived)])
     words = re.sub(r"<svg.*?</svg>|<style.*?</style>", "", text, flags=re.DOTALL)
     assert not re.search(r"[-\u2212]0(\.0+)?(?![\d.])", words)
     assert len(set(re.findall(r"stroke-dasharray: ([\d., ]+)", text))) >= 3  # tier, limit, P50
@@ -205,8 +205,8 @@ def test_no_figure_is_minus_nothing_and_levels_are_told_apart_in_grey(lived):
 
 
 def test_a_condition_of_the_data_claims_no_probability(lived):
-    """Its figure is 1 because it has none; and what has fallen has not risen."""
-    whole = told(lived) | {"history": []}  # nothing to draw
+    """The report gives no probability for a condition of the data, and for falling friction that of a fall."""
+    whole = report_of(lived) | {"history": []}  # without drawings, which take time
     (alert,) = whole["alerts"]
     for condition, words in (("temperature_sensor", None), ("friction_falling", "has fallen by"), ("wear_rising", "has risen by")):
         text = report_page([{**whole, "alerts": [{**alert, "condition": condition, "probability": 1.0}]}])
@@ -216,7 +216,7 @@ def test_a_condition_of_the_data_claims_no_probability(lived):
 
 
 def test_a_stop_is_in_the_file_with_who_allowed_motion_again(tmp_path):
-    """Two by hand: one looked at within the period, the other after it; until then nothing moves. Names are text, never markup."""
+    """Of two stops a person allowed motion after one within the period, after the other later; names are escaped text."""
     settings = configuration(tmp_path)
     with Store.open(settings.state_directory) as store:
         ledger = store.ledger.claim(FIRST_UNIX_S, "scheduled", FIRST_UNIX_S)
