@@ -1,4 +1,4 @@
-"""The paper on a simulated arm: a short campaign says all that a long one says, and a report can be opened anywhere."""
+"""The reproduction of the paper: what a short campaign must show, and the report that comes of it."""
 
 import dataclasses
 import json
@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("reproduce")]  #
 
 @pytest.fixture(scope="module")
 def found():
-    """A cold run, one after half an hour, short runs and little search."""
+    """The campaign with two short runs, one cold and one after half an hour, and a short search."""
     return campaign("ur5", SHORT, lambda text, share: None)
 
 
@@ -34,7 +34,7 @@ def parts(found):
 
 
 def test_what_must_agree_with_the_paper_agrees(parts):
-    """Ranks, counts, equations, signs, orders of magnitude; and at least one figure is said to have to differ."""
+    """Ranks, counts, equations, signs and orders of magnitude agree; at least one figure is marked as one that must differ."""
     checks = [check.document for section in parts for check in section.checks]
     failed = [check for check in checks if check["holds"] is False]
     assert not failed
@@ -44,15 +44,15 @@ def test_what_must_agree_with_the_paper_agrees(parts):
 
 
 def test_every_figure_and_table_of_the_paper_has_its_section(parts):
-    """Figures 1 to 9, tables 3 to 8, the appendix."""
+    """Figures 1 to 9, tables 3 to 8 and the appendix appear in the titles."""
     titles = " ".join(section.title for section in parts)
     for item in ("Figure 1", "Figure 2", "Figure 3", "Figures 4–6", "table 3", "tables 4–7", "Figure 7", "Figure 8", "Figure 9", "table 8"):
         assert item.lower() in titles.lower(), item
     assert len(next(section for section in parts if section.key == "appendix").tables[0][1].rows) == 54
 
 
-def test_a_result_that_contradicts_the_paper_is_told(found):
-    """Friction that rises with warmth, and parameters that do not carry over, are not waved through."""
+def test_a_result_that_contradicts_the_paper_fails_its_check(found):
+    """The checks fail for friction that rises with temperature, and for parameters that do not carry over to another mounting."""
     upside_down = dataclasses.replace(
         found, viscous=found.viscous[::-1], transfer={**found.transfer, "ground regressor": found.transfer["ceiling"]}
     )
@@ -61,7 +61,7 @@ def test_a_result_that_contradicts_the_paper_is_told(found):
 
 
 def test_the_page_is_one_file_that_needs_no_network(found, parts):
-    """No script, no link to another file; every figure is in it; every figure and word of a table too."""
+    """It has no script and no link to another file, and contains every drawing and table."""
     text = reproduction_page([found], {"ur5": parts}, SHORT, 1.0)
     assert not re.search(r"<script|<link|<img|url\(\s*[\"']?http|src=", text)
     assert text.count("<svg") == text.count("</svg>") == sum(len(section.drawings) for section in parts) == 7
@@ -72,7 +72,7 @@ def test_the_page_is_one_file_that_needs_no_network(found, parts):
 
 @pytest.mark.soak
 def test_the_same_seed_gives_the_same_trajectories_and_figures(found):
-    """The search, and the first replay's noise: bit for bit."""
+    """The search and the noise of the replays repeat to the last bit."""
     again = campaign("ur5", SHORT, lambda text, share: None)
     assert again.trajectories["ground"].digest == found.trajectories["ground"].digest
     assert np.array_equal(again.identified.values, found.identified.values)
@@ -81,7 +81,7 @@ def test_the_same_seed_gives_the_same_trajectories_and_figures(found):
 
 @pytest.mark.parametrize("name", sorted(paper.PRINTED))
 def test_the_appendix_of_either_arm_follows_from_its_lengths(name):
-    """Rows of A1 and A2; the UR3's second row with the erratum."""
+    """Rows of equations A1 and A2 agree with the formulas; the UR3's second row is that of the erratum."""
     robot = load_robot(name)
     terms = {next(iter(row)): row for row in base_parameters(robot, Mounting.parse("wall")).terms}
     for lead, others in paper.appendix(robot).items():
@@ -90,7 +90,7 @@ def test_the_appendix_of_either_arm_follows_from_its_lengths(name):
 
 
 def test_what_cannot_be_reproduced_is_refused_before_anything_is_played(tmp_path):
-    """A robot that the paper does not have; a file that cannot be."""
+    """A robot that the paper does not have and a file that cannot be written are refused."""
     with pytest.raises(BadInput, match="the paper has ur3 and ur5"):
         reproduce(["ur10"], SHORT, lambda *_: None)
     for path in (tmp_path / "report.pdf", tmp_path / "nowhere" / "report.html", tmp_path):
