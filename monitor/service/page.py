@@ -1,4 +1,4 @@
-"""The web page of one robot's monitor, made from its configuration, its bus and its store."""
+"""The web page of one robot's monitor, put together from its configuration, its bus and its history."""
 
 import time
 from collections.abc import Callable
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 def page(
     configuration: Configuration, bus: BusAccess, store: Store, now: Callable[[], float] = time.time
 ) -> "AbstractContextManager[PageServer | None]":
-    """The page's server while the context lasts; None where the configuration names no address.
+    """Serve the page while the context lasts; the context gives None where the configuration names no address.
 
     Raises BusError where the address is taken, BadInput where the token cannot be read.
     """
     if not configuration.page.listen:
         return nullcontext()
-    from monitor.views.web.server import PageServer  # its import costs 0.3 s, and many monitors have no page
+    from monitor.views.web.server import PageServer  # its import takes 0.3 s, and many monitors have no page
 
     token = configuration.page.token(configuration.path.parent)
     return PageServer(configuration.page, Content(store, bus, about(configuration), configuration.schedule, now), token)
 
 
 def about(configuration: Configuration) -> dict[str, Any]:
-    """Names, alert levels and conditions, and the arm's geometry, which the page draws."""
+    """What the page reads once: the robot's names, the alert levels and conditions, and the geometry of the arm."""
     who, arm, health = configuration.robot, configuration.robot_description, configuration.assess.health
     prognosis = configuration.assess.prognosis
     return {

@@ -1,4 +1,4 @@
-"""What is known of an arm now, and when it will be replayed next, as plain JSON from its history alone: no daemon is asked."""
+"""The documents of the commands `status`, `schedule` and `predict --local`, made from the history without a daemon."""
 
 from contextlib import ExitStack
 from datetime import datetime
@@ -23,12 +23,12 @@ from monitor.store.backup import present
 from monitor.store.ledger import LedgerRow
 from monitor.store.store import Store
 
-LEDGER_ROWS = 10  # windows that `status` shows, the newest ones
-WINDOWS_SHOWN = 5  # past windows that `schedule` shows
+LEDGER_ROWS = 10  # newest windows that `status` shows
+WINDOWS_SHOWN = 5  # newest past windows that `schedule` shows
 
 
 def status_document(configuration: Configuration, now_unix_s: float, why_joint: int | None = None) -> dict[str, Any]:
-    """The arm's state, friction and last windows, and how the monitor itself is.
+    """The arm's health, friction and last windows, and the monitor's own state.
 
     why_joint : 1…J adds the reasons why that joint does not alert. Raises StoreError without a history, BadInput for a joint the arm lacks.
     """
@@ -52,7 +52,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
 
 
 def schedule_document(configuration: Configuration, now_unix_s: float, count: int) -> dict[str, Any]:
-    """The next `count` windows and what became of the last ones. Raises StoreError where a history cannot be read."""
+    """The next `count` windows, and how the last ones ended. Raises StoreError where a history cannot be read."""
     settings = configuration.schedule
     with ExitStack() as stack:
         directory = configuration.state_directory
@@ -102,7 +102,7 @@ def _window(row: LedgerRow) -> dict[str, Any]:
 
 
 def _reasons(state: StoredState | None, joint: int, configuration: Configuration) -> list[str]:
-    """Why a joint (1…J) does not alert: what stands between it and the next tier."""
+    """Why a joint (1…J) has no alert, or none of a higher tier. Raises BadInput for a joint that the arm lacks."""
     if state is None:
         return ["no replay has been assessed yet"]
     health = health_from_document(state.health)

@@ -25,7 +25,7 @@ def _panels(height: float) -> "tuple[Figure, Any]":
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.6, height), layout="constrained")
-    return figure, figure.subplots(2, 3).ravel()
+    return figure, figure.subplots(2, 3).ravel()  # Any: the stubs of Axes do not accept times
 
 
 def _of_joint(report: Mapping[str, Any], joint: int) -> list[Mapping[str, Any]]:
@@ -48,7 +48,7 @@ def friction_over_time_caption(report: Mapping[str, Any]) -> str:
     return text
 
 
-def single_replay_change(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
+def single_replay_change(rows: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
     """Change of friction [%] that each replay shows by itself, relative to the unworn friction of its day, and its std; both (N,).
 
     NaN where the history does not have it.
