@@ -13,13 +13,14 @@ import jsonschema
 import pytest
 import zenoh
 from command_line import program
+from excitations import short
+from sim_process import Spawned, eventually
 from typer.testing import CliRunner
 
 from monitor.cli.main import app
 from monitor.errors import MotionRefused
 from monitor.publish.registry import schema
 from monitor.publish.session import session_config
-from monitor.simulate.remote import Remote
 from monitor.store.recordings import read_recording
 from monitor.store.store import Store
 
@@ -29,22 +30,18 @@ pytestmark = pytest.mark.xdist_group("commands_motion")
 
 @pytest.fixture(scope="module")
 def remote():
-    simulator = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", HOST], stdout=subprocess.PIPE, text=True)
+    """A simulated UR5."""
+    spawned = Spawned(HOST)
     try:
-        assert "listening" in simulator.stdout.readline()
-        with Remote(HOST) as remote:
+        with spawned.remote() as remote:
             yield remote
     finally:
-        simulator.terminate()
-        simulator.wait(timeout=10)
+        spawned.end()
 
 
 @pytest.fixture
 def config(tmp_path: Path, free_port: int):
     """Writes a configuration; keyword arguments replace or add lines of [replay]."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))
-    from excitations import short
-
     (tmp_path / "short.json").write_text(json.dumps(short().as_document()))
 
     def write(robot: str = "", **replay: object) -> Path:
@@ -296,15 +293,6 @@ def test_the_cells_own_program_permits_over_zenoh(remote, config, answer, code):
     assert asked[0]["robot"] == "ur5"
     assert asked[0]["duration_s"] == pytest.approx(3.0)
     assert code == 0 or "the press is open" in done[0].stderr
-
-
-def eventually(condition, within_s: float) -> bool:
-    deadline = time.monotonic() + within_s
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.02)
-    return condition()
 
 
 def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_needs_none(remote, config):
