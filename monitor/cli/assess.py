@@ -66,7 +66,7 @@ def _series(
     """The recordings with the arm, its mounting and the settings: from the configuration, or from the options. Raises BadInput."""
     from monitor.assess import AssessSettings
     from monitor.model.robot import Mounting
-    from monitor.store import identify_files as offline
+    from monitor.store import identify_files
     from monitor.store.series import Series
 
     configuration = None
@@ -74,16 +74,16 @@ def _series(
         if robot is not None:
             raise BadInput("--config and --robot are both given; expected one of them")
         configuration = load_configuration(config)
-        arm, settings, standing = configuration.robot_description, configuration.assess, configuration.mounting
+        arm, settings, attitude = configuration.robot_description, configuration.assess, configuration.mounting
     else:
-        arm, settings, standing = offline.arm(robot, None), AssessSettings(), Mounting()
+        arm, settings, attitude = identify_files.arm(robot, None), AssessSettings(), Mounting()
     joint_gains = optional_figures(gains, "--gains", arm.joints)
     if joint_gains is None and configuration is not None:
         joint_gains = configuration.gains_nm_per_a
     if mounting is not None:
-        standing = Mounting.parse(mounting)
-        entries = [entry._replace(mounting=entry.mounting or standing) for entry in entries]  # the option holds for every file
-    return Series(entries=entries, robot=arm, mounting=standing, columns=columns, gains=joint_gains, settings=settings)
+        attitude = Mounting.parse(mounting)
+        entries = [entry._replace(mounting=entry.mounting or attitude) for entry in entries]  # the option holds for every file
+    return Series(entries=entries, robot=arm, mounting=attitude, columns=columns, gains=joint_gains, settings=settings)
 
 
 def rehearse(

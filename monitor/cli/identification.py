@@ -65,19 +65,19 @@ def identify(
 ) -> None:
     """Recordings → base parameters, friction, fit; each with its uncertainty."""
     from monitor.model.robot import Mounting
-    from monitor.store import identify_files as offline
+    from monitor.store import identify_files
     from monitor.views.terminal.identification import print_identification
     from monitor.views.terminal.progress import status as status_line
 
-    arm = offline.arm(robot, urdf)
+    arm = identify_files.arm(robot, urdf)
     if plot is not None:
         from monitor.views.plots.picture import check_target
 
         check_target(plot)
     if export is not None:
-        offline.check_export(export, method)
+        identify_files.check_export(export, method)
     pair = _payload_pair(payload_pair, payload, payload_com, payload_std)
-    request = offline.Request(
+    request = identify_files.Request(
         files=files,
         robot=arm,
         mounting=Mounting.parse(mounting),
@@ -91,11 +91,11 @@ def identify(
         loaded=loaded or [],
     )
     with status_line(f"identifying {arm.name} from {', '.join(path.name for path in files)}"):
-        outcome = offline.identify_files(request)
+        outcome = identify_files.identify_files(request)
     if plot is not None:
         _plot_residuals(plot, outcome.identification, arm, outcome.held_out or outcome.recordings, outcome.gains)
     if export is not None:
-        offline.export(export, outcome.identification)
+        identify_files.export(export, outcome.identification)
     if as_json:
         print_json(outcome.document)
     else:
@@ -104,7 +104,7 @@ def identify(
 
 def _payload_pair(file: Path | None, payload_kg: float | None, com: str | None, std_kg: float) -> "PayloadPair | None":
     """The recording with a known mass, and that mass; None where no such recording is given. Raises BadInput."""
-    from monitor.store import identify_files as offline
+    from monitor.store import identify_files
 
     if (file is None) != (payload_kg is None):
         raise BadInput("--payload-pair FILE and --payload KILOGRAMS belong together; one of them is missing")
@@ -113,7 +113,7 @@ def _payload_pair(file: Path | None, payload_kg: float | None, com: str | None, 
     if file is None or payload_kg is None:
         return None
     com_m = (0.0, 0.0, 0.0) if com is None else tuple(figures(com, "--payload-com", 3, "coordinates").tolist())
-    return offline.PayloadPair(file=file, payload_kg=payload_kg, com_m=com_m, std_kg=std_kg)
+    return identify_files.PayloadPair(file=file, payload_kg=payload_kg, com_m=com_m, std_kg=std_kg)
 
 
 def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: "Array | None") -> None:
@@ -142,10 +142,10 @@ def base(
     """What is identifiable: rank, base parameters, their symbolic combinations, and which parameters one may quote."""
     from monitor.model.identifiable import base_document
     from monitor.model.robot import Mounting
-    from monitor.store import identify_files as offline
+    from monitor.store import identify_files
     from monitor.views.terminal.identification import print_base
 
-    document = base_document(offline.arm(robot, urdf), Mounting.parse(mounting), frames)
+    document = base_document(identify_files.arm(robot, urdf), Mounting.parse(mounting), frames)
     if as_json:
         print_json(document)
     else:
@@ -173,17 +173,17 @@ def energy(
     from monitor.identify.energy import energy_along, path_of_excitation, path_of_recording
     from monitor.model.energy import BodyRegion
     from monitor.model.robot import Mounting
-    from monitor.store import identify_files as offline
+    from monitor.store import identify_files
     from monitor.views.terminal.identification import print_energy
     from monitor.views.terminal.progress import status as status_line
 
-    arm = offline.arm(robot, urdf)
+    arm = identify_files.arm(robot, urdf)
     regions = [BodyRegion.parse(text) for text in limit or []]
     joint_gains = optional_figures(gains, "--gains", arm.joints)
-    recordings = offline.named_recordings(files, columns)
+    recordings = identify_files.named_recordings(files, columns)
     path: EnergyPath
     if along is None or Path(along).suffix in {".csv", ".parquet"}:
-        path = path_of_recording(recordings[0] if along is None else offline.named_recordings([Path(along)], columns)[0], arm)
+        path = path_of_recording(recordings[0] if along is None else identify_files.named_recordings([Path(along)], columns)[0], arm)
     else:
         from monitor.config.files import find_excitation
 
