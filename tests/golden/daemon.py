@@ -32,7 +32,18 @@ FIRST, THEN = 15, 24  # replays until which the history is written, until which 
 LATER_UNIX_S = WORLD.at_unix_s(60)
 MARKER, MARKER_KIND = "golden/marker", "replay"
 PATIENCE_S = 120.0
-STATIC = ("page.css", "page.js", "arm.js", "charts.js", "uPlot.iife.min.js", "uPlot.min.css", "uPlot.LICENSE.txt", "icon.svg")
+STATIC = (
+    "page.css",
+    "elements.js",
+    "controls.js",
+    "page.js",
+    "arm.js",
+    "charts.js",
+    "uPlot.iife.min.js",
+    "uPlot.min.css",
+    "uPlot.LICENSE.txt",
+    "icon.svg",
+)
 
 
 class Record:
