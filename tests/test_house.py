@@ -1,14 +1,22 @@
 """The map in `monitor/__init__.py` against the linter's contracts and the folder itself."""
 
+import ast
 import re
 import tomllib
 from pathlib import Path
+
+import pytest
 
 import monitor
 
 ROOT = Path(__file__).parents[1]
 CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
 MAP = re.findall(r"^    (\w+) +(∘ )?(\S.*)$", monitor.__doc__.partition("only copy")[2], re.MULTILINE)
+
+FORBIDDEN_NAMES = {"open", "print", "input", "exec", "eval", "__import__"}
+FORBIDDEN_METHODS = {"read_text", "write_text", "read_bytes", "write_bytes", "tofile"}
+FORBIDDEN_OF_NUMPY = {"save", "savez", "savez_compressed", "savetxt", "load", "loadtxt", "genfromtxt", "fromfile", "memmap"}
+GENERATORS = {"default_rng", "Generator", "BitGenerator", "SeedSequence", "PCG64", "Philox"}  # of np.random: they have a state of their own
 
 
 def contract(kind, word=""):
@@ -38,7 +46,71 @@ def test_the_map_stands_in_the_order_of_the_layers():
 
 def test_the_rooms_marked_pure_are_those_that_the_linter_holds_pure():
     """The circle in the map and the contract's sources."""
-    assert {name for name, pure, _ in MAP if pure} == set(rooms(contract("forbidden", "pure")["source_modules"]))
+    pure = contract("forbidden", "pure")
+    assert {name for name, circle, _ in MAP if circle} == set(rooms(pure["source_modules"]))
+    assert pure["ignore_imports"] == ["monitor.model.robot -> importlib"]
+
+
+def modules(room):
+    path = ROOT / "monitor" / room
+    return sorted(path.rglob("*.py")) if path.is_dir() else [path.with_suffix(".py")]
+
+
+def forbidden_calls(text):
+    """What a pure room must not do although it imports nothing for it: files, the terminal, the clock, chance without a seed."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        name = ast.unparse(node) if isinstance(node, ast.Attribute) else ""
+        owner, _, last = name.rpartition(".")
+        if owner in {"np.random", "numpy.random"} and last not in GENERATORS:
+            found.append(name)
+        if not isinstance(node, ast.Call):
+            continue
+        call = ast.unparse(node.func)
+        owner, _, last = call.rpartition(".")
+        first = ast.unparse(node.args[0]) if node.args else ""
+        unseeded = last == "default_rng" and ((not node.args and not node.keywords) or first == "None")
+        reads_clock = last == "datetime64" and first in {"'now'", "'today'"}
+        of_numpy = owner in {"np", "numpy"} and last in FORBIDDEN_OF_NUMPY
+        if call in FORBIDDEN_NAMES or (owner and last in FORBIDDEN_METHODS) or unseeded or reads_clock or of_numpy:
+            found.append(ast.unparse(node))
+    return found
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "open('a')", "print(1)", "input()", "exec('')", "eval('1')", "__import__('os')", "path.read_text('utf-8')", "path.write_bytes(b'')",
+        "np.save('a', x)", "np.load('a')", "np.loadtxt('a')", "x.tofile('a')", "np.fromfile('a')", "np.random.default_rng()",
+        "default_rng(None)", "np.random.normal(size=3)", "np.random.seed(1)", "np.datetime64('now')",
+    ],
+)  # fmt: skip
+def test_the_check_of_pure_rooms_finds_what_it_forbids(text):
+    """One call of each kind."""
+    assert forbidden_calls(text)
+
+
+@pytest.mark.parametrize("room", [name for name, pure, _ in MAP if pure])
+def test_a_pure_room_calls_nothing_impure(room):
+    """`model.robot` alone reads a file: the packaged data of a robot."""
+    found = {path.relative_to(ROOT / "monitor").as_posix(): forbidden_calls(path.read_text("utf-8")) for path in modules(room)}
+    packaged = found.pop("model/robot.py", [])
+    assert not any(found.values()), found
+    assert all(call.startswith("files('monitor.model.robots')") for call in packaged)
+
+
+def test_the_simulator_imports_nothing_by_a_name_made_at_run_time():
+    """The linter cannot see such an import, so it could reach the monitor's model."""
+    for path in modules("simulate"):
+        text = path.read_text("utf-8")
+        assert not re.search(r"import_module|__import__|runpy|\b(exec|eval)\(", text), path
+
+
+def test_the_simulator_knows_of_the_model_only_robots_and_trajectories():
+    """Every other module of `model` is forbidden to it, so that it computes forces by its own equations."""
+    known = {"robot", "fourier", "__init__"}
+    others = {f"monitor.model.{path.stem}" for path in modules("model") if path.stem not in known}
+    assert others <= set(contract("forbidden", "simulator")["forbidden_modules"])
 
 
 def test_the_linter_refuses_circles_everywhere():

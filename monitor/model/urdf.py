@@ -7,7 +7,6 @@ Writing: link frame i is DH frame i−1 turned by qᵢ, so every joint turns abo
 
 import math
 from dataclasses import dataclass, field
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -34,21 +33,6 @@ class _Body:
     mass_kg: float = 0.0
     first_kg_m: Array = field(default_factory=lambda: np.zeros(3))
     second_kg_m2: Array = field(default_factory=lambda: np.zeros((3, 3)))  # (3, 3) ∫ x xᵀ dm
-
-
-def robot_from_urdf(path: str | Path) -> Robot:
-    """The arm in a URDF file, as `robot_from_urdf_text` reads it.
-
-    Raises BadInput where the file is missing or unreadable, or is not one serial arm of 1 to 8 turning joints.
-    """
-    path = Path(path)
-    try:
-        text = path.read_text("utf-8")
-    except FileNotFoundError:
-        raise BadInput(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as wrong:
-        raise BadInput(f"{path}: cannot be read: {wrong}") from None
-    return robot_from_urdf_text(text, str(path))
 
 
 def robot_from_urdf_text(text: str, source: str = "URDF") -> Robot:

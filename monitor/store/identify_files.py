@@ -69,9 +69,24 @@ def arm(robot: str | None, urdf: Path | None) -> Robot:
         raise BadInput(f"{'neither' if robot is None else 'both'} of --robot and --urdf given; expected one of them")
     if robot is not None:
         return _from_toml(Path(robot)) if robot.endswith(".toml") else load_robot(robot)
-    from monitor.model.urdf import robot_from_urdf
-
     return robot_from_urdf(str(urdf))
+
+
+def robot_from_urdf(path: str | Path) -> Robot:
+    """The arm in a URDF file, as `robot_from_urdf_text` reads it.
+
+    Raises BadInput where the file is missing or unreadable, or is not one serial arm of 1 to 8 turning joints.
+    """
+    from monitor.model.urdf import robot_from_urdf_text
+
+    path = Path(path)
+    try:
+        text = path.read_text("utf-8")
+    except FileNotFoundError:
+        raise BadInput(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as wrong:
+        raise BadInput(f"{path}: cannot be read: {wrong}") from None
+    return robot_from_urdf_text(text, str(path))
 
 
 def _from_toml(path: Path) -> Robot:

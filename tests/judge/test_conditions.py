@@ -1,13 +1,14 @@
 """One record is enough for a further alert condition: rules, schema, texts, page and documentation read it."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from synthetic_arm import Arm, History
 
-from monitor.judge.alerts.condition import AlertCondition, AlertTier, repeated
+from monitor.judge.alerts.condition import AlertCondition, AlertTier, Rule, repeated
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.documents import alert_document, health_from_document
 from monitor.judge.alerts.health import TIERS
@@ -111,3 +112,22 @@ def test_every_record_is_complete(condition):
         if rule is not None and rule.shows is not None:
             assert tiers == ["advisory"]
     assert replace(condition, joint=None, arm=None).raised_by_service
+
+
+@pytest.mark.parametrize(
+    ("record", "says"),
+    [
+        ({"name": ""}, "name is empty"),
+        ({"tiers": ("grave",)}, "unknown tiers ['grave']; expected some of advisory, wear, limit"),
+        ({"tiers": ("wear", "advisory")}, "tiers in the order wear, advisory; expected the order advisory, wear, limit"),
+        ({"tiers": ("wear",)}, "raises advisory, which its tiers ['wear'] do not have"),
+        ({"tiers": ("advisory", "wear"), "joint": Rule(lambda *_: None, raises=TIERS)}, "raises limit, which its tiers"),
+        ({"tiers": (), "joint": None}, "raises advisory, which its tiers [] do not have"),
+    ],
+)
+def test_a_record_whose_first_alert_would_fail_is_refused_when_it_is_made(record, says):
+    """The message names the condition and what is wrong."""
+    tier = OVERHEATED.tiers["advisory"]
+    change = {**record, **({"tiers": dict.fromkeys(record["tiers"], tier)} if "tiers" in record else {})}
+    with pytest.raises(ValueError, match=re.escape(says)):
+        replace(OVERHEATED, **change)

@@ -13,7 +13,8 @@ from monitor.errors import BadInput
 from monitor.model.base import base_parameters
 from monitor.model.regressor import regressor
 from monitor.model.robot import Mounting, load_robot, robot_names
-from monitor.model.urdf import robot_from_urdf, robot_from_urdf_text, urdf_text
+from monitor.model.urdf import robot_from_urdf_text, urdf_text
+from monitor.store.identify_files import robot_from_urdf
 
 INERTIAL = '<inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass value="{mass}"/><inertia {tensor}/></inertial>'
 

@@ -8,7 +8,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from monitor.judge.alerts.evidence import Evidence
-from monitor.judge.alerts.health import Alert, Attribution, Confirmations, JointHealth
+from monitor.judge.alerts.health import TIERS, Alert, Attribution, Confirmations, JointHealth
 from monitor.judge.alerts.ne107 import State
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
@@ -78,6 +78,7 @@ class Rule(Generic[Situation]):
 
     status: Callable[[Situation, Confirmations], ConditionStatus | None]  # after so many confirmations; None: the alert stays as it is
     shows: Callable[[Situation], bool] | None = None  # whether this replay confirms the condition; None: the rule needs no count of replays
+    raises: tuple[str, ...] = ("advisory",)  # the tiers to which the rule may raise the alert
 
 
 def repeated(
@@ -109,13 +110,31 @@ class AlertTier(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AlertCondition:
-    """Everything that is known of one alert condition: rules, texts, page, metrics and documentation read this record."""
+    """Everything that is known of one alert condition: rules, texts, page, metrics and documentation read this record.
+
+    `name` is the condition's key in `CONDITIONS`, in alerts, on the bus and in the history. `tiers` has the tier names of `health.TIERS`
+    (advisory, wear, limit) in that order: every tier that a rule raises, and at least one. The service raises its own conditions as an
+    advisory. Raises ValueError naming the condition where a record breaks this.
+    """
 
     name: str
-    tiers: Mapping[str, AlertTier]  # by the name of the tier, in ascending order; names are those of `health.TIERS`
+    tiers: Mapping[str, AlertTier]  # by the name of the tier, in ascending order
     joint: Rule[JointSituation] | None = None  # how the condition of a joint is raised
     arm: Rule[ArmSituation] | None = None  # how the condition of the arm is raised; neither: the service itself raises it
     probability_of: str | None = None  # what the friction does with the alert's probability; None: the alert is not of friction
+
+    def __post_init__(self) -> None:
+        """Refuses a record whose first alert would fail."""
+        if not self.name:
+            raise ValueError("alert condition: its name is empty; expected the key of the condition, e.g. 'data_quality'")
+        names = tuple(self.tiers)
+        if unknown := [name for name in names if name not in TIERS]:
+            raise ValueError(f"alert condition {self.name!r}: unknown tiers {unknown}; expected some of {', '.join(TIERS)}")
+        if list(names) != sorted(names, key=TIERS.index):
+            raise ValueError(f"alert condition {self.name!r}: tiers in the order {', '.join(names)}; expected the order {', '.join(TIERS)}")
+        rules = [rule.raises for rule in (self.joint, self.arm) if rule is not None] or [("advisory",)]
+        if missing := [name for name in TIERS if any(name in raises for raises in rules) and name not in names]:
+            raise ValueError(f"alert condition {self.name!r}: raises {', '.join(missing)}, which its tiers {list(names)} do not have")
 
     @property
     def raised_by_service(self) -> bool:

@@ -16,7 +16,7 @@ from monitor.judge.alerts.condition import (
     repeated,
     two_replays,
 )
-from monitor.judge.alerts.health import Confirmations
+from monitor.judge.alerts.health import TIERS, Confirmations
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
@@ -161,7 +161,7 @@ CONDITIONS: dict[str, AlertCondition] = {
     for condition in (
         AlertCondition(
             name=WEAR_RISING,
-            joint=Rule(partial(_rising, WEAR_RISING)),
+            joint=Rule(partial(_rising, WEAR_RISING), raises=TIERS),
             probability_of=HAS_RISEN,
             tiers={
                 "advisory": AlertTier(NORMAL, "Nothing yet: watch this joint.", "friction rose by 1 % or more, with sufficient evidence"),
@@ -179,7 +179,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name=SUDDEN_STEP,
-            joint=Rule(partial(_rising, SUDDEN_STEP)),
+            joint=Rule(partial(_rising, SUDDEN_STEP), raises=TIERS),
             probability_of=HAS_RISEN,
             tiers={
                 "advisory": AlertTier(
