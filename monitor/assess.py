@@ -1,4 +1,4 @@
-"""Recording and belief → assessment: the whole flow as one function, which the daemon, the commands, the tests and the studies call."""
+"""Recording and belief → assessment: the whole flow as one function, for the daemon, the commands and the torque study."""
 
 import math
 from dataclasses import dataclass, field, replace

@@ -1,17 +1,26 @@
-"""Writes the generated pages docs/configuration.md and docs/commands.md, and the table of docs/alerts.md. `make docs` runs it."""
+"""Writes the generated pages docs/configuration.md and docs/commands.md, and the tables of docs/alerts.md and docs/bus.md.
+
+`make docs` runs it. It describes the monitor of its own checkout, whichever one is installed.
+"""
 
 import dataclasses
+import itertools
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import typer.main
 from annotated_types import Interval
+from pydantic import BaseModel
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.publish.registry import KINDS, Delivery
 
 DOCS = Path(__file__).parents[1]
 REFERENCE = DOCS.parent / "config" / "monitor.toml"
@@ -27,8 +36,9 @@ One TOML file describes one robot. It needs `model`, `site` and `id` of `[robot]
 - `"credential:NAME"` as a value reads a secret that the service manager provides.
 - Paths are relative to the configuration file.
 
-The column *allowed* gives the type and, where there is one, the range. Brackets are those of mathematics: `[0, 1]` includes its
-ends, `(0, 1)` does not.
+The column *allowed* gives the type and, where the type declares one, the range. Brackets are those of mathematics: `[0, 1]` includes
+its ends, `(0, 1)` does not. Some values are checked further, for example against each other or against the robot; a refusal then says
+what was expected.
 """
 COMMANDS_HEAD = """# Commands
 
@@ -137,22 +147,55 @@ def commands_page() -> str:
 
 def alerts_page() -> str:
     """docs/alerts.md with its table of conditions from their records."""
-    text = (DOCS / "alerts.md").read_text("utf-8")
     rows = [
         f"| `{name}` | {tier} | `{of.state}` | {_cell(of.meaning)} | {_cell(of.advice)} |\n"
         for name, condition in CONDITIONS.items()
         for tier, of in condition.tiers.items()
     ]
-    table = "| condition | tier | state | raised when | what to do |\n|---|---|---|---|---|\n" + "".join(rows)
-    return re.sub(r"\| condition \| tier \|[^\n]*\n(\|[^\n]*\n)*", lambda _: table, text, count=1)
+    return _with_table((DOCS / "alerts.md").read_text("utf-8"), "| condition | tier | state | raised when | what to do |", rows)
+
+
+def bus_page() -> str:
+    """docs/bus.md with its tables of keys and of deliveries from the registry of documents."""
+    keys = [
+        f"| {_keys(kind.keys)} | `{name}` | {_words(kind.delivery)} | {_first_line(kind.model)} | {_cell(kind.when)} |\n"
+        for name, kind in KINDS.items()
+    ]
+    deliveries = [f"| {_words(delivery)} | {_cell(delivery.value)} |\n" for delivery in Delivery]
+    text = _with_table((DOCS / "bus.md").read_text("utf-8"), "| key | kind | delivery | content | when |", keys)
+    return _with_table(text, "| delivery | how it travels |", deliveries)
+
+
+def _words(delivery: Delivery) -> str:
+    return delivery.name.lower().replace("_", " ")
+
+
+def _keys(keys: tuple[str, ...]) -> str:
+    """The keys of a kind as code: `joint/<joint>/friction`."""
+    return ", ".join(f"`{key.replace('{', '<').replace('}', '>')}`" for key in keys) or "error reply"
+
+
+def _first_line(model: type[BaseModel]) -> str:
+    """The first line of the docstring of a document's type."""
+    return _cell((model.__doc__ or "").strip().splitlines()[0])
+
+
+def _with_table(text: str, head: str, rows: list[str]) -> str:
+    """A page whose table with this head has these rows. Raises ValueError unless there is exactly one."""
+    table = f"{head}\n{'|---' * (head.count('|') - 1)}|\n{''.join(rows)}"
+    replaced, count = re.subn(rf"^{re.escape(head)}\n(\|[^\n]*\n)*", lambda _: table, text, flags=re.MULTILINE)
+    if count != 1:
+        raise ValueError(f"{count} tables have the head {head!r}; expected one")
+    return replaced
 
 
 def _cell(text: str) -> str:
-    """Text for a cell of a table: a bar would end it, and a star or a bracket would be markup."""
-    return re.sub(r"([|*<\[\]])", r"\\\1", " ".join(text.split()))
+    """Text for a cell of a table: a bar would end it, and a star or a bracket would be markup where it is not code."""
+    parts = " ".join(text.replace("|", "\\|").split()).split("`")
+    return "`".join(part if code else re.sub(r"([*<\[\]])", r"\\\1", part) for code, part in zip(itertools.cycle((False, True)), parts))
 
 
-PAGES = {"configuration.md": configuration_page, "commands.md": commands_page, "alerts.md": alerts_page}
+PAGES = {"configuration.md": configuration_page, "commands.md": commands_page, "alerts.md": alerts_page, "bus.md": bus_page}
 
 
 def main() -> None:

@@ -28,7 +28,8 @@ MountingOrNoneOption = Annotated[str | None, typer.Option(help="ground, ceiling,
 ColumnsOption = Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)]
 GainsOption = Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {FIGURES_HELP}.", show_default=False)]
 FilesArgument = Annotated[list[Path] | None, typer.Argument(metavar="[FILE…]", help="Recordings of one arm.", show_default=False)]
-ManifestOption = Annotated[Path | None, typer.Option(help="CSV: file, recorded_at[, payload_kg, mounting, note].", show_default=False)]
+MANIFEST_HELP = "CSV: file, recorded_at[, payload_kg, mounting, note, maintenance, joint_serials, revolutions]."
+ManifestOption = Annotated[Path | None, typer.Option(help=MANIFEST_HELP, show_default=False)]
 IntervalOption = Annotated[str | None, typer.Option(help="Files say no time: they are so far apart, e.g. 1d.", show_default=False)]
 RecordingOutputOption = Annotated[Path, typer.Option("--output", "-o", help="Where the recording goes (Parquet).", show_default=False)]
 ReportOutputOption = Annotated[Path | None, typer.Option("--output", "-o", help="The report (.html), one file.", show_default=False)]

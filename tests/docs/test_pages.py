@@ -5,6 +5,7 @@ import importlib
 import re
 import shutil
 import tomllib
+from pathlib import Path
 
 import pytest
 import typer.main
@@ -200,15 +201,48 @@ def test_every_python_example_compiles_and_its_imports_of_ours_exist():
                 assert all(hasattr(importlib.import_module(node.module), each.name) for each in node.names)
 
 
+def messages(module):
+    """A pattern of each message that a module logs."""
+    calls = [node for node in ast.walk(ast.parse(Path(importlib.import_module(module).__file__).read_text("utf-8"))) if is_log_call(node)]
+    texts = [part.value for call in calls for part in ast.walk(call) if isinstance(part, ast.Constant) and isinstance(part.value, str)]
+    return [re.compile(re.sub(r"%[.\d]*[a-z]", ".*", re.escape(text))) for text in texts if re.search(r"[a-z]{3}", text)]
+
+
+def is_log_call(node):
+    """Whether it is a call like `log.info(…)`."""
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and ast.unparse(node.func.value) == "log"
+
+
 def test_every_logger_and_folder_of_a_page_exists():
-    """Lines of the log name modules of today; so does whatever is called `folder/name`."""
+    """The module that a line of the log names contains the line's text; whatever is called `folder/name` exists."""
+    shown_lines = 0
     for page, text in PAGES.items():
-        for name in re.findall(r"^(?:INFO|WARNING) (monitor[\w.]+)", text, re.MULTILINE):
-            importlib.import_module(name)
+        for name, line in re.findall(r"^(?:INFO|WARNING) (monitor[\w.]+) (.+)$", text, re.MULTILINE):
+            shown_lines += 1
+            assert any(pattern.fullmatch(line) for pattern in messages(name)), f"{page}: {name} logs no line like {line!r}"
         if page in GENERATED or page == "docs/CHANGELOG.md":
             continue
         for name in re.findall(r"`((?:monitor|config|deploy|tests|docs)/[\w./@-]*)`", text):
             assert (ROOT / name).exists(), f"{page}: {name}"
+    assert shown_lines >= 6
+
+
+@pytest.mark.parametrize("page", sorted(PAGES))
+def test_no_section_of_a_page_is_empty(page):
+    """Below each heading stands a text, or a heading of a lower level."""
+    bare = re.sub(r"^ *```.*?^ *```$", "block", PAGES[page], flags=re.MULTILINE | re.DOTALL)
+    parts = re.split(r"^(#+) (.+)$", bare, flags=re.MULTILINE)[1:]
+    headings = list(zip(parts[::3], parts[1::3], parts[2::3], [*parts[3::3], "#"], strict=True))
+    assert headings
+    assert [title for level, title, text, after in headings if not text.strip() and len(after) <= len(level)] == []
+
+
+def test_published_names_that_differ_from_the_pages_terms_exist():
+    """Each name of the table stands in the code or in the reference configuration."""
+    names = first_cells(section("docs/bus.md", "Published names and the terms of these pages"))
+    assert len(names) > 10
+    source = "\n".join(path.read_text("utf-8") for path in (*PACKAGE.rglob("*.py"), ROOT / "config" / "monitor.toml"))
+    assert [name for name in names if not re.search(rf"\b{name}\b", source)] == []
 
 
 def test_the_readme_is_short_and_leads_on():

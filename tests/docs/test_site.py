@@ -12,11 +12,11 @@ SITE = ROOT / "docs" / "site"
 
 
 def test_the_generated_pages_are_those_that_the_code_generates():
-    """Every key of the configuration, every command with its options, every alert condition. To repair: `make docs`."""
+    """Keys of the configuration, commands with their options, alert conditions, kinds of documents. To repair: `make docs`."""
     spec = importlib.util.spec_from_file_location("docs_reference", SITE / "reference.py")
     reference = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(reference)
-    assert set(reference.PAGES) == {"alerts.md", "configuration.md", "commands.md"}
+    assert set(reference.PAGES) == {"alerts.md", "bus.md", "configuration.md", "commands.md"}
     for name, page in reference.PAGES.items():
         assert (ROOT / "docs" / name).read_text("utf-8") == page(), f"docs/{name} is not of today: run `make docs`"
 
