@@ -169,7 +169,7 @@ def test_the_published_law_is_the_one_from_which_torque_is_predicted():
     assert all(told.viscous_by_temperature == () for told in History().add(0, unseen).temperature)
 
 
-def test_an_alert_document_says_whether_it_is_active():
+def test_an_alert_document_states_whether_it_is_active():
     """It has the joint counted from 1, the tier, and the evidence in words."""
     history = lived(40, seed=0, noise=0.005, wear=lambda day: on_joint_3(0.12 * (day >= 30)))
     [alert] = history.health.active_alerts

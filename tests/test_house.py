@@ -122,7 +122,7 @@ def test_the_linter_refuses_circles_everywhere():
     assert not importlinter.get("exclude_type_checking_imports", False)
 
 
-def test_every_room_says_in_one_line_what_it_is():
+def test_every_room_has_a_docstring():
     """Each folder of Python modules has a docstring."""
     for face in (ROOT / "monitor").rglob("__init__.py"):
         assert face.read_text("utf-8").startswith('"""'), face

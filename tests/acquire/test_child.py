@@ -83,7 +83,7 @@ def test_a_controller_that_is_not_the_one_expected_is_refused_before_anything_st
     assert children() == []
 
 
-def test_a_listener_waits_longer_after_each_failure_and_says_why():
+def test_a_listener_waits_longer_after_each_failure_and_reports_why():
     """The pauses between two child processes grow."""
     listener = Listener(ListenSettings(host="127.0.2.4", first_pause_s=0.2, longest_pause_s=10.0))
     seen, until = set(), time.monotonic() + 4.0

@@ -13,7 +13,7 @@ STREAM = row_frame(ROW) + message_frame("phase", {"phase": "play", "duration_s":
 
 
 @given(cuts=st.lists(st.integers(0, len(STREAM)), max_size=8))
-def test_frames_come_out_as_they_went_in_however_their_bytes_are_cut(cuts):
+def test_frames_are_the_same_after_any_split_of_their_bytes(cuts):
     """An incomplete frame waits for the rest of its bytes."""
     reader, found = FrameReader(), []
     ends = [*sorted(cuts), len(STREAM)]

@@ -25,12 +25,12 @@ NOON = 1_767_614_400.0  # 2026-01-05 12:00 UTC
 SIMULATED = ReplaySettings(host="127.0.0.1", allow_motion=True)
 
 
-def test_a_sound_excitation_may_be_played_on_a_simulated_arm():
+def test_a_valid_excitation_may_be_played_on_a_simulated_arm():
     """Without this, a guard that refuses everything would pass the tests below."""
     guard.check_all(SIMULATED, short(), load_robot("ur5"))
 
 
-def test_motion_is_off_unless_somebody_turned_it_on():
+def test_motion_is_off_by_default():
     """By default allow_motion is false, and every motion is refused."""
     with pytest.raises(MotionRefused, match="allow_motion is false"):
         guard.check_all(ReplaySettings(host="127.0.0.1"), short(), load_robot("ur5"))
@@ -44,7 +44,7 @@ def test_only_true_itself_allows_motion(truthy):
 
 
 @pytest.mark.parametrize("host", ["localhost", "ur5.local", "0.0.0.0", "8.8.8.8", "127.0.0.1.example.org", "::1", "127.1", "", "224.0.0.1"])
-def test_only_a_literal_address_near_by_may_be_moved(host):
+def test_motion_is_allowed_only_at_a_literal_address_of_the_local_network(host):
     """A name may come to mean another machine, so even localhost is refused; public addresses are refused too."""
     with pytest.raises(MotionRefused, match=r"address: .*address"):
         guard.check_quick(replace(SIMULATED, host=host, cell=plain_cell(Mounting())), short(), load_robot("ur5"))
@@ -240,7 +240,7 @@ def test_the_tilt_of_the_base_is_found_in_any_pose(q, tilt, about):
     assert tilt_deg(load_robot("ur5"), Mounting(yaw_rad=0.3), q, measured) == pytest.approx(expected, abs=1e-4)
 
 
-def test_a_base_that_hangs_otherwise_than_configured_is_refused():
+def test_a_mounting_other_than_the_configured_one_is_refused():
     """5° are allowed: 3° pass, 7° do not."""
     for degrees, holds in ((3.0, True), (7.0, False)):
         measured = upright(ready_state().q, Mounting(roll_rad=np.radians(degrees)))
@@ -285,7 +285,7 @@ def test_a_motion_must_end_before_its_window_does():
     "wrong",
     [{"windows_utc": ("22-5",)}, {"windows_utc": ("25:00-26:00",)}, {"permit": "maybe"}, {"permit": "digital_input:18"}],
 )
-def test_a_window_or_permit_that_is_none_is_refused(wrong):
+def test_an_invalid_window_or_permit_is_refused(wrong):
     """The message says what would be right."""
     with pytest.raises(BadInput, match="expected"):
         replace(SIMULATED, **wrong)

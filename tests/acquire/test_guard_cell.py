@@ -46,7 +46,7 @@ def test_a_trajectory_without_a_proof_is_refused_where_a_cell_is_known():
     guard.check_all(replace(SETTINGS, cell=None), short(), UR5)
 
 
-def test_a_trajectory_that_was_changed_by_hand_is_found_out():
+def test_a_trajectory_that_was_changed_by_hand_is_detected():
     """The proof is repeated: with twice the swing of the elbow the arm collides with itself, although the file says it is clear."""
     a, b = GROUND.a_rad_s.copy(), GROUND.b_rad_s.copy()
     offset = GROUND.offset_rad + np.array([0.0, 0.9, 0.0, 0.0, 0.0, 0.0])
@@ -68,7 +68,7 @@ def configured(folder: Path, **replay: object):
     return from_document({"robot": {"model": "ur5", "site": "lab", "id": "a"}, "replay": replay}, folder / "monitor.toml")
 
 
-def test_the_configuration_names_the_cell_and_the_pace(tmp_path: Path):
+def test_the_configuration_names_the_cell_and_the_speed_of_first_passes(tmp_path: Path):
     """The cell is the plain one by default, or a file's; it is unchecked only by that word. First passes are as slow as configured."""
     assert configured(tmp_path).replay.cell == PLAIN
     assert configured(tmp_path, cell="unchecked").replay.cell is None

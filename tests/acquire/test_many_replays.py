@@ -47,7 +47,7 @@ def figures(recordings):
 
 @pytest.mark.soak
 @pytest.mark.timeout(2400)
-def test_fifty_replays_at_125_hz_miss_hardly_a_tick_and_double_none(soak_row):
+def test_fifty_replays_at_125_hz_miss_at_most_one_tick_in_a_thousand_and_repeat_none(soak_row):
     """At most 0.1 % of the ticks are missed; rows and counted misses together make up the motion."""
     recordings = list(many("127.0.7.101", "ur5", 125.0, 50))
     found = figures(recordings)

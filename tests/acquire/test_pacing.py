@@ -38,7 +38,7 @@ def packets(count, offset_s, jitter_s=0.0, seed=1):
     return timestamps, [t + offset_s + dice.uniform(0.0, jitter_s) for t in timestamps]
 
 
-def test_a_regular_stream_is_met_with_few_looks_and_no_later_than_polling_would():
+def test_a_regular_stream_is_read_with_few_polls_and_no_later_than_by_constant_polling():
     """After a second it takes six looks or fewer a packet, where polling takes more than twenty; no packet waits longer than a poll."""
     timestamps, arrivals = packets(500, offset_s=100.0)
     pace = Pace(timestamp_s=timestamps[0] - TICK_S, offset_s=arrivals[0] - timestamps[0])
@@ -48,7 +48,7 @@ def test_a_regular_stream_is_met_with_few_looks_and_no_later_than_polling_would(
     assert TICK_S / POLL_S > 20
 
 
-def test_packets_that_begin_to_come_earlier_are_met_again_within_a_few_ticks():
+def test_packets_that_begin_to_come_earlier_are_read_in_time_again_after_a_few_ticks():
     """The phase of the stream changes by 3 ms: what was slept through is noticed, and the next wake-ups come earlier."""
     timestamps, arrivals = packets(200, offset_s=100.0)
     arrivals = [arrival - (0.003 if n >= 100 else 0.0) for n, arrival in enumerate(arrivals)]
@@ -58,7 +58,7 @@ def test_packets_that_begin_to_come_earlier_are_met_again_within_a_few_ticks():
     assert max(delays[110:]) <= POLL_S + 0.0001
 
 
-def test_packets_that_begin_to_come_later_cost_looks_and_no_delay():
+def test_packets_that_begin_to_come_later_cause_more_polls_and_no_delay():
     """The estimate rises slowly: meanwhile the cycle wakes early and polls."""
     timestamps, arrivals = packets(2000, offset_s=100.0)
     arrivals = [arrival + (0.003 if n >= 100 else 0.0) for n, arrival in enumerate(arrivals)]
@@ -68,7 +68,7 @@ def test_packets_that_begin_to_come_later_cost_looks_and_no_delay():
     assert max(looks[-125:]) <= 6
 
 
-def test_a_machine_that_wakes_sleepers_late_is_woken_earlier():
+def test_a_machine_with_late_wake_ups_gets_earlier_ones():
     """Delays of 1 to 3 ms: the margin grows with them, and nearly every wake-up comes before the packet, none after the next one."""
     dice = random.Random(3)
     timestamps, arrivals = packets(1000, offset_s=100.0)

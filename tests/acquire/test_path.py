@@ -43,7 +43,7 @@ def test_all_joints_arrive_together():
     assert np.allclose(share, share[0], rtol=1e-12)
 
 
-def test_no_way_takes_a_moment_and_stays_where_it_is():
+def test_a_path_without_length_stays_at_its_pose():
     """A path from a pose to itself is that pose."""
     here = np.array([0.1, -1.5, 0.2, 0.3, -0.2, 0.1])
     path = joint_path(here, here, speed_rad_s=0.5, acceleration_rad_s2=1.5)

@@ -73,7 +73,7 @@ def test_a_reported_value_that_is_no_number_does_not_count_as_not_reported(varia
 
 
 @pytest.mark.parametrize("speeds", [{"speed_fraction": 0.5}, {"speed_scaling": 0.5, "speed_fraction": 1.0}, {"speed_scaling": math.inf}])
-def test_a_slider_that_is_moved_during_a_replay_ends_it_whichever_variable_tells_it(speeds):
+def test_a_slider_that_is_moved_during_a_replay_ends_it_whichever_variable_reports_it(speeds):
     """On a real controller target_speed_fraction is the slider, and speed_scaling is the trajectory limiter."""
     failure = state_failure(replace(SOUND, **speeds), SETTINGS)
     assert failure is not None
@@ -115,7 +115,7 @@ class Uploaded:
 
 
 @pytest.mark.parametrize(("by_rad", "taken"), [(0.001, True), (0.02, False), (math.nan, False)])
-def test_an_arm_that_was_moved_while_the_program_was_uploaded_is_not_sent_along_a_way_that_nobody_proved(monkeypatch, by_rad, taken):
+def test_an_arm_that_was_moved_during_the_upload_does_not_start_on_an_unproved_path(monkeypatch, by_rad, taken):
     """The upload takes up to seconds; in that time a person may move the arm far."""
     there = ready_state().target_q.copy()
     there[2] += by_rad

@@ -163,7 +163,7 @@ def test_without_permission_nothing_reaches_the_controller(arm):
     assert children() == []
 
 
-def test_a_listener_hears_the_arm_while_it_is_replayed_and_survives_the_controllers_restart():
+def test_a_listener_receives_states_during_a_replay_and_survives_a_restart_of_the_controller():
     """About ten states a second come, and show the motion. The connection is lost and found again with the controller."""
     simulated = Simulated("127.0.2.22")
     listener = Listener(ListenSettings(host=simulated.host, first_pause_s=0.2))
@@ -229,7 +229,7 @@ time.sleep(60)
 """
 
 
-def test_an_arm_that_another_client_holds_is_left_to_it(fresh_arm):
+def test_an_arm_that_another_client_controls_is_left_unchanged(fresh_arm):
     """Its registers are in use although no program runs: the replay is refused, and nothing is uploaded or stopped."""
     other = subprocess.Popen([sys.executable, "-c", IDLE_CLIENT, fresh_arm.host], stdout=subprocess.PIPE, text=True)
     try:

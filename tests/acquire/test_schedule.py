@@ -142,7 +142,7 @@ def test_missed_windows_are_reported_once_and_overlapping_ones_share_a_replay():
     assert len(found.merged) == 3
 
 
-def test_a_thousand_days_away_enter_no_thousand_rows():
+def test_a_thousand_missed_days_do_not_enter_a_thousand_rows():
     """The latest missed windows are reported; no replay makes up for them."""
     settings = ScheduleSettings(cron="0 * * * *", grace_s=600.0)
     now = at("2029-01-01T12:30")
@@ -245,7 +245,7 @@ def test_a_cold_start_opens_a_window_once_a_day_and_only_after_a_rest_that_was_s
     assert arm.at_unix_s == morning
 
 
-def test_evidence_pulls_a_replay_forward_to_where_the_site_allows_it_and_once_a_pause():
+def test_evidence_advances_a_replay_into_the_configured_span_and_once_per_pause():
     """Evidence at noon opens a window at 22:00, evidence at one in the morning at once. Without a configured span it opens none."""
     settings = ScheduleSettings(timezone="Europe/Berlin", evidence_windows=("22:00-05:00",), evidence_pause_h=24.0)
     noon, night = at("2026-06-01T12:00", BERLIN), at("2026-06-02T01:00", BERLIN)
@@ -304,7 +304,7 @@ def test_what_comes_next_is_what_will_be_due():
         ("evidence_windows", ("25:00-05:00",), "HH:MM"),
     ],
 )
-def test_what_is_no_schedule_is_refused_with_what_would_be_right(setting, value, message):
+def test_an_invalid_schedule_is_refused_with_what_would_be_right(setting, value, message):
     """The mistake is reported when the configuration is read, not when the schedule needs it."""
     with pytest.raises(BadInput, match=message):
         ScheduleSettings(**{setting: value})

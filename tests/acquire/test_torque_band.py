@@ -61,7 +61,7 @@ def first_outside(band, rows):
 
 @pytest.mark.parametrize("mounting", ["ground", "wall"])
 @pytest.mark.parametrize("robot", ["ur3", "ur5", "ur10"])
-def test_a_sound_arm_stays_in_the_band_of_its_makers_parameters(robot, mounting):
+def test_a_healthy_arm_stays_in_the_band_of_the_manufacturers_parameters(robot, mounting):
     """The torque includes friction, which the manufacturer does not publish; the speed is a quarter."""
     arm_model, hung = load_robot(robot), Mounting.parse(mounting)
     excitation = replace(slowed(short(robot=robot, period_s=6.0), SETTINGS), mounting=hung)
@@ -79,7 +79,7 @@ def test_a_sound_arm_stays_in_the_band_of_its_makers_parameters(robot, mounting)
         (Arm(UR5, q=np.zeros(6), mounting=Mounting.parse("0,90,0")), "joint 2"),
     ],
 )
-def test_a_load_or_a_mounting_that_nobody_told_of_leaves_the_band(arm, word):
+def test_an_undeclared_load_or_mounting_leaves_the_band(arm, word):
     """The text names the joint, the measured torque and the expected torque."""
     excitation = slowed(short(period_s=6.0), SETTINGS)
     band = band_for(UR5, excitation, SETTINGS, CONTEXT, gains=None, model=None)
@@ -190,7 +190,7 @@ def test_a_joint_that_stands_may_be_held_either_way_by_its_friction(learnt):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_sound_arm_stays_in_the_band_of_its_model_and_what_pushes_does_not(learnt, seed):
+def test_a_healthy_arm_stays_in_the_band_of_its_model_and_a_pushed_one_does_not(learnt, seed):
     """Noise stays within six standard deviations; a tenth of a joint's largest torque is outside for five rows of the motion."""
     band = band_of(learnt)
     assert first_outside(band, moving(learnt, seed=seed)) is None
@@ -203,7 +203,7 @@ def test_a_sound_arm_stays_in_the_band_of_its_model_and_what_pushes_does_not(lea
 
 @pytest.mark.soak
 @pytest.mark.timeout(900)
-def test_no_sound_replay_leaves_the_band_of_the_model_before_it(soak_row):
+def test_no_healthy_replay_leaves_the_band_of_the_model_before_it(soak_row):
     """50 replays of the simulated arm at full speed, in a room of 4 to 34 °C, cold and warm: each predicted with the model before it."""
     arm, dice = Controller(SimulateSettings(seed=5)), np.random.default_rng(5)
     excitation = replace(find_excitation("ur5-ground", Path()), repetitions=1)

@@ -27,7 +27,7 @@ def test_the_reference_configuration_holds_the_defaults():
     assert reference.excitation.digest == least.excitation.digest
 
 
-def test_every_key_that_a_room_owns_is_in_the_reference_with_a_word_of_reason():
+def test_every_key_of_the_code_is_in_the_reference_with_its_reason():
     """Nothing configurable is undocumented; nothing documented is unknown (the file would be refused)."""
     text = REFERENCE.read_text("utf-8")
     document = tomllib.loads(text)
@@ -100,7 +100,7 @@ def test_an_excitation_for_another_robot_or_no_file_is_refused(tmp_path: Path):
         from_document({**LEAST, "replay": {"excitation": "broken.json"}}, tmp_path / "cell.toml")
 
 
-def test_no_file_and_no_toml_are_sentences(tmp_path: Path):
+def test_a_missing_file_and_invalid_toml_give_a_message(tmp_path: Path):
     """Neither is a traceback."""
     with pytest.raises(BadConfiguration, match="cannot be read"):
         load(tmp_path / "absent.toml")
@@ -157,7 +157,7 @@ def test_a_figure_beyond_its_bounds_is_refused_by_name(room, key):
 
 
 @pytest.mark.parametrize("text", ['{"a": ' * 100_000, "nonsense", "[]", '{"kind": "joint-monitor.excitation.v1"}'])
-def test_what_is_no_excitation_is_refused_with_its_name(tmp_path, text):
+def test_a_file_that_is_no_excitation_is_refused_with_its_name(tmp_path, text):
     """Deep, broken, another thing, empty: a sentence, no traceback."""
     (tmp_path / "mine.json").write_text(text)
     with pytest.raises(BadInput, match=r"excitation|mine\.json"):
@@ -173,7 +173,7 @@ def test_an_excitation_without_end_is_refused(tmp_path, change):
         find_excitation("mine.json", tmp_path)
 
 
-def test_a_directory_that_no_folder_can_be_is_refused():
+def test_an_impossible_directory_is_refused():
     """NUL, or nothing at all."""
     for directory in ("a\0b", "  "):
         assert "store.directory" in refusal(store={"directory": directory})
@@ -188,7 +188,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_every_mistake_is_told_with_its_file_and_line(tmp_path: Path):
+def test_every_mistake_is_reported_with_its_file_and_line(tmp_path: Path):
     """All of them at once: a key, a section, a figure that the room refuses, a key of a nested table, one that is missing has no line."""
     path = written(
         tmp_path, '[replay]\nallow_moton = true\ngain = 5.0\n[helth]\n[identify.signals]\n  cutof_hz = 3.0\n[schedule]\ncron = "noon"\n'
@@ -210,7 +210,7 @@ def test_every_mistake_is_told_with_its_file_and_line(tmp_path: Path):
         assert part in told, (part, told)
 
 
-def test_what_a_room_refuses_is_told_all_at_once_too_with_its_line_and_in_words_of_toml(tmp_path: Path):
+def test_mistakes_in_values_are_reported_all_at_once_with_line_and_toml_type(tmp_path: Path):
     """Several figures of one room, several texts of one list; a key of the wrong kind is not missing besides."""
     path = written(
         tmp_path,
@@ -244,7 +244,7 @@ def test_a_file_of_another_editor_is_read_or_refused_with_the_line(tmp_path: Pat
         load(path, {})
 
 
-def test_text_from_the_environment_stays_text_and_a_section_that_only_it_has_is_its_mistake(tmp_path: Path):
+def test_text_from_the_environment_stays_text_and_mistakes_there_are_attributed_to_it(tmp_path: Path):
     """A serial number is all digits; quotes are taken off where there are some."""
     path = written(tmp_path, "")
     environment = {"JOINT_MONITOR__ROBOT__SERIAL": "20185500001", "JOINT_MONITOR__ROBOT__TOOL": '"true"'}
@@ -256,7 +256,7 @@ def test_text_from_the_environment_stays_text_and_a_section_that_only_it_has_is_
     assert "environment JOINT_MONITOR__SCHEDULE__CRON__X: schedule.cron = " in str(refused.value)
 
 
-def test_a_variable_of_the_environment_stands_in_for_a_key_and_is_blamed_for_its_mistakes(tmp_path: Path):
+def test_an_environment_variable_replaces_a_key_and_is_named_in_its_mistakes(tmp_path: Path):
     """As in TOML; what is no TOML is text. Told at the start, so that nobody looks for it in the file."""
     path = written(tmp_path, '[schedule]\ncron = "0 3 * * *"\n')
     environment = {
@@ -288,7 +288,7 @@ def test_only_the_boolean_true_lets_an_arm_move_from_the_environment_too(tmp_pat
             load(path, {"JOINT_MONITOR__REPLAY__ALLOW_MOTION": word})
 
 
-def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_told(tmp_path: Path):
+def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_shown(tmp_path: Path):
     """Read from $CREDENTIALS_DIRECTORY; a wrong value is refused without being shown; one that is not there is named."""
     (tmp_path / "secrets").mkdir()
     (tmp_path / "secrets" / "who").write_text("hunter-2\n")
@@ -308,7 +308,7 @@ def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_told(
         load(path, {"CREDENTIALS_DIRECTORY": str(tmp_path)})
 
 
-def test_a_reload_takes_what_can_change_and_names_what_waits_for_a_restart(tmp_path: Path):
+def test_a_reload_applies_what_can_change_and_names_what_needs_a_restart(tmp_path: Path):
     """Thresholds, schedule, guards, payload, residuals at once; sockets, files, identity and the speed that a belief refers to, later."""
     from monitor.config.reload import reloaded
 

@@ -63,7 +63,7 @@ def distance(one, other):
 
 
 @given(p1=points, q1=points, p2=points, q2=points)
-def test_the_distance_of_two_segments_is_coals(p1, q1, p2, q2):
+def test_the_distance_of_two_segments_equals_that_of_coal(p1, q1, p2, q2):
     """Thin capsules, apart: the library for collision checking is the judge."""
     ours = float(between_segments(p1, q1, p2, q2))
     theirs = distance(placed_capsule(p1, q1, 1e-4), placed_capsule(p2, q2, 1e-4)) + 2e-4
@@ -74,7 +74,7 @@ def test_the_distance_of_two_segments_is_coals(p1, q1, p2, q2):
 
 
 @given(p=points, way=points, s=st.floats(0.0, 1.0), t=st.floats(0.0, 1.0), shift=points)
-def test_parallel_segments_are_as_far_apart_as_brute_force_says(p, way, s, t, shift):
+def test_the_distance_of_parallel_segments_equals_that_of_brute_force(p, way, s, t, shift):
     """Where the closest points are many, a formula may pick a wrong pair."""
     q, p2 = p + way, p + s * way + shift
     q2 = p2 + t * way
@@ -87,7 +87,7 @@ def test_parallel_segments_are_as_far_apart_as_brute_force_says(p, way, s, t, sh
 
 
 @given(p=points, q=points, half=st.lists(st.floats(0.05, 0.8), min_size=3, max_size=3).map(np.array))
-def test_the_distance_of_a_segment_to_a_box_is_coals_and_never_more(p, q, half):
+def test_the_distance_of_a_segment_to_a_box_equals_that_of_coal_and_is_never_more(p, q, half):
     """Outside it agrees; inside both say so."""
     ours = float(segment_to_box(p, q, half))
     theirs = distance(placed_box(half), placed_capsule(p, q, 1e-4)) + 1e-4
@@ -113,7 +113,7 @@ def test_a_capsule_around_a_cylinder_holds_its_edges(start, end, radius, along, 
 
 
 @pytest.mark.parametrize("name", sorted(SIZES))
-def test_the_frames_are_pinocchios(name):
+def test_the_frames_equal_those_of_pinocchio(name):
     """Ceiling and wall too: attitude and place of every DH frame."""
     import pinocchio as pin
 
@@ -155,7 +155,7 @@ def test_an_upright_arm_is_clear_of_itself_and_of_its_table(name):
 
 
 @pytest.mark.parametrize("q3", [2.9, -2.9])
-def test_a_folded_elbow_and_a_pose_through_the_table_are_seen(q3):
+def test_a_folded_elbow_and_a_pose_through_the_table_are_detected(q3):
     """So the check can fail."""
     cell = plain_cell(GROUND)
     around = surroundings(load_robot("ur5"), GROUND, cell)
@@ -167,7 +167,7 @@ def test_a_folded_elbow_and_a_pose_through_the_table_are_seen(q3):
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25)
-def test_between_the_samples_nothing_is_nearer_than_the_bound_says(seed):
+def test_between_the_samples_no_distance_is_below_the_bound(seed):
     """A coarse path with its bound against the same path sampled fifty times finer, self and cell, with a box and a tool."""
     rng = np.random.default_rng(seed)
     cell = Cell(
@@ -194,7 +194,7 @@ def test_between_the_samples_nothing_is_nearer_than_the_bound_says(seed):
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25)
-def test_coal_with_the_true_shapes_finds_no_less_room_than_we_do(seed):
+def test_coal_with_the_true_shapes_finds_no_smaller_clearance(seed):
     """Tools as boxes, turned boxes, planes: an independent check of the whole chain, frames by pinocchio, distances by coal."""
     rng = np.random.default_rng(seed)
     cell = Cell(
@@ -213,7 +213,7 @@ def test_coal_with_the_true_shapes_finds_no_less_room_than_we_do(seed):
     assert np.all(ours.to_cell_m[apart] <= theirs.to_cell_m[apart] + GJK_M)
 
 
-def test_a_cell_survives_its_document_and_names_every_mistake():
+def test_a_cell_is_read_back_from_its_document_and_every_mistake_is_named():
     """What is read back is the same cell with the same digest; a name changes no digest, a box does."""
     cell = Cell(
         name="press", table_top_m=-0.3, walls=(Wall(name="fence", point_m=(0.0, 1.0, 0.0), normal=(0.0, -2.0, 0.0)),),
@@ -243,13 +243,13 @@ def test_a_cell_survives_its_document_and_names_every_mistake():
         ({"tool": {"shape": "capsule", "radius_m": 0.0}}, "must be positive"),
     ],
 )
-def test_a_cell_that_makes_no_sense_is_refused_with_the_key(document, words):
+def test_an_invalid_cell_is_refused_with_the_key(document, words):
     """The message names the figure to correct."""
     with pytest.raises(BadInput, match=words):
         cell_from_document(document)
 
 
-def test_the_shipped_cells_are_what_is_assumed_where_none_is_named():
+def test_the_shipped_cells_are_the_defaults():
     """The files document the code, and the example can be read."""
     from monitor.config.files import load_cell, shared_file
 

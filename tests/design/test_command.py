@@ -96,7 +96,7 @@ def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path):
         (("--robot", "ur5", "--time", "-1"), "--time -1"),
     ],
 )
-def test_a_mistake_is_a_sentence_and_exit_code_2(tmp_path: Path, arguments, words):
+def test_a_mistake_gives_a_message_and_exit_code_2(tmp_path: Path, arguments, words):
     """No file is written, no traceback shown."""
     result = CliRunner().invoke(app, ["design", *arguments, "-o", str(tmp_path / "a.json")])
     assert isinstance(result.exception, BadInput)

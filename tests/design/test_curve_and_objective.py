@@ -133,7 +133,7 @@ def test_a_joint_that_stands_still_makes_every_figure_infinite():
     assert merits.condition > 1e6
 
 
-def test_a_slower_pass_goes_the_same_way():
+def test_a_slower_pass_follows_the_same_path():
     """A time scale changes speeds, not the path; the digest at full speed stays that of older files."""
     excitation = family().excitation(0.3 * np.random.default_rng(4).standard_normal(48))
     slow = replace(excitation, time_scale=0.25)

@@ -132,7 +132,7 @@ def test_the_same_seed_gives_the_same_file_and_another_seed_another(optimiser):
 
 
 @pytest.mark.parametrize("optimiser", ["cma", "ga"])
-def test_a_search_gets_better_and_keeps_its_best_when_it_is_stopped(optimiser):
+def test_a_search_improves_and_returns_its_best_when_it_is_stopped(optimiser):
     """The best never rises; asked to stop, the search returns at once what it had."""
     states: list[Progress] = []
 
@@ -179,7 +179,7 @@ def test_limits_that_no_curve_keeps_end_with_the_one_that_binds():
         design(task(flange_speed_limit_m_s=1e-3), software="test", evaluations=60)
 
 
-def test_a_file_whose_curve_was_changed_no_longer_keeps_clear():
+def test_a_changed_curve_fails_its_proof_of_clearance():
     """The proof is computed again: a larger swing is found, and a cell whose digest does not match."""
     path = ROOT / "config" / "excitation" / "ur5-ground.json"
     excitation = excitation_from_document(json.loads(path.read_text("utf-8")))

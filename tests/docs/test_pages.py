@@ -56,7 +56,7 @@ def test_every_option_named_in_the_table_of_identify_exists():
     assert named <= options("identify")
 
 
-def test_every_choice_in_the_table_of_objectives_is_one():
+def test_every_objective_in_the_table_exists():
     """And every one is in the table."""
     from monitor.design.objective import OBJECTIVES
 
@@ -71,7 +71,7 @@ def spoken_keys():
     return keys
 
 
-def test_every_key_that_the_daemon_speaks_or_answers_is_in_the_table():
+def test_every_key_that_the_daemon_publishes_or_answers_is_in_the_table():
     """What is said, what is answered, what is asked, liveliness."""
     keys = spoken_keys()
     assert len(keys) >= 14
@@ -131,7 +131,7 @@ def test_the_table_of_scenarios_names_every_scenario():
     assert named == {path.stem for path in (ROOT / "config" / "scenarios").glob("*.toml")}
 
 
-def test_the_configuration_of_the_first_steps_is_one(tmp_path):
+def test_the_configuration_of_the_first_steps_is_valid(tmp_path):
     """As it stands, with the shipped example of a cell and a shipped trajectory beside it: nothing is refused, and nothing may move."""
     (text,) = re.findall(r"```toml\n(.*?)```", PAGES["docs/real-robot-safety.md"], re.DOTALL)
     (tmp_path / "cell-1.toml").write_text(text)
@@ -255,7 +255,7 @@ def test_the_readme_is_short_and_leads_on():
     assert {page.removeprefix("docs/") for page in PAGES} - {"README.md", "index.md"} <= linked
 
 
-def test_the_output_of_the_demo_is_in_the_words_of_the_demo():
+def test_the_shown_output_of_the_demo_has_its_titles_columns_and_last_sentence():
     """Titles, columns and the last sentence as `make demo` prints them; its figures are held where it runs."""
     (block,) = re.findall(r"```console\n(status page while it runs.*?)```", PAGES["README.md"], re.DOTALL)
     words = {cell.strip() for row in block.splitlines() if row.startswith("┃") for cell in row.strip("┃").split("┃")}

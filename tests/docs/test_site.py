@@ -55,7 +55,7 @@ def test_the_site_needs_no_other_host(site):
         assert not [address for address in fetched if address.startswith(("http", "//"))], page.name
 
 
-def test_what_a_page_shows_of_the_repository_comes_with_the_site(site):
+def test_files_that_a_page_links_to_are_copied_to_the_site(site):
     """A link to a file outside docs/ leads to a copy of it."""
     folder, _ = site
     copies = {path.relative_to(folder / "files").as_posix().removesuffix(".txt") for path in (folder / "files").rglob("*.txt")}
@@ -64,7 +64,7 @@ def test_what_a_page_shows_of_the_repository_comes_with_the_site(site):
         assert (folder / "files" / f"{name}.txt").read_bytes() == (ROOT / name).read_bytes()
 
 
-def test_a_new_card_keeps_what_stands_below_it(tmp_path):
+def test_a_new_card_keeps_the_text_below_it(tmp_path):
     """`make card` writes its own part of the page, and the page has the other part."""
     from monitor.studies.performance_card import END, HEAD, TARGET, beside
 

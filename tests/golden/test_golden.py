@@ -35,17 +35,17 @@ def assert_as_expected(name: str, found: object) -> None:
     assert told == []
 
 
-def test_two_weeks_verdicts_are_what_they_were(run):
+def test_the_verdicts_of_two_weeks_are_unchanged(run):
     """Thirteen stepped replays of a simulated arm whose joint 3 takes harm, through the command line."""
     assert_as_expected("assess", small.assessed(run))
 
 
-def test_a_small_fleet_is_judged_as_it_was(run):
+def test_the_figures_of_a_small_fleet_are_unchanged(run):
     """Every arm's days of alerts, coverage and wear."""
     assert_as_expected("rehearse", small.rehearsed(run))
 
 
-def test_a_small_search_finds_the_trajectory_that_it_found(run):
+def test_a_small_search_finds_the_same_trajectory(run):
     """Coefficients, proof and figures of merit; a random one beside it."""
     assert_as_expected("design", small.designed(run))
 

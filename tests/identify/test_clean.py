@@ -135,7 +135,7 @@ def test_a_torn_time_is_no_clock_that_was_set(rows, value):
 
 
 @pytest.mark.parametrize("factor", [1.3, 1.9, 0.6])
-def test_a_clock_that_runs_at_another_pace_is_refused(factor):
+def test_a_clock_that_runs_at_another_rate_is_refused(factor):
     """No unit explains the ratio, and inertia would be wrong by its square."""
     with pytest.raises(Unidentifiable, match="check the columns and the clock"):
         motion(scaled(swing(), t_s=factor))

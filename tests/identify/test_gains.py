@@ -127,7 +127,7 @@ def test_the_derivative_of_the_current_is_that_of_differences():
     np.testing.assert_allclose(row[:-1], numeric, atol=1e-6)
 
 
-def test_what_is_no_payload_pair_is_refused(pair):
+def test_an_invalid_payload_pair_is_refused(pair):
     """Impossible masses, runs without currents, and a pair without the payload."""
     unloaded, loaded = pair
     for mass, com in ((0.0, COM_M), (-1.0, COM_M), (float("nan"), COM_M), (3.0, (0.0, 0.0)), (3.0, (0.0, 0.0, float("inf")))):

@@ -53,7 +53,7 @@ def rich(known):
     return identify_motions([exact_motion(known)], [known.torque], UR5, GROUND, IdentifyOptions(friction="concave"))
 
 
-def test_without_noise_a_rich_law_comes_back(rich):
+def test_without_noise_the_parameters_of_a_rich_law_are_found(rich):
     """Each of fc, fv, fl, fp to 1e-3 of fc: load and parameters found in turn are within that of each other after three rounds."""
     found = rich.friction.values
     np.testing.assert_allclose(found[:, [0, 1, 3]], np.stack([COULOMB_NM, VISCOUS, CONCAVE_NM], axis=1), rtol=1e-3)
@@ -104,7 +104,7 @@ def loaded_friction_of(known):
     return loaded_friction(load, known.qd)
 
 
-def test_auto_takes_the_paper_where_the_paper_is_right_and_more_where_it_is_not():
+def test_auto_selects_the_papers_law_where_it_is_right_and_a_richer_one_elsewhere():
     """On noisy recordings of an arm with fc and fv only, and of one with load and concave terms."""
     simple = identify([recording(truth(UR5))], UR5, GROUND, friction="auto")
     assert simple.law.name == "paper"
@@ -155,7 +155,7 @@ def test_a_payload_is_found_with_arm_and_friction_frozen():
     assert np.all(payload.rms_nm < 1.3 * unloaded.rms_nm)
 
 
-def test_a_payload_of_nothing_is_refused():
+def test_a_payload_without_recording_or_of_another_robot_is_refused():
     """No recording, or another robot's parameters."""
     rec = recording(truth(UR5))
     found = identify([rec], UR5, GROUND)

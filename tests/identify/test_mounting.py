@@ -87,7 +87,7 @@ def test_a_tilt_is_reported_where_it_is_larger_than_that_of_floors():
     assert "roll 4°, pitch 0°" in warning.text
 
 
-def test_in_slow_motion_the_masses_give_the_sign_and_the_warning_says_so():
+def test_in_slow_motion_the_masses_give_the_sign_and_the_warning_states_it():
     """At a tenth of the speed inertia is below the noise, so negative weights under a ceiling explain the data of an arm on the ground."""
     known = truth(UR5, Mounting.parse("ceiling"), speed_rad_s=0.15)
     torque = known.torque + 1.5 * np.random.default_rng(0).normal(size=known.torque.shape)

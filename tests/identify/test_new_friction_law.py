@@ -100,7 +100,7 @@ def test_the_new_law_may_be_the_residual_friction(law, monkeypatch):
     assert errors[0] < 0.5 * errors[1]
 
 
-def test_a_stored_model_of_a_law_that_is_gone_is_refused(law, monkeypatch):
+def test_a_stored_model_of_an_unknown_law_is_refused(law, monkeypatch):
     """The message names the law and the laws that are known."""
     with monkeypatch.context() as registry:
         registry.setattr(friction, "RESIDUAL_LAW", law.name)

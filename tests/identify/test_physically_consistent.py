@@ -132,7 +132,7 @@ def exact(robot, mounting, noise_nm=0.0, **shape):
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur10e"])
-def test_a_physical_arm_is_found_again(name):
+def test_the_parameters_of_a_physical_arm_are_found(name):
     """Without noise: base parameters to 1e-3 of the largest (the solver's gap, 1e-8 of the squares), fc, fv as known."""
     robot = load_robot(name)
     mounting = Mounting.parse("wall")
@@ -198,7 +198,7 @@ def test_impossible_bounds_and_shapes_are_refused():
         physically_consistent(joints, np.ones(5), base.combination, robot)
 
 
-def test_an_arm_of_unknown_masses_is_found_too():
+def test_an_arm_without_published_masses_is_identified_too():
     """Unpublished masses and limits: the bounds depend on size alone, and the residual stays within 2 %."""
     robot = load_robot("ur5")
     joints, base = exact(robot, GROUND, noise_nm=0.5)

@@ -99,7 +99,7 @@ def ur10e_auto(ur10e):
 
 
 @pytest.mark.parametrize("name", HELD_OUT)
-def test_ur10e_richer_friction_takes_a_third_off_the_papers_error(ur10e, ur10e_auto, name):
+def test_ur10e_richer_friction_reduces_the_papers_error_by_a_third(ur10e, ur10e_auto, name):
     """Pooled RMS at most 0.68 of plain LS in the same run, at least 93 % below the manufacturer's; wrists at most 7.5 %.
 
     Targets of the project; reached are 0.56 and 0.51, 94.6 and 94.7 %, and 6.8 %.

@@ -145,7 +145,7 @@ def test_slow_recordings_get_a_lower_cutoff():
     ],
     ids=["1Hz", "standstill", "short", "no-current", "torn", "all-torn", "scraps"],
 )
-def test_what_cannot_carry_an_identification_is_refused_with_the_reason(recording, reason):
+def test_a_recording_that_cannot_be_identified_is_refused_with_the_reason(recording, reason):
     """Unidentifiable, exit code 2, naming the file, what was found and what was expected."""
     with pytest.raises(Unidentifiable, match=reason) as refusal:
         motion(recording)
@@ -162,7 +162,7 @@ def test_temperature_follows_the_motions_clock():
     assert np.all(np.isnan(found.temperature_c[:, 1]))
 
 
-def test_despiking_repairs_what_stands_out_alone_and_leaves_the_rest():
+def test_despiking_repairs_isolated_samples_and_keeps_the_rest():
     """Twenty spikes of 30 A are counted and gone (3 % of the amplitude); a step of friction and noise pass untouched, bit for bit."""
     rng = np.random.default_rng(1)
     clean = swing()

@@ -27,7 +27,7 @@ def codes(found):
 
 @pytest.mark.parametrize("method", ["ls", "wls"])
 @pytest.mark.parametrize(("name", "mounting"), [("ur3", "ground"), ("ur5", "wall"), ("ur10e", "10,20,30")])
-def test_without_noise_the_arm_itself_comes_back(name, mounting, method):
+def test_without_noise_the_parameters_of_the_arm_are_found(name, mounting, method):
     """Base parameters, fc and fv to 1e-8 of the largest: rounding times a condition number of some hundred, with room to spare."""
     robot, attitude = load_robot(name), Mounting.parse(mounting)
     known = truth(robot, attitude)
@@ -78,7 +78,7 @@ def _within_two_std(found):
     return off < 2.0 * std
 
 
-def test_fc_and_fv_of_one_replay_trade_off():
+def test_fc_and_fv_of_one_replay_are_anticorrelated():
     """They are anti-correlated on every joint, and the standard deviation of their sum at 0.4 rad/s is smaller than that of either."""
     found = identify([recording(truth(UR5))], UR5, GROUND)
     assert np.all(found.friction_cov[:, 0, 1] < 0.0)
@@ -133,7 +133,7 @@ def test_ground_parameters_predict_the_ceiling():
     assert np.max(np.abs(wrong - hanging.torque)) > 10.0  # gravity turned round
 
 
-def test_validation_figures_are_what_they_are_called():
+def test_validation_figures_follow_their_definitions():
     """rms, relative rms, r², e_N and the manufacturer's, recomputed from the residual on the filtered motion."""
     from monitor.identify.signals.motion import motion
     from monitor.model.regressor import regressor

@@ -23,7 +23,7 @@ def test_52_parameters_show_where_joint_1_is_upright_and_54_on_a_wall(robot, mou
 
 
 @pytest.mark.parametrize(("robot", "coefficient"), [("ur3", -4.104), ("ur5", -2.353)])
-def test_the_second_row_of_the_appendix_comes_out(robot, coefficient):
+def test_the_second_row_of_the_appendix_is_reproduced(robot, coefficient):
     """A1 and A2 print m1z1 − 2.353·J2xz; for the UR3 it must be 4.104, the inverse of its own upper arm's length."""
     terms = base_parameters(load_robot(robot), Mounting.parse("wall")).terms[1]
     assert list(terms) == ["m1z1", "J2xz"]
@@ -64,7 +64,7 @@ def test_the_basis_does_not_depend_on_the_random_states(seed):
     np.testing.assert_allclose(usual.combination, other.combination, atol=1e-9)
 
 
-def test_friction_always_stands_for_itself():
+def test_fc_and_fv_are_always_base_parameters_of_their_own():
     """fc and fv of every joint are base parameters alone, in no combination with anything."""
     terms = base_parameters(load_robot("ur5"), Mounting()).terms
     for j in range(1, 7):

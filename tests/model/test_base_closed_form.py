@@ -107,7 +107,7 @@ def test_every_coefficient_equals_its_closed_form(name, mounting):
 
 
 @pytest.mark.parametrize("mounting", ["ground", "wall"])
-def test_the_closed_form_itself_moves_no_torque(mounting):
+def test_the_closed_form_has_no_torque(mounting):
     """The oracle's own oracle: Y times each of its rows is rounding of the regressor's entries."""
     robot, attitude = load_robot("ur5"), Mounting.parse(mounting)
     Y = regressor(robot, attitude, *np.random.default_rng(1).uniform(-3, 3, (3, 20, 6)))
@@ -146,7 +146,7 @@ def test_the_appendix_rows_by_hand(name, a2, a3, d4, d5, d6):
     ("ceiling", (36, 33, 9), (30, 39, 9)),
     ("wall", (37, 34, 7), (30, 42, 6)),
 ])  # fmt: skip
-def test_both_ways_of_counting(name, mounting, columns, paper):
+def test_both_ways_of_counting_agree(name, mounting, columns, paper):
     """By columns, and as the paper counts, from one rule: a first moment is a product of a mass and a coordinate."""
     base = base_parameters(load_robot(name), Mounting.parse(mounting))
     assert base.by_column.counts == columns
@@ -196,7 +196,7 @@ def test_in_a_turned_frame_fewer_parameters_are_individually_identifiable():
     assert lost == {"m6y6", "J6yz", "J6zz"}
 
 
-def test_moments_in_another_frame_are_pinocchios():
+def test_moments_in_another_frame_equal_those_of_pinocchio():
     """The 10×10 change of frame against pinocchio's transport of an inertia, to rounding."""
     import pinocchio as pin
 

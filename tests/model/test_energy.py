@@ -23,7 +23,7 @@ def base_values(robot, base):
 
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(["ur3", "ur5", "ur10e", "ur20"]), place=st.sampled_from(["ground", "wall"]))
 @settings(max_examples=20)
-def test_energy_is_pinocchios_with_rotors_and_without_friction(seed, name, place):
+def test_energy_equals_that_of_pinocchio_with_rotors_and_without_friction(seed, name, place):
     """Base parameters of either count give ½ q̇ᵀMq̇ + ½ Im q̇² to 1e-10: rounding; friction has no part in it."""
     robot = load_robot(name)
     base = base_parameters(robot, Mounting.parse(place))
@@ -63,7 +63,7 @@ def test_a_parameter_without_excitation_makes_its_energy_unknown():
     assert std[1] > 0.0
 
 
-def test_flange_speed_is_pinocchios():
+def test_flange_speed_equals_that_of_pinocchio():
     """Speed of the frame that pinocchio carries for the last DH frame, to rounding."""
     q, qd = np.random.default_rng(2).uniform(-3, 3, (2, 10, 6))
     model = UR5.pinocchio_model()
@@ -96,7 +96,7 @@ def test_the_whole_arm_is_compared_at_its_upper_95_percent():
 
 
 @pytest.mark.parametrize("text", ["hand", "hand=", "=1", "hand=-1", "hand=1@0", "hand=nan", "hand=1@x", "hand=inf", ""])
-def test_a_limit_that_is_none_is_refused(text):
+def test_an_invalid_limit_is_refused(text):
     """A sentence that shows what would be right."""
     with pytest.raises(BadInput, match="expected REGION=JOULES"):
         BodyRegion.parse(text)
@@ -112,7 +112,7 @@ def test_unknown_masses_give_no_effective_mass():
         effective_mass_kg(UR5, -1.0)
 
 
-def test_the_document_says_what_it_is_not():
+def test_the_document_states_that_it_is_no_safety_function():
     """Plain numbers, null for unknown, at most 500 points, and the statement that this is no safety function."""
     import json
 

@@ -53,7 +53,7 @@ def test_regressor_times_parameters_is_newton_euler_plus_friction_plus_rotors(se
     assert np.max(np.abs(torque - expected)) <= 1e-10 * np.max(np.abs(expected))
 
 
-def test_masses_and_centres_alone_hold_the_arm_still():
+def test_masses_and_centres_alone_give_the_torque_at_rest():
     """At rest the tensors have no effect: the nominal parameters give pinocchio's gravity torque on every mounting."""
     robot = load_robot("ur5e")
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (20, 6))

@@ -84,7 +84,7 @@ def arm(relations, seed, first_upright=True):
     upright=st.booleans(),
     mounting=st.sampled_from(["ground", "ceiling", "wall", "10,20,30"]),
 )
-def test_torque_of_any_serial_arm_is_pinocchios(relations, seed, upright, mounting):
+def test_torque_of_any_serial_arm_equals_that_of_pinocchio(relations, seed, upright, mounting):
     """Y·p and our own pinocchio model against pinocchio's reading of the URDF, to 1e-10 of the largest torque, which is 10² N·m."""
     text = arm(relations, seed, upright)
     attitude = Mounting.parse(mounting)
@@ -108,7 +108,7 @@ def test_torque_of_any_serial_arm_is_pinocchios(relations, seed, upright, mounti
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_a_published_arm_survives_its_urdf(name):
+def test_a_published_arm_is_the_same_when_read_from_its_urdf(name):
     """Out and in again: the same count of base parameters and the same torques, to 1e-10 of the largest."""
     robot = load_robot(name)
     again = robot_from_urdf_text(urdf_text(robot))
@@ -146,7 +146,7 @@ def test_limits_that_are_missing_are_infinite():
     np.testing.assert_array_equal(back.max_position_rad, robot.max_position_rad)
 
 
-def test_a_link_without_inertia_weighs_nothing():
+def test_a_link_without_inertia_has_no_mass():
     """As pinocchio has it."""
     text = two().replace('<link name="base"/>', '<link name="base"/><link name="tip"/>')
     text = text.replace("</robot>", joint("tip_joint", "two", "tip", [0, 0, 1], [0, 0, 0], [0, 0, 1], "fixed", "") + "</robot>")

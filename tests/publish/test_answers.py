@@ -49,7 +49,7 @@ def ask(**changes: object) -> dict:
     return torque_answer(MODEL, UR5, None, request)
 
 
-def test_one_sample_answers_in_the_shape_of_the_question():
+def test_the_answer_has_the_shape_of_the_request():
     """Six numbers in, six out; N rows in, N out, equal row by row."""
     one = ask()
     many = ask(q=[STATE["q"]] * 3, qd=[STATE["qd"]] * 3)
@@ -59,7 +59,7 @@ def test_one_sample_answers_in_the_shape_of_the_question():
     assert one["torque_nm"] == pytest.approx(np.add(one["rigid_nm"], one["friction_nm"]))
 
 
-def test_the_answer_is_the_torque_that_made_the_data():
+def test_the_answer_is_the_torque_of_the_law_behind_the_data():
     """At the temperature of the replay the model gives back the law it was fitted to, to 2 % of the friction or 0.2 N·m."""
     import pinocchio as pin
 
@@ -70,7 +70,7 @@ def test_the_answer_is_the_torque_that_made_the_data():
     assert ask()["torque_nm"] == pytest.approx(rigid + friction, rel=0.02, abs=0.3)
 
 
-def test_far_from_the_learnt_temperature_the_answer_says_so():
+def test_far_from_the_learnt_temperature_the_answer_is_flagged():
     """One replay at 30 °C knows little of 60 °C: flagged, and less sure."""
     near, far = ask(), ask(temperature_c=[60.0] * 6)
     assert not any(near["extrapolated"])
@@ -122,7 +122,7 @@ FIGURES = {"q": 6.0, "qd": 3.0, "qdd": 20.0, "temperature_c": 35.0}
 
 
 @given(st.data())
-def test_one_sample_and_rows_say_the_same(data):
+def test_one_sample_and_rows_give_the_same_figures(data):
     """Plain numbers for one sample, arrays for many: two ways to the same figures, to the rounding of sums of ten terms."""
     state = {name: data.draw(st.lists(st.floats(-span, span), min_size=6, max_size=6)) for name, span in FIGURES.items()}
     one = torque_answer(MODEL, UR5, None, state)
@@ -132,7 +132,7 @@ def test_one_sample_and_rows_say_the_same(data):
     assert list(one["extrapolated"]) == list(many["extrapolated"][0])
 
 
-def test_threads_that_ask_at_once_get_their_own_answer():
+def test_threads_that_query_at_the_same_time_get_their_own_answers():
     """The workspace of the dynamics is shared by the threads that answer; none ever sees another's figures."""
     draw = np.random.default_rng(1)
     questions = [{name: draw.uniform(-1, 1, 6).tolist() for name in FIGURES} for _ in range(4)]
@@ -150,7 +150,7 @@ def test_threads_that_ask_at_once_get_their_own_answer():
         sys.setswitchinterval(before)
 
 
-def test_null_is_an_argument_that_is_not_given():
+def test_null_means_that_an_argument_is_not_given():
     """As the schema allows: acceleration 0, present temperatures."""
     present = np.full(6, 30.0)
     for rows in ([STATE["q"]] * 2, STATE["q"]):

@@ -34,7 +34,7 @@ def bus(free_port: int) -> Iterator[tuple[Bus, str]]:
         yield bus, endpoint
 
 
-def test_a_late_joiner_sees_the_last_values(bus):
+def test_a_client_that_connects_late_gets_the_last_values(bus):
     """`get` after the fact returns what was published before, with the encoding that names its kind."""
     bus, endpoint = bus
     bus.publish("health", "health", {"state": "NORMAL"})
@@ -61,7 +61,7 @@ def test_any_plain_zenoh_client_can_subscribe_and_query(bus):
         assert json.loads(reply.ok.payload.to_bytes()) == {"doubled": 42}
 
 
-def test_a_malformed_query_gets_an_error_that_says_what_is_wrong(bus):
+def test_a_malformed_query_gets_an_error_that_names_the_mistake(bus):
     """No payload, no JSON, no object, a missing argument: each is named at once instead of a time-out."""
     _, endpoint = bus
     with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
@@ -79,7 +79,7 @@ def test_a_malformed_query_gets_an_error_that_says_what_is_wrong(bus):
             assert time.monotonic() - began < 4.0  # answered, not timed out
 
 
-def test_a_fault_of_ours_is_answered_too_and_the_next_query_works(bus):
+def test_an_exception_in_an_answer_gives_an_error_and_the_next_query_works(bus):
     """An exception in an answer must not leave the client waiting nor the queryable dead."""
     _, endpoint = bus
     with Client(endpoint, "lab", "cell-1") as client:
@@ -88,7 +88,7 @@ def test_a_fault_of_ours_is_answered_too_and_the_next_query_works(bus):
         assert client.get("torque", {"x": 1})[0].document == {"doubled": 2}
 
 
-def test_a_wildcard_query_makes_nothing_happen(bus):
+def test_a_wildcard_query_runs_no_command(bus):
     """`get **` with a payload reads last values; it never reaches an answering function."""
     bus, endpoint = bus
     bus.publish("health", "health", {"state": "NORMAL"})
@@ -96,7 +96,7 @@ def test_a_wildcard_query_makes_nothing_happen(bus):
         assert [message.key for message in client.get("**", {"x": 1})] == ["health"]
 
 
-def test_a_question_without_a_payload_carries_parameters(bus):
+def test_a_query_without_a_payload_may_have_parameters(bus):
     """`history?a=1;b=2` reaches the one who answers as an object of strings; too much of it is refused."""
     _, endpoint = bus
     with Client(endpoint, "lab", "cell-1") as client:
@@ -105,7 +105,7 @@ def test_a_question_without_a_payload_carries_parameters(bus):
             client.get("history?a=" + "x" * 1000)
 
 
-def test_a_watcher_gets_last_values_first_and_then_what_is_said(bus):
+def test_a_watcher_gets_last_values_first_and_then_new_messages(bus):
     """Order per key is kept and `until` ends the watch."""
     bus, endpoint = bus
     bus.publish("health", "health", {"n": 0})
@@ -125,7 +125,7 @@ def test_a_watcher_gets_last_values_first_and_then_what_is_said(bus):
     assert seen == [0, 1, 2, 3]
 
 
-def test_done_is_called_once_the_document_is_sent(bus):
+def test_done_is_called_after_the_document_is_sent(bus):
     """The store marks an event as published only after the bus took it."""
     bus, _ = bus
     sent = threading.Event()
@@ -133,7 +133,7 @@ def test_done_is_called_once_the_document_is_sent(bus):
     assert sent.wait(5.0)
 
 
-def test_nobody_at_the_endpoint_is_said_in_time(free_port: int):
+def test_an_endpoint_without_a_daemon_is_reported_in_time(free_port: int):
     """A client without a daemon gets a sentence with the endpoint in it."""
     with pytest.raises(BusError, match=f"127.0.0.1:{free_port}"):
         Client(f"tcp/127.0.0.1:{free_port}", "lab", "cell-1", timeout_s=1.0)
@@ -147,7 +147,7 @@ def test_an_endpoint_in_use_is_refused_with_its_name(bus):
 
 
 @pytest.mark.parametrize("site", ["Lab", "a/b", "", "a*", "ä"])
-def test_an_id_that_would_break_a_key_is_refused(site: str):
+def test_an_id_with_characters_that_no_key_allows_is_refused(site: str):
     """Only a–z, 0–9, _ and - may become part of a key."""
     with pytest.raises(BadInput, match="expected only"):
         prefix(site, "cell-1")
@@ -165,14 +165,14 @@ def test_an_id_that_would_break_a_key_is_refused(site: str):
         ({"query_workers": 0}, "query_workers = 0; expected 1 to 32"),
     ],
 )
-def test_settings_that_no_session_could_have_are_refused(changes: dict, says: str):
+def test_impossible_session_settings_are_refused(changes: dict, says: str):
     """By name, before a session is opened."""
     with pytest.raises(BadInput, match=re.escape(says)):
         BusSettings(**changes)
 
 
 @pytest.mark.parametrize("selector", ["t*", "", "joint//friction", "health/", "#"])
-def test_what_is_no_key_expression_is_refused_by_the_client(bus, selector):
+def test_an_invalid_key_expression_is_refused_by_the_client(bus, selector):
     """With Zenoh's reason and an example, for a get and for a watcher."""
     with Client(bus[1], "lab", "cell-1") as client:
         for ask in (client.get, lambda selector: next(client.watch(selector))):
@@ -180,7 +180,7 @@ def test_what_is_no_key_expression_is_refused_by_the_client(bus, selector):
                 ask(selector)
 
 
-def test_a_router_that_is_not_there_is_told_and_joined_when_it_comes(free_port: int):
+def test_a_missing_router_is_reported_and_joined_when_it_starts(free_port: int):
     """Without one, who asks the daemon directly is answered; where none was named, none is missed."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
     with Bus(BusSettings(listen=(), connect=(endpoint,)), prefix("lab", "cell-1")) as bus:

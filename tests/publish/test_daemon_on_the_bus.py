@@ -113,7 +113,7 @@ def raise_alert(daemon: Daemon, at_unix_s: float, joint: int | None = 3, conditi
         daemon.alerts.keep(health, "raised", alert, at_unix_s)
 
 
-def test_everything_that_is_said_and_answered_is_what_its_schema_promises(cell):
+def test_everything_published_and_answered_is_valid_by_its_schema(cell):
     """Every last value by the kind its encoding names, every answer, and every error: all valid against the printed JSON Schema."""
     daemon, _, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
@@ -155,7 +155,7 @@ def test_a_client_reads_the_health_of_an_arm_with_an_alert(cell):
     assert health.joints[0].model_dump().keys() == {"joint", "state", "why", "since", "stale", "learnt_at"}
 
 
-def test_info_says_which_settings_are_in_force_and_since_when(cell):
+def test_info_gives_the_settings_in_force_and_since_when(cell):
     """Serial and firmware of the controller that was heard, boot of the host, versions, and a digest that any setting changes."""
     daemon, _, arm, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
@@ -256,7 +256,7 @@ def test_history_comes_in_pages_of_whole_replays(cell):
                 client.get(f"history?{wrong}")
 
 
-def test_a_replay_is_asked_for_by_name_and_refused_with_a_reason(cell):
+def test_a_replay_is_requested_by_name_and_refused_with_a_reason(cell):
     """Accepted where somebody schedules, refused while one is under way and where motion is not allowed."""
     daemon, store, _, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
@@ -275,7 +275,7 @@ def test_a_replay_is_asked_for_by_name_and_refused_with_a_reason(cell):
             client.request_replay(by="ada")
 
 
-def test_a_watcher_that_was_away_is_told_what_it_missed_once_and_in_order(cell, tmp_path):
+def test_a_watcher_that_was_disconnected_gets_what_it_missed_once_and_in_order(cell, tmp_path):
     """The daemon goes, transitions happen while nobody hears, it comes back: the watcher has every number once, without a gap."""
     daemon, store, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
@@ -308,7 +308,7 @@ def test_a_watcher_that_was_away_is_told_what_it_missed_once_and_in_order(cell, 
     assert seen == [first + 1, first + 2, first + 3, first + 4]
 
 
-def test_live_torque_is_the_measured_one_beside_what_the_model_says(cell):
+def test_live_torque_has_the_measured_and_the_predicted_torque(cell):
     """Rows of a replay, as they would be heard: the residual is measured minus predicted, and the deviation told is the one there is.
 
     Of a normal residual 90 % lie within 1.64 deviations; joint by joint at least 75 %, for a residual of a real law is not white.
@@ -378,7 +378,7 @@ def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
         assert abs(len(said) - 2.0 * rate_hz) <= 0.25 * 2.0 * rate_hz + 1.0, rate_hz
 
 
-def test_after_a_reload_info_tells_the_digest_of_what_is_in_force(cell):
+def test_after_a_reload_info_has_the_digest_of_the_settings_in_force(cell):
     """A change of any setting changes it, not at the next start but when it is in force."""
     daemon, _, _, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
@@ -404,7 +404,7 @@ def test_a_wildcard_anywhere_in_the_key_never_acts(cell):
     assert not daemon.requests.take_request()
 
 
-def test_a_watcher_of_event_alone_is_told_transitions_and_nothing_else(cell):
+def test_a_watcher_of_event_alone_gets_transitions_and_nothing_else(cell):
     """The answer to a question about the log is no transition."""
     daemon, _, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
@@ -424,7 +424,7 @@ def _document(daemon: Daemon, joint: int) -> dict:
     return {**alert_document(daemon.state.health.alerts[0]), "joint": joint}
 
 
-def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
+def test_a_week_without_replays_makes_the_state_stale_until_the_next_one(cell):
     """On the bus, arm and joints, on the watcher's line and on systemd's, in metrics: the state stays, and is said to be of then."""
     from monitor.publish.metrics import families
     from monitor.views.terminal.watch import line
@@ -457,7 +457,7 @@ def test_a_week_of_silence_is_told_as_stale_and_a_replay_ends_it(cell):
         assert told(client).stale is False
 
 
-def test_what_work_says_of_friction_is_told_with_health(cell, monkeypatch: pytest.MonkeyPatch):
+def test_the_production_residual_is_published_with_health(cell, monkeypatch: pytest.MonkeyPatch):
     """A look that work has given: change, doubt, looks and probability of that joint, valid by the schema."""
     from monitor.judge.torque.production_residual import initial, production_evidence
 

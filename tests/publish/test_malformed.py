@@ -134,12 +134,12 @@ ANYTHING = st.binary(max_size=200).map(lambda blob: blob + b"\xff") | (JSON | OB
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(key=st.sampled_from(COMMANDS[:3]), payload=ANYTHING)
-def test_whatever_hypothesis_thinks_of_gets_an_error(asked, key, payload):
+def test_every_generated_malformed_query_gets_an_error(asked, key, payload):
     """Bytes and JSON of every shape, with the names that the daemon knows and with others."""
     asked.ask(key, payload)
 
 
-def test_a_few_hundred_malformed_questions_each_get_an_error(asked):
+def test_a_few_hundred_malformed_queries_each_get_an_error(asked):
     """A sample of what `make soak` plays a hundred thousand of."""
     dice = random.Random(8)
     for _ in range(300):
@@ -148,7 +148,7 @@ def test_a_few_hundred_malformed_questions_each_get_an_error(asked):
 
 @pytest.mark.soak
 @pytest.mark.timeout(2400)
-def test_a_hundred_thousand_malformed_questions(asked, soak_row):
+def test_a_hundred_thousand_malformed_queries_each_get_an_error(asked, soak_row):
     """Four threads ask; every question gets its error, and the daemon's memory stays."""
     began, failures = time.monotonic(), []
 

@@ -52,7 +52,7 @@ def scraped(port):
         return answer.read().decode()
 
 
-def test_a_scrape_says_what_the_bus_would_answer(port):
+def test_a_scrape_has_the_figures_of_the_bus(port):
     """Read by Prometheus' own parser: states, alerts, friction and life, each with its labels; what is unknown is absent."""
     samples = {
         (sample.name, *sorted(sample.labels.values())): sample.value
@@ -70,14 +70,14 @@ def test_a_scrape_says_what_the_bus_would_answer(port):
     assert not any("0.90" in labels for _, *labels in samples)
 
 
-def test_a_monitor_that_knows_nothing_yet_can_be_scraped():
+def test_a_monitor_without_a_replay_can_be_scraped():
     """Before the first replay: no error, and no state that is claimed."""
     names = [family.name for family in families({})]
     assert "joint_monitor_health_state" in names
     assert all(sample.value == 0.0 for family in families({}) if family.name.endswith("state") for sample in family.samples)
 
 
-def test_a_port_that_is_taken_and_an_address_that_is_none_are_refused(port):
+def test_a_port_in_use_and_an_invalid_address_are_refused(port):
     """By name."""
     with pytest.raises(BusError, match=str(port)):
         MetricsServer(MetricsSettings(listen=f"127.0.0.1:{port}"), dict)

@@ -62,7 +62,7 @@ def test_a_new_kind_of_document_is_one_entry_in_the_registry(lubrication: Docume
     assert "lubrication      Grease of one joint." in CliRunner().invoke(app, ["schema"]).stdout
 
 
-def test_every_kind_says_when_and_where_it_travels():
+def test_every_kind_states_when_and_where_it_is_published():
     """Each has a sentence; each but the error reply has a key; a kind is known by its content's type alone."""
     assert all(kind.when.endswith(".") and kind.model.__doc__ for kind in KINDS.values())
     assert [name for name, kind in KINDS.items() if not kind.keys] == ["error"]

@@ -83,7 +83,7 @@ def block(language: str, holds: str) -> str:
     return found
 
 
-def test_the_plain_zenoh_example_runs_as_it_stands(cell):
+def test_the_plain_zenoh_example_runs_unchanged(cell):
     """Nothing of ours in it: a torque, then the texts of alerts; only the endpoint is the test's."""
     folder, endpoint = cell
     text = block("python", "import json, zenoh\n\nconfig")
@@ -94,7 +94,7 @@ def test_the_plain_zenoh_example_runs_as_it_stands(cell):
     assert alerts == ["joint-monitor/v1/lab/sim-1/alert/j3/wear_rising Joint 3: friction rose\n"] * 2
 
 
-def test_the_jq_example_runs_as_it_stands(cell):
+def test_the_jq_example_runs_unchanged(cell):
     """Last values first, then live."""
     if shutil.which("jq") is None:
         pytest.skip("jq is not installed: apt-get install jq")
@@ -102,7 +102,7 @@ def test_the_jq_example_runs_as_it_stands(cell):
     assert told == ["alert/j3/wear_rising: Joint 3: friction rose inspect\n"] * 2
 
 
-def test_the_node_example_runs_as_it_stands(cell):
+def test_the_node_example_runs_unchanged(cell):
     """Transitions in another language."""
     if shutil.which("node") is None:
         pytest.skip("Node is not installed: apt-get install nodejs")
@@ -139,7 +139,7 @@ def test_watch_is_coloured_on_a_terminal_and_plain_in_a_pipe(cell):
 
 
 @pytest.mark.parametrize("path", sorted(RECORDED.glob("*.*.json")), ids=lambda path: path.stem)
-def test_whatever_is_said_is_one_line_and_streams_have_words(path):
+def test_every_document_is_shown_on_one_line_and_streams_in_words(path):
     """Of every recorded document; only answers to questions, which nobody watches, are JSON."""
     recorded = json.loads(path.read_text("utf-8"))
     told = line(recorded["key"], recorded["document"]).plain
@@ -158,7 +158,7 @@ def test_a_document_that_is_not_as_expected_is_still_shown(key, strange):
     assert key in line(key, strange).plain
 
 
-def test_what_is_wrong_with_the_monitor_is_a_line_and_no_json():
+def test_the_monitors_problems_are_shown_as_a_line_and_not_as_json():
     """Every ten seconds: its troubles, else none, and when the next replay is."""
     fine = {"troubles": [], "next_replay_due": "2026-11-21T17:00:00Z"}
     assert line("monitor", fine).plain == "monitor  no trouble  next replay 2026-11-21T17:00:00Z"

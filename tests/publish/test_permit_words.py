@@ -53,7 +53,7 @@ def yes(why: str = "parked") -> bytes:
         b"[true]",
     ],
 )
-def test_garbage_is_a_no_and_no_exception(sessions, payload):
+def test_a_malformed_answer_is_no_permit_and_no_exception(sessions, payload):
     """Also where it is nested deeper than Python reads, and beside somebody's yes."""
     asking, one, two = sessions
     with answering(one, payload), answering(two, yes()):
@@ -62,7 +62,7 @@ def test_garbage_is_a_no_and_no_exception(sessions, payload):
     assert not answer.allowed
 
 
-def test_one_who_has_not_answered_yet_has_not_agreed(sessions):
+def test_a_missing_answer_is_no_permit(sessions):
     """The other's yes does not carry the motion."""
     asking, one, two = sessions
     held: list[zenoh.Query] = []
@@ -72,7 +72,7 @@ def test_one_who_has_not_answered_yet_has_not_agreed(sessions):
     assert answer is None or not answer.allowed
 
 
-def test_what_somebody_says_stays_in_one_line_of_a_log(sessions):
+def test_the_text_of_a_client_stays_in_one_line_of_the_log(sessions):
     """No line of his own, no escape sequence."""
     asking, one, _ = sessions
     with answering(one, yes("parked\nWARNING forged \x1b[2J")):

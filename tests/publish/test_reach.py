@@ -85,7 +85,7 @@ def seen(endpoint: str, **more):
     return reach(endpoint, PREFIX, who="commands", timeout_s=1.5, **more)
 
 
-def test_no_router_no_host_no_name(free_port):
+def test_a_closed_port_an_unknown_name_and_an_invalid_address_have_their_messages(free_port):
     """Nobody at the port; a name that nobody knows; an address that is none."""
     found = seen(f"tcp/127.0.0.1:{free_port}")
     assert found.cause == "nobody"
@@ -105,7 +105,7 @@ def test_a_daemon_without_secrets_is_reached_and_may_be_acted_on(free_port):
     assert called == []
 
 
-def test_every_way_that_tls_fails_has_its_words(etc, free_port):
+def test_every_failure_of_tls_has_its_message(etc, free_port):
     """Against a daemon with the shipped configuration: their certificate, ours, none, a file that is not there, the wrong protocol."""
     endpoint, called = f"tls/127.0.0.1:{free_port}", []
     answers = {"cmd/ack": QueryHandler("answer", lambda asked: called.append(asked) or {})}
@@ -133,7 +133,7 @@ def test_every_way_that_tls_fails_has_its_words(etc, free_port):
     assert called == []
 
 
-def test_tls_to_one_who_speaks_plain_tcp(etc, free_port, router):
+def test_tls_to_a_plain_tcp_router_has_its_message(etc, free_port, router):
     """The endpoint says tls/, the router tcp/."""
     router(listen__endpoints=[f"tcp/127.0.0.1:{free_port}"])
     found = seen(f"tls/127.0.0.1:{free_port}", zenoh_file=str(etc / "viewer.json5"))
@@ -141,7 +141,7 @@ def test_tls_to_one_who_speaks_plain_tcp(etc, free_port, router):
     assert "tcp/…" in found.text
 
 
-def test_user_and_password(tmp_path, free_port, router):
+def test_a_missing_and_a_wrong_password_have_their_messages(tmp_path, free_port, router):
     """None given, a wrong one, the right one."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
     (tmp_path / "users.txt").write_text("ada:secret\n")
@@ -162,7 +162,7 @@ def test_user_and_password(tmp_path, free_port, router):
     assert seen(endpoint, zenoh_file=as_ada("secret"), answers=False).text == "connected"
 
 
-def test_through_a_router(etc, free_port, router):
+def test_each_failure_through_a_router_has_its_message(etc, free_port, router):
     """The shipped router: a monitor that is not connected, and one that is; somebody whom access control does not know."""
     endpoint = f"tls/127.0.0.1:{free_port}"
     router(str(etc / "router.json5"), listen__endpoints=[endpoint])
@@ -181,7 +181,7 @@ def test_through_a_router(etc, free_port, router):
         assert seen(endpoint, zenoh_file=str(etc / "daemon.json5"), answers=False).text == "connected"
 
 
-def test_a_configuration_that_is_none_is_a_mistake(tmp_path):
+def test_an_invalid_configuration_is_a_mistake(tmp_path):
     """Not a way of not reaching."""
     (tmp_path / "z.json5").write_text("{")
     with pytest.raises(BadInput, match="is no Zenoh configuration"):

@@ -72,7 +72,7 @@ def test_every_published_kind_is_recorded():
 
 
 @pytest.mark.parametrize("path", SCHEMAS, ids=name)
-def test_todays_schemas_keep_what_those_of_before_promised(path):
+def test_todays_schemas_keep_the_promises_of_earlier_ones(path):
     """No field gone, none of another type, none that readers relied on left out, none that requests must newly carry."""
     before = json.loads(path.read_text("utf-8"))
     assert set(before) <= set(KINDS)

@@ -185,14 +185,14 @@ def _number(text: str) -> int:
     return int(text.removeprefix("transition ") or 0)
 
 
-def test_restarts_lose_and_double_no_transition(tmp_path, free_port):
+def test_restarts_lose_and_repeat_no_transition(tmp_path, free_port):
     """One of each, the daemon's while the router is hardly back; `make soak` plays a hundred in random order."""
     play(tmp_path, free_port, ["subscriber", "router", "daemon"], seed=1)
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(1500)
-def test_a_hundred_restarts_lose_and_double_no_transition(tmp_path, free_port, soak_row):
+def test_a_hundred_restarts_lose_and_repeat_no_transition(tmp_path, free_port, soak_row):
     """Seeded; about six minutes. Every fifth restart waits until both subscribers know what the store knows."""
     restarts = random.Random(2).choices(("router", "daemon", "subscriber"), k=100)
     found = play(tmp_path, free_port, restarts, seed=2)

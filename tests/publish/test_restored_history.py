@@ -39,7 +39,7 @@ def told(client: Client) -> Alert:
     raise AssertionError("the alert was never raised")
 
 
-def test_a_restored_history_without_a_verdict_is_told_and_becomes_an_alert_with_the_first(tmp_path: Path, free_port: int, recording):  # noqa: F811
+def test_a_restored_history_without_a_verdict_is_a_problem_and_an_alert_with_the_first_verdict(tmp_path: Path, free_port: int, recording):  # noqa: F811
     """Nothing assessed, no backup: there is no health that an alert could belong to; it waits for one, also through a restart."""
     (tmp_path / "history").mkdir()
     (tmp_path / "history" / "history.sqlite").write_bytes(b"this is no database" * 1000)

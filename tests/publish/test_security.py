@@ -61,7 +61,7 @@ def client(etc, endpoint, who):
     return Client(endpoint, "lab", "cell-1", timeout_s=2.0, zenoh_file=str(etc / f"{who}.json5"))
 
 
-def test_maintenance_looks_and_acts(etc, bus):
+def test_maintenance_may_read_and_command(etc, bus):
     """Its certificate is of our authority, and its name may."""
     _, endpoint, called = bus
     with client(etc, endpoint, "maintenance") as session:
@@ -70,7 +70,7 @@ def test_maintenance_looks_and_acts(etc, bus):
     assert called == [{"by": "ada"}]
 
 
-def test_a_viewer_looks_and_cannot_act(etc, bus):
+def test_a_viewer_may_read_and_not_command(etc, bus):
     """Last values come, also by wildcard; a command does not reach the daemon."""
     _, endpoint, called = bus
     with client(etc, endpoint, "viewer") as session:
@@ -80,7 +80,7 @@ def test_a_viewer_looks_and_cannot_act(etc, bus):
     assert called == []
 
 
-def test_a_viewer_cannot_speak_for_the_monitor(etc, bus):
+def test_a_viewer_cannot_publish_for_the_monitor(etc, bus):
     """What a viewer publishes under the monitor's keys reaches nobody."""
     _, endpoint, _ = bus
     heard = []
@@ -119,7 +119,7 @@ def eventually(ask, within_s=10.0):
     return answer
 
 
-def test_the_cell_answers_whether_the_arm_may_move_and_nobody_else_does(etc, bus):
+def test_only_the_cell_answers_whether_the_arm_may_move(etc, bus):
     """It is heard on that key alone; a viewer who says yes is not, and the cell cannot speak for the monitor nor act."""
     ours, endpoint, called = bus
     with permitting(etc, endpoint, "viewer", {"allow": True, "why": "let it move"}):
@@ -139,7 +139,7 @@ def test_the_cell_answers_whether_the_arm_may_move_and_nobody_else_does(etc, bus
     assert called == []
 
 
-def test_a_replay_by_hand_asks_over_tls_as_well(etc, free_port):
+def test_a_manual_replay_asks_for_its_permit_over_tls_too(etc, free_port):
     """Where no daemon runs, the one who asks stands in for it, with its certificate."""
     endpoint = f"tls/127.0.0.1:{free_port}"
     settings = BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5"), client_zenoh=str(etc / "maintenance.json5"))
@@ -150,7 +150,7 @@ def test_a_replay_by_hand_asks_over_tls_as_well(etc, free_port):
 
 
 @pytest.mark.parametrize("who", ["guest", "forger", "nobody"])
-def test_whoever_is_not_named_gets_nothing(etc, bus, who):
+def test_clients_that_are_not_listed_get_nothing(etc, bus, who):
     """A certificate with another name, one of another authority, none at all: no value, no action."""
     _, endpoint, called = bus
     if who == "guest":  # our authority vouches for him, nobody named him
@@ -254,7 +254,7 @@ with Bus(settings, prefix("lab", "cell-1")):
         ("daemon-passwords", "maintenance-password", ["Invalid password"]),
     ],
 )
-def test_whoever_is_refused_is_logged(etc, tmp_path, free_port, monkeypatch, daemon, who, words):
+def test_refused_clients_are_logged(etc, tmp_path, free_port, monkeypatch, daemon, who, words):
     """As `run` does it: who connected, and that he was not let in, in the daemon's output without escape sequences."""
     (tmp_path / "zenoh-users").write_text("maintenance:grease\n")
     (tmp_path / "zenoh-password").write_text("guessed\n")
@@ -293,7 +293,7 @@ def test_credentials_come_from_the_service_manager(etc, tmp_path, free_port, mon
         assert session.get("**") == []  # let in, and nothing has been said yet
 
 
-def test_what_is_no_zenoh_configuration_is_refused(tmp_path):
+def test_an_invalid_zenoh_configuration_is_refused(tmp_path):
     """By name of the file, with Zenoh's reason."""
     for text, says in (("{", "is no Zenoh configuration"), ("{nonsense: 1}", "is no Zenoh configuration")):
         (tmp_path / "z.json5").write_text(text)

@@ -42,7 +42,7 @@ def endpoint(free_port: int) -> str:
     return f"tcp/127.0.0.1:{free_port}"
 
 
-def test_a_client_that_no_longer_reads_is_cut_off_and_may_come_back(endpoint):
+def test_a_client_that_no_longer_reads_is_disconnected_and_may_return(endpoint):
     """40 MB of answers to a frozen process: questions of others and what is published go on within seconds, and it finds back by itself.
 
     Zenoh alone waits 5 s for it, each time: 10 s were measured. Ours is half a second; 4 s leave room for a busy machine.
@@ -93,7 +93,7 @@ def test_a_client_that_no_longer_reads_is_cut_off_and_may_come_back(endpoint):
             greedy.communicate()
 
 
-def test_a_flood_of_questions_is_answered_or_refused_to_the_last_one(endpoint):
+def test_every_query_of_a_flood_is_answered_or_refused(endpoint):
     """More than may wait while the answers take long: each of them gets one reply, an answer or `busy`; afterwards all is as before."""
     flood, gate = 2 * QUEUE_LENGTH, threading.Event()
     replies: list[str] = []
@@ -124,7 +124,7 @@ def test_a_flood_of_questions_is_answered_or_refused_to_the_last_one(endpoint):
             assert client.get("torque", {"q": 0})[0].document == {}
 
 
-def test_what_is_too_large_is_refused_without_being_read(endpoint):
+def test_a_payload_that_is_too_large_is_refused_unread(endpoint):
     """4 MB and more of payload: an error that names the limit."""
     with (
         Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": QueryHandler("torque", lambda _: {})}),

@@ -61,7 +61,7 @@ class Cell:
 
 @pytest.mark.soak
 @pytest.mark.timeout(1500)
-def test_ten_thousand_replays_leave_memory_where_it_was(tmp_path: Path, free_port: int, monkeypatch, soak_row):
+def test_ten_thousand_replays_do_not_grow_memory(tmp_path: Path, free_port: int, monkeypatch, soak_row):
     endpoint = f"tcp/127.0.0.1:{free_port}"
     laws, cell, heard = Laws(seed=9), Cell(), [0]
     wear = np.zeros(6)

@@ -70,7 +70,7 @@ def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_pla
         assert store.notes.get(RESTORED)
 
 
-def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_never_written_over(tmp_path: Path):
+def test_a_lost_history_is_restored_from_its_backup_and_recordings_are_never_overwritten(tmp_path: Path):
     """Deleted, or a crash in the middle of a restoration; without a backup the recordings alone say that there was one."""
     history(tmp_path)
     back_up(tmp_path, 14)
@@ -87,7 +87,7 @@ def test_a_history_that_is_gone_comes_back_from_its_backup_and_recordings_are_ne
         assert [number for number, _ in store.ledger.orphans()] == [1, 2, 3]
 
 
-def test_entries_that_a_torn_log_has_lost_are_missed_and_no_recording_is_written_over(tmp_path: Path):
+def test_entries_lost_with_a_torn_log_are_detected_and_no_recording_is_overwritten(tmp_path: Path):
     """The file itself is sound, and ends a replay earlier: its recording says so, before its number is given to another."""
     lived_in, copy = tmp_path / "lived", tmp_path / "copy"
     with Store.open(lived_in) as store:
@@ -109,7 +109,7 @@ def test_entries_that_a_torn_log_has_lost_are_missed_and_no_recording_is_written
         assert store.restored is None
 
 
-def test_a_damaged_history_without_a_backup_begins_anew_and_keeps_what_it_was(tmp_path: Path):
+def test_a_damaged_history_without_a_backup_is_kept_and_a_new_one_begins(tmp_path: Path):
     """Nothing is deleted: the file lies beside, and the recordings wait to be entered."""
     history(tmp_path)
     torn(tmp_path / HISTORY)
@@ -136,7 +136,7 @@ def test_a_history_that_cannot_be_read_for_another_reason_is_not_replaced(tmp_pa
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: cannot become another user, so what one who may not read is told is not tested")
 @pytest.mark.parametrize("may_enter", [False, True])
-def test_who_may_not_read_the_history_is_told_whose_it_is(may_enter: bool):
+def test_a_user_without_read_permission_gets_a_message_with_the_owner(may_enter: bool):
     """The service's directory is its own: a sentence with what to do, for every command that reads, and no history is not the answer."""
     with tempfile.TemporaryDirectory() as name:
         Path(name).chmod(0o711)
@@ -160,7 +160,7 @@ def test_who_may_not_read_the_history_is_told_whose_it_is(may_enter: bool):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: nothing of root's can be handed over, which is not tested")
-def test_what_root_makes_in_the_services_directory_is_the_services(tmp_path: Path):
+def test_files_that_root_makes_in_the_services_directory_belong_to_the_service(tmp_path: Path):
     """An import, or a stop allowed, by an administrator before the first start: the service must be able to write there."""
     os.chown(tmp_path, 65534, 65534)
     history(tmp_path, 1)
@@ -202,7 +202,7 @@ def test_a_backup_is_made_beside_a_writer_and_holds_what_was_committed(tmp_path:
         assert len(copy.assessments.rows()) == 1
 
 
-def test_a_damaged_history_never_pushes_a_good_backup_out(tmp_path: Path):
+def test_a_damaged_history_never_replaces_a_good_backup(tmp_path: Path):
     """The copy is checked before it is kept."""
     history(tmp_path, 30)
     good = back_up(tmp_path, 1)
@@ -213,7 +213,7 @@ def test_a_damaged_history_never_pushes_a_good_backup_out(tmp_path: Path):
     assert list(good.parent.glob(".*")) == []
 
 
-def test_recordings_are_let_go_of_by_age_and_by_size_and_their_verdicts_stay(tmp_path: Path):
+def test_recordings_are_pruned_by_age_and_by_size_and_their_verdicts_stay(tmp_path: Path):
     """The oldest first, never the last ten, never one that waits; noted with the window."""
     kept = [KeptRecording(n, tmp_path / str(n), n * DAY, 100) for n in range(30)]
     now = 30 * DAY
@@ -265,7 +265,7 @@ def lived(store: Store, configuration: Configuration, recordings: list[Recording
     return known
 
 
-def test_every_past_verdict_comes_out_the_same_to_the_last_bit(tmp_path: Path, recordings: list[Recording]):
+def test_every_past_verdict_is_recomputed_to_the_last_bit(tmp_path: Path, recordings: list[Recording]):
     """From the recordings alone, with the settings of their day though the configuration has changed since."""
     first = configuration(tmp_path)
     changed = configuration(tmp_path, health={"advisory_rise": 0.02}, identify={"signals": {"cutoff_hz": 7.0}})
@@ -278,7 +278,7 @@ def test_every_past_verdict_comes_out_the_same_to_the_last_bit(tmp_path: Path, r
     assert told["circumstances"]["processor"] == processor_family()
 
 
-def test_a_verdict_that_comes_out_otherwise_is_named_with_what_differs_and_what_has_changed(tmp_path: Path, recordings: list[Recording]):
+def test_a_recomputed_verdict_that_differs_is_named_with_the_difference_and_its_cause(tmp_path: Path, recordings: list[Recording]):
     """A figure of the past that was altered; a program that was another then."""
     with Store.open(tmp_path) as store:
         lived(store, configuration(tmp_path), recordings, range(2))
@@ -308,7 +308,7 @@ def test_after_retention_a_recomputation_goes_on_from_the_next_checkpoint(
     assert (told["identical"], told["different"], told["not_recomputable"]) == (2, 0, 3)
 
 
-def test_what_differs_is_told_by_its_place():
+def test_each_difference_is_named_by_its_key():
     """Nested keys, dotted; what came and what went."""
     assert differences({"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"b": 1, "c": 5}, "e": 4}) == [
         "a.c: 2, now 5",

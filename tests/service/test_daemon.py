@@ -194,7 +194,7 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
     assert [row.state for row in cell.ledger()] == ["assessed"]
 
 
-def test_kill_nine_during_a_replay_stops_the_arm_and_the_ledger_says_aborted(cell):
+def test_sigkill_during_a_replay_stops_the_arm_and_the_ledger_has_it_as_aborted(cell):
     """The daemon dies mid-motion: its children go, the watchdog stops the arm, the next start tells of it and does not repeat it."""
     cell, remote = cell
     daemon = cell.daemon("--now")

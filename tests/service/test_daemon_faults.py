@@ -15,7 +15,7 @@ from monitor.service.daemon import Daemon
 from monitor.store.store import Store
 
 
-def test_a_fault_of_ours_during_a_replay_ends_the_window_and_waits_for_a_person(tmp_path: Path, free_port: int):
+def test_an_exception_during_a_replay_ends_the_window_and_waits_for_a_person(tmp_path: Path, free_port: int):
     """The window is told as aborted with the cause, the next perform is another one, and no arm moves before somebody looked."""
     (tmp_path / "cell.toml").write_text(
         f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[store]\ndirectory = "history"\n[bus]\nlisten = ["tcp/127.0.0.1:{free_port}"]\n'
@@ -34,7 +34,7 @@ def test_a_fault_of_ours_during_a_replay_ends_the_window_and_waits_for_a_person(
 
 
 @needs_root
-def test_a_disk_without_room_at_the_start_is_waited_for(small_disk: Path, monkeypatch: pytest.MonkeyPatch):  # noqa: F811
+def test_the_daemon_waits_at_its_start_for_room_on_the_disk(small_disk: Path, monkeypatch: pytest.MonkeyPatch):  # noqa: F811
     """Started again and again the service manager would give it up: it waits, says so, and goes on when there is room."""
     with Store.open(small_disk / "history") as store:
         store.ledger.claim(1e9, "scheduled", 1e9)

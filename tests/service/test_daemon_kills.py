@@ -26,7 +26,7 @@ def replay_children(pid: int) -> list[int]:
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
 @pytest.mark.xdist_group("daemon")
-def test_a_hundred_kills_leave_a_standing_arm_and_a_true_history(tmp_path: Path, free_port: int, soak_row):
+def test_a_hundred_kills_leave_a_standing_arm_and_a_correct_history(tmp_path: Path, free_port: int, soak_row):
     """At a random time from the start of the service to the end of its replay; then the next one starts, repairs, and is killed too."""
     dice = random.Random(100)
     host, wrong = "127.0.7.99", []

@@ -166,7 +166,7 @@ def lived(folder: Path, kills: int, seed: int) -> tuple[list[str], int, float]:
     return wrong, len(said), (float((folder / "clock").read_text()) - START) / (7 * 24 * HOUR)
 
 
-def test_a_few_kills_over_simulated_weeks_leave_a_true_history(tmp_path: Path):
+def test_a_few_kills_over_simulated_weeks_leave_a_correct_history(tmp_path: Path):
     """The arm moved once a window, the ledger knows of it, and what was said to be safe is."""
     wrong, said, weeks = lived(tmp_path, 6, 3)
     assert wrong == []
@@ -176,7 +176,7 @@ def test_a_few_kills_over_simulated_weeks_leave_a_true_history(tmp_path: Path):
 
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
-def test_two_hundred_kills_over_simulated_weeks_leave_a_true_history(tmp_path: Path, soak_row):
+def test_two_hundred_kills_over_simulated_weeks_leave_a_correct_history(tmp_path: Path, soak_row):
     """The same, two hundred times."""
     wrong, said, weeks = lived(tmp_path, 200, 200)
     soak_row(f"kill −9, 200 times over {weeks:.0f} simulated weeks, {said} replays", f"{len(wrong)} lies", "0 lies")

@@ -41,7 +41,7 @@ def document_of(store: Store, problems: Problems, clock: list[float]) -> Monitor
     return MonitorDocument(store, problems, lambda: clock[0])
 
 
-def test_it_backs_up_at_the_start_and_not_at_every_start(maintenance):
+def test_starts_make_at_most_one_backup_an_hour(maintenance):
     """A service that is started again and again makes one an hour."""
     maintenance, store, _, _ = maintenance
     maintenance.check()
@@ -55,7 +55,7 @@ def test_it_backs_up_at_the_start_and_not_at_every_start(maintenance):
     assert len(backups(store.directory)) == 2
 
 
-def test_damage_that_is_found_while_it_runs_ends_the_service_and_spoils_no_backup(maintenance):
+def test_damage_found_at_run_time_ends_the_service_and_changes_no_backup(maintenance):
     """The next start restores; until then it is told."""
     maintenance, store, problems, _ = maintenance
     maintenance.check()
@@ -68,7 +68,7 @@ def test_damage_that_is_found_while_it_runs_ends_the_service_and_spoils_no_backu
     assert backups(store.directory) == good
 
 
-def test_a_clock_behind_the_history_is_told_and_is_over_when_it_has_caught_up(maintenance):
+def test_a_clock_behind_the_history_is_a_problem_until_it_has_caught_up(maintenance):
     """A year; then right again."""
     maintenance, _, problems, clock = maintenance
     clock[0] = 1.6e9 - 365 * DAY
@@ -79,7 +79,7 @@ def test_a_clock_behind_the_history_is_told_and_is_over_when_it_has_caught_up(ma
     assert "clock_behind" not in problems
 
 
-def test_what_was_taken_back_does_not_keep_the_clock_behind(maintenance):
+def test_rejected_replays_do_not_keep_the_clock_behind(maintenance):
     """Rejected as made up by a wrong clock: nothing of it is waited for."""
     maintenance, store, problems, clock = maintenance
     commit(store, replayed(store, 1.9e9))
@@ -92,7 +92,7 @@ def test_what_was_taken_back_does_not_keep_the_clock_behind(maintenance):
     assert "clock_behind" not in problems
 
 
-def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(maintenance):
+def test_a_stop_is_a_problem_until_a_person_has_checked_the_arm(maintenance):
     """Whoever asks how the monitor is learns that nothing moves, why, and what to do."""
     maintenance, store, problems, _ = maintenance
     store.stops.add("protective_stop", "the arm met something", 1.6e9)
@@ -105,7 +105,7 @@ def test_a_stop_that_waits_for_a_person_is_told_until_somebody_has_looked(mainte
     assert "stop" not in problems
 
 
-def test_it_says_how_it_is_also_where_the_history_cannot_be_read(maintenance, monkeypatch: pytest.MonkeyPatch):
+def test_the_monitor_reports_its_state_although_the_history_cannot_be_read(maintenance, monkeypatch: pytest.MonkeyPatch):
     """A disk that fails is a trouble among others, and no reason to be silent, or to seem dead to the watchdog."""
     _, store, problems, clock = maintenance
 
@@ -119,7 +119,7 @@ def test_it_says_how_it_is_also_where_the_history_cannot_be_read(maintenance, mo
     assert [trouble["name"] for trouble in document["troubles"]] == ["store"]
 
 
-def test_status_says_where_nobody_speaks_any_more(maintenance, capsys: pytest.CaptureFixture[str]):
+def test_status_reports_a_monitor_that_no_longer_publishes(maintenance, capsys: pytest.CaptureFixture[str]):
     """A monitor that ended weeks ago must not look like one that runs."""
     _, store, problems, clock = maintenance
     clock[0] = 1.7e9
@@ -133,7 +133,7 @@ def test_status_says_where_nobody_speaks_any_more(maintenance, capsys: pytest.Ca
     assert "does not run" not in capsys.readouterr().out
 
 
-def test_what_it_says_is_what_its_schema_promises_and_what_status_reads(maintenance):
+def test_the_monitor_document_is_valid_by_its_schema_and_printed_by_status(maintenance):
     """With everything known, and with nothing."""
     _, store, problems, clock = maintenance
     problems.report("disk", "full")
@@ -147,7 +147,7 @@ def test_what_it_says_is_what_its_schema_promises_and_what_status_reads(maintena
     assert read_monitor_document(store.directory / "nowhere") is None
 
 
-def test_it_is_metrics_too(maintenance):
+def test_the_monitor_document_is_in_the_metrics_too(maintenance):
     """Every figure that is known, by name; a trouble by its name."""
     maintenance, store, problems, clock = maintenance
     maintenance.check()

@@ -87,7 +87,7 @@ def arm(tmp_path: Path) -> Iterator[Arm]:
         yield Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=600.0)
 
 
-def test_a_week_has_a_replay_a_day_and_the_next_one_is_said(arm: Arm):
+def test_a_week_has_a_replay_a_day_and_the_next_one_is_published(arm: Arm):
     """At 03:00, with the first tick after it."""
     arm.passes(7 * DAY)
     assert arm.replayed == [START + day * DAY + 3 * 3600.0 for day in range(7)]
@@ -96,7 +96,7 @@ def test_a_week_has_a_replay_a_day_and_the_next_one_is_said(arm: Arm):
     assert arm.scheduler.lag_s <= 240.0
 
 
-def test_what_was_missed_is_told_and_never_made_up_for(arm: Arm):
+def test_missed_windows_are_reported_and_never_replayed_later(arm: Arm):
     """Off for four nights; started again at noon: four skipped rows, the fifth night is replayed."""
     arm.passes(DAY)
     arm.clock[0] += 3 * DAY + 12 * 3600.0
@@ -106,7 +106,7 @@ def test_what_was_missed_is_told_and_never_made_up_for(arm: Arm):
     assert "not running" in arm.states()[1][1]
 
 
-def test_a_clock_set_back_replays_no_window_again_and_one_set_forward_is_doubted_first(arm: Arm):
+def test_a_clock_set_back_repeats_no_window_and_one_set_forward_waits_before_it_counts(arm: Arm):
     """Back by two days: those windows are in the ledger. Forward by a year: an hour without a motion, then it is believed."""
     arm.passes(3 * DAY)
     before = list(arm.replayed)
@@ -126,7 +126,7 @@ def test_a_clock_set_back_replays_no_window_again_and_one_set_forward_is_doubted
     assert len(arm.replayed) == len(before) + 3
 
 
-def test_a_year_that_a_wrong_clock_made_up_is_taken_back_by_itself(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
+def test_replays_of_a_clock_that_was_a_year_ahead_are_rejected_automatically(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
     """Forward, a replay learnt there, and back: that one is rejected, belief is as before it, and the windows of now open again."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *")
@@ -149,7 +149,7 @@ def test_a_year_that_a_wrong_clock_made_up_is_taken_back_by_itself(tmp_path: Pat
         assert len(arm.replayed) >= 1
 
 
-def test_a_clock_that_was_only_set_back_takes_nothing_back(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
+def test_a_clock_that_was_only_set_back_rejects_no_replay(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
     """The history is true, the clock is not: nothing of it is thrown away."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *")
@@ -166,7 +166,7 @@ def test_a_clock_that_was_only_set_back_takes_nothing_back(tmp_path: Path, recor
         assert isinstance(load_state(store), EstimatorState)
 
 
-def test_a_store_that_fails_moves_nothing_and_is_tried_again(arm: Arm):
+def test_while_the_store_fails_nothing_moves_and_it_is_tried_again(arm: Arm):
     """Told as trouble, mended when it is back, and the window is used while it is still open."""
     stopping = threading.Event()
     arm.clock[0] = START + 3 * 3600.0
@@ -190,7 +190,7 @@ def test_a_store_that_fails_moves_nothing_and_is_tried_again(arm: Arm):
     assert arm.replayed == [START + 3 * 3600.0]
 
 
-def test_after_a_restored_backup_no_window_of_before_is_used_again(tmp_path: Path):
+def test_after_a_restored_backup_no_earlier_window_is_used_again(tmp_path: Path):
     """The ledger of the last hours is lost with the damaged file: what was open then may have been replayed."""
     with Store.open(tmp_path / "history") as store:
         Arm(tmp_path / "history", store, cron="0 3 * * *").passes(DAY)
@@ -211,7 +211,7 @@ def test_after_a_restored_backup_no_window_of_before_is_used_again(tmp_path: Pat
         assert arm.replayed == [START + 2 * DAY + 3 * 3600.0]
 
 
-def test_a_window_waits_for_a_warm_arm_and_is_told_where_it_did_not_become_so(tmp_path: Path):
+def test_a_window_waits_for_a_warm_arm_and_is_skipped_with_a_reason_where_it_stays_cold(tmp_path: Path):
     """Steady after twenty minutes of an hour; the next night it warms up all the time."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=3600.0, after_warm_up=True)
@@ -231,7 +231,7 @@ def test_a_window_waits_for_a_warm_arm_and_is_told_where_it_did_not_become_so(tm
         assert "temperatures were not steady" in arm.states()[-1][1]
 
 
-def test_evidence_and_a_cold_start_bring_a_replay_forward_once(tmp_path: Path):
+def test_evidence_and_a_cold_start_advance_a_replay_once(tmp_path: Path):
     """Where the site allows it; asked for again and again it is still one."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="", evidence_windows=("22:00-05:00",), cold_start_after_h=4.0, grace_s=900.0)
@@ -253,7 +253,7 @@ def test_evidence_and_a_cold_start_bring_a_replay_forward_once(tmp_path: Path):
         assert len(arm.replayed) == 2
 
 
-def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
+def test_a_requested_replay_runs_at_once_and_beside_the_schedule(arm: Arm):
     """Its window is the moment."""
     arm.passes(60.0)
     arm.requests.request("a person")
@@ -262,7 +262,7 @@ def test_one_that_is_asked_for_is_had_at_once_and_beside_the_schedule(arm: Arm):
     assert arm.store.ledger.rows()[0].kind == "requested"
 
 
-def test_who_asks_twice_gets_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
+def test_two_requests_give_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
     """Nothing moves that could not be recorded, whoever wants it; that it was wanted is told."""
     arm.requests.request()
     arm.requests.request()
@@ -277,7 +277,7 @@ def test_who_asks_twice_gets_one_replay_and_none_where_it_could_not_be_recorded(
     assert "MB are free" in (row.reason or "")
 
 
-def test_a_host_whose_clock_begins_again_at_every_boot_loses_nothing_of_its_history(arm: Arm):
+def test_a_host_whose_clock_restarts_at_every_boot_keeps_its_history(arm: Arm):
     """A dead battery: 2019 at every boot until the network has set it. That it was set right once is no future that was made up."""
     true, wrong = START, 1_546_300_800.0
     for boot in range(3):
@@ -311,7 +311,7 @@ def test_before_the_clock_has_been_set_nothing_is_replayed(tmp_path: Path):
         assert "clock" not in arm.problems
 
 
-def test_a_thousand_days_of_absence_are_told_in_a_few_rows_and_at_once(arm: Arm):
+def test_a_thousand_missed_days_are_reported_in_a_few_rows_and_at_once(arm: Arm):
     """Sixty, the newest; and the night after is replayed."""
     arm.passes(DAY)
     arm.clock[0] += 1000 * DAY
@@ -340,7 +340,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @needs_root
-def test_a_full_disk_moves_nothing_says_so_and_is_over_when_there_is_room(small_disk: Path):
+def test_with_a_full_disk_nothing_moves_and_the_problem_ends_when_there_is_room(small_disk: Path):
     """The window is skipped with the reason where the ledger still takes it; the next one is replayed."""
     with Store.open(small_disk / "history") as store:
         arm = Arm(small_disk / "history", store, cron="0 * * * *", grace_s=600.0)
@@ -370,7 +370,7 @@ def test_a_full_disk_moves_nothing_says_so_and_is_over_when_there_is_room(small_
 
 
 @needs_root
-def test_a_disk_that_became_read_only_is_told_and_outlived(small_disk: Path):
+def test_a_disk_that_becomes_read_only_is_reported_and_survived(small_disk: Path):
     """As after an error of the disk: nothing moves; writable again, it goes on."""
     with Store.open(small_disk / "history") as store:
         arm = Arm(small_disk / "history", store, cron="0 * * * *", grace_s=600.0)

@@ -35,7 +35,7 @@ def heard(channel: socket.socket) -> list[str]:
             return said
 
 
-def test_the_watchdog_is_kicked_while_everybody_is_alive_and_not_when_one_is_late(manager, caplog):
+def test_the_watchdog_is_notified_while_every_worker_is_alive_and_not_when_one_is_late(manager, caplog):
     """One worker that hangs is enough, though the main loop goes on; it comes back, and all is well again."""
     heartbeats = Heartbeats()
     heartbeats.beat("listen", 5.0)
@@ -55,7 +55,7 @@ def test_the_watchdog_is_kicked_while_everybody_is_alive_and_not_when_one_is_lat
     assert heard(manager) == ["WATCHDOG=1"]
 
 
-def test_without_a_service_manager_nothing_is_said_and_nothing_fails(monkeypatch: pytest.MonkeyPatch):
+def test_without_a_service_manager_nothing_is_sent_and_nothing_fails(monkeypatch: pytest.MonkeyPatch):
     """Also where its socket has gone."""
     for name in ("NOTIFY_SOCKET", "WATCHDOG_USEC"):
         monkeypatch.delenv(name, raising=False)
@@ -69,7 +69,7 @@ def test_without_a_service_manager_nothing_is_said_and_nothing_fails(monkeypatch
     assert watchdog_s() == 0.0
 
 
-def test_a_reload_tells_when_it_began(manager):
+def test_a_reload_sends_the_time_of_its_start(manager):
     """The monotonic clock's microseconds, as systemd compares them."""
     before = time.monotonic()
     reloading()
@@ -78,7 +78,7 @@ def test_a_reload_tells_when_it_began(manager):
     assert abs(int(said.rsplit("=", 1)[1]) / 1e6 - before) < 1.0
 
 
-def test_the_journal_gets_fields_that_one_can_ask_for(tmp_path: Path):
+def test_the_journal_gets_searchable_fields(tmp_path: Path):
     """MESSAGE, PRIORITY, the robot, the replay; a message of two lines in the journal's binary form."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal:
         journal.bind(str(tmp_path / "journal"))
@@ -97,7 +97,7 @@ def test_the_journal_gets_fields_that_one_can_ask_for(tmp_path: Path):
     assert second.startswith(b"MESSAGE\n" + struct.pack("<Q", 9) + b"two\nlines\nPRIORITY=3\n")
 
 
-def test_a_trouble_is_told_when_it_begins_and_when_it_is_over(caplog):
+def test_a_problem_is_logged_when_it_begins_and_when_it_ends(caplog):
     """Once each, however often it is seen; listed in between, with when it began."""
     caplog.set_level(logging.INFO)
     clock, elapsed = [100.0], [0.0]

@@ -50,7 +50,7 @@ def pid(machine: Machine) -> int:
     return int(machine.unit(UNIT, "MainPID")["MainPID"])
 
 
-def test_it_starts_says_how_it_is_and_runs_as_a_user_without_powers(machine: Machine):
+def test_it_starts_reports_its_state_and_runs_as_an_unprivileged_user(machine: Machine):
     """READY is systemd's word for it; STATUS is worth reading; no capability, no new privileges; the secret was read."""
     told = machine.eventually(UNIT, "SubState", "running", 10.0)
     deadline = time.monotonic() + 20.0
@@ -78,7 +78,7 @@ def test_it_starts_says_how_it_is_and_runs_as_a_user_without_powers(machine: Mac
     assert "gripper-7" not in str(entries)
 
 
-def test_the_shipped_files_are_without_reproach(machine: Machine):
+def test_the_shipped_units_pass_systemd_analyze(machine: Machine):
     """`systemd-analyze verify` says nothing; exposure is at most 2.0, of which the network makes most."""
     path = "/etc/systemd/system/joint-monitor@.service"
     said = machine.run("systemd-analyze", "verify", path)
@@ -86,7 +86,7 @@ def test_the_shipped_files_are_without_reproach(machine: Machine):
     machine.run("systemd-analyze", "security", "--offline=yes", "--threshold=20", path)
 
 
-def test_a_reload_takes_a_right_configuration_and_keeps_the_old_one_instead_of_a_wrong_one(machine: Machine):
+def test_a_reload_takes_a_valid_configuration_and_refuses_an_invalid_one(machine: Machine):
     """The same process; the next window is another; a mistake is told and changes nothing."""
     before, path = pid(machine), "/etc/joint-monitor/cell-1.toml"
     inside = ["sh", "-c"]
@@ -157,7 +157,7 @@ def test_a_wrong_configuration_is_not_tried_again(machine: Machine):
 
 @pytest.mark.soak
 @pytest.mark.timeout(300)
-def test_a_service_that_fails_again_and_again_is_left_alone_after_five_starts(machine: Machine):
+def test_a_service_that_fails_repeatedly_is_not_restarted_after_five_starts(machine: Machine):
     """An address that is not this machine's: five starts, then a person."""
     machine.run("systemctl", "start", "joint-monitor@crash.service", check=False, timeout=120)
     told = machine.eventually("joint-monitor@crash.service", "SubState", "failed", 120.0)

@@ -64,7 +64,7 @@ def test_a_secondary_program_runs_beside_the_one_that_plays(pendant):
         (MOVE, [1, *[0.5] * 6, 5e-324, 1.0, 0], "must be positive"),
     ],
 )
-def test_figures_that_cannot_be_meant_end_the_program(pendant, written, values, why):
+def test_absurd_figures_end_the_program(pendant, written, values, why):
     """They raise a runtime exception, and the arm stays where it is."""
     c = pendant.controller
     assert pendant.do(written, values) == -1
@@ -73,7 +73,7 @@ def test_figures_that_cannot_be_meant_end_the_program(pendant, written, values, 
     assert np.isfinite(c.arm.q).all()
 
 
-def test_a_motion_that_becomes_nothing_is_a_protective_stop_and_the_arm_is_still_there(pendant):
+def test_a_motion_with_figures_near_the_largest_double_is_a_protective_stop(pendant):
     """A tool speed and an acceleration near the largest double lead to a protective stop."""
     c = pendant.controller
     with np.errstate(all="ignore"):
@@ -111,7 +111,7 @@ def test_a_moved_encoder_is_still_moved_after_a_restart():
     assert np.isclose(after.measurements.latest.q[1] - after.arm.q[1], 0.1, atol=1e-3)
 
 
-def test_a_restart_mends_no_sensor_and_forgets_no_installation():
+def test_a_restart_repairs_no_sensor_and_keeps_the_installed_payload():
     """Faults of sensors and the installed payload survive a restart. What a program declared does not."""
     events = [{"at_s": 0, "do": "mounting", "mounting": "ceiling", "told": True}, {"at_s": 0, "do": "payload", "kg": 2.0, "told": True}]
     c = Controller(SimulateSettings(scenario=scenario_from_document({"event": events}, "told", "told.toml")))
@@ -136,7 +136,7 @@ def test_an_arm_without_power_is_as_warm_as_its_room():
     assert np.allclose(c.arm.temperatures.motor_c, 23.0, atol=0.1)
 
 
-def test_clear_brings_back_the_noise_that_the_arm_has_of_itself():
+def test_clear_restores_the_noise_of_the_settings():
     """`clear` restores the noise of the settings, even after the noise was zero."""
     c = Controller(SimulateSettings(current_noise=4.0))
 

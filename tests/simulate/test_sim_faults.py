@@ -54,7 +54,7 @@ def controller() -> Controller:
     return controller
 
 
-def test_every_fault_says_what_it_takes_and_refuses_the_rest(controller):
+def test_every_fault_names_its_arguments_and_refuses_others(controller):
     """Unknown faults and arguments, values out of range, missing arguments and faults of a missing wire are errors with a reason."""
     for name, given, named in [
         ("earthquake", {}, "known are"),
@@ -93,7 +93,7 @@ def test_the_controller_makes_every_fault_happen_that_the_wire_does_not():
     assert refused == {"stall", "close", "reset", "listener_gone", "restart", "freeze", "late", "skip", "mute", "text_at_connect"}
 
 
-def test_frozen_temperatures_stay_and_clear_thaws_them(controller):
+def test_frozen_temperatures_stay_until_clear(controller):
     """The sensors show the same temperatures while the joints warm, until `clear`."""
     controller.inject("temperatures_frozen", {})
     before = controller.measurements.latest.temperature_c
@@ -266,7 +266,7 @@ def test_packets_that_are_all_late_still_come(ur5):
         assert np.allclose(np.diff(stamps), 0.008, atol=1e-9)
 
 
-def test_a_controller_that_is_killed_twice_is_born_once(spawn):
+def test_a_controller_that_is_killed_twice_restarts_once(spawn):
     """Otherwise a client that connects after the first restart would be connected to a dead controller."""
     simulator = spawn("--robot", "ur5")
     with simulator.remote() as remote:
@@ -302,7 +302,7 @@ def test_skipped_packets_are_missing_from_the_clock(ur5):
         assert 0.05 < np.mean(steps > 1) < 0.4  # 0.2 ± 0.03
 
 
-def test_a_mute_controller_accepts_and_says_nothing(ur5):
+def test_a_mute_controller_accepts_and_sends_nothing(ur5):
     """The handshake gets no reply, so a constructor of ur-rtde would hang."""
     with ur5.remote() as remote:
         remote.fault("mute")

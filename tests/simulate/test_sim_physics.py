@@ -243,7 +243,7 @@ def test_wear_grows_with_use_under_load():
 
 @settings(max_examples=25, deadline=None)
 @given(hours=st.floats(0.01, 3.0), watts=st.floats(0.0, 30.0), ambient=st.floats(0.0, 40.0))
-def test_a_leap_in_time_is_many_small_steps(hours, watts, ambient):
+def test_a_long_time_step_equals_many_small_ones(hours, watts, ambient):
     """The closed form agrees with explicit steps of one second."""
     model = default_thermal(load_robot("ur5"))
     heat = watts * model.motor_room_w_per_k
@@ -296,7 +296,7 @@ def test_a_joint_pulled_slowly_through_a_spring_sticks_and_slips():
     assert share_standing(0.3, 3.0) == 0.0
 
 
-def test_standing_in_one_long_step_is_standing_in_many():
+def test_standing_for_one_long_step_equals_many_short_ones():
     """While nothing moves, `stand` equals `step`: the same torque after a second, and exactly the same position."""
     short, long = (Arm(load_robot("ur5"), q=HOME) for _ in range(2))
     still = Target(HOME + 3e-6, np.zeros(6), np.zeros(6))  # an error that the servo cannot take away against friction

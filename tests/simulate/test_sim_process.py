@@ -50,7 +50,7 @@ def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
         Remote(first.address)
 
 
-def test_it_ends_without_a_word_while_somebody_is_connected_to_every_port(spawn):
+def test_it_ends_without_output_while_a_client_is_connected_to_every_port(spawn):
     """Ctrl-C prints no traceback while a client is connected to each port."""
     simulator = spawn("--robot", "ur5")
     wires = [socket.create_connection((simulator.address, port), timeout=5) for port in (29999, 30001, 30002, 30003, 30004, 30020)]
@@ -110,7 +110,7 @@ def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_
     assert not _answers(address)
 
 
-def test_a_view_of_an_address_in_use_says_so(spawn):
+def test_a_view_of_an_address_in_use_gives_a_message(spawn):
     """One line and exit code 2, as without the view."""
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", spawn().address, "--view"]
     second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -141,7 +141,7 @@ def _answers(address: str) -> bool:
         (["--protective-runtime", "shrugs"], "protective_runtime"),
     ],
 )
-def test_wrong_options_are_sentences(arguments, named):
+def test_wrong_options_give_a_message(arguments, named):
     """The exit code is 2 and there is no traceback."""
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", fresh_address(), *arguments]
     wrong = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

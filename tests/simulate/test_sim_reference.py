@@ -158,7 +158,7 @@ def roughness(late_s):
     return min(np.std(found[1000:] - np.roll(true, shift, axis=0)[1000:]) for shift in range(-5, 20))
 
 
-def test_a_change_of_acceleration_is_carried_on_where_targets_come_evenly_and_not_where_they_do_not(monkeypatch):
+def test_a_change_of_acceleration_is_extrapolated_for_even_targets_and_not_for_uneven_ones(monkeypatch):
     """It halves the error for even targets. With 4 ms of jitter it would shake the arm, so there it has no effect."""
     even, jitter = np.full(2000, 0.003), 0.003 + np.abs(np.random.default_rng(0).normal(0.0, 0.004, 2000))
     with_turns = roughness(even), roughness(jitter)

@@ -34,7 +34,7 @@ def live_days(controller: Controller, days: float) -> None:
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_every_shipped_scenario_loads_and_says_what_it_is(name):
+def test_every_shipped_scenario_loads_and_has_a_description(name):
     """The command prints the name and the description of the scenario."""
     scenario = load_scenario(name)
     printed = announcement(settings_from(scenario))
@@ -43,7 +43,7 @@ def test_every_shipped_scenario_loads_and_says_what_it_is(name):
     assert scenario.about in printed
 
 
-def test_the_issue_s_scenarios_are_all_there():
+def test_all_required_scenarios_exist():
     asked = {"fresh", "joint-wearing", "step-wear", "cold-mondays", "hot-summer", "payload-untold", "remounted", "regreased"}
     assert asked | {"noisy-currents", "long-holiday", "joint-replaced"} <= set(scenario_names())
 
@@ -136,7 +136,7 @@ def test_a_replaced_joint_has_its_own_serial_and_friction():
     assert friction(controller, 3) == pytest.approx(other, rel=1e-3)
 
 
-def test_noisy_currents_are_four_times_as_loud():
+def test_noisy_currents_have_four_times_the_noise():
     spreads = []
     for controller in (living("fresh"), living("noisy-currents")):
         currents = []
@@ -235,7 +235,7 @@ def test_a_payload_that_the_arm_cannot_carry_is_refused_before_it_starts():
         settings_from(scenario_from_document(document, "mine", "mine.toml"))
 
 
-def test_a_scenario_that_is_not_there_and_a_file_that_is_none(tmp_path):
+def test_a_missing_scenario_and_an_invalid_file_are_named(tmp_path):
     """The errors name the shipped scenarios, or the line of the mistake."""
     with pytest.raises(BadInput, match="cold-mondays"):
         load_scenario("sunshine")
@@ -280,7 +280,7 @@ def test_a_fault_may_be_there_from_the_first_moment_on(fault):
         ({"work": {"duty": 0.0}, "event": [{"at_s": 9, "do": "wear", "joint": 3, "percent_a_month": 5.0}]}, "duty above 0"),
     ],
 )
-def test_what_would_go_wrong_on_its_day_is_named_at_the_start(document, named):
+def test_mistakes_in_later_events_are_named_at_the_start(document, named):
     """The error comes when the controller starts, and not after days in the middle of a control period."""
     with pytest.raises(BadInput, match=named):
         Controller(SimulateSettings(scenario=scenario_from_document(document, "mine", "mine.toml")))

@@ -60,7 +60,7 @@ def test_a_program_that_is_a_list_of_steps_and_one_that_is_not():
         assert "custom" in foreign.reason
 
 
-def test_single_lines():
+def test_single_lines_are_understood_or_refused():
     """movej, movel, stops and immediate commands are understood, and other lines are refused."""
 
     def joints(q, speed, acceleration):

@@ -151,7 +151,7 @@ def test_a_realtime_packet_has_every_field_at_its_published_place(ur5e):
         ("ur5e", "5.9.0", 1140),
     ],
 )
-def test_a_realtime_packet_is_as_long_as_its_version_says(robot, version, size):
+def test_a_realtime_packet_is_as_long_as_its_version_requires(robot, version, size):
     """The length field and the number of bytes agree with the version."""
     packet = realtime_packet(Controller(SimulateSettings(robot=robot, version=version)))
     assert struct.unpack_from(">i", packet)[0] == len(packet) == size

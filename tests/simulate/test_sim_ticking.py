@@ -57,7 +57,7 @@ def test_a_timeout_that_ends_before_the_tick_is_kept(followed):
     assert selector.select(0) == []
 
 
-def test_a_timer_that_is_gone_is_waited_for_no_longer(followed):
+def test_a_closed_timer_is_not_waited_for(followed):
     """The loop does not wait for the timer when the service ends."""
     selector, _, here, there, streaming = followed
     streaming.append(True)

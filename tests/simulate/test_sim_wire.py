@@ -265,7 +265,7 @@ def test_requests_are_json_lines(ur5):
         assert answer["kind"] == "BadInput"
 
 
-def test_in_real_time_it_is_what_it_is_when_stepped(spawn):
+def test_real_time_and_stepped_measurements_are_equal(spawn):
     """A second of noise over the wire equals, bit for bit, what a stepped controller with the same seed measures."""
     simulator = spawn("--seed", "7")
     with RawRtde(simulator.address) as rtde:

@@ -83,7 +83,7 @@ def test_parquet_of_others_is_read_by_its_names(tmp_path):
     assert_is_rows(read_recording(tmp_path / "theirs.parquet"))
 
 
-def test_writing_is_whole_or_not_at_all(tmp_path):
+def test_writing_is_atomic(tmp_path):
     """Where the disk refuses, StoreError says so; no half file and no temporary one stays."""
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "inside").touch()

@@ -92,7 +92,7 @@ def listed(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def test_a_manifest_says_times_payloads_and_mountings(tmp_path):
+def test_a_manifest_gives_times_payloads_and_mountings(tmp_path):
     """Names are relative to its folder; a time without an offset is UTC."""
     [entry] = manifest(listed(tmp_path, "file,recorded_at,payload_kg,mounting,note\na.csv,2026-01-31T03:00:00,1.5,ceiling,first\n"))
     assert entry.file == tmp_path / "a.csv"
@@ -119,13 +119,13 @@ def test_a_manifest_that_is_wrong_is_named_by_line_and_column(tmp_path, text, sa
 
 
 @pytest.mark.parametrize("text", ["", "1", "d", "0d", "1y", "-1d", "nan d"])
-def test_an_interval_that_is_none_is_refused(text):
+def test_an_invalid_interval_is_refused(text):
     """Number and unit."""
     with pytest.raises(BadInput, match="--interval"):
         interval_s(text)
 
 
-def test_a_recording_that_says_how_the_arm_hung_is_judged_as_that_unless_the_user_says_otherwise(recordings, tmp_path):
+def test_the_mounting_of_a_recording_counts_unless_the_user_gives_another(recordings, tmp_path):
     """The file's own word counts before what the series takes for granted, and the manifest's before the file's."""
     hung = tmp_path / "hung.parquet"
     recording = read_recording(recordings[0])
@@ -165,7 +165,7 @@ def test_times_that_are_missing_or_the_same_are_refused(recordings):
         (["rehearse", "--config", "config/monitor.toml", "--plot", "x.pdf"], "ends in .png or .html"),
     ],
 )
-def test_what_is_wrong_is_said_and_ends_with_2(arguments, says):
+def test_a_mistake_is_reported_with_exit_code_2(arguments, says):
     """No traceback."""
     done = run(*arguments)
     assert done.returncode == 2, done.stderr
@@ -173,7 +173,7 @@ def test_what_is_wrong_is_said_and_ends_with_2(arguments, says):
     assert "Traceback" not in done.stderr
 
 
-def test_a_manifest_says_serials_maintenance_and_revolutions(tmp_path):
+def test_a_manifest_gives_serials_maintenance_and_revolutions(tmp_path):
     """One a joint, with blanks between; figures that are none are named with their line."""
     path = tmp_path / "runs.csv"
     head = "file,recorded_at,maintenance,joint_serials,revolutions\n"
@@ -187,7 +187,7 @@ def test_a_manifest_says_serials_maintenance_and_revolutions(tmp_path):
         manifest(path)
 
 
-def test_why_a_joint_does_not_alert_is_said_on_request(recordings):
+def test_why_a_joint_does_not_alert_is_printed_on_request(recordings):
     """In words by --why, of every joint in --json."""
     told = run("assess", "--robot", "ur5", "--why", "2", *map(str, recordings))
     assert told.returncode == 0, told.stderr

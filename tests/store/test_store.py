@@ -110,7 +110,7 @@ def test_a_second_daemon_on_the_same_directory_is_refused(tmp_path: Path):
         pass
 
 
-def test_commands_read_beside_the_daemon_and_before_the_first_run_are_told_so(tmp_path: Path):
+def test_commands_read_beside_the_daemon_and_get_a_message_before_the_first_run(tmp_path: Path):
     """A reader sees what is committed; without a history it gets a sentence."""
     with pytest.raises(StoreError, match="no history yet"), Store.reader(tmp_path):
         pass
@@ -130,7 +130,7 @@ def test_a_newer_history_is_refused_with_the_reason(tmp_path: Path):
 
 
 @pytest.mark.parametrize("version", [0, 1, 3])
-def test_another_programs_database_is_refused_and_left_as_it_is(tmp_path: Path, version: int):
+def test_another_programs_database_is_refused_and_stays_unchanged(tmp_path: Path, version: int):
     """Whatever number of schema it says, none of our tables is put beside its own."""
     with closing(sqlite3.connect(tmp_path / "history.sqlite")) as connection:
         connection.executescript(f"CREATE TABLE photo (name TEXT); PRAGMA user_version = {version}")
@@ -171,7 +171,7 @@ with Store.open(Path(sys.argv[1])) as store:
 """
 
 
-def test_kill_nine_at_any_moment_loses_and_doubles_nothing(tmp_path: Path):
+def test_sigkill_at_any_moment_loses_and_repeats_nothing(tmp_path: Path):
     """What the writer said it committed is there after SIGKILL, once; revision, events and history agree."""
     for _ in range(6):
         process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True)
@@ -211,7 +211,7 @@ def test_a_stop_waits_until_a_person_allows_motion_again(tmp_path: Path):
         assert store.stops.waiting() == []
 
 
-def test_a_first_pass_counts_for_its_circumstances_and_only_until_they_change(tmp_path: Path):
+def test_a_first_pass_is_valid_until_its_circumstances_change(tmp_path: Path):
     """There and back is two changes: nobody knows what was moved meanwhile."""
     with Store.open(tmp_path) as store:
         assert not store.first_passes.is_latest("a")
@@ -222,7 +222,7 @@ def test_a_first_pass_counts_for_its_circumstances_and_only_until_they_change(tm
         assert store.first_passes.latest() == {"payload_kg": 2.0}
 
 
-def test_a_history_of_the_first_schema_is_renewed_with_what_it_holds(tmp_path: Path):
+def test_a_history_of_the_first_schema_is_migrated_with_its_rows(tmp_path: Path):
     """Tables are added, rows stay; a reader says what to do instead of failing on a missing table."""
     from monitor.store import schema as module
 

@@ -28,7 +28,7 @@ ASSESS = AssessSettings()
 FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise from its own replays alone
 
 
-def test_a_quiet_fleet_is_quiet():
+def test_a_healthy_fleet_has_few_alerts():
     """48 robot-years, six of each scenario: at 0.08 a year 4 alerts are expected; 11 or more would come once in 300 times."""
     quiet = play(FleetSettings(arms=48, seed=7), ASSESS)
     assert false_alarms(quiet).events <= 10

@@ -10,7 +10,7 @@ from monitor.studies.figures import over_arms
 
 
 @given(st.lists(st.floats(-100.0, 100.0), min_size=2, max_size=30))
-def test_of_a_mean_they_are_students(values):
+def test_the_bounds_of_a_mean_are_those_of_student(values):
     """The jackknife of a mean is its usual standard error."""
     rows = np.array(values)
     found = over_arms(np.mean, rows)
@@ -20,7 +20,7 @@ def test_of_a_mean_they_are_students(values):
     assert found.value - found.at_least == pytest.approx(reach, abs=1e-6)
 
 
-def test_of_a_ratio_of_sums_they_hold_in_nineteen_of_twenty():
+def test_the_bounds_of_a_ratio_of_sums_hold_in_95_percent_of_fleets():
     """2000 fleets of 24 arms, some of which err much more than others: the upper bound is missed by 5 ± 2 % of them."""
     dice, missed = np.random.default_rng(3), 0
 
