@@ -19,6 +19,8 @@ SIGN_SPEED_RAD_S = 0.001  # width of tanh(q̇/0.001), which stands for sgn(q̇):
 STANDSTILL_SPEED_RAD_S = 0.02  # at a lower speed friction is stiction, and the torque depends on what was before
 STRIBECK_SPEED_RAD_S = 0.1  # v_s: fixed, so that the law is linear; the residual hardly changes between 0.05 and 0.2 rad/s
 CONCAVE_EXPONENT = 0.5  # p: factory sweeps of a UR5e fit best with 0.52–0.63; with 0.5 the column differs most from those of fc and fv
+PROBED_LOADS_NM = (1.0, 50.0)  # a magnitude that depends on the load differs between them
+PROBED_SPEEDS_RAD_S = (0.0, 0.1, 1.0)
 LOAD_SHARE_STD = 0.2  # fl of healthy gears is 0.02–0.1; on a joint without load the data do not limit fl, and this prior does
 AUTO = "auto"  # in the place of a law's name: choose the law by cross-validation
 
@@ -45,6 +47,18 @@ class FrictionTerm:
     smooth: bool = True  # True: the direction is s(q̇). False: it is sgn(q̇), for a magnitude that is zero at rest
     loaded: bool = False  # True: the magnitude depends on |τ|
     expected_std: float = math.inf  # prior standard deviation of the parameter about 0; infinite: no prior
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where the magnitude depends on the load and `loaded` is False: the load would then be taken to be 0."""
+        if not self.loaded and self._depends_on_load():
+            raise ValueError(f"friction term {self.name!r}: its magnitude depends on the load; expected loaded=True")
+
+    def _depends_on_load(self) -> bool:
+        """Whether either function gives another magnitude at another load, at one of the probed speeds."""
+        speeds = np.array(PROBED_SPEEDS_RAD_S)
+        low, high = (self.magnitude(speeds, np.full_like(speeds, load)) for load in PROBED_LOADS_NM)
+        low_at_point, high_at_point = ([self.magnitude_at_point(speed, load) for speed in PROBED_SPEEDS_RAD_S] for load in PROBED_LOADS_NM)
+        return not np.array_equal(low, high) or low_at_point != high_at_point
 
     def column(self, direction: Array, qd: Array, load_nm: Array) -> Array:
         """Torque per unit of the parameter.

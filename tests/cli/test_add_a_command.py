@@ -1,5 +1,6 @@
 """The walk-through of docs/CONTRIBUTING.md, "Add a command": its steps, read from the page, in a copy of the program."""
 
+import importlib
 import json
 import os
 import re
@@ -22,7 +23,8 @@ def section() -> str:
     return page.partition("\n## Add a command\n")[2].partition("\n## ")[0]
 
 
-MODULE, TOPICS = (textwrap.dedent(block) for block in re.findall(r"^ *```python\n(.*?)^ *```", section(), re.MULTILINE | re.DOTALL))
+(MODULE,) = (textwrap.dedent(block) for block in re.findall(r"^ *```python\n(.*?)^ *```", section(), re.MULTILINE | re.DOTALL))
+BEFORE = re.search(r"here after `(\w+)`", section())[1]  # the topic that stands before the new one in TOPICS
 
 
 class Program:
@@ -41,16 +43,15 @@ class Program:
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory) -> Program:
-    """The copy after the page's edits: one new module, two lines of main.py."""
+    """The copy after the page's edits: one new module, two names in main.py."""
     made = Program(tmp_path_factory.mktemp("program"))
     shutil.copytree(ROOT / "monitor", made.folder / "monitor", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "config", made.folder / "config")
     (made.main.parent / "outcomes.py").write_text(MODULE, "utf-8")
     text = made.main.read_text("utf-8")
-    for line in filter(None, TOPICS.splitlines()):
-        pattern = rf"^{re.escape(line.partition('(')[0].partition('assess')[0])}.*?$"
-        text, edits = re.subn(pattern, line, text, flags=re.MULTILINE)
-        assert edits == 1, f"main.py has no line like {line!r}"
+    for place, new in ((r"^from monitor\.cli import \(?\s*", "outcomes, "), (rf"^TOPICS = \([^)]*\b{BEFORE},", " outcomes,")):
+        text, edits = re.subn(place, lambda match, new=new: match[0] + new, text, count=1, flags=re.MULTILINE)
+        assert edits == 1, f"main.py has no place like {place!r}"
     made.main.write_text(text, "utf-8")
     made.config.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "history"\n')
     with Store.open(made.folder / "history") as store:
@@ -60,17 +61,21 @@ def program(tmp_path_factory) -> Program:
     return made
 
 
-def test_the_page_names_the_topics_that_exist():
-    """The page's two lines of main.py are those of the program, with the new topic in them."""
-    original = (ROOT / "monitor" / "cli" / "main.py").read_text("utf-8")
-    for line in filter(None, TOPICS.splitlines()):
-        assert line.replace(" outcomes,", "") in original.replace("  # in the order of --help", ""), line
+def test_the_page_names_a_topic_that_exists():
+    """The module after which the page puts the new one is a topic, and so is every module that has a table of commands."""
+    from monitor.cli import main
+
+    names = [topic.__name__.rpartition(".")[2] for topic in main.TOPICS]
+    assert BEFORE in names
+    modules = {path.stem for path in (ROOT / "monitor" / "cli").glob("*.py") if "\nCOMMANDS: Commands = " in path.read_text("utf-8")}
+    assert set(names) == modules
 
 
 def test_the_new_command_is_in_the_help(program):
     """`--help` lists it in the place that TOPICS gives it, and its own help has its options."""
     listed = re.findall(r"^  ([a-z]+) ", program.run("--help").stdout.partition("Commands:")[2], re.MULTILINE)
-    assert listed.index("outcomes") == listed.index("import") + 1
+    before = list(importlib.import_module(f"monitor.cli.{BEFORE}").COMMANDS)[-1]
+    assert listed.index("outcomes") == listed.index(before) + 1
     assert "--last" in program.run("outcomes", "--help").stdout
 
 

@@ -4,7 +4,12 @@ The test makes the one edit that a developer makes in `monitor/model/friction.py
 """
 
 import json
+import re
+import subprocess
+import sys
+import textwrap
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +24,7 @@ from monitor.judge.assessment import Assessment
 from monitor.judge.torque.compensated_model import model_from_document
 from monitor.judge.torque.predictor import predict_torque, predictor_for
 from monitor.model import friction
-from monitor.model.friction import FC, FV, LAWS, FrictionLaw, FrictionTerm
+from monitor.model.friction import FC, FV, LAWS, FrictionLaw, FrictionTerm, Quantity
 from monitor.model.robot import load_robot
 from monitor.recording import Context
 from monitor.store.recordings import write_recording
@@ -28,11 +33,11 @@ UR5 = load_robot("ur5")
 QUADRATIC = np.array([9.0, 8.0, 7.0, 3.0, 2.5, 2.0])  # fq of each joint [N·m·s²/rad²]
 
 
-def squared(speed, _load):
+def _squared(speed: Quantity, _load: Quantity) -> Quantity:
     return speed * speed
 
 
-FQ = FrictionTerm(name="fq", magnitude=squared, magnitude_at_point=squared, smooth=False)
+FQ = FrictionTerm(name="fq", magnitude=_squared, magnitude_at_point=_squared, smooth=False)  # [N·m·s²/rad²] turbulent friction
 
 
 @pytest.fixture
@@ -111,3 +116,30 @@ def test_a_stored_model_of_an_unknown_law_is_refused(law, monkeypatch):
         registry.delitem(LAWS, law.name)
         with pytest.raises(BadInput, match="friction law 'quadratic' is not known"):
             model_from_document(document)
+
+
+def test_the_pages_code_has_the_approval_of_ruff_and_mypy(tmp_path):
+    """The blocks of the page, written into `friction.py` at the places that the page names."""
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "CONTRIBUTING.md").read_text("utf-8").partition("\n## Add a friction law\n")[2].partition("\n## ")[0]
+    term, entry = (textwrap.dedent(block).strip() for block in re.findall(r"^ *```python\n(.*?)^ *```", page, re.MULTILINE | re.DOTALL))
+    source = (root / "monitor" / "model" / "friction.py").read_text("utf-8")
+    function, constant = term.split("\n\n\n")
+    for before, new in (
+        ("FC = FrictionTerm(", f"{function}\n\n\n"),
+        ("\n\n@dataclass(frozen=True, slots=True, kw_only=True)\nclass FrictionLaw", f"{constant}\n"),
+    ):
+        assert source.count(before) == 1
+        source = source.replace(before, new + before)
+    source = source.replace("terms=(FC, FV, FL, FS)),\n", f"terms=(FC, FV, FL, FS)),\n        {entry},\n")
+    file = tmp_path / "friction.py"
+    file.write_text(source, "utf-8")
+    settings = str(root / "pyproject.toml")
+    for tool in (
+        ["ruff", "check", "--config", settings],
+        ["ruff", "format", "--check", "--config", settings],
+        ["mypy", "--config-file", settings, "--cache-dir", str(tmp_path / "cache")],
+    ):
+        pytest.importorskip(tool[0], reason=f"{tool[0]} is absent: it comes with the extra `dev`")
+        done = subprocess.run([sys.executable, "-m", *tool, str(file)], capture_output=True, text=True, timeout=250, check=False, cwd=root)
+        assert done.returncode == 0, done.stdout + done.stderr

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.errors import BadInput
-from monitor.model.friction import FC, FV, LAWS, PAPER, FrictionLaw, automatic_laws, friction_law, smooth_sign
+from monitor.model.friction import FC, FV, LAWS, PAPER, FrictionLaw, FrictionTerm, automatic_laws, friction_law, smooth_sign
 
 
 @given(v=st.floats(-10, 10))
@@ -68,6 +68,21 @@ def test_a_law_that_does_not_begin_with_fc_and_fv_is_refused():
     """All rooms that compare friction read the first two parameters as fc and fv."""
     with pytest.raises(ValueError, match="'odd' begins with fv, fc; expected fc, fv"):
         FrictionLaw(name="odd", terms=(FV, FC))
+
+
+@pytest.mark.parametrize("arrays", [True, False])
+def test_a_term_that_depends_on_the_load_without_saying_so_is_refused(arrays):
+    """By either of its functions. With `loaded=True` it is a term; its law then refuses a call without the load."""
+
+    def product(speed, load):
+        return speed * load
+
+    functions = {"magnitude": product if arrays else FV.magnitude, "magnitude_at_point": FV.magnitude_at_point if arrays else product}
+    with pytest.raises(ValueError, match="'fx': its magnitude depends on the load; expected loaded=True"):
+        FrictionTerm(name="fx", **functions, smooth=False)
+    law = FrictionLaw(name="product", terms=(FC, FV, FrictionTerm(name="fx", **functions, smooth=False, loaded=True)))
+    with pytest.raises(BadInput, match="needs the torque that the gear passes on"):
+        law.columns(np.ones((2, 1)))
 
 
 def test_auto_begins_with_the_paper_and_leaves_out_what_is_not_automatic(monkeypatch):
