@@ -83,16 +83,16 @@ class Listener:
         self._session: Session | None = None
         self._latest: LiveState | None = None
         self._wanted = False
-        self._heard_at = 0.0
-        self._spoke = False  # this session has delivered a row
+        self._received_at = 0.0
+        self._has_delivered = False  # this session has delivered a row
         self._next_try_at = 0.0
         self._pause_s = settings.first_pause_s
-        self.problem: str | None = None  # why the arm cannot be heard; None while it can, or before the first try
+        self.problem: str | None = None  # why nothing is received from the arm; None while rows come, or before the first try
 
     @property
     def reachable(self) -> bool:
         """Rows are coming."""
-        return self._session is not None and self._spoke and time.monotonic() - self._heard_at < self._settings.silence_timeout_s
+        return self._session is not None and self._has_delivered and time.monotonic() - self._received_at < self._settings.silence_timeout_s
 
     def start(self) -> None:
         """Begin to listen; every further step happens in `poll`."""
@@ -108,7 +108,7 @@ class Listener:
         self._latest = None
 
     def latest(self) -> LiveState | None:
-        """The newest state seen by `poll`, or None while the arm cannot be heard."""
+        """The newest state seen by `poll`, or None while nothing is received from the arm."""
         return self._latest
 
     def poll(self) -> list[LiveState]:
@@ -135,15 +135,15 @@ class Listener:
             self._lost(now, message)
             return fresh
         if fresh:
-            self._heard_at, self._spoke, self._latest, self.problem = now, True, fresh[-1], None
+            self._received_at, self._has_delivered, self._latest, self.problem = now, True, fresh[-1], None
             self._pause_s = self._settings.first_pause_s
-        patience_s = self._settings.silence_timeout_s if self._spoke else self._settings.startup_timeout_s
-        if now - self._heard_at > patience_s:
+        patience_s = self._settings.silence_timeout_s if self._has_delivered else self._settings.startup_timeout_s
+        if now - self._received_at > patience_s:
             self._lost(now, f"{self._settings.host}: no RTDE data for {patience_s:g} s")
         return fresh
 
     def _try(self, now: float) -> None:
-        self._heard_at, self._spoke = now, False
+        self._received_at, self._has_delivered = now, False
         try:
             self._session = self._driver.listen(self._settings.host, self._settings.rate_hz, every_tick=False)
         except SessionEnded as lost:

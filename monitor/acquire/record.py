@@ -42,7 +42,7 @@ def record(
     session = driver.listen(host, rate_hz, every_tick=True)
     rows: list[Array] = []
     began_unix_s: float | None = None
-    heard_at = time.monotonic()
+    received_at = time.monotonic()
     ended = None
     try:
         while ended is None:
@@ -52,7 +52,7 @@ def record(
                         ended = str(frame["text"])
                         break
                     began_unix_s = began_unix_s or time.time()
-                    heard_at = time.monotonic()
+                    received_at = time.monotonic()
                     rows.append(frame)
             except SessionEnded:
                 ended = f"{host}: the listening process died"
@@ -63,7 +63,7 @@ def record(
                 ended = BY_DURATION
             elif should_stop is not None and should_stop():
                 ended = BY_REQUEST
-            elif ended is None and time.monotonic() - heard_at > (SILENCE_S if rows else startup_timeout_s):
+            elif ended is None and time.monotonic() - received_at > (SILENCE_S if rows else startup_timeout_s):
                 ended = f"{host}: no RTDE data for {SILENCE_S if rows else startup_timeout_s:g} s"
     finally:
         session.end()

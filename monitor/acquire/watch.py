@@ -54,7 +54,7 @@ class Watch:
         self.interruption: Interruption | None = None
         self.phase, self.duration_s = "start", 0.0
         self._gone = False  # the session was told `go`
-        self._phase_at = self._heard_at = time.monotonic()
+        self._phase_at = self._received_at = time.monotonic()
         self._asked_at: float | None = None  # when a stop was asked for
 
     @property
@@ -98,7 +98,7 @@ class Watch:
                 return
 
     def _take(self, frame: Array | dict[str, Any]) -> None:
-        self._heard_at = time.monotonic()
+        self._received_at = time.monotonic()
         if not isinstance(frame, dict):
             if self.first_row_unix_s is None:
                 self.first_row_unix_s = time.time()
@@ -106,7 +106,7 @@ class Watch:
             if self.band is not None and self.interruption is None and (outside := self.band.outside(frame)):
                 self.interruption = Interruption(*outside)
         elif frame["kind"] == "phase":
-            self.phase, self.duration_s, self._phase_at = frame["phase"], frame["duration_s"], self._heard_at
+            self.phase, self.duration_s, self._phase_at = frame["phase"], frame["duration_s"], self._received_at
             self.in_control = self.in_control or self.phase == "control"
         elif frame["kind"] == "state":
             self.state = arm_state(np.array(frame["row"], dtype=float))
@@ -120,8 +120,8 @@ class Watch:
         settings = self.settings
         if now - self._phase_at > (limit_s := self._phase_limit_s()):
             self.interruption = Interruption("timeout", f"the phase {self.phase!r} took longer than {limit_s:.1f} s")
-        elif self._moving and now - self._heard_at > settings.silence_timeout_s:
-            text = f"the child process said nothing for {now - self._heard_at:.1f} s in the phase {self.phase!r}"
+        elif self._moving and now - self._received_at > settings.silence_timeout_s:
+            text = f"the child process said nothing for {now - self._received_at:.1f} s in the phase {self.phase!r}"
             self.interruption = Interruption("timeout", text)
         elif self._asked_at is not None and now - self._asked_at > STOP_PATIENCE_S:
             text = f"the arm did not come to rest by itself within {STOP_PATIENCE_S:g} s of the request"

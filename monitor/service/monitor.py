@@ -113,12 +113,12 @@ class Monitor:
 
     def next_due(self, unix_s: float | None) -> None:
         """Note when the schedule will replay next, and publish it with `health`."""
-        self._state.next_due_unix_s = unix_s
+        self._state.take_next_due(unix_s)
         self._publisher.health()
 
     def reconfigure(self, configuration: Configuration) -> None:
         """Take other settings from now on; `info` is published with their digest."""
-        self._state.configuration = configuration
+        self._state.use(configuration)
         self._production.use(configuration.assess.residual)
         with self._state.revising:
             self._state.prepare_live(last_recording(self._store))
@@ -170,7 +170,7 @@ class Monitor:
             self._state.take(state_after(self._state.estimator, entry), entry.recording)
         self._alive()
         if entry.outcome.identification.temperature_c is not None:
-            self._state.temperature_c = entry.outcome.identification.temperature_c
+            self._state.take_temperature(entry.outcome.identification.temperature_c)
         context = entry.outcome.belief.context
         if known is None or (known.serial, known.firmware) != (context.serial, context.firmware):
             self._publisher.info()

@@ -54,6 +54,18 @@ class SharedState:
         """Replace the health alone: an alert has changed without a replay."""
         self.estimator = dataclasses.replace(self.estimator, health=health)
 
+    def use(self, configuration: Configuration) -> None:
+        """Take other settings from now on."""
+        self.configuration = configuration
+
+    def take_temperature(self, temperature_c: Array) -> None:
+        """Take the joints' newest temperatures (J,) [°C]."""
+        self.temperature_c = temperature_c
+
+    def take_next_due(self, unix_s: float | None) -> None:
+        """Take the time of the next replay; None where none is due."""
+        self.next_due_unix_s = unix_s
+
     def prepare_live(self, recording: Recording | None) -> None:
         """Prepare live predictions for the present model, so that no query waits for that."""
         if self.torque_model is not None:

@@ -1,1 +1,1 @@
-"""What must hold before and while an arm moves: conditions, guard, gate, limits, first pass, torque band."""
+"""Conditions that must hold before an arm moves; the supervision during motion is in `ur/` and `watch`."""

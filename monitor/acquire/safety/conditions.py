@@ -22,7 +22,7 @@ class Condition(NamedTuple):
     at_the_last: bool = True  # the parent checks it again just before the arm moves
 
 
-CONDITIONS = (  # in the order in which a person would look
+CONDITIONS = (  # in the order in which a person would check them
     Condition("motion_allowed", "configuration", of_configuration.motion_allowed),
     Condition("address", "configuration", of_configuration.address),
     Condition("time_window", "configuration", of_configuration.time_window),

@@ -84,7 +84,7 @@ def trajectory_clear(inputs: ConditionInputs) -> str:
 
 
 def previous_stop(inputs: ConditionInputs) -> str:
-    """A person has acknowledged every earlier stop that a person must look at."""
+    """A person has acknowledged every earlier stop that a person must check."""
     if inputs.stopped_before is not None:
         raise MotionRefused(f"{inputs.stopped_before}; a person must look at the arm and say so: joint-monitor allow")
     return "no stop is waiting for a person"

@@ -13,7 +13,7 @@ from monitor.acquire.schedule.local_time import blackout
 from monitor.acquire.schedule.settings import ScheduleSettings
 
 DAY_S = 86_400.0
-HORIZONS_DAYS = (2, 40, 400)  # coming windows are looked for so far ahead, step by step until there are enough
+HORIZONS_DAYS = (2, 40, 400)  # coming windows are searched so far ahead, step by step until there are enough
 
 
 class Window(NamedTuple):

@@ -16,7 +16,7 @@ from monitor.acquire.state import arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
 from monitor.acquire.ur.failures import StreamFailure, following_failure, state_failure
 from monitor.acquire.ur.gaps import CycleGaps
-from monitor.acquire.ur.pacing import POLL_S, Pace
+from monitor.acquire.ur.pacing import POLL_S, PacketTiming
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 from monitor.recording import Array
 
@@ -25,7 +25,7 @@ HEARTBEAT_S = 0.1  # the parent hears from this process at least so often while 
 SUSPECT_SHARE = 0.8  # of the largest age of a row: from here on a stall is suspected
 TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one before: a cycle advances by at most two ticks
 LONGEST_STEP_S = 10.0  # of the controller's clock between two rows; more means that the controller was restarted
-REASON_LOOKS, REASON_PAUSE_S = 4, 0.005  # how often and how far apart the state is read after a target was refused: two ticks and more
+REASON_READS, REASON_PAUSE_S = 4, 0.005  # how often and how far apart the state is read after a target was refused: two ticks and more
 
 
 class Arm:
@@ -40,21 +40,41 @@ class Arm:
         self.outbox, self.lifeline = outbox, lifeline
         self.receive, self.signals = connect_receiver(self.settings.host, self.settings.rate_hz)
         self.control: RTDEControlInterface | None = None
-        self.seen_at = self._looked_at = time.monotonic()  # [s] when the last row was read, and when the next look was due
+        self.seen_at = self._checked_at = time.monotonic()  # [s] when the last row was read, and when the next check for a row was due
         self.gaps = CycleGaps()
         self._reported_at = 0.0
         self._timestamp_s = self.receive.getTimestamp()
-        self._pace = Pace(timestamp_s=self._timestamp_s, offset_s=self.seen_at - self._timestamp_s)
+        self._timing = PacketTiming(timestamp_s=self._timestamp_s, offset_s=self.seen_at - self._timestamp_s)
         self.step_s = 0.0  # controller's time between the last two rows
         self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
         self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
         self.may_go = False
-        self.missed = self.torn = 0
-        self.slipped_s = 0.0
+        self.missed = self.torn = 0  # ticks without a target; rows that were read again
+        self.slipped_s = 0.0  # delay of the motion behind its plan
 
-    def held_up(self) -> None:
+    def note_busy(self) -> None:
         """Note that this process was busy with something else: the age of the last row says nothing about the controller."""
-        self.seen_at = self._looked_at = time.monotonic()
+        self.seen_at = self._checked_at = time.monotonic()
+
+    def approach_proved(self, target_q: Array) -> None:
+        """Note that the way to the start was proved clear from this position (J,) [rad]."""
+        self.proved_q = target_q.copy()
+        self.note_busy()  # the proof takes longer than a row may be old
+
+    def upload_control(self) -> RTDEControlInterface:
+        """Upload the control program. Raises RuntimeError as ur-rtde does."""
+        self.control = RTDEControlInterface(self.settings.host, self.settings.rate_hz)
+        self.note_busy()  # the constructor returns when the program runs, which takes seconds
+        return self.control
+
+    def begin_from(self, target_q: Array) -> None:
+        """Take this position (J,) [rad] as the last target: the first step is measured from it."""
+        self.recent.append(target_q)
+
+    def count_cycle(self, advance_s: float) -> None:
+        """Count the ticks that this cycle missed, and the time by which the motion fell behind because it advanced by advance_s only."""
+        self.missed += max(round(self.step_s / self.tick_s) - 1, 0)
+        self.slipped_s += self.step_s - advance_s
 
     def next_row(self) -> Array:
         """The next tick's row (WIDTH,), waiting for it.
@@ -65,8 +85,8 @@ class Arm:
         suspected_at = None
         while True:
             now = time.monotonic()
-            self.gaps.add(now, now - self._looked_at)
-            self._looked_at = now
+            self.gaps.add(now, now - self._checked_at)
+            self._checked_at = now
             if not self.receive.isConnected() or (self.control is not None and not self.control.isConnected()):
                 raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
             if self.receive.getTimestamp() != self._timestamp_s:
@@ -85,7 +105,7 @@ class Arm:
         self.torn += again
         row[COLUMN["host_monotonic_s"]] = self.seen_at = time.monotonic()
         timestamp_s = float(row[0])
-        self._pace = self._pace.arrived(timestamp_s, self._looked_at)
+        self._timing = self._timing.arrived(timestamp_s, self._checked_at)
         self.step_s = timestamp_s - self._timestamp_s
         self._timestamp_s = timestamp_s
         self.gaps.add(self.seen_at, self.step_s)
@@ -96,10 +116,10 @@ class Arm:
     def _sleep(self) -> None:
         """Sleep until shortly before the next packet is expected. The part that was planned beyond one poll is no gap."""
         began = time.monotonic()
-        planned_s = self._pace.sleep_s(began, self.tick_s)
+        planned_s = self._timing.sleep_s(began, self.tick_s)
         time.sleep(planned_s)
-        self._pace = self._pace.woke(time.monotonic() - began - planned_s)
-        self._looked_at += planned_s - POLL_S
+        self._timing = self._timing.woke(time.monotonic() - began - planned_s)
+        self._checked_at += planned_s - POLL_S
 
     def cycle(self, target: Array, row: Array) -> None:
         """Check the row (WIDTH,), send the target (J,) for it, and enter the target in the row.
@@ -143,7 +163,7 @@ class Arm:
 
     def refusal(self) -> StreamFailure:
         """Why a command was refused. The next rows say so; reading what was received sends nothing to the controller."""
-        for _ in range(REASON_LOOKS):
+        for _ in range(REASON_READS):
             time.sleep(REASON_PAUSE_S)
             try:
                 row, _ = read_row(self.receive, self.signals)

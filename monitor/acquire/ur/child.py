@@ -22,7 +22,11 @@ EXIT_PIPE = 71  # the parent does not read, or its end of the pipe is closed
 
 
 def begin() -> tuple[dict[str, Any], "Outbox", "Lifeline"]:
-    """Bind this process's life to its parent's, read the job, and open the way back. Call it first of all."""
+    """Bind this process's life to its parent's and read the job: returns the job, the pipe to the parent and standard input.
+
+    A child process calls it before anything else. From then on the system kills this process when its parent ends, and the signals of a
+    terminal (SIGINT, SIGTERM) have no effect. Leaves the process with EXIT_ORPHANED where the parent has ended already.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the parent decides when and how the arm stops
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
@@ -45,8 +49,8 @@ def request_real_time() -> bool:
 def set_timer_slack(slack_s: float) -> None:
     """Let each sleep of this thread, and of threads that it starts, last up to slack_s longer; 0 restores the process's first value.
 
-    Without effect on real-time threads. ur-rtde's receiving thread looks for data every 0.1 ms, which takes a tenth of a core; with timer
-    slack it looks less often.
+    Without effect on real-time threads. ur-rtde's receiving thread checks for data every 0.1 ms, which takes a tenth of a core; with timer
+    slack it checks less often.
     """
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(int(slack_s * 1e9)), 0, 0, 0)
 

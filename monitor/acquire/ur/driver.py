@@ -8,7 +8,7 @@ from monitor.acquire.ur import dashboard
 from monitor.acquire.ur.job import job_document
 from monitor.acquire.ur.process import Child
 
-POLL_S = 0.05  # between two looks for the observing process's answer
+POLL_S = 0.05  # between two checks for the observing process's answer
 
 
 class UniversalRobots:

@@ -25,7 +25,7 @@ class StreamFailure(Exception):
 def state_failure(state: ArmState, settings: ReplaySettings, payload_kg: float | None = None) -> StreamFailure | None:
     """Why the stream must end, as the controller's state says; None while everything is in order.
 
-    `payload_kg` is the configured payload; None skips its comparison. The most telling cause comes first where several hold.
+    `payload_kg` is the configured payload; None skips its comparison. The most specific cause comes first where several hold.
     """
     if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
         name = names.SAFETY_MODES.get(state.safety_mode, "unknown")

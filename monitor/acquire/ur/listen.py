@@ -5,11 +5,11 @@ import time
 
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time, set_timer_slack
-from monitor.acquire.ur.pacing import Pace
+from monitor.acquire.ur.pacing import PacketTiming
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 
-LONGEST_POLL_S = 0.02  # where not every tick counts, a late look costs nothing
-POLL_SHARE = 0.8  # of a period between two looks: each row is seen, and few looks find nothing new
+LONGEST_POLL_S = 0.02  # where not every tick counts, a late check costs nothing
+POLL_SHARE = 0.8  # of a period between two checks: each row is seen, and few checks find nothing new
 TIMER_SLACK_SHARE = 0.25  # of a period: ur-rtde's thread may sleep so much longer and still takes in each row before the next one comes
 
 
@@ -23,9 +23,9 @@ def send_rows(host: str, rate_hz: float, outbox: Outbox, lifeline: Lifeline, *, 
     elif not every_tick:
         set_timer_slack(TIMER_SLACK_SHARE / rate_hz)  # likewise
     receive, signals = connect_receiver(host, rate_hz)
-    set_timer_slack(0.0)  # this thread looks in time
+    set_timer_slack(0.0)  # this thread's checks are on time
     timestamp_s = receive.getTimestamp()
-    pace = Pace(timestamp_s=timestamp_s, offset_s=time.monotonic() - timestamp_s)
+    timing = PacketTiming(timestamp_s=timestamp_s, offset_s=time.monotonic() - timestamp_s)
     sent_s = None
     while receive.isConnected():
         timestamp_s, now = receive.getTimestamp(), time.monotonic()
@@ -33,13 +33,13 @@ def send_rows(host: str, rate_hz: float, outbox: Outbox, lifeline: Lifeline, *, 
             row, _ = read_row(receive, signals)
             row[COLUMN["host_monotonic_s"]] = time.monotonic()
             sent_s = float(row[0])
-            pace = pace.arrived(sent_s, now)
+            timing = timing.arrived(sent_s, now)
             outbox.row(row)
         lifeline.word()
         began = time.monotonic()
-        planned_s = pace.sleep_s(began, 1.0 / rate_hz) if every_tick else min(LONGEST_POLL_S, POLL_SHARE / rate_hz)
+        planned_s = timing.sleep_s(began, 1.0 / rate_hz) if every_tick else min(LONGEST_POLL_S, POLL_SHARE / rate_hz)
         time.sleep(planned_s)
-        pace = pace.woke(time.monotonic() - began - planned_s)
+        timing = timing.woke(time.monotonic() - began - planned_s)
 
 
 def main() -> None:

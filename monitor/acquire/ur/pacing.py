@@ -1,22 +1,22 @@
-"""How long the streaming cycle may sleep before it looks for the controller's next packet. Values only: the caller reads the clocks.
+"""How long the streaming cycle may sleep before it checks for the controller's next packet. The caller reads the clocks.
 
-The controller sends one packet every tick. The packets' arrival times, on the host's clock, differ from the packets' own timestamps by
-an offset that hardly changes, so the next arrival can be predicted. The cycle sleeps until shortly before that time and then looks
-every POLL_S. Looking every POLL_S all the time costs much more processor time, and finds the packet no sooner.
+The controller sends one packet every tick. A packet's arrival, on the host's clock, differs from the packet's own timestamp by an offset
+that hardly changes, so the next arrival can be predicted. The cycle sleeps until shortly before the predicted arrival. From then on it
+checks every POLL_S. To check every POLL_S during the whole tick would take much more processor time, and would not find the packet sooner.
 """
 
 from typing import NamedTuple
 
-POLL_S = 0.0003  # between two looks around the expected arrival; shorter sleeps take more processor time and hardly gain precision
+POLL_S = 0.0003  # between two checks around the expected arrival; shorter sleeps take more processor time and hardly gain precision
 MARGIN_S = 0.0005  # the cycle wakes so much earlier than the packet is expected: for the jitter of the network and of the search
 LARGEST_MARGIN_SHARE = 0.6  # of a tick: on a machine that wakes sleepers very late the cycle still sleeps for a part of each tick
-LONGEST_SLEEP_S = 0.008  # one tick at 125 Hz: so often, also at lower rates, the parent's words and the connection are looked at
+LONGEST_SLEEP_S = 0.008  # one tick at 125 Hz: the parent's words and the connection are checked so often, also at lower rates
 OFFSET_RISE = 2e-3  # s per s: twenty times the largest drift of two clocks; a packet that came 1 ms early is forgotten within 0.5 s
 MEAN_WEIGHT, DEVIATION_WEIGHT = 1 / 8, 1 / 4  # of the newest delay; Jacobson's estimator as in RFC 6298, section 2
 DEVIATIONS = 2.0  # added to the mean delay: then nine wake-ups of ten come in time
 
 
-class Pace(NamedTuple):
+class PacketTiming(NamedTuple):
     """When packets arrive, and how late this machine wakes a process that sleeps."""
 
     timestamp_s: float  # of the newest packet, on the controller's clock
@@ -24,16 +24,16 @@ class Pace(NamedTuple):
     late_s: float = 0.0  # mean delay of the recent wake-ups
     late_deviation_s: float = 0.0  # mean absolute deviation from it
 
-    def arrived(self, timestamp_s: float, seen_s: float) -> "Pace":
-        """The pace after a packet with that timestamp was seen at that time of the host's clock.
+    def arrived(self, timestamp_s: float, seen_s: float) -> "PacketTiming":
+        """The timing after a packet with that timestamp was seen at that time of the host's clock.
 
         A packet is never seen before it arrives, so the smallest difference is the best estimate. It may rise by OFFSET_RISE only.
         """
         allowed_s = self.offset_s + OFFSET_RISE * max(timestamp_s - self.timestamp_s, 0.0)
         return self._replace(timestamp_s=timestamp_s, offset_s=min(seen_s - timestamp_s, allowed_s))
 
-    def woke(self, late_s: float) -> "Pace":
-        """The pace after a sleep that lasted so much longer than asked for."""
+    def woke(self, late_s: float) -> "PacketTiming":
+        """The timing after a sleep that lasted so much longer than asked for."""
         return self._replace(
             late_s=(1.0 - MEAN_WEIGHT) * self.late_s + MEAN_WEIGHT * late_s,
             late_deviation_s=(1.0 - DEVIATION_WEIGHT) * self.late_deviation_s + DEVIATION_WEIGHT * abs(late_s - self.late_s),

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from rtde_control import RTDEControlInterface
 
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.path import joint_path
@@ -37,7 +36,7 @@ MOST_TICKS = 2.0  # a cycle advances along the path by at most so many ticks, so
 TIME_ROUNDING_S = 1e-6  # the controller's timestamps carry rounding
 MOVED_RAD = 0.005  # an arm moved by more between the proof of its approach and the start of the program would take an unproved path
 SERVO_STOP_RAD_S2 = 5.0  # deceleration of servoStop; the arm is at rest already
-END_LOOKS, END_PAUSE_S = 100, 0.01  # a control program that was asked to end gets 1 s
+END_CHECKS, END_PAUSE_S = 100, 0.01  # a control program that was asked to end gets 1 s
 
 
 class Stopped(Exception):
@@ -63,8 +62,7 @@ def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: Conditi
             guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
         last = _wait_for_go(arm, rows)
         guard.check_state(replace(known, state=arm_state(last)))
-        arm.proved_q = last[COLUMN["target_q"]].copy()
-        arm.held_up()  # by the proof of the way to the start
+        arm.approach_proved(last[COLUMN["target_q"]])
         guard.check_state(replace(known, state=arm_state(arm.next_row())), without=("approach_clear",))
     except StreamFailure as failure:
         raise RobotUnreachable(f"{host}: {failure}") from None
@@ -95,20 +93,19 @@ def take_control(arm: Arm) -> Array:
     """
     arm.outbox.message("phase", phase="control", duration_s=0.0)
     try:
-        arm.control = RTDEControlInterface(arm.settings.host, arm.settings.rate_hz)
+        control = arm.upload_control()
     except RuntimeError as error:
         if "already in use" in str(error):  # ur-rtde reports this before it uploads anything
             raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
         raise StreamFailure("no_control", f"the control program did not start: {error}") from None
-    arm.held_up()  # by the constructor
     begin_q: Array = arm.next_row()[COLUMN["target_q"]].copy()
     assert arm.proved_q is not None
     moved = np.abs(begin_q - arm.proved_q)  # (J,)
     if not np.all(moved <= MOVED_RAD):
         j = int(np.argmax(moved))
         raise StreamFailure("no_control", f"joint {j + 1} was moved by {moved[j]:.3f} rad since the way to the start was proved")
-    arm.recent.append(begin_q)
-    if not arm.control.setWatchdog(arm.settings.watchdog_hz):
+    arm.begin_from(begin_q)
+    if not control.setWatchdog(arm.settings.watchdog_hz):
         raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
     return begin_q
 
@@ -133,8 +130,7 @@ def stream(arm: Arm, phase: str, duration_s: float, position: Callable[[float], 
         if begun:
             advance_s = min(arm.step_s, MOST_TICKS * arm.tick_s)
             if keep:
-                arm.missed += max(round(arm.step_s / arm.tick_s) - 1, 0)
-                arm.slipped_s += arm.step_s - advance_s
+                arm.count_cycle(advance_s)
             if arm.asked_to_stop:
                 pace = max(pace - advance_s / STOP_RAMP_S, 0.0)
             tau_s += pace * advance_s
@@ -177,7 +173,7 @@ def finish(arm: Arm) -> None:
     if not arm.control.servoStop(SERVO_STOP_RAD_S2):
         raise arm.refusal()
     arm.control.stopScript()
-    for _ in range(END_LOOKS):
+    for _ in range(END_CHECKS):
         if arm.receive.getRuntimeState() != RUNTIME_PLAYING:
             return
         time.sleep(END_PAUSE_S)

@@ -130,7 +130,7 @@ class Controller:
 
     def _take_over(self, before: "Controller") -> None:
         """Keep what a restart does not change: faults of sensors, wiring, installation and the arm's joints. The power is off."""
-        self.identity.joint_serials = before.identity.joint_serials
+        self.identity.take_over(before.identity)
         self.registers.digital_inputs = before.registers.digital_inputs
         self.measurements.take_over(before.measurements)
         self.installation.take_over(before.installation)

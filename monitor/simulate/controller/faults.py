@@ -56,18 +56,18 @@ def _registers_in_use(target: FaultTarget, _: dict[str, Any]) -> str:
 
 
 def _version(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.identity.reported_version = parsed_version(arguments["version"])
+    target.identity.report_version(parsed_version(arguments["version"]))
     return f"reports version {arguments['version']}"
 
 
 def _not_found(target: FaultTarget, arguments: dict[str, Any]) -> str:
     names = target.identity.outputs(arguments["names"])
-    target.identity.missing_outputs.update(names)
+    target.identity.hide_outputs(names)
     return f"does not know {', '.join(names)}"
 
 
 def _remote(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.identity.remote_control = arguments["state"] == "on"
+    target.identity.set_remote_control(arguments["state"] == "on")
     return f"remote control is {arguments['state']}"
 
 

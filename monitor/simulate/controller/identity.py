@@ -1,7 +1,10 @@
 """What a controller reports about itself: version, control mode, roles, serial numbers and known variables."""
 
+from collections.abc import Iterable
+
 from monitor.errors import BadInput
 from monitor.simulate.controller.published import OUTPUT_TYPES, known
+from monitor.simulate.polyscope import Version
 from monitor.simulate.settings import SimulateSettings
 
 
@@ -14,6 +17,26 @@ class Identity:
         self.user_role, self.operational_mode = "PROGRAMMER", "NONE"  # the dashboard sets them
         self.joint_serials = [f"{settings.serial}-{i + 1}" for i in range(settings.arm.joints)]
         self.missing_outputs: set[str] = set()  # a fault hides these output variables
+
+    def report_version(self, version: Version) -> None:
+        """Report another version of PolyScope than the one that runs."""
+        self.reported_version = version
+
+    def hide_outputs(self, names: Iterable[str]) -> None:
+        """Deny that these output variables exist."""
+        self.missing_outputs.update(names)
+
+    def set_remote_control(self, on: bool) -> None:
+        """Switch between remote and local control."""
+        self.remote_control = on
+
+    def clear_operational_mode(self) -> None:
+        """The dashboard no longer sets the operational mode."""
+        self.operational_mode = "NONE"
+
+    def take_over(self, before: "Identity") -> None:
+        """Keep what a restart does not change: the joints in the arm."""
+        self.joint_serials = before.joint_serials
 
     def knows(self, name: str) -> bool:
         """Whether this version of PolyScope has a variable of this name, if any version has it."""

@@ -55,9 +55,33 @@ class Modes:
         """Whether the drives are on and no safety stop is active."""
         return not self.obstacle
 
+    def play(self) -> None:
+        """The program plays."""
+        self.runtime = Runtime.PLAYING
+
+    def pause(self) -> None:
+        """The program is paused."""
+        self.runtime = Runtime.PAUSED
+
+    def end_program(self) -> None:
+        """No program is running."""
+        self.runtime = Runtime.STOPPED
+
+    def enter_stop(self, stop: SafetyMode) -> None:
+        """A protective or an emergency stop is active."""
+        self.safety = stop
+
+    def end_stop(self) -> None:
+        """No safety stop is active."""
+        self.safety = SafetyMode.NORMAL
+
+    def set_power(self, mode: RobotMode) -> None:
+        """The drives are off, on with closed brakes, or running."""
+        self.robot = mode
+
 
 class Supervisor(Protocol):
-    """Stops the program or the arm. The controller does this for the parts that run on it."""
+    """What a part may ask of its controller: end the program, or stop the arm."""
 
     def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
         """End the program. Returns False if no program was running."""

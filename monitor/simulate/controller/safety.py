@@ -37,7 +37,8 @@ class Safety:
         machine, modes = self._machine, self._machine.modes
         if modes.safety != SafetyMode.NORMAL:
             return
-        modes.safety, self._protected_at_s = SafetyMode.PROTECTIVE_STOP, machine.clock.now_s
+        modes.enter_stop(SafetyMode.PROTECTIVE_STOP)
+        self._protected_at_s = machine.clock.now_s
         machine.journal.stop("protective_stop", reason)
         machine.journal.safety_message(modes.safety)
         machine.journal.error_message(reason)
@@ -48,7 +49,7 @@ class Safety:
             else:
                 machine.moves.interrupt()
                 if runtime == "paused":
-                    modes.runtime = Runtime.PAUSED
+                    modes.pause()
         machine.reference.stop(SAFETY_STOP_RAD_S2)
 
     def unlock(self) -> bool:
@@ -56,7 +57,7 @@ class Safety:
         machine, modes = self._machine, self._machine.modes
         if modes.safety != SafetyMode.PROTECTIVE_STOP or machine.clock.now_s - self._protected_at_s < UNLOCK_AFTER_S:
             return False
-        modes.safety = SafetyMode.NORMAL
+        modes.end_stop()
         machine.limits.reset(machine.measurements.encoder_q)
         self._hold_where_the_arm_is()
         if modes.runtime == Runtime.PLAYING:
@@ -70,7 +71,7 @@ class Safety:
             return
         self._programs.stop("emergency stop", kind="emergency_stop")
         machine.journal.stop("emergency_stop", "the button was pressed")
-        modes.safety = SafetyMode.ROBOT_EMERGENCY_STOP
+        modes.enter_stop(SafetyMode.ROBOT_EMERGENCY_STOP)
         machine.journal.safety_message(modes.safety)
         machine.reference.stop(SAFETY_STOP_RAD_S2)
 
@@ -79,7 +80,7 @@ class Safety:
         modes = self._machine.modes
         if modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
             self._power_off()
-            modes.safety = SafetyMode.NORMAL
+            modes.end_stop()
 
     def power(self, mode: RobotMode) -> bool:
         """Do what the dashboard's "power on" (IDLE), "brake release" (RUNNING) or "power off" (POWER_OFF) asks; False if impossible."""
@@ -95,9 +96,9 @@ class Safety:
             if modes.robot == RobotMode.RUNNING:
                 return True  # the brakes are open: a motion goes on
             self._hold_where_the_arm_is()
-            modes.robot = RobotMode.RUNNING
+            modes.set_power(RobotMode.RUNNING)
         elif modes.robot == RobotMode.POWER_OFF:
-            modes.robot = RobotMode.IDLE
+            modes.set_power(RobotMode.IDLE)
             self._machine.arm.powered = True
         return True
 
@@ -110,7 +111,7 @@ class Safety:
         arm.brake()
         arm.powered = False
         self._hold_where_the_arm_is()
-        self._machine.modes.robot = RobotMode.POWER_OFF
+        self._machine.modes.set_power(RobotMode.POWER_OFF)
 
     def _hold_where_the_arm_is(self) -> None:
         machine = self._machine

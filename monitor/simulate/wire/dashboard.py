@@ -140,7 +140,7 @@ def _of_generation(controller: DashboardController, command: str) -> str:
     if command.lower() == "get operational mode":
         return identity.operational_mode
     if command.lower() == "clear operational mode":
-        identity.operational_mode = "NONE"
+        identity.clear_operational_mode()
         return "operational mode is no longer controlled by Dashboard Server"
     if word.lower() == "set operational mode":
         return _set(identity, "operational_mode", value, OPERATIONAL_MODES)

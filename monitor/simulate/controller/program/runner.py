@@ -53,14 +53,15 @@ class Programs:
         self.stop("replaced by another script")
         machine.journal.scripts_started += 1
         self.current = ControlProgram(script, machine) if isinstance(script, ControlScript) else StepsProgram(script, machine)
-        machine.modes.runtime = Runtime.PLAYING
+        machine.modes.play()
         machine.journal.program_message("PROGRAM_XXX_STARTED", PROGRAM_NAME)
 
     def start_stepped(self) -> str:
         """Reserve the arm for a stepped replay. Returns why this is not possible, or an empty text."""
         obstacle = self._machine.modes.obstacle or ("a program is running" if self.current is not None else "")
         if not obstacle:
-            self.current, self._machine.modes.runtime = SteppedProgram(), Runtime.PLAYING
+            self.current = SteppedProgram()
+            self._machine.modes.play()
         return obstacle
 
     def stop(self, reason: str, *, kind: str = "program_stop") -> bool:
@@ -73,7 +74,8 @@ class Programs:
             machine.journal.exception_message(reason)
         else:
             machine.journal.program_message("PROGRAM_XXX_STOPPED", PROGRAM_NAME)
-        self.current, machine.modes.runtime = None, Runtime.STOPPED
+        self.current = None
+        machine.modes.end_program()
         machine.watchdog.clear()
         machine.moves.forget()
         if reference.mode != "stop" or reference.queued:
@@ -85,7 +87,7 @@ class Programs:
         machine = self._machine
         if machine.modes.runtime != Runtime.PLAYING:
             return False
-        machine.modes.runtime = Runtime.PAUSED
+        machine.modes.pause()
         machine.moves.interrupt()
         machine.reference.stop(PROGRAM_STOP_RAD_S2)
         return True
@@ -95,7 +97,7 @@ class Programs:
         machine = self._machine
         if machine.modes.runtime != Runtime.PAUSED or not machine.modes.may_move:
             return False
-        machine.modes.runtime = Runtime.PLAYING
+        machine.modes.play()
         machine.watchdog.feed()
         machine.moves.resume()
         return True
