@@ -15,7 +15,7 @@ settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy 
 settings.load_profile("ours")
 
 
-REAL_TIME = ("acquire/", "studies/test_demo.py", "test_daemon.py")
+REAL_TIME = ("acquire/", "studies/test_demo.py", "service/test_daemon.py")
 ON_THE_WIRE = (*REAL_TIME, "simulate/", "publish/")
 
 
@@ -29,8 +29,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         place = item.path.relative_to(ROOT / "tests").as_posix()
         if place.startswith(REAL_TIME):
             item.add_marker(pytest.mark.xdist_group("real time"))
+        elif item.get_closest_marker("xdist_group") is None and _has_module_fixture(item):
+            item.add_marker(
+                pytest.mark.xdist_group(place)
+            )  # one worker prepares the fixture once; three workers would prepare it three times
         if place.startswith(ON_THE_WIRE) and item.get_closest_marker("soak") is None:
             item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=2))
+
+
+def _has_module_fixture(item: pytest.Item) -> bool:
+    """Whether a fixture of the test is prepared once for its module."""
+    if not isinstance(item, pytest.Function):
+        return False
+    definitions = (each for several in item._fixtureinfo.name2fixturedefs.values() for each in several)
+    return any(definition.scope == "module" for definition in definitions)
 
 
 @pytest.fixture(scope="session")
