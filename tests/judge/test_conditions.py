@@ -20,7 +20,7 @@ OVERHEATED = AlertCondition(
     name="overheated",
     joint=repeated(
         lambda situation: situation.belief.temperature_c[situation.j] > 70.0,
-        lambda situation, confirmations: f"Joint {situation.j + 1} is hotter than 70 °C, in {confirmations.replays} replays in a row.",
+        lambda situation, seen: f"Joint {situation.j + 1} is hotter than 70 °C, in {seen.replays} replays in a row.",
     ),
     tiers={"advisory": AlertTier(OFF_SPEC, "Let the arm cool down.", "a joint is hotter than 70 °C in three replays in a row")},
 )
