@@ -42,7 +42,7 @@ class AssessSettings:
 
 
 class Rejected(NamedTuple):
-    """A replay that must not be learnt from. This is an ordinary outcome: it is stored and published with its reason."""
+    """A replay that must not be learned from. This is an ordinary outcome: it is stored and published with its reason."""
 
     reason: str
 
@@ -145,7 +145,7 @@ def _same_context(belief: Belief, context: Context) -> bool:
 
 
 def _refusal(at_unix_s: float | None, belief: Belief | None) -> Rejected | None:
-    """Why a recording of this time must not be learnt from; None where it may be."""
+    """Why a recording of this time must not be learned from; None where it may be."""
     if at_unix_s is None or not math.isfinite(at_unix_s):
         return Rejected("the recording does not say when it was made (context.recorded_at_unix_s): replays are judged in time order")
     if belief is not None and belief.replays and at_unix_s <= belief.at_unix_s:

@@ -36,7 +36,7 @@ class RobotUnreachable(MonitorError):
 
 
 class ReplayAborted(MonitorError):
-    """The arm was moving and was stopped. The message gives the reason. The replay is not learnt from.
+    """The arm was moving and was stopped. The message gives the reason. The replay is not learned from.
 
     `cause` is the reason in one word, for the history: "protective_stop", "connection_lost", "child_died", …
     """

@@ -1,4 +1,4 @@
-"""Recording: the signals of one replay, or of one file from elsewhere, and the circumstances of its measurement.
+"""Recording: the signals of one replay, or of one file from elsewhere, and the context of its measurement.
 
 The letters of shapes are the same in all rooms: N samples, J joints, P parameters (13 for each joint), B base parameters.
 """
@@ -15,6 +15,8 @@ from monitor.errors import BadInput
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
+
+DAY_S = 86_400.0  # seconds in a day of UTC
 
 # RTDE's names of the columns with one value for each joint, and the field of `Recording` that each becomes
 JOINT_COLUMNS = {
@@ -35,7 +37,7 @@ JOINT_COLUMNS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """The circumstances that must be equal for two replays to be comparable, and the origin of the measurement.
+    """The conditions that must be equal for two replays to be comparable, and the origin of the measurement.
 
     `None` means unknown. An unknown value is not equal to a known value.
     """

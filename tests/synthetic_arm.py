@@ -37,17 +37,17 @@ class Arm:
     viscous: np.ndarray = field(default_factory=lambda: VISCOUS)
 
     def __post_init__(self) -> None:
-        self.dice = np.random.default_rng(self.seed)
-        self.shared = self.dice.normal(size=6) * self.noise
+        self.rng = np.random.default_rng(self.seed)
+        self.shared = self.rng.normal(size=6) * self.noise
 
     def replay(self, temperature_c: np.ndarray | float, wear: np.ndarray | float = 0.0) -> Identification:
         """Wear is a fraction of friction, (6,) or one for all."""
         rho = self.autocorrelation
-        self.shared = rho * self.shared + np.sqrt(1 - rho**2) * self.dice.normal(size=6) * self.noise
+        self.shared = rho * self.shared + np.sqrt(1 - rho**2) * self.rng.normal(size=6) * self.noise
         T = np.broadcast_to(np.asarray(temperature_c, dtype=float), 6)
         factor = (1.0 + np.asarray(wear)) * np.exp(self.shared)
         # within a replay fc and fv trade off: their sum at 0.4 rad/s is known far better than either
-        trade = self.dice.normal(size=6) * 0.03
+        trade = self.rng.normal(size=6) * 0.03
         fv_true = self.viscous * np.exp(-self.fall_per_k * (T - 25.0))
         fc, fv = factor * (COULOMB_NM - trade * fv_true * 0.4), factor * fv_true * (1.0 + trade)
         total = fc + 0.4 * fv
@@ -124,6 +124,6 @@ class History:
         return days
 
 
-def weather(day: float, dice: np.random.Generator) -> float:
+def weather(day: float, rng: np.random.Generator) -> float:
     """Joint temperature of a daily replay: the year's swing, the day's, and how long the arm had worked before."""
-    return float(31.0 + 6.0 * np.sin(2 * np.pi * day / 365.0) + dice.normal() * 2.0)
+    return float(31.0 + 6.0 * np.sin(2 * np.pi * day / 365.0) + rng.normal() * 2.0)

@@ -27,9 +27,9 @@ ALL_TIERS = ("advisory", "wear", "limit")
 
 def lived(days: int, *, seed: int, wear=lambda day: np.zeros(6), temperature=weather, **arm) -> History:
     """Daily replays at a quarter past seven."""
-    history, source, dice = History(), Arm(seed=seed, **arm), np.random.default_rng(1000 + seed)
+    history, source, rng = History(), Arm(seed=seed, **arm), np.random.default_rng(1000 + seed)
     for day in range(days):
-        history.add(day + 0.3, source.replay(temperature(day, dice), wear(day)))
+        history.add(day + 0.3, source.replay(temperature(day, rng), wear(day)))
     return history
 
 
@@ -54,7 +54,7 @@ def test_a_quiet_year_raises_no_wear_alert(kind):
 
 def test_a_cold_monday_is_no_wear():
     """Every Monday is 10 K colder after an idle weekend, which is +15 % of fv without compensation: no alert in 20 weeks."""
-    history = lived(140, seed=1, noise=0.01, temperature=lambda day, dice: 21.0 + dice.normal() if day % 7 == 0 else 31.0 + dice.normal())
+    history = lived(140, seed=1, noise=0.01, temperature=lambda day, rng: 21.0 + rng.normal() if day % 7 == 0 else 31.0 + rng.normal())
     assert history.told == []
 
 
@@ -124,9 +124,9 @@ def test_assessment_is_markov():
     from monitor.judge.belief import belief_from_document
 
     straight = lived(60, seed=5, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 40)))
-    through, arm, dice = History(), Arm(seed=5, noise=0.01), np.random.default_rng(1005)
+    through, arm, rng = History(), Arm(seed=5, noise=0.01), np.random.default_rng(1005)
     for day in range(60):
-        through.add(day + 0.3, arm.replay(weather(day, dice), on_joint_3(0.08 * (day >= 40))))
+        through.add(day + 0.3, arm.replay(weather(day, rng), on_joint_3(0.08 * (day >= 40))))
         belief = belief_from_document(json.loads(json.dumps(through.last.belief.as_document())))
         through.last, through.health = (
             replace(through.last, belief=belief),
@@ -153,9 +153,9 @@ def test_the_published_document_is_plain_json():
 
 def test_the_published_law_is_the_one_from_which_torque_is_predicted():
     """Point by point along the learnt range, for curves as for lines; a joint that was never resolved has no points."""
-    history, source, dice = History(), Arm(seed=3, noise=0.005), np.random.default_rng(3)
+    history, source, rng = History(), Arm(seed=3, noise=0.005), np.random.default_rng(3)
     for day in range(40):
-        history.add(day, source.replay(dice.uniform(8.0, 40.0)))
+        history.add(day, source.replay(rng.uniform(8.0, 40.0)))
     last = history.last
     assert "exponential" in {told.law for told in last.temperature}
     for told in last.temperature:

@@ -169,8 +169,7 @@ def energy(
     as_json: JsonOption = False,
 ) -> None:
     """Kinetic energy along a trajectory, with its uncertainty, beside limits. For a risk assessment: not a safety function."""
-    from monitor.identify.energy import Path as EnergyPath
-    from monitor.identify.energy import energy_along, path_of_excitation, path_of_recording
+    from monitor.identify.energy import EnergyPath, energy_along, path_of_excitation, path_of_recording
     from monitor.model.energy import BodyRegion
     from monitor.model.robot import Mounting
     from monitor.store import identify_files

@@ -136,15 +136,15 @@ class Surroundings:
         assert itself is not None  # N ≥ 1
         return Clearance(itself, around)
 
-    def doubtful(self, q: Array, bow_rad: Array | None = None) -> Mask:
+    def unproved(self, q: Array, bow_rad: Array | None = None) -> Mask:
         """(N − 1,) the intervals between samples in which the bound alone does not show that the cell's margins are kept."""
-        doubt = np.zeros(len(q), dtype=bool)
+        unproved = np.zeros(len(q), dtype=bool)
         for first, pairs, (cell, _, names) in self._bounds(q, bow_rad):
             near = pairs.min(axis=1) < self.cell.self_margin_m
             if names:
                 near |= cell.min(axis=1) < self.cell.margin_m
-            doubt[first : first + len(near)] |= near
-        return doubt[:-1]
+            unproved[first : first + len(near)] |= near
+        return unproved[:-1]
 
     def _bounds(self, q: Array, bow_rad: Array | None) -> Iterator[tuple[int, Array, tuple[Array, Indices, list[str]]]]:
         """By chunks: the first sample, then lower bounds of the gaps of pairs and of the cell until the next sample."""

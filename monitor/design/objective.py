@@ -19,7 +19,7 @@ from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array
 
 OBJECTIVES = ("friction", "condition", "scaled", "dopt")
-RATE_HZ = 125.0  # of the samples for which the figures are reported
+REPORT_RATE_HZ = 125.0  # of the samples for which the figures are reported
 # torque noise as a fraction of the torque limit, for large joints and wrists: the residual of identified models of real UR arms
 NOISE_SHARE = (0.007, 0.0035)
 LARGE_JOINTS = 3
@@ -105,7 +105,7 @@ class Information:
         if objective == "friction":
             covariance = self._covariance(Y, qd, duration_s)
             return math.inf if covariance is None else float(np.linalg.slogdet(covariance[-self.friction :, -self.friction :])[1])
-        per_sample = duration_s * RATE_HZ / len(qd)  # samples of the controller for each sample here
+        per_sample = duration_s * REPORT_RATE_HZ / len(qd)  # samples of the controller for each sample here
         scaled, norms = _scaled(self._weighted(Y, qd) * per_sample)
         try:
             L = np.linalg.cholesky(scaled)
@@ -135,7 +135,7 @@ class Information:
         """All figures as a JSON object; null for a figure that is not finite."""
         merits = self.merits(excitation)
         fc_std, fv_std = self.friction_std(excitation)
-        _, state = excitation.sampled(RATE_HZ)
+        _, state = excitation.sampled(REPORT_RATE_HZ)
         speed = np.abs(state.qd)
         moving = np.where(speed > STANDSTILL_SPEED_RAD_S, speed, np.nan)
         return {
@@ -151,13 +151,13 @@ class Information:
             "noise_model": {
                 "torque_std_nm": [_plain(value) for value in self.noise_nm],
                 "correlation_s": CORRELATION_S,
-                "rate_hz": RATE_HZ,
+                "rate_hz": REPORT_RATE_HZ,
             },
         }
 
     def _played(self, excitation: Excitation) -> tuple[Array, Array]:
         """The rows (J, B, N) and speeds (N, J) of one repetition at 125 Hz."""
-        t_s = np.arange(round(excitation.pass_s * RATE_HZ)) / RATE_HZ
+        t_s = np.arange(round(excitation.pass_s * REPORT_RATE_HZ)) / REPORT_RATE_HZ
         state = excitation.at(t_s)
         return state.qd, self.rows(*state)[0]
 

@@ -17,7 +17,7 @@ GRID = 100  # samples of a period for the figure of merit; twenty in a period of
 CLEARANCE_GRID = 250  # samples of a period for clearance: at 10 m/s² a gap falls by 2 mm between them, less than the reserve
 APPROACH = np.linspace(0.1, 1.0, 10)[:, None]  # (10, 1) samples of a straight approach, as fractions of its length
 REFINEMENT = 8  # samples for one, in stretches in which the bound is not sufficient
-RATE_HZ = 125.0  # of the check between samples that a new best must pass
+CHECK_RATE_HZ = 125.0  # of the check between samples that a new best must pass
 FORBIDDEN = 1e6  # above every allowed cost; the violation is added, so that a search is led back to allowed curves
 FARTHEST_START_RAD = 2.4  # [rad] from the pose of rest to the start: a replay refuses to approach from farther than 2.5
 RESERVE_M = 0.003  # kept beyond the margins at the samples of the grid, since the path between them comes nearer
@@ -86,21 +86,21 @@ class Problem:
 
         Where the bound at 125 Hz is not sufficient, those stretches are sampled more finely.
         """
-        t = np.arange(round(excitation.period_s * RATE_HZ) + 1) / RATE_HZ
+        t = np.arange(round(excitation.period_s * CHECK_RATE_HZ) + 1) / CHECK_RATE_HZ
         state = excitation.at(t)
         around, cell = self.surroundings, self.surroundings.cell
-        stretches = np.flatnonzero(around.doubtful(state.q, bow(state.qdd, 1.0 / RATE_HZ)))
+        stretches = np.flatnonzero(around.unproved(state.q, bow(state.qdd, 1.0 / CHECK_RATE_HZ)))
         if len(stretches):
-            finer = np.linspace(0.0, 1.0 / RATE_HZ, REFINEMENT + 1)
-            step = bow(state.qdd, 1.0 / RATE_HZ / REFINEMENT)
+            finer = np.linspace(0.0, 1.0 / CHECK_RATE_HZ, REFINEMENT + 1)
+            step = bow(state.qdd, 1.0 / CHECK_RATE_HZ / REFINEMENT)
             # gaps at the samples first: most curves that are not allowed are refused here
             near = around.gaps(state.q[stretches])
             if np.min(near.to_itself_m) < cell.self_margin_m or np.min(near.to_cell_m) < cell.margin_m:
                 return False
             fine = excitation.at((t[stretches, None] + finer).ravel()).q  # (S·9, J), the stretches one after the other
-            doubt = around.doubtful(fine, step)
-            doubt[REFINEMENT :: REFINEMENT + 1] = False  # there is no path from one stretch to the next
-            if np.any(doubt):
+            unproved = around.unproved(fine, step)
+            unproved[REFINEMENT :: REFINEMENT + 1] = False  # there is no path from one stretch to the next
+            if np.any(unproved):
                 return False
         return all(around.line(pose, state.q[0]).keeps(cell) for pose in self.approaches_rad)
 

@@ -13,7 +13,7 @@ from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Recording
 
 
-class Path(NamedTuple):
+class EnergyPath(NamedTuple):
     """The motion along which energy is computed, with N samples of J joints."""
 
     name: str
@@ -23,23 +23,23 @@ class Path(NamedTuple):
     payload_kg: float | None  # carried during this motion; None: the source does not say
 
 
-def path_of_recording(recording: Recording, robot: Robot) -> Path:
+def path_of_recording(recording: Recording, robot: Robot) -> EnergyPath:
     """The measured motion of a recording. Raises BadInput where the recording is of another arm."""
     refuse_other_arm(recording, robot)
     moved = motion(recording)
-    return Path(recording.source, moved.t_s - moved.t_s[0], moved.q, moved.qd, recording.context.payload_kg)
+    return EnergyPath(recording.source, moved.t_s - moved.t_s[0], moved.q, moved.qd, recording.context.payload_kg)
 
 
-def path_of_excitation(name: str, excitation: Excitation, robot: Robot) -> Path:
+def path_of_excitation(name: str, excitation: Excitation, robot: Robot) -> EnergyPath:
     """The planned motion of an excitation, sampled at the robot's rate. Raises BadInput where it is for another arm."""
     if excitation.robot != robot.name:
         raise BadInput(f"--along {name}: is for a {excitation.robot}; the robot is {robot.name}")
     t_s, (q, qd, _) = excitation.sampled(robot.rate_hz)
-    return Path(name, t_s, q, qd, None)
+    return EnergyPath(name, t_s, q, qd, None)
 
 
 def energy_along(
-    path: Path,
+    path: EnergyPath,
     recordings: Sequence[Recording],
     *,
     robot: Robot,

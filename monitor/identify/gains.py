@@ -29,7 +29,7 @@ STEPS = 40  # of Gauss and Newton, at most; 6–10 are usual
 HALVINGS = 12  # of a step that increases the cost, at most
 SETTLED = 1e-7  # relative change of the gains at which the steps end
 PRIOR_STD = 1.5  # of log gain about the arm's typical one: so wide that it only limits the gain of a joint without information
-TELLING_STD = 0.5  # of log gain: an uncertainty beyond a factor of 1.6 is no estimate
+LARGEST_STD = 0.5  # of log gain: an uncertainty beyond a factor of 1.6 is no estimate
 OVERLOAD = 2.0  # of the payload that the manufacturer allows: a larger mass is an input error
 FARTHEST_M = 2.0  # from the flange to the payload's centre: a larger distance is an input error
 BLOCK_S = 0.8  # jackknife block, as in `IdentifySettings`: residuals are correlated for half a second
@@ -94,7 +94,7 @@ def payload_gains(
     final = solve([*factors(at_end), _prior(typical, x, J)], np.append(weights, 1.0), x)
     log_covariance = jackknife_covariance(at_end, weights, final)[:J, :J]
     textbook = np.sum(final.directions[:J] ** 2, axis=1)  # (J,) variance for independent residuals, the prior included
-    shown = final.excited[:J] & (np.sqrt(np.maximum(np.diag(log_covariance), textbook)) < TELLING_STD)
+    shown = final.excited[:J] & (np.sqrt(np.maximum(np.diag(log_covariance), textbook)) < LARGEST_STD)
     if not np.any(shown):
         raise Unidentifiable("payload pair: the currents do not show the payload on any joint; expected one run without and one with it")
     rms_a = residual_rms(_linearised(joints, x, J), x)

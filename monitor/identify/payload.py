@@ -23,7 +23,7 @@ from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
 from monitor.recording import Array, Recording
 
-TELLING_STD = 3.0  # standard deviations from 0 at which a mass is certain
+SIGNIFICANT_STD = 3.0  # standard deviations from 0 at which a mass is certain
 ROUNDS = 4  # payload → load → friction → payload; each round gains more than a digit
 NAMES = ("m", "mx", "my", "mz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz")  # of the parameters, in the last DH frame
 
@@ -51,22 +51,22 @@ class Payload:
     @property
     def com_m(self) -> Array:
         """(3,) centre of mass in the last DH frame [m]; NaN where the mass is not certain."""
-        com: Array = self.parameters[1:4] / self.mass_kg if self.telling else np.full(3, np.nan)
+        com: Array = self.parameters[1:4] / self.mass_kg if self.significant else np.full(3, np.nan)
         return com
 
     @property
-    def telling(self) -> bool:
-        """Whether the mass differs from 0 by more than `TELLING_STD` standard deviations."""
-        return self.mass_kg > TELLING_STD * self.mass_std_kg
+    def significant(self) -> bool:
+        """Whether the mass differs from 0 by more than `SIGNIFICANT_STD` standard deviations."""
+        return self.mass_kg > SIGNIFICANT_STD * self.mass_std_kg
 
     @property
     def warnings(self) -> tuple[DataWarning, ...]:
         """What the reader of the result must know."""
         mass = f"{self.mass_kg:.3g} ± {self.mass_std_kg:.2g} kg"
-        if self.mass_kg < -TELLING_STD * self.mass_std_kg:
+        if self.mass_kg < -SIGNIFICANT_STD * self.mass_std_kg:
             text = f"the payload comes out at {mass}: the arm was heavier when it was identified, or gains, mounting or robot are others"
             return (DataWarning("unphysical_payload", text),)
-        if not self.telling:
+        if not self.significant:
             return (DataWarning("no_payload", f"no payload shows: {mass}; its centre means nothing"),)
         return ()
 

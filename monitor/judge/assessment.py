@@ -20,7 +20,7 @@ from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line
 from monitor.judge.torque.compensated_model import CompensatedModel
 
-LAW_POINTS = 9  # points of the published temperature law, over the learnt range
+LAW_POINTS = 9  # points of the published temperature law, over the learned range
 DEPENDS_SIGMAS = 2.0  # Coulomb friction depends on temperature if its slope is beyond so many standard deviations
 
 
@@ -52,7 +52,7 @@ class JointFriction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointTemperature:
-    """The temperature laws learnt of one joint, wear divided out, with the published names."""
+    """The temperature laws learned of one joint, wear divided out, with the published names."""
 
     joint: int  # 1…J
     law: str  # of fv, the one with the least error on temperatures left out of its fit: linear | exponential | vogel
@@ -114,7 +114,7 @@ def joint_friction(
 ) -> tuple[JointFriction, ...]:
     """The published friction of every joint, from the belief after the replay and its `lines`."""
     torque, torque_std = belief.reference_torque_nm(drift)
-    replay = observe(identification, drift)._replace(log_torque=belief.last_log_torque)  # NaN where nothing was learnt
+    replay = observe(identification, drift)._replace(log_torque=belief.last_log_torque)  # NaN where nothing was learned
     alone, alone_std = single_torque_nm(belief.drift_state, replay, drift)
     # the next replay would scatter around this one: the larger of the fit's and the scatter's standard deviation
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)

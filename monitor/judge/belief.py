@@ -20,7 +20,7 @@ from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_l
 from monitor.judge.temperature.stuck import SensorHistory, sensors_from_document
 from monitor.recording import Array, Context
 
-SCHEMA_VERSION = 4
+BELIEF_SCHEMA = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,9 +37,9 @@ class Belief:
     reference_temperature_c: Array  # (J,) T0 [°C]
     filter_state: FilterState = field(metadata={"key": "track"})
     temperature_c: Array  # (J,) of the last replay
-    inside_range: Array  # (J,) 1 where that lay in the range that was learnt before it, else 0
+    inside_range: Array  # (J,) 1 where that lay in the range that was learned before it, else 0
     first_log_torque: Array  # (J,) mean of y over the first replays, uncorrected: the reference of an alert's attribution
-    last_log_torque: Array  # (J,) of the last replay; NaN where nothing was learnt
+    last_log_torque: Array  # (J,) of the last replay; NaN where nothing was learned
     first_temperature_c: Array  # (J,) mean over the same first replays
     usage: Usage
     mass_estimate: MassEstimate | None = field(metadata={"key": "weights"})  # in the context in force
@@ -48,7 +48,7 @@ class Belief:
     sensors: SensorHistory | None = None  # None before the first replay, and in beliefs of releases without it
     # of predicted torque; None before the first prediction, and in beliefs of releases without it
     prediction_error: PredictionErrorStatistics | None = field(default=None, metadata={"key": "doubt"})
-    schema_version: int = SCHEMA_VERSION
+    schema_version: int = BELIEF_SCHEMA
 
     @property
     def joints(self) -> int:
@@ -99,7 +99,7 @@ class Belief:
 
     @property
     def learnt_from(self) -> np.ndarray:
-        """(J,) whether the filter learnt from the last replay of the joint."""
+        """(J,) whether the filter learned from the last replay of the joint."""
         return self.filter_state.learnt_from
 
     @property
@@ -157,9 +157,9 @@ def belief_from_document(document: Any) -> Belief:
     for old, newer in ((2, from_version_2), (3, from_version_3)):
         if version == old:
             document, version = newer(document), old + 1
-    if version != SCHEMA_VERSION:
+    if version != BELIEF_SCHEMA:
         raise BadInput(
-            f"belief: schema_version is {version!r}; this release reads 2 to {SCHEMA_VERSION}. What was learnt in it cannot be carried "
+            f"belief: schema_version is {version!r}; this release reads 2 to {BELIEF_SCHEMA}. What was learnt in it cannot be carried "
             "over: move the state directory away, and let `joint-monitor assess` judge its recordings again"
         )
     J = len(array(document, "reference_temperature_c", (-1,), where=where))

@@ -18,9 +18,8 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, StepResult, initial_state, step
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange, find_undeclared_change, update_mass_estimate
 from monitor.judge.temperature.laws import TemperatureSettings
-from monitor.recording import Context
+from monitor.recording import DAY_S, Context
 
-SECONDS_PER_DAY = 86_400.0
 WARMING_FAST_K_PER_MIN = 0.5  # as a cold UR5 does in the first quarter of an hour of work
 INCONSISTENT = 2.5  # mean of 20 normalised innovations squared, χ²(1) each: about 5 σ
 
@@ -132,7 +131,7 @@ def _replaced(belief: Belief, after: Context) -> np.ndarray:
 
 def _days_since(belief: Belief, at_unix_s: float) -> float:
     """Days since the belief's last replay. Raises BadInput for a time before it."""
-    days = (at_unix_s - belief.at_unix_s) / SECONDS_PER_DAY
+    days = (at_unix_s - belief.at_unix_s) / DAY_S
     if not days >= 0:
         raise BadInput(f"a belief of {belief.at_unix_s:.0f} s cannot be aged to {at_unix_s:.0f} s: that is before it")
     return days
@@ -150,7 +149,7 @@ def _revolutions(belief: Belief, context: Context) -> np.ndarray | None:
 def _after(belief: Belief, result: StepResult, at_unix_s: float) -> Belief:
     """The belief with one more replay in the context in force, and the state after it."""
     state, now = result.state, belief.contexts[-1]
-    new_day = belief.replays == 0 or math.floor(at_unix_s / SECONDS_PER_DAY) > math.floor(belief.at_unix_s / SECONDS_PER_DAY)
+    new_day = belief.replays == 0 or math.floor(at_unix_s / DAY_S) > math.floor(belief.at_unix_s / DAY_S)
     return replace(
         belief,
         at_unix_s=at_unix_s,

@@ -1,4 +1,4 @@
-"""Beliefs of older releases, in the form of this release. What an older release did not store is learnt from then on."""
+"""Beliefs of older releases, in the form of this release. What an older release did not store is learned from then on."""
 
 import copy
 import math

@@ -192,11 +192,11 @@ def energy_document(
             "payload_kg": payload_kg,
             "formula": "m_R = M/2 + m_L; E = ½·μ·v², 1/μ = 1/m_H + 1/m_R",
         }
-        document["regions"] = [_told(compare(region, speed_m_s, m_R, energy), t_s) for region in regions]
+        document["regions"] = [_comparison_document(compare(region, speed_m_s, m_R, energy), t_s) for region in regions]
     return document
 
 
-def _told(found: Comparison, t_s: Array) -> dict[str, object]:
+def _comparison_document(found: Comparison, t_s: Array) -> dict[str, object]:
     """One region's comparison as a JSON object."""
     region = found.region
     return {

@@ -7,6 +7,7 @@ from monitor.judge.alerts.documents import alert_document, health_from_document
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.staleness import stale_joints, stale_text
+from monitor.recording import DAY_S
 
 
 def published_health(health: Health | None, now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
@@ -52,6 +53,6 @@ def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, sett
         return None
     old = [joint for joint, is_old in zip(health.joints, silent, strict=True) if is_old]
     known = [joint.learnt_at_unix_s for joint in old if joint.learnt_at_unix_s is not None]
-    since = f"for {(now_unix_s - min(known)) / 86_400.0:.0f} days" if known else "yet"
+    since = f"for {(now_unix_s - min(known)) / DAY_S:.0f} days" if known else "yet"
     since = f"{since} (health.stale_days = {settings.stale_days:g})"
     return stale_text([joint.joint for joint in old], len(health.joints), since, "now")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from monitor.config.schema import StoreSettings
 from monitor.errors import StoreError
+from monitor.recording import DAY_S
 from monitor.service.problems import Problems
 from monitor.service.scheduler import too_little_room
 from monitor.store.backup import backups, lost, made_at_unix_s
@@ -15,7 +16,6 @@ from monitor.store.store import Store
 log = logging.getLogger(__name__)
 
 CHECK_EVERY_S = 10.0
-DAY_S = 86_400.0
 FRESH_S = 3600.0  # a backup younger than this is not made again: a service that restarts often makes no backup each time
 BEHIND_S = 3600.0  # the newest entry of the history lies so far in the future: the clock was set back
 

@@ -71,7 +71,7 @@ class Monitor:
             if ledger_id is None:
                 return None
             for waiting in self._store.ledger.repair(self._now(), but=ledger_id):
-                self._assess_stored(waiting.id)  # in time order: an older one could not be learnt from afterwards
+                self._assess_stored(waiting.id)  # in time order: an older one could not be learned from afterwards
             self._perform(ledger_id)
             row = self._store.ledger.row(ledger_id)
             self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
@@ -102,7 +102,7 @@ class Monitor:
                 self._alive()
 
     def roll_back(self) -> bool:
-        """Take back what was learnt from replays dated in the future; False where the recordings that this needs are gone."""
+        """Take back what was learned from replays dated in the future; False where the recordings that this needs are gone."""
         with self._state.replaying, self._state.revising:
             known = roll_back(self._store, self._now())
             if known is not None:

@@ -15,7 +15,7 @@ from monitor.publish.timestamps import rfc3339
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
 from monitor.store.schema import schema_of
 
-EARLIEST_UNIX_S = 1_767_225_600.0  # 2026-01-01, before this program existed; a host whose clock has no battery starts in 1970
+BEFORE_THIS_PROGRAM_UNIX_S = 1_767_225_600.0  # 2026-01-01: an earlier clock is wrong, and the preflight check says so
 
 
 def service_conditions(configuration: Configuration, now_unix_s: float | None = None) -> tuple[ConditionResult, ...]:
@@ -76,7 +76,7 @@ def _disk(configuration: Configuration) -> ConditionResult:
 
 
 def _clock(configuration: Configuration, now: float) -> ConditionResult:
-    if now < EARLIEST_UNIX_S:
+    if now < BEFORE_THIS_PROGRAM_UNIX_S:
         return ConditionResult(name="clock", holds=False, text=f"{rfc3339(now)}: before this program existed")
     newest = _newest(configuration.state_directory / HISTORY)
     if newest is not None and newest > now + 3600.0:

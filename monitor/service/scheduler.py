@@ -19,6 +19,7 @@ from monitor.acquire.schedule.windows import Window, upcoming
 from monitor.config.schema import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
+from monitor.recording import DAY_S
 from monitor.service.problems import Problems
 from monitor.service.replay_requests import ReplayRequests
 from monitor.store.ledger import LedgerRow
@@ -29,11 +30,11 @@ log = logging.getLogger(__name__)
 TICK_S = 1.0
 CHECK_EVERY_S = 30.0  # [s] also where nothing is due: it notes until when the schedule was watched
 NOTICED_JUMP_S = 60.0  # between two ticks, UTC against the monotonic clock: a larger difference means that the clock was set
-DOUBTED_JUMP_S = 86_400.0  # a larger jump forward may be a mistake: nothing moves for `DOUBT_S`, in which somebody may correct it
-DOUBT_S = 3600.0
-EARLIEST_UNIX_S = 978_307_200.0  # 2001-01-01: a host whose clock has no battery begins in 1970, 1980 or 2000
+SUSPICIOUS_JUMP_S = DAY_S  # a larger jump forward may be a mistake: nothing moves for `JUMP_WAIT_S`, in which somebody may correct it
+JUMP_WAIT_S = 3600.0  # after a suspicious jump
+NEVER_SET_UNIX_S = 978_307_200.0  # 2001-01-01: an earlier clock was never set since the host started in 1970, 1980 or 2000
 _WATCHED, _RUNNING, _NOT_BEFORE = "schedule_watched_until", "arm_running_until", "schedule_not_before"
-_FORWARD = "clock_was_set_forward"  # JSON: the times before and after a doubted jump
+_FORWARD = "clock_was_set_forward"  # JSON: the times before and after a suspicious jump
 
 
 class Performer(Protocol):
@@ -78,7 +79,7 @@ class Scheduler:
         self._salt = monitor.configuration.key_prefix
         self._evidence_unix_s: float | None = None
         self._last: tuple[float, float] | None = None  # both clocks at the last tick
-        self._doubt_until = 0.0  # monotonic
+        self._wait_until = 0.0  # monotonic
         self._next_check = 0.0  # UTC
         self._noted = 0.0  # monotonic
         self.lag_s: float | None = None  # of the last replay, from the opening of its window
@@ -137,12 +138,12 @@ class Scheduler:
         if "store" in self._problems or self._store.ledger.unfinished():
             self._monitor.recover()
             self._problems.clear("store")
-        if now < EARLIEST_UNIX_S:
+        if now < NEVER_SET_UNIX_S:
             self._problems.report("clock", f"the clock says {rfc3339(now)}; nothing is replayed before it has been set right")
             return
         if self._requests.take_request():
             self._requested()
-        if monotonic < self._doubt_until:
+        if monotonic < self._wait_until:
             return
         self._problems.clear("clock")
         if now < self._next_check and now - self._watched < CHECK_EVERY_S:
@@ -175,17 +176,17 @@ class Scheduler:
         """The next `count` windows that the ledger does not have yet. Raises StoreError."""
         now = self._clocks.now() if now is None else now
         settings, began = self._monitor.configuration.schedule, self._store.ledger.began_unix_s()
-        if now < EARLIEST_UNIX_S:
+        if now < NEVER_SET_UNIX_S:
             return []
-        known = self._store.ledger.windows(now - settings.jitter_s, now + 400 * 86_400.0)
-        believed = now + max(0.0, self._doubt_until - self._clocks.monotonic())
-        more = upcoming(settings, max(believed, self._not_before), count + min(len(known), 50), began, self._salt)
+        known = self._store.ledger.windows(now - settings.jitter_s, now + 400 * DAY_S)
+        trusted_unix_s = now + max(0.0, self._wait_until - self._clocks.monotonic())
+        more = upcoming(settings, max(trusted_unix_s, self._not_before), count + min(len(known), 50), began, self._salt)
         return [window for window in more if window.key_unix_s not in known][:count]
 
     def _check(self, now: float) -> None:
         configuration = self._monitor.configuration
         since = min(self._watched, now)
-        entered = self._store.ledger.windows(since - reach_back_s(configuration.schedule), now + 86_400.0)
+        entered = self._store.ledger.windows(since - reach_back_s(configuration.schedule), now + DAY_S)
         found = check_windows(
             configuration.schedule,
             now_unix_s=now,
@@ -230,15 +231,15 @@ class Scheduler:
                 self._next_check = 0.0
                 log.warning("the host's clock was set by %+.0f s, to %s", jump, rfc3339(now))
                 # a clock that stood before the history's newest entry, or before this program existed, was corrected
-                if jump > DOUBTED_JUMP_S and self._last[0] >= max(
-                    EARLIEST_UNIX_S, (self._store.ledger.newest_unix_s() or 0.0) - DOUBTED_JUMP_S
+                if jump > SUSPICIOUS_JUMP_S and self._last[0] >= max(
+                    NEVER_SET_UNIX_S, (self._store.ledger.newest_unix_s() or 0.0) - SUSPICIOUS_JUMP_S
                 ):
                     self._store.notes.set(_FORWARD, json.dumps([self._last[0], now]))
-                    self._doubt_until = monotonic + DOUBT_S
-                    text = f"the clock was set forward by {jump / 86_400.0:.1f} days; nothing is replayed for an hour, then it is believed"
+                    self._wait_until = monotonic + JUMP_WAIT_S
+                    text = f"the clock was set forward by {jump / DAY_S:.1f} days; nothing is replayed for an hour, then it is believed"
                     self._problems.report("clock", text)
                 elif jump < 0:
-                    self._doubt_until = 0.0
+                    self._wait_until = 0.0
         noted = self._store.notes.get(_FORWARD) if self._last is None or now < self._last[0] else None
         self._last = (now, monotonic)
         if not noted:
@@ -248,7 +249,7 @@ class Scheduler:
         before, after = json.loads(noted)
         watched = max(self._watched, float(self._store.notes.get(_WATCHED) or 0.0))
         newest, lasted = max(watched, self._store.ledger.newest_unix_s() or 0.0), max(0.0, watched - after)
-        if before + lasted - DOUBTED_JUMP_S <= now < newest - DOUBTED_JUMP_S:
+        if before + lasted - SUSPICIOUS_JUMP_S <= now < newest - SUSPICIOUS_JUMP_S:
             self._store.notes.set(_FORWARD, "")
             if self._monitor.roll_back():
                 log.warning("the clock is back from the future: what was learnt there is taken back")

@@ -179,10 +179,10 @@ class Assessments:
             ((at, text),) = self._db.rows("SELECT recorded_at_unix_s, document FROM assessment WHERE ledger_id = ?", (replay,))
             yield int(replay), float(at), json.loads(text)
 
-    def roll_back(self, after_unix_s: float, held: tuple[Mapping[str, Any], Mapping[str, Any], Mapping[str, Any]] | None) -> None:
+    def roll_back(self, after_unix_s: float, documents: tuple[Mapping[str, Any], Mapping[str, Any], Mapping[str, Any]] | None) -> None:
         """Take back every assessment of a recording dated later than this: a wrong clock has dated it, and its replay becomes rejected.
 
-        held : documents of belief, health and model without them; None where no assessment is left. Windows that were skipped then may
+        documents : those of belief, health and model without them; None where no assessment is left. Windows that were skipped then may
         open again when their time comes; a window in which an arm moved never does.
         """
         reason = "dated in the future by a clock that was wrong"
@@ -193,10 +193,10 @@ class Assessments:
                     db.execute(f"DELETE FROM {name} WHERE ledger_id = ?", (ledger_id,))  # noqa: S608 - fixed names
                 db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason, ledger_id))
             db.execute("DELETE FROM ledger WHERE state = 'skipped' AND window_unix_s > ?", (after_unix_s,))
-            if held is None:
+            if documents is None:
                 db.execute("DELETE FROM state")
             else:
-                db.execute("UPDATE state SET revision = revision + 1, belief = ?, health = ?, model = ?", tuple(map(json_text, held)))
+                db.execute("UPDATE state SET revision = revision + 1, belief = ?, health = ?, model = ?", tuple(map(json_text, documents)))
 
 
 def _insert_provenance(db: sqlite3.Connection, document: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from monitor.errors import StoreError
+from monitor.recording import DAY_S
 from monitor.store.ledger import Ledger
 from monitor.store.recordings import RecordingFolder
 
@@ -28,7 +29,7 @@ def to_prune(kept: list[KeptRecording], *, days: float, most_bytes: float, now_u
     total = sum(each.size for each in kept)
     going = []
     for each in may_go:
-        old = days > 0 and now_unix_s - each.at_unix_s > days * 86_400.0
+        old = days > 0 and now_unix_s - each.at_unix_s > days * DAY_S
         if not old and not (most_bytes > 0 and total > most_bytes):
             continue
         going.append(each)

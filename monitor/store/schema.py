@@ -5,7 +5,7 @@ from pathlib import Path
 
 from monitor.errors import StoreError
 
-SCHEMA_VERSION = 3
+HISTORY_SCHEMA = 3
 MIGRATIONS: dict[int, str] = {
     1: """
     CREATE TABLE ledger (
@@ -90,14 +90,14 @@ MIGRATIONS: dict[int, str] = {
 def check_version(connection: sqlite3.Connection, directory: Path) -> None:
     """Raises StoreError where the file is no history, or an older or newer one than this program's: a reader must not migrate it."""
     version = schema_of(connection, directory)
-    if version < SCHEMA_VERSION:
+    if version < HISTORY_SCHEMA:
         raise StoreError(f"{directory}: written by an older joint-monitor (schema {version}); start `joint-monitor run` once to renew it")
 
 
 def migrate(connection: sqlite3.Connection, directory: Path) -> None:
     """Migrate a file of any earlier version to this one. Raises StoreError where it is newer or another program's."""
     version = schema_of(connection, directory)
-    for step in range(version + 1, SCHEMA_VERSION + 1):
+    for step in range(version + 1, HISTORY_SCHEMA + 1):
         # executescript commits what is open, so the transaction is part of the script
         connection.executescript(f"BEGIN;{MIGRATIONS[step]};PRAGMA user_version = {step};COMMIT;")
 
@@ -105,8 +105,8 @@ def migrate(connection: sqlite3.Connection, directory: Path) -> None:
 def schema_of(connection: sqlite3.Connection, directory: Path) -> int:
     """The version of the file's schema; 0 of an empty file. Raises StoreError where it is newer or another program's."""
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
-    if version > SCHEMA_VERSION:
-        raise StoreError(f"{directory}: written by a newer joint-monitor (schema {version}; this one knows {SCHEMA_VERSION})")
+    if version > HISTORY_SCHEMA:
+        raise StoreError(f"{directory}: written by a newer joint-monitor (schema {version}; this one knows {HISTORY_SCHEMA})")
     tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
     if (tables and (version == 0 or "ledger" not in tables)) or (version and not tables):
         raise StoreError(f"{directory}: its history.sqlite is another program's; expected one of joint-monitor's, or none")

@@ -62,13 +62,13 @@ class Stops:
 
 
 class FirstPasses:
-    """Slow first passes along a trajectory, each with the digest of its circumstances."""
+    """Slow first passes along a trajectory, each with the digest of its provenance."""
 
     def __init__(self, database: Database) -> None:
         self._db = database
 
     def is_latest(self, digest: str) -> bool:
-        """Whether the latest first pass was made in the circumstances of this digest."""
+        """Whether the latest first pass has the provenance of this digest."""
         rows = self._db.rows("SELECT circumstances FROM first_pass ORDER BY id DESC LIMIT 1")
         return bool(rows) and rows[0][0] == digest
 
@@ -78,7 +78,10 @@ class FirstPasses:
         return json.loads(rows[0][0]) if rows else None
 
     def add(self, digest: str, document: Mapping[str, Any], at_unix_s: float) -> None:
-        """Store a first pass: the arm has moved slowly along its trajectory, in the circumstances of this digest."""
+        """Store a first pass: the arm has moved slowly along its trajectory.
+
+        digest : of its provenance.
+        """
         with self._db.transaction() as db:
             db.execute(
                 "INSERT INTO first_pass (at_unix_s, circumstances, document) VALUES (?, ?, ?)",

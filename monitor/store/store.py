@@ -21,7 +21,7 @@ from monitor.store.events import Events
 from monitor.store.ledger import Ledger
 from monitor.store.recordings import RecordingFolder
 from monitor.store.retention import Retention
-from monitor.store.schema import SCHEMA_VERSION, check_version, migrate, schema_of
+from monitor.store.schema import HISTORY_SCHEMA, check_version, migrate, schema_of
 from monitor.store.stops import FirstPasses, Stops
 
 RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
@@ -70,7 +70,7 @@ class Store:
             try:
                 connection = sqlite3.connect(directory / HISTORY, isolation_level=None, check_same_thread=False)
                 # before the migration changes anything: whoever goes back to the older program needs the file as it was
-                if 0 < schema_of(connection, directory) < SCHEMA_VERSION:
+                if 0 < schema_of(connection, directory) < HISTORY_SCHEMA:
                     back_up(directory, MOST_BACKUPS)
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit and a few commits a replay: full durability is cheap

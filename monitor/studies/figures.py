@@ -12,7 +12,7 @@ from monitor.recording import Array
 
 SURE = 0.95  # one-sided confidence of every bound
 NINETY = 1.645  # standard deviations on either side of a 90 % interval
-MOVING_RAD_S = 0.05  # slower joints hold rather than slide, and are left out of questions of friction in motion
+SLIDING_RAD_S = 0.05  # slower joints hold rather than slide, and are left out of questions of friction in motion
 DAYS_A_YEAR = 365.0
 
 

@@ -141,12 +141,12 @@ def _detection(document: dict[str, Any], quieter: Sequence[dict[str, Any]]) -> s
 def _intervals(document: dict[str, Any], arm_days_a_minute: float) -> str:
     """Coverage of intervals, remaining life, what temperature leaves, and the speed."""
     life = document["remaining_life"]
-    held, near = life["p10_p90_holds"], life["alpha_lambda_at_half_life"]
+    coverage, near = life["p10_p90_holds"], life["alpha_lambda_at_half_life"]
     cover, slope = document["friction_interval_90"], document["slope_left_per_k"]
     text = "\n## Intervals, remaining life, temperature\n\n| figure | reached | asked for |\n|---|---|---|\n"
     text += f"| 90 % intervals of friction at reference temperature contain the truth | {_percent(cover)} | 85–95 % {_between(cover)} |\n"
-    text += f"| P10–P90 of remaining life contain the truth, at half-life | {_share(held, both=True)} | "
-    text += f"75–85 % {_met(held['at_least'] >= 0.75 and held['at_most'] <= 0.85)} |\n"
+    text += f"| P10–P90 of remaining life contain the truth, at half-life | {_share(coverage, both=True)} | "
+    text += f"75–85 % {_met(coverage['at_least'] >= 0.75 and coverage['at_most'] <= 0.85)} |\n"
     text += f"| P50 within 20 % of the truth at half-life (α-λ) | {_share(near)} | ≥ 80 % {_met(near['at_least'] >= 0.8)} |\n"
     text += (
         f"| effect of temperature that remains in friction after its removal, mean of joints; nine of ten "
@@ -202,7 +202,7 @@ def _surrogate(physics: dict[str, Any]) -> str:
 
 
 def _torque_rows(torque: dict[str, Any]) -> str:
-    each, held = (", ".join(f"{x:.2f}" for x in torque[key]) for key in ("ratio_by_joint", "covered_90_by_joint"))
+    each, coverage = (", ".join(f"{x:.2f}" for x in torque[key]) for key in ("ratio_by_joint", "covered_90_by_joint"))
     low, high = torque["range_c"]
     ratio, friction, slope, covered = (torque[key] for key in ("ratio", "ratio_of_friction", "slope_per_k", "covered_90"))
     rows = (
@@ -219,7 +219,7 @@ def _torque_rows(torque: dict[str, Any]) -> str:
             _slope(slope),
             f"≤ 0.1 %/K {_met(slope['at_most'] <= 0.001)}",
         ),
-        (f"90 % intervals of torque contain the truth; by joint {held}", _percent(covered), f"85–95 % {_between(covered)}"),
+        (f"90 % intervals of torque contain the truth; by joint {coverage}", _percent(covered), f"85–95 % {_between(covered)}"),
         (
             f"one replay's assessment, processor time, the longest of {torque['arms'] * (torque['replays'] - 1)}",
             f"{torque['assess_s']:.2f} s",

@@ -1,6 +1,6 @@
 """How well torque is predicted at another temperature: the compensated model against the noise-free torque of the full simulator.
 
-An arm is replayed at many temperatures. Then it moves at other temperatures inside the learnt range. The torque of these tests is
+An arm is replayed at many temperatures. Then it moves at other temperatures inside the learned range. The torque of these tests is
 predicted once with the joints' temperatures and once without, and both predictions are compared with the torque of the simulated drives
 without noise. The same replays show whether the surrogate of the simulated fleet has the distribution of the full simulator.
 """
@@ -20,15 +20,15 @@ from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
-from monitor.recording import Array, Recording
+from monitor.recording import DAY_S, Array, Recording
 from monitor.simulate.arm.friction import default_law
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.studies.figures import MOVING_RAD_S, NINETY, over_arms
+from monitor.studies.figures import NINETY, SLIDING_RAD_S, over_arms
 from monitor.studies.rehearsal.fleet import WITHIN_SHARE, various
 
-START_UNIX_S, DAY_S = 1_750_000_000.0, 86_400.0
+START_UNIX_S = 1_750_000_000.0
 ROOM_C = (4.0, 34.0)  # temperatures of the room; the joints are some kelvins warmer, at rest and at work
 COLDEST_C, WARMEST_C = 5.0, 45.0  # a joint outside these temperatures does not count in a test
 SURROGATE_DRAWS = 200_000  # draws of the surrogate that the full simulator is compared with
@@ -37,7 +37,7 @@ MIN_TESTS = 6  # a joint with fewer tests has no slope
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueErrors:
-    """Prediction errors of one arm, over the moving samples of its tests inside the learnt range."""
+    """Prediction errors of one arm, over the moving samples of its tests inside the learned range."""
 
     squares_nm2: Array  # (2, J) mean squared error with the joints' temperatures, and without
     friction_error_nm: Array  # (2, tests, J) mean error in the direction of motion, which is that of friction alone; NaN outside
@@ -88,11 +88,11 @@ def study_arm(
 
     clock : [s], measures the assessments. Raises BadInput where a replay is rejected, or a joint does not count in any test.
     """
-    arm, dice = load_robot(robot), np.random.default_rng(seed)
-    law = various(default_law(arm), (), dice)
+    arm, rng = load_robot(robot), np.random.default_rng(seed)
+    law = various(default_law(arm), (), rng)
     noisy, quiet = (Controller(SimulateSettings(robot=robot, seed=seed, current_noise=noise), law=law) for noise in (1.0, 0.0))
-    learnt = _learn(noisy, arm, dice, excitation=excitation, settings=settings, replays=replays, clock=clock)
-    tested = [_test(quiet, arm, dice, learnt.model, excitation) for _ in range(tests)]
+    learnt = _learn(noisy, arm, rng, excitation=excitation, settings=settings, replays=replays, clock=clock)
+    tested = [_test(quiet, arm, rng, learnt.model, excitation) for _ in range(tests)]
     samples = sum((test.samples for test in tested), np.zeros(arm.joints))
     if not samples.all():
         raise BadInput(
@@ -115,7 +115,7 @@ def study_arm(
 def _learn(
     controller: Controller,
     arm: Robot,
-    dice: np.random.Generator,
+    rng: np.random.Generator,
     *,
     excitation: Excitation,
     settings: AssessSettings,
@@ -127,7 +127,7 @@ def _learn(
     slowest_s = 0.0
     residual, grease = np.empty((replays, arm.joints)), np.empty((replays, arm.joints))
     for day in range(replays):
-        _live(controller, dice)
+        _live(controller, rng)
         before = controller.arm.temperatures.grease_c.copy()
         recording = stepped_replay(controller, excitation)
         recording = replace(recording, context=replace(recording.context, recorded_at_unix_s=START_UNIX_S + day * DAY_S))
@@ -153,15 +153,15 @@ def _learn(
     return _Learnt(last.model, residual, grease, slowest_s)
 
 
-def _test(controller: Controller, arm: Robot, dice: np.random.Generator, model: CompensatedModel, excitation: Excitation) -> _Test:
+def _test(controller: Controller, arm: Robot, rng: np.random.Generator, model: CompensatedModel, excitation: Excitation) -> _Test:
     """One motion without noise at another temperature, against the prediction of the model."""
-    _live(controller, dice)
+    _live(controller, rng)
     recording = stepped_replay(controller, excitation)
     T, q, qd, qdd = recording.mean_temperature_c, recording.target_q, recording.target_qd, recording.target_qdd
     if T is None or q is None or qd is None or qdd is None or recording.current is None:
         raise BadInput("torque study: the simulated recording lacks its targets, currents or temperatures")
     inside = model.viscous.inside(T) & (T >= COLDEST_C) & (T <= WARMEST_C)
-    moving = (np.abs(qd) > MOVING_RAD_S) & inside
+    moving = (np.abs(qd) > SLIDING_RAD_S) & inside
     n = np.where(inside, moving.sum(axis=0), np.nan)
     with_T, without = (predict_torque(model, arm, q, qd, qdd, t) for t in (T, None))
     truth = recording.current * np.array(arm.drive_gain_nm_per_a)
@@ -188,8 +188,8 @@ def surrogate(arms: Sequence[TorqueErrors], within_std: float) -> dict[str, Any]
     away, warmer = residual - residual.mean(axis=1, keepdims=True), grease - grease.mean(axis=1, keepdims=True)
     slopes = np.sum(away * warmer, axis=(0, 1)) / np.sum(warmer**2, axis=(0, 1))  # (J,)
     std = np.sqrt(np.sum(away**2, axis=(0, 1)) / (A * (R - 1)))  # (J,)
-    dice = np.random.default_rng(0)
-    drawn = dice.uniform(*WITHIN_SHARE, SURROGATE_DRAWS) * dice.normal(size=SURROGATE_DRAWS)
+    rng = np.random.default_rng(0)
+    drawn = rng.uniform(*WITHIN_SHARE, SURROGATE_DRAWS) * rng.normal(size=SURROGATE_DRAWS)
     tests = [ks_2samp((away[:, :, j] / std[j]).ravel(), drawn / drawn.std()) for j in range(J)]
     return {
         "replays": A * R,
@@ -247,8 +247,8 @@ def _friction_by_law(controller: Controller, recording: Recording, grease_c: Arr
     return controller.arm.friction_torque(np.full(len(load), settings.drift.reference_speed_rad_s), load, grease_c)
 
 
-def _live(controller: Controller, dice: np.random.Generator) -> None:
+def _live(controller: Controller, rng: np.random.Generator) -> None:
     """A night at one room temperature, then up to an hour of work of random intensity."""
-    room = dice.uniform(*ROOM_C)
+    room = rng.uniform(*ROOM_C)
     controller.pass_time(20.0, room, 0.0)
-    controller.pass_time(dice.uniform(0.0, 1.0), room, dice.uniform(0.0, 1.0))
+    controller.pass_time(rng.uniform(0.0, 1.0), room, rng.uniform(0.0, 1.0))

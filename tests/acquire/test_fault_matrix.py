@@ -32,9 +32,9 @@ def test_every_fault_of_the_simulator_is_among_the_cases():
 def test_a_sample_of_faults_in_the_middle_of_a_replay_stops_the_arm_and_is_named():
     """One fault of each kind, one after the other on one arm: the arm stops, the cause is named, and the next replay works."""
     once = {"stall", "reset", "program_stop", "protective_stop", "emergency_stop"}
-    dice = random.Random(6)
-    cases = [dice.choice([case for case in STOPPING if case.name == name]) for name in sorted(once)]
-    cases.append(dice.choice(HARMLESS))
+    rng = random.Random(6)
+    cases = [rng.choice([case for case in STOPPING if case.name == name]) for name in sorted(once)]
+    cases.append(rng.choice(HARMLESS))
     outcomes = []
     with simulated_arm("127.0.2.24") as host:
         for case in cases:

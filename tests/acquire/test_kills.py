@@ -82,9 +82,9 @@ def killed(host: str, whom: str, phase: str, at_s: float) -> str:
 
 def test_three_kills_at_random_moments_leave_a_standing_arm():
     """Each of the three is killed, in the approach or the play; the next replay works until its own kill. `make soak` kills a hundred."""
-    dice = random.Random(9)
+    rng = random.Random(9)
     with simulated_arm("127.0.2.25") as host:
         for whom in ("child", "parent", "both"):
-            phase, longest = dice.choice([("approach", 0.5), ("play", 2.5), ("play", 2.5)])
-            at_s = dice.uniform(0.0, longest)
+            phase, longest = rng.choice([("approach", 0.5), ("play", 2.5), ("play", 2.5)])
+            at_s = rng.uniform(0.0, longest)
             assert killed(host, whom, phase, at_s) == "", f"{whom} killed {at_s:.2f} s into the {phase}"

@@ -33,9 +33,9 @@ def played(timing, arrivals_s, timestamps_s, late_s, now_s):
 
 def packets(count, offset_s, jitter_s=0.0, seed=1):
     """Timestamps and arrival times of successive packets."""
-    dice = random.Random(seed)
+    rng = random.Random(seed)
     timestamps = [5.0 + TICK_S * n for n in range(count)]
-    return timestamps, [t + offset_s + dice.uniform(0.0, jitter_s) for t in timestamps]
+    return timestamps, [t + offset_s + rng.uniform(0.0, jitter_s) for t in timestamps]
 
 
 def test_a_regular_stream_is_read_with_few_polls_and_no_later_than_by_constant_polling():
@@ -70,10 +70,10 @@ def test_packets_that_begin_to_come_later_cause_more_polls_and_no_delay():
 
 def test_a_machine_with_late_wake_ups_gets_earlier_ones():
     """Delays of 1 to 3 ms: the margin grows with them, and nearly every wake-up comes before the packet, none after the next one."""
-    dice = random.Random(3)
+    rng = random.Random(3)
     timestamps, arrivals = packets(1000, offset_s=100.0)
     timing = PacketTiming(timestamp_s=timestamps[0] - TICK_S, offset_s=arrivals[0] - timestamps[0])
-    timing, _, delays = played(timing, arrivals, timestamps, lambda: dice.uniform(0.001, 0.003), arrivals[0] - TICK_S)
+    timing, _, delays = played(timing, arrivals, timestamps, lambda: rng.uniform(0.001, 0.003), arrivals[0] - TICK_S)
     assert timing.late_s > 0.0015
     # a sleep that began before the arrival ends at most a poll and a delay after it, as it would with polling alone
     assert max(delays[125:]) <= POLL_S + 0.003

@@ -13,8 +13,9 @@ from monitor.acquire.schedule.check import check_windows, reach_back_s
 from monitor.acquire.schedule.observers import ColdStart, WarmUp
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.schedule.triggers import Triggers, evidence_window
-from monitor.acquire.schedule.windows import DAY_S, upcoming, windows
+from monitor.acquire.schedule.windows import upcoming, windows
 from monitor.errors import BadInput
+from monitor.recording import DAY_S
 
 BERLIN = ZoneInfo("Europe/Berlin")
 ZONES = ("UTC", "Europe/Berlin", "America/New_York", "Australia/Lord_Howe", "Asia/Kathmandu", "America/Santiago")
@@ -93,21 +94,21 @@ def test_over_three_hundred_years_no_window_is_replayed_twice_or_after_its_end(s
     soak_row("simulated years of schedule with crashes and clock jumps: 300", f"{replays} replays, 0 twice", "0 twice, 0 late")
 
 
-def live(dice: random.Random, zone: str, years: float) -> int:
+def live(rng: random.Random, zone: str, years: float) -> int:
     """Run one host, and return the count of its replays."""
     settings = ScheduleSettings(
-        timezone=zone, cron="15 2 * * *", every_h=dice.choice([0.0, 7.0]), grace_s=1800.0, jitter_s=dice.choice([0.0, 900.0])
+        timezone=zone, cron="15 2 * * *", every_h=rng.choice([0.0, 7.0]), grace_s=1800.0, jitter_s=rng.choice([0.0, 900.0])
     )
     began = at("2026-02-01T00:00")
     host, now, end = Host(settings, began), began, began + years * 365 * DAY_S
     while now < end:
-        what = dice.random()
+        what = rng.random()
         if what < 0.02:
-            now += dice.uniform(-30 * DAY_S, 10 * DAY_S)  # somebody sets the clock
+            now += rng.uniform(-30 * DAY_S, 10 * DAY_S)  # somebody sets the clock
         elif what < 0.1:
-            now += dice.uniform(0, 20 * DAY_S)  # switched off
+            now += rng.uniform(0, 20 * DAY_S)  # switched off
         else:
-            now += dice.choice([60.0, 900.0, 3600.0, 6 * 3600.0, 12 * 3600.0])
+            now += rng.choice([60.0, 900.0, 3600.0, 6 * 3600.0, 12 * 3600.0])
         host.tick(now)
     replayed = [key for key, _ in host.replayed]
     assert len(replayed) == len(set(replayed))

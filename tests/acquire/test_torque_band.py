@@ -151,9 +151,9 @@ def test_every_change_asks_for_a_new_first_pass(changes):
 @pytest.fixture(scope="module")
 def learnt():
     """A model of 12 replays between 20 and 40 °C, wrong by 0.5 N·m; the measurement's noise is 1.2 N·m (big joints), 0.3 N·m (wrists)."""
-    history, dice, arm = History(), np.random.default_rng(1), LearntArm(seed=1, noise=0.01)
+    history, rng, arm = History(), np.random.default_rng(1), LearntArm(seed=1, noise=0.01)
     for day in range(12):
-        history.add(day, arm.replay(dice.uniform(20, 40)))
+        history.add(day, arm.replay(rng.uniform(20, 40)))
     size = np.array([1.0, 1.0, 1.0, 0.25, 0.25, 0.25])
     return replace(history.last.model, error_rms_nm=0.5 * size, measured_rms_nm=1.3 * size)
 
@@ -205,13 +205,13 @@ def test_a_healthy_arm_stays_in_the_band_of_its_model_and_a_pushed_one_does_not(
 @pytest.mark.timeout(900)
 def test_no_healthy_replay_leaves_the_band_of_the_model_before_it(soak_row):
     """50 replays of the simulated arm at full speed, in a room of 4 to 34 °C, cold and warm: each predicted with the model before it."""
-    arm, dice = Controller(SimulateSettings(seed=5)), np.random.default_rng(5)
+    arm, rng = Controller(SimulateSettings(seed=5)), np.random.default_rng(5)
     excitation = replace(find_excitation("ur5-ground", Path()), repetitions=1)
     last, shares = None, []
     for day in range(51):
-        room = dice.uniform(4.0, 34.0)
+        room = rng.uniform(4.0, 34.0)
         arm.pass_time(20.0, room, 0.0)
-        arm.pass_time(dice.uniform(0.0, 1.0), room, dice.uniform(0.0, 1.0))
+        arm.pass_time(rng.uniform(0.0, 1.0), room, rng.uniform(0.0, 1.0))
         seen = stepped_replay(arm, excitation)
         seen = replace(seen, context=replace(seen.context, recorded_at_unix_s=1.75e9 + day * 86_400.0))
         if last is not None:

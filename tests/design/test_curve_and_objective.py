@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tasks import problem, task
 
 from monitor.design.curve import Family, Limits
-from monitor.design.objective import CORRELATION_S, RATE_HZ, information
+from monitor.design.objective import CORRELATION_S, REPORT_RATE_HZ, information
 from monitor.design.trajectory import design
 from monitor.errors import BadInput
 from monitor.model.base import base_parameters
@@ -104,14 +104,14 @@ def test_the_expected_deviations_are_those_of_correlated_noise():
     """Against noise that is drawn: 4000 fits of white-noise weights to rows with the assumed correlation."""
     arm = information(UR5, Mounting())
     excitation = family().excitation(0.2 * np.random.default_rng(1).standard_normal(48))
-    t = np.arange(1250) / RATE_HZ
+    t = np.arange(1250) / REPORT_RATE_HZ
     state = excitation.at(t)
     Y, _ = arm.rows(*state)  # (J, B, N)
     weight = (np.abs(state.qd) > 0.02).T / arm.noise_nm[:, None]
     A = Y * weight[:, None, :]
     estimator = np.linalg.solve(np.einsum("jbn,jcn->bc", A, A), (A * weight[:, None, :]).transpose(1, 0, 2).reshape(len(arm.columns), -1))
     rng = np.random.default_rng(2)
-    lag = np.minimum(np.arange(1250), 1250 - np.arange(1250)) / RATE_HZ
+    lag = np.minimum(np.arange(1250), 1250 - np.arange(1250)) / REPORT_RATE_HZ
     spectrum = np.sqrt(np.maximum(np.fft.rfft(np.exp(-lag / CORRELATION_S)).real, 0.0))
     draws = 4000
     noise = np.fft.irfft(np.fft.rfft(rng.standard_normal((draws, 6, 1250))) * spectrum, n=1250) * arm.noise_nm[:, None]

@@ -24,9 +24,9 @@ def test_a_belief_read_from_json_gives_the_same_next_assessment():
     """Bit for bit, through JSON text and back."""
     import json
 
-    history, dice = History(), np.random.default_rng(2)
+    history, rng = History(), np.random.default_rng(2)
     for day in range(8):
-        history.add(day, Arm(seed=day).replay(weather(day, dice)))
+        history.add(day, Arm(seed=day).replay(weather(day, rng)))
     kept = history.last.belief
     history.last = replace(history.last, belief=belief_from_document(json.loads(json.dumps(kept.as_document(), allow_nan=False))))
     there = history.add(8, Arm(seed=8).replay(28.0)).belief

@@ -30,8 +30,8 @@ def lived(replays: list[Identification]) -> list[Belief]:
 
 def a_year(seed: int, *, days: int = 150, wear: dict[int, np.ndarray] | None = None) -> list[Identification]:
     """Daily replays under varying temperature; `wear` (6,) on single days."""
-    arm, dice = Arm(seed=seed, autocorrelation=0.5), np.random.default_rng(seed)
-    return [arm.replay(weather(day, dice), (wear or {}).get(day, 0.0)) for day in range(days)]
+    arm, rng = Arm(seed=seed, autocorrelation=0.5), np.random.default_rng(seed)
+    return [arm.replay(weather(day, rng), (wear or {}).get(day, 0.0)) for day in range(days)]
 
 
 def test_outliers_do_not_raise_the_estimated_noise():
@@ -87,8 +87,8 @@ def test_every_one_of_the_last_replays_may_be_the_start_of_a_change():
 @pytest.mark.parametrize("true", [0.04, 0.20])
 def test_noise_far_above_its_prior_is_learnt_although_the_gate_excludes_much_of_it(true):
     """Noise of twice or ten times the prior of 2 %: after 80 days the estimate is within a quarter."""
-    arm, dice = Arm(seed=11, noise=true), np.random.default_rng(11)
-    belief = lived([arm.replay(weather(day, dice)) for day in range(80)])[-1]
+    arm, rng = Arm(seed=11, noise=true), np.random.default_rng(11)
+    belief = lived([arm.replay(weather(day, rng)) for day in range(80)])[-1]
     assert np.median(belief.noise_std(DRIFT)) == pytest.approx(true, rel=0.25)
 
 
@@ -104,8 +104,8 @@ def test_a_replaced_joint_has_no_outliers_behind_it():
 
 def test_noise_is_learnt_where_every_second_replay_has_no_temperature():
     """The replays before and after a blind one are compared: from a true 4 % the estimate is 3 to 5 %, and not the prior of 2 %."""
-    arm, dice = Arm(seed=12, noise=0.04, within=0.002), np.random.default_rng(12)
-    seen = [arm.replay(weather(day, dice)) for day in range(100)]
+    arm, rng = Arm(seed=12, noise=0.04, within=0.002), np.random.default_rng(12)
+    seen = [arm.replay(weather(day, rng)) for day in range(100)]
     blind = [replace(one, temperature_c=None) if day % 2 else one for day, one in enumerate(seen)]
     assert np.median(lived(blind)[-1].noise_std(DRIFT)) == pytest.approx(0.04, abs=0.01)
 

@@ -25,10 +25,10 @@ QD = DICE.choice([-1.0, 1.0], (20, 6)) * DICE.uniform(0.1, 1.5, (20, 6))  # at r
 @pytest.fixture(scope="module")
 def model() -> CompensatedModel:
     """The model after 60 replays between 20 and 40 °C, with 1 % of noise and no wear."""
-    history, dice = History(), np.random.default_rng(1)
+    history, rng = History(), np.random.default_rng(1)
     arm = Arm(seed=1, noise=0.01)
     for day in range(60):
-        history.add(day, arm.replay(dice.uniform(20, 40)))
+        history.add(day, arm.replay(rng.uniform(20, 40)))
     return history.last.model
 
 

@@ -22,11 +22,11 @@ SETTINGS = TemperatureSettings()
 
 
 def learnt_of(friction, *, replays: int = 200, noise: float = 0.02, coldest: float = 5.0, warmest: float = 45.0, seed: int = 0) -> Line:
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     law = initial_law(REFERENCE_C, friction(REFERENCE_C), fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
     for _ in range(replays):
-        T = dice.uniform(coldest, warmest, 6)
-        law = update_law(law, T, friction(T) * np.exp(noise * dice.normal(size=6)))
+        T = rng.uniform(coldest, warmest, 6)
+        law = update_law(law, T, friction(T) * np.exp(noise * rng.normal(size=6)))
     assert plain(law_from_document(plain(law), 6, where="law")) == plain(law)
     return fit_law(law, REFERENCE_C, SETTINGS)
 

@@ -38,11 +38,11 @@ def predicted(state: FilterState, days: float) -> FilterState:
 @st.composite
 def beliefs(draw: st.DrawFn) -> Belief:
     """Any mean, and any covariance: nearly certain, nearly diffuse, correlated or singular."""
-    dice = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    scale = np.array([0.1, 1e-3, 0.02, 0.01, 1e-4, 0.01, 1.0, 1.0, 1.0, 1.0]) * 10.0 ** dice.uniform(-2, 1, size=STATES)
-    root = dice.normal(size=(6, STATES, draw(st.integers(1, STATES)))) * scale[:, None]  # rank 1…S
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    scale = np.array([0.1, 1e-3, 0.02, 0.01, 1e-4, 0.01, 1.0, 1.0, 1.0, 1.0]) * 10.0 ** rng.uniform(-2, 1, size=STATES)
+    root = rng.normal(size=(6, STATES, draw(st.integers(1, STATES)))) * scale[:, None]  # rank 1…S
     before = fresh()
-    filter_state = replace(before.filter_state, mean=dice.normal(size=(6, STATES)) * scale, cov=root @ np.swapaxes(root, 1, 2))
+    filter_state = replace(before.filter_state, mean=rng.normal(size=(6, STATES)) * scale, cov=root @ np.swapaxes(root, 1, 2))
     return replace(before, filter_state=filter_state)
 
 
@@ -105,12 +105,12 @@ def test_a_fleets_filter_equals_filterpys(seed, days):
     """The algebra on arrays for a fleet equals filterpy's predict and update for one arm, to rounding."""
     from monitor.judge.drift import kalman
 
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     N = 4 * kalman.ONE_ARM
-    root = dice.normal(size=(N, STATES, STATES)) * 10.0 ** dice.uniform(-3, 0, size=STATES)[:, None]
-    mean, cov = dice.normal(size=(N, STATES)), root @ np.swapaxes(root, 1, 2)
+    root = rng.normal(size=(N, STATES, STATES)) * 10.0 ** rng.uniform(-3, 0, size=STATES)[:, None]
+    mean, cov = rng.normal(size=(N, STATES)), root @ np.swapaxes(root, 1, 2)
     F, Q = np.tile(moved(days, 0.7), (N, 1, 1)), np.tile(1e-4 * np.eye(STATES), (N, 1, 1))
-    y, R, H = dice.normal(size=N), 10.0 ** dice.uniform(-6, 0, size=N), dice.normal(size=(N, STATES))
+    y, R, H = rng.normal(size=N), 10.0 ** rng.uniform(-6, 0, size=N), rng.normal(size=(N, STATES))
     one = slice(0, kalman.ONE_ARM)
     for many, few in (
         (kalman.predict(mean, cov, F, Q), kalman.predict(mean[one], cov[one], F[one], Q[one])),
@@ -124,14 +124,14 @@ def test_a_fleets_filter_equals_filterpys(seed, days):
 def test_the_filter_equals_the_joint_gaussian_of_all_replays():
     """After 15 irregular replays the filter's last state equals one large Gaussian conditioned on all of them at once."""
     settings = DriftSettings(gate_sigma=20.0, shift_sigma=20.0, pace_sigma=20.0, settle_replays=0, memory_replays=1e5, between_replays=1e4)
-    dice, arm = np.random.default_rng(5), Arm(seed=5)
-    days = np.cumsum(dice.uniform(0.8, 1.2, size=15))
+    rng, arm = np.random.default_rng(5), Arm(seed=5)
+    days = np.cumsum(rng.uniform(0.8, 1.2, size=15))
     belief = fresh(settings)
     x, P = belief.filter_state.mean[0].copy(), belief.filter_state.cov[0].copy()
     rows, ys, Rs, means, blocks = [], [], [], [], {}
     previous = 0.0
     for k, day in enumerate(days):
-        seen = arm.replay(weather(day, dice) * np.ones(6), 0.001 * day)
+        seen = arm.replay(weather(day, rng) * np.ones(6), 0.001 * day)
         before = belief.filter_state
         rho, var, dt = before.autocorrelation(6, settings)[0], before.noise_var(6, settings)[0], day - previous
         previous = day

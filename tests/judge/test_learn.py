@@ -91,9 +91,9 @@ def test_the_autocorrelation_of_the_noise_is_learnt():
 
 def test_the_temperature_slope_is_learnt():
     """From a year's weather the filter learns how friction falls with temperature, within 3 of its σ and within 0.15 %/K."""
-    history, arm, dice = History(), Arm(seed=7), np.random.default_rng(7)
+    history, arm, rng = History(), Arm(seed=7), np.random.default_rng(7)
     for day in range(0, 365, 2):
-        history.add(day, arm.replay(weather(day, dice)))
+        history.add(day, arm.replay(weather(day, rng)))
     belief = history.last.belief
     fv = arm.viscous * np.exp(-0.015 * (belief.reference_temperature_c - 25.0)) * 0.4
     truth = 0.015 * fv / (COULOMB_NM + fv)
@@ -216,9 +216,9 @@ def test_an_outlier_as_the_first_replay_is_no_wear_later():
 
 def test_a_fast_warm_up_is_no_wear():
     """The grease lags behind the sensor by 3 minutes: replays that warm at 1 K/min have 2 % more friction, and none of it is wear."""
-    history, dice = History(), np.random.default_rng(4)
+    history, rng = History(), np.random.default_rng(4)
     for day in range(60):
-        warming = 1.2 * (day >= 30) * dice.uniform(0.5, 1.0)
+        warming = 1.2 * (day >= 30) * rng.uniform(0.5, 1.0)
         colder = Arm(seed=day, noise=0.005).replay(32.0 - 3.0 * warming)
         seen = replace(colder, temperature_c=np.full(6, 32.0), warming_k_per_min=np.full(6, warming))
         last = history.add(day, seen)
@@ -230,9 +230,9 @@ def test_a_fast_warm_up_is_no_wear():
 @pytest.mark.parametrize("seed", range(3))
 def test_fast_wear_is_estimated(seed):
     """2 % a day from day 40 on: ten days later the estimated wear is within 2.5 of its standard deviations, and within 4 %."""
-    history, arm, dice = History(), Arm(seed=seed, noise=0.01), np.random.default_rng(seed)
+    history, arm, rng = History(), Arm(seed=seed, noise=0.01), np.random.default_rng(seed)
     for day in range(51):
-        history.add(day, arm.replay(weather(day, dice), np.array([0, 0, 0.02 * max(0, day - 40), 0, 0, 0])))
+        history.add(day, arm.replay(weather(day, rng), np.array([0, 0, 0.02 * max(0, day - 40), 0, 0, 0])))
     told = history.last.friction[2]
     assert told.wear == pytest.approx(0.20, abs=0.04)
     assert abs(told.wear - 0.20) < 2.5 * told.wear_std

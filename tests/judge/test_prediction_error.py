@@ -35,19 +35,19 @@ def _motion():
 @pytest.fixture(scope="module")
 def model() -> CompensatedModel:
     """The model after 12 replays between 20 and 40 °C."""
-    history, dice, arm = History(), np.random.default_rng(1), Arm(seed=1, noise=0.01)
+    history, rng, arm = History(), np.random.default_rng(1), Arm(seed=1, noise=0.01)
     for day in range(12):
-        history.add(day, arm.replay(dice.uniform(20, 40)))
+        history.add(day, arm.replay(rng.uniform(20, 40)))
     return history.last.model
 
 
 def recording(model: CompensatedModel, *, error_nm: float, noise_nm: float, seed: int, temperature_c: float = 30.0) -> Recording:
     """The model's torque plus two errors of given RMS: a sine with a period of 0.7 s, and noise with a correlation of 0.3 a sample."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     t_s, q, qd, qdd = _motion()
     T = np.full_like(q, temperature_c)
-    wave = error_nm * np.sqrt(2.0) * np.sin(2 * np.pi * t_s[:, None] / 0.7 + dice.uniform(0, 6, 6))
-    noise = noise_nm * np.sqrt(1.0 - 0.3**2) * lfilter([1.0], [1.0, -0.3], dice.normal(size=q.shape), axis=0)
+    wave = error_nm * np.sqrt(2.0) * np.sin(2 * np.pi * t_s[:, None] / 0.7 + rng.uniform(0, 6, 6))
+    noise = noise_nm * np.sqrt(1.0 - 0.3**2) * lfilter([1.0], [1.0, -0.3], rng.normal(size=q.shape), axis=0)
     torque = predict_torque(model, UR5, q, qd, qdd, T).torque + wave + noise
     context = Context(robot="ur5", recorded_at_unix_s=1.75e9 + seed * DAY_S)
     return Recording(t_s=t_s, q=q, qd=qd, target_qdd=qdd, current=torque / GAIN, temperature_c=T, context=context, source=f"day {seed}")

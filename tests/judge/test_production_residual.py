@@ -21,15 +21,15 @@ def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0
 
     rise : (J,) of friction, as a fraction; bias : error of all joints, as a fraction of friction.
     """
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     for _ in range(int(spans * settings.span_s * 5) + 1):
-        qd = dice.choice([-1.0, 1.0], J) * dice.uniform(0.1, 1.0, J)
+        qd = rng.choice([-1.0, 1.0], J) * rng.uniform(0.1, 1.0, J)
         friction = np.sign(qd) * (6.0 + 2.0 * np.abs(qd))
-        rigid = dice.normal(size=J) * 20.0
+        rigid = rng.normal(size=J) * 20.0
         predicted = TorquePrediction(
             (rigid + friction)[None], rigid[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
         )
-        measured = rigid + friction * (1.0 + rise + bias) + 10.0 * dice.normal(size=J)
+        measured = rigid + friction * (1.0 + rise + bias) + 10.0 * rng.normal(size=J)
         so_far = update(so_far, revision, predicted, WorkSample(measured, qd, np.zeros(J), 0.2), settings)
     return so_far
 
@@ -90,10 +90,10 @@ def test_revolutions_are_counted_while_the_arm_is_observed():
 def test_an_earlier_replay_is_asked_for_once_a_model():
     """The next request comes only after the replay, with its new model."""
     production = Production(SETTINGS)
-    dice, model = np.random.default_rng(2), SimpleNamespace(revision=4)
+    rng, model = np.random.default_rng(2), SimpleNamespace(revision=4)
     asked = []
     for k in range(3000):
-        qd = dice.choice([-1.0, 1.0], J) * 0.5
+        qd = rng.choice([-1.0, 1.0], J) * 0.5
         friction = 7.0 * np.sign(qd)
         predicted = TorquePrediction(
             friction[None], 0 * qd[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))

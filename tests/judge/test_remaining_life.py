@@ -43,13 +43,13 @@ def test_quantiles_are_those_of_a_simulation():
     The lattice has 199 points, and the table has steps of 2–4 %.
     """
     mean, cov = np.array([0.08, 0.0008]), np.array([[1e-4, 1e-6], [1e-6, 6e-8]])
-    dice = np.random.default_rng(0)
-    wear, rate = dice.multivariate_normal(mean, cov, size=200_000).T
+    rng = np.random.default_rng(0)
+    wear, rate = rng.multivariate_normal(mean, cov, size=200_000).T
     rise = 1.3 - np.exp(wear)
     rising = rate > 0
     days = np.full(len(rate), np.inf)
     shape = rise[rising] ** 2 / WALK**2
-    days[rising] = invgauss.rvs(rise[rising] / rate[rising] / shape, scale=shape, random_state=dice)
+    days[rising] = invgauss.rvs(rise[rising] / rate[rising] / shape, scale=shape, random_state=rng)
     life = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
     assert [life.p10_days, life.p50_days, life.p90_days] == pytest.approx(np.quantile(days, [0.1, 0.5, 0.9]), rel=0.02)
     soon = PrognosisSettings(service_days=float(np.quantile(days, 0.2)))

@@ -284,9 +284,9 @@ def test_a_change_is_attributed_to_its_causes():
 
     from monitor.judge.alerts.attribution import attribute_change
 
-    history, dice = History(), np.random.default_rng(3)
+    history, rng = History(), np.random.default_rng(3)
     for day in range(80):
-        T = (30.0 if day < 10 else 30.0 + 10.0 * dice.uniform(-1, 1)) if day < 79 else 20.0
+        T = (30.0 if day < 10 else 30.0 + 10.0 * rng.uniform(-1, 1)) if day < 79 else 20.0
         history.add(day, Arm(seed=day, noise=0.003).replay(T, np.array([0, 0, 0.1 * (day > 60), 0, 0, 0])))
     parts = attribute_change(history.last.belief, 2)
     assert parts is not None

@@ -110,7 +110,7 @@ def nothing_is_an_outlier(sound, *args):
 @damaged(filter_update, "advance_bank")
 def a_change_has_no_evidence(sound, *args):
     bank = sound(*args)
-    return replace(bank, scores_now=0.0 * bank.scores_now)
+    return replace(bank, glr_score_now=0.0 * bank.glr_score_now)
 
 
 @damaged(filter_update, "detect_change")
@@ -137,9 +137,9 @@ def the_noise_is_not_learnt(sound, state, *args):
 
 def verdict() -> str:
     """What the daemon says over a series: alerts, and the last assessment with its belief."""
-    history, arm, dice = History(ASSESS), Arm(seed=3, autocorrelation=0.5), np.random.default_rng(3)
+    history, arm, rng = History(ASSESS), Arm(seed=3, autocorrelation=0.5), np.random.default_rng(3)
     for day in range(DAYS):
-        seen = arm.replay(weather(day, dice) + 0.3 * np.arange(6), np.array([0, 0.4 * (day >= JUMP_DAY), 0, 0, 0, 0]))
+        seen = arm.replay(weather(day, rng) + 0.3 * np.arange(6), np.array([0, 0.4 * (day >= JUMP_DAY), 0, 0, 0, 0]))
         if day == 8:
             seen = replace(seen, warnings=(DataWarning("mounting_contradiction", "gravity is 90° off"),))
         worked = 4000.0 * (day - day // 7)

@@ -49,9 +49,9 @@ def test_one_replay_gives_a_usable_law_with_a_realistic_uncertainty():
 
 def test_many_replays_give_the_true_line():
     """60 replays over 20–40 °C with 3 % scatter: slope and level within 3 of their σ, and σ of the slope below 0.1 %/K."""
-    dice = np.random.default_rng(0)
-    T = dice.uniform(20, 40, 60)
-    fv = 10.0 - 0.12 * (T - 30.0) + dice.normal(size=60) * 0.3
+    rng = np.random.default_rng(0)
+    T = rng.uniform(20, 40, 60)
+    fv = 10.0 - 0.12 * (T - 30.0) + rng.normal(size=60) * 0.3
     line = fit_law(law_of(T, fv), 30.0 * ONE, SETTINGS)
     std = np.sqrt(np.diagonal(line.cov[0]))
     assert abs(line.intercept[0] - 10.0) < 3 * std[0]
@@ -128,9 +128,9 @@ def test_invalid_settings_are_named():
 
 def test_a_stuck_sensor_is_reported_and_a_winter_is_no_wear():
     """Joint 3 reports 31.0 °C from day 60 on while a season passes: an alert of its sensor, none of its wear, none of another sensor."""
-    history, arm, dice = History(), Arm(seed=5, noise=0.01, autocorrelation=0.5), np.random.default_rng(5)
+    history, arm, rng = History(), Arm(seed=5, noise=0.01, autocorrelation=0.5), np.random.default_rng(5)
     for day in range(230):
-        true = 31.0 - 8.0 * np.sin(2 * np.pi * day / 365.0) + 1.5 * dice.normal()
+        true = 31.0 - 8.0 * np.sin(2 * np.pi * day / 365.0) + 1.5 * rng.normal()
         seen = arm.replay(true)
         told = np.full(6, true)
         if day >= 60:
@@ -156,9 +156,9 @@ def test_a_sensor_that_changes_again_is_used_again():
 
 def test_an_impossible_temperature_is_not_learnt_from_and_is_reported():
     """One replay at 1000 °C, 0 K or infinity changes neither law nor range; three in a row raise the sensor's alert."""
-    spoilt, sound, arm, dice = History(), History(), Arm(seed=5, noise=0.01), np.random.default_rng(5)
+    spoilt, sound, arm, rng = History(), History(), Arm(seed=5, noise=0.01), np.random.default_rng(5)
     for day in range(40):
-        true = 31.0 + 3.0 * dice.normal()
+        true = 31.0 + 3.0 * rng.normal()
         seen = arm.replay(true)
         sound.add(day, seen)
         odd = np.array([true, true, 1000.0, -273.0, np.inf, true])

@@ -20,8 +20,8 @@ def carrying(seen: Identification, mass_kg: float, gain: float = 1.0) -> Identif
     standard[65], standard[68] = mass_kg, 0.05 * mass_kg
     rigid = rigid_of(seen)
     values = seen.values + seen.combination @ standard
-    dice = np.random.default_rng(int(1e3 * seen.coulomb_nm[0]))
-    return replace(seen, values=np.where(rigid, gain * values, values) + 1e-3 * rigid * dice.normal(size=len(values)))
+    rng = np.random.default_rng(int(1e3 * seen.coulomb_nm[0]))
+    return replace(seen, values=np.where(rigid, gain * values, values) + 1e-3 * rigid * rng.normal(size=len(values)))
 
 
 def lived(days: int, **changed: float) -> History:

@@ -83,42 +83,42 @@ def asked(tmp_path_factory):
         asked.daemon.stdout.close()
 
 
-def malformed(dice: random.Random) -> tuple[str, bytes | None, str]:
+def malformed(rng: random.Random) -> tuple[str, bytes | None, str]:
     """Key, payload, parameters of a question that must be refused."""
-    kind = dice.randrange(6)
-    key = dice.choice(COMMANDS)
+    kind = rng.randrange(6)
+    key = rng.choice(COMMANDS)
     if kind == 0:  # no text at all
-        return key, dice.randbytes(dice.choice((0, 1, 10, 100, 3000))) + b"\xff", ""
+        return key, rng.randbytes(rng.choice((0, 1, 10, 100, 3000))) + b"\xff", ""
     if kind == 1:  # broken off
         text = json.dumps(GOOD[key]).encode()
-        return key, text[: dice.randrange(len(text))], ""
+        return key, text[: rng.randrange(len(text))], ""
     if kind == 2:  # one byte flipped beyond ASCII
         text = bytearray(json.dumps(GOOD[key]).encode())
-        text[dice.randrange(len(text))] = dice.randrange(128, 256)
+        text[rng.randrange(len(text))] = rng.randrange(128, 256)
         return key, bytes(text), ""
     if kind == 3:  # something is missing, of another kind, or too much
         document = dict(GOOD[key])
-        name = dice.choice(NEEDED[key])
-        wrong = dice.choice(WRONG)
+        name = rng.choice(NEEDED[key])
+        wrong = rng.choice(WRONG)
         if wrong is None:
             del document[name]
         elif name in ("condition", "by"):
-            document[name] = dice.choice([item for item in WRONG if not isinstance(item, str)] + ["", "x" * 300])
+            document[name] = rng.choice([item for item in WRONG if not isinstance(item, str)] + ["", "x" * 300])
         else:
             document[name] = wrong
-        if dice.random() < 0.2:
+        if rng.random() < 0.2:
             document["more"] = 1
         return key, json.dumps(document).encode(), ""
     if kind == 4:  # no object
-        return key, dice.choice((None, b"null", b"[]", b"1", b'"q"', b"true", b"[" * 5000, b'{"q":' * 3000, b"1e999", b"NaN")), ""
-    value = dice.choice(("", "-1", "x", "9" * 400, "1e3", "٣", "0x1", "2026", "\\", "%00"))
-    if dice.random() < 0.5:
+        return key, rng.choice((None, b"null", b"[]", b"1", b'"q"', b"true", b"[" * 5000, b'{"q":' * 3000, b"1e999", b"NaN")), ""
+    value = rng.choice(("", "-1", "x", "9" * 400, "1e3", "٣", "0x1", "2026", "\\", "%00"))
+    if rng.random() < 0.5:
         return (
             "history",
             None,
-            dice.choice((f"joint={value}x", f"limit={value}x", "after=-1", f"since={value}", "from=yesterday", "limit=0")),
+            rng.choice((f"joint={value}x", f"limit={value}x", "after=-1", f"since={value}", "from=yesterday", "limit=0")),
         )
-    return "event", None, dice.choice((f"after=x{value}", f"before={value}", "x" * 2000))
+    return "event", None, rng.choice((f"after=x{value}", f"before={value}", "x" * 2000))
 
 
 JSON = st.recursive(
@@ -141,9 +141,9 @@ def test_every_generated_malformed_query_gets_an_error(asked, key, payload):
 
 def test_a_few_hundred_malformed_queries_each_get_an_error(asked):
     """A sample of what `make soak` plays a hundred thousand of."""
-    dice = random.Random(8)
+    rng = random.Random(8)
     for _ in range(300):
-        asked.ask(*malformed(dice))
+        asked.ask(*malformed(rng))
 
 
 @pytest.mark.soak
@@ -153,10 +153,10 @@ def test_a_hundred_thousand_malformed_queries_each_get_an_error(asked, soak_row)
     began, failures = time.monotonic(), []
 
     def keep_asking(seed: int, count: int) -> None:
-        dice = random.Random(seed)
+        rng = random.Random(seed)
         try:
             for _ in range(count):
-                asked.ask(*malformed(dice))
+                asked.ask(*malformed(rng))
         except BaseException as error:
             failures.append(error)
 

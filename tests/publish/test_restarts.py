@@ -156,7 +156,7 @@ def _kill(process: "subprocess.Popen[str]") -> None:
 
 
 def play(folder: Path, port: int, restarts: list[str], seed: int) -> dict[str, float]:
-    dice = random.Random(seed)
+    rng = random.Random(seed)
     site, waits = Site(folder, port), []
     try:
         site.caught_up_s(20.0)
@@ -165,7 +165,7 @@ def play(folder: Path, port: int, restarts: list[str], seed: int) -> dict[str, f
             if n % 5 == 4:
                 waits.append(site.caught_up_s(20.0))
             else:
-                time.sleep(dice.uniform(0.2, 1.5))
+                time.sleep(rng.uniform(0.2, 1.5))
         site.settle()
         waits.append(site.caught_up_s(20.0))
         last, numbers = site.known()

@@ -44,7 +44,7 @@ class Cell:
 
     def __init__(self) -> None:
         self.clock_unix_s = START_S
-        self.dice = np.random.default_rng(9)
+        self.rng = np.random.default_rng(9)
         self.gain_nm_per_a = load_robot("ur5").drive_gain_nm_per_a
 
     def now(self) -> float:
@@ -52,7 +52,7 @@ class Cell:
 
     def play(self, excitation, context, should_stop) -> Recording:
         t = np.arange(125) * 0.008
-        q = self.dice.normal(size=(125, 6))
+        q = self.rng.normal(size=(125, 6))
         return Recording(
             t_s=t, q=q, qd=q * 0.1, target_qd=q * 0.1, target_qdd=q * 0.01, current=q / self.gain_nm_per_a,
             temperature_c=np.full((125, 6), 30.0), context=replace(context, serial=CONTEXT.serial), quality={}, source="cell",

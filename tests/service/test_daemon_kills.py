@@ -28,7 +28,7 @@ def replay_children(pid: int) -> list[int]:
 @pytest.mark.xdist_group("daemon")
 def test_a_hundred_kills_leave_a_standing_arm_and_a_correct_history(tmp_path: Path, free_port: int, soak_row):
     """At a random time from the start of the service to the end of its replay; then the next one starts, repairs, and is killed too."""
-    dice = random.Random(100)
+    rng = random.Random(100)
     host, wrong = "127.0.7.99", []
     moving = 0
     simulator = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", host], stdout=subprocess.PIPE, text=True)
@@ -37,7 +37,7 @@ def test_a_hundred_kills_leave_a_standing_arm_and_a_correct_history(tmp_path: Pa
         with Remote(host) as remote:
             cell = Cell(tmp_path, host, free_port)
             for number in range(KILLS):
-                whom, after_s = dice.choice(("child", "parent", "both")), dice.uniform(0.5, 14.0)
+                whom, after_s = rng.choice(("child", "parent", "both")), rng.uniform(0.5, 14.0)
                 moved, found = kill_once(cell, remote, whom, after_s)
                 moving += moved
                 wrong += [f"kill {number} of {whom} after {after_s:.1f} s: {what}" for what in (*found, *lies(cell))]

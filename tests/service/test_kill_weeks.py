@@ -90,7 +90,7 @@ for _ in sys.stdin:
 """
 
 
-def killed(nest: "subprocess.Popen[str]", dice: random.Random) -> set[int]:
+def killed(nest: "subprocess.Popen[str]", rng: random.Random) -> set[int]:
     """One life of the service; the numbers that it said are safe."""
     assert nest.stdin is not None
     assert nest.stdout is not None
@@ -98,7 +98,7 @@ def killed(nest: "subprocess.Popen[str]", dice: random.Random) -> set[int]:
     nest.stdin.flush()
     said: set[int] = set()
     pid = None
-    at_work = dice.random() < 0.7  # the others are killed while they open the store, mend, and look for the first time
+    at_work = rng.random() < 0.7  # the others are killed while they open the store, mend, and look for the first time
     while pid is None or (at_work and not said):
         word, number = heard(nest)
         if word == "born":
@@ -106,7 +106,7 @@ def killed(nest: "subprocess.Popen[str]", dice: random.Random) -> set[int]:
         else:
             assert word == "safe", (word, number)
             said.add(number)
-    time.sleep(dice.uniform(0.0, 0.6 if at_work else 0.08))
+    time.sleep(rng.uniform(0.0, 0.6 if at_work else 0.08))
     os.kill(pid, signal.SIGKILL)
     while (told := heard(nest))[0] == "safe":
         said.add(told[1])
@@ -152,7 +152,7 @@ def lies(folder: Path, said: set[int]) -> list[str]:
 
 
 def lived(folder: Path, kills: int, seed: int) -> tuple[list[str], int, float]:
-    dice, said, wrong = random.Random(seed), set[int](), []
+    rng, said, wrong = random.Random(seed), set[int](), []
     (folder / "clock").write_text(repr(START))
     command = [sys.executable, "-c", SERVICE, str(folder), repr(HOUR / 0.02)]
     with (
@@ -160,7 +160,7 @@ def lived(folder: Path, kills: int, seed: int) -> tuple[list[str], int, float]:
         subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True) as nest,
     ):
         for number in range(kills):
-            said |= killed(nest, dice)
+            said |= killed(nest, rng)
             wrong += [f"kill {number}: {what}" for what in lies(folder, said)]
     assert (folder / "wrong").read_text() == ""
     return wrong, len(said), (float((folder / "clock").read_text()) - START) / (7 * 24 * HOUR)

@@ -81,9 +81,9 @@ def eventually(condition: Callable[[], bool], within_s: float) -> bool:
 
 def excitation(robot: str = "ur5", *, period_s: float = 4.0, repetitions: int = 1, seed: int = 1) -> Excitation:
     """A smooth random trajectory that starts and ends at rest: Σa = 0 (no speed), Σk·b = 0 (no acceleration)."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     k = np.arange(1, 6)[:, None]
-    a, b = dice.normal(scale=0.3, size=(2, 5, 6))
+    a, b = rng.normal(scale=0.3, size=(2, 5, 6))
     return Excitation(
         robot=robot,
         mounting=Mounting(),

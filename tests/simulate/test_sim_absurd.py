@@ -154,8 +154,8 @@ def test_clear_restores_the_noise_of_the_settings():
 def test_a_pose_that_no_arm_reaches_is_not_searched_for(robot, monkeypatch):
     """A search would delay twenty control periods. A pose that the arm reaches is never rejected as too far."""
     kinematics = Kinematics(load_robot(robot))
-    dice = np.random.default_rng(1)
-    for q in dice.uniform(-np.pi, np.pi, (20, 6)):
+    rng = np.random.default_rng(1)
+    for q in rng.uniform(-np.pi, np.pi, (20, 6)):
         assert kinematics.inverse(kinematics.at(q), q) is not None
     stretched = np.array([0.3, -0.2, 0.0, -0.2, 0.1, 0.0])
     kinematics.tool = np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])

@@ -72,10 +72,10 @@ def test_without_friction_a_minute_of_swinging_costs_no_energy(robot, soak_row):
 @given(seed=st.integers(0, 10**6), worn=st.floats(1.0, 2.0), payload_kg=st.floats(0.0, 4.0))
 def test_the_work_of_the_drives_is_heat_and_energy_in_any_replay(seed, worn, payload_kg):
     """Random motions under the servo, with wear and payload: ∫τ·q̇ is dissipation plus change of energy, to 1 %."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     arm = Arm(load_robot("ur5"), q=HOME, payload_kg=payload_kg)
-    arm.set_wear(int(dice.integers(6)), coulomb=worn, viscous=worn)
-    amplitude, frequency = dice.uniform(-0.5, 0.5, 6), dice.uniform(0.3, 0.8, 6)
+    arm.set_wear(int(rng.integers(6)), coulomb=worn, viscous=worn)
+    amplitude, frequency = rng.uniform(-0.5, 0.5, 6), rng.uniform(0.3, 0.8, 6)
     start, work, heat = arm.energy_j(), 0.0, 0.0
     for i in range(700):
         w = 2 * np.pi * frequency
@@ -315,7 +315,7 @@ def test_an_undeclared_payload_is_carried_but_not_computed_with():
     arm.carry(payload_kg=2.0, declared=False)
     reach = 0.425 + 0.39225 + 0.0823  # the last joint's axis points sideways at zero
     assert arm.gravity_nm()[1] - bare[1] == pytest.approx(-2.0 * 9.80665 * (reach - 0.0823), rel=0.2)
-    assert arm.believed is not arm.model
+    assert arm.assumed_model is not arm.model
     for _ in range(1000):
         arm.step(H, Target(np.zeros(6), np.zeros(6), np.zeros(6)))
     assert np.abs(arm.q).max() < 5e-3  # the servo's integral holds it

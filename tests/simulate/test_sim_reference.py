@@ -76,7 +76,7 @@ def test_a_move_from_motion_stops_first():
 @pytest.mark.parametrize("lost", ["none", "late", "skipped"])
 def test_servoj_follows_a_stream_at_125_hz_on_both_generations(tick_s, lost):
     """A motion with 11.8 rad/s² is followed within 8 mrad, even if one packet in a hundred is late or lost."""
-    dice = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     reference = Reference(load_robot("ur5"), ZERO, tick_s)
     every, errors, accelerations, waiting = round(0.008 / tick_s), [], [], []
     for k in range(round(4.0 / tick_s)):
@@ -84,7 +84,7 @@ def test_servoj_follows_a_stream_at_125_hz_on_both_generations(tick_s, lost):
         arrived = []
         if k % every == 0:
             arrived, waiting = [*waiting, wave(t)], []
-            if lost != "none" and dice.random() < 0.01:
+            if lost != "none" and rng.random() < 0.01:
                 waiting, arrived = (arrived if lost == "late" else []), []
         reference.follow(arrived, 0.008, 0.03, 500.0)
         for _ in range(round(tick_s / H)):

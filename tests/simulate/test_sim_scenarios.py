@@ -101,7 +101,7 @@ def test_a_payload_comes_undeclared():
     live_days(controller, 2.0)
     assert controller.arm.rigid_torque(*stretched)[0][0, 1] - before == pytest.approx(-2.0 * 9.81 * 0.82, rel=0.05)
     assert output_variables(controller)["payload"].read() == (0.0,)
-    assert controller.arm.believed is not controller.arm.model
+    assert controller.arm.assumed_model is not controller.arm.model
     recording = stepped_replay(controller, excitation())
     assert recording.samples == 501  # the servo copes
 

@@ -71,16 +71,16 @@ class Vandal:
         self.thrown_out = 0
 
     def message(self) -> bytes:
-        dice = self._dice
-        kind = dice.integers(4)
+        rng = self._dice
+        kind = rng.integers(4)
         if kind == 0:
-            return dice.bytes(int(dice.integers(1, 60)))
-        text = bytearray(self.SEEDS[dice.integers(len(self.SEEDS))])
+            return rng.bytes(int(rng.integers(1, 60)))
+        text = bytearray(self.SEEDS[rng.integers(len(self.SEEDS))])
         if kind >= 2:
-            for _ in range(int(dice.integers(1, 5))):
-                text[dice.integers(len(text))] = dice.integers(256)
+            for _ in range(int(rng.integers(1, 5))):
+                text[rng.integers(len(text))] = rng.integers(256)
         if kind == 3:
-            del text[int(dice.integers(len(text))) :]
+            del text[int(rng.integers(len(text))) :]
         return bytes(text)
 
     def rage(self, host: str, messages: int) -> int:

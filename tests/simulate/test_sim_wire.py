@@ -156,8 +156,8 @@ def test_local_control_is_refused_by_the_client(spawn, client):
 
 def test_garbage_on_every_port_disturbs_nobody(ur5, client):
     """After random bytes, enormous headers, half packets and endless lines, everything still answers."""
-    dice = np.random.default_rng(0)
-    junk = [dice.bytes(2000), b"\xff" * 70_000, b"\x00" * 3000, b"\x00\x05V", b"def x():\n" * 1000, b"{" * 5000 + b"\n", b"[1]\n\n\x80\n"]
+    rng = np.random.default_rng(0)
+    junk = [rng.bytes(2000), b"\xff" * 70_000, b"\x00" * 3000, b"\x00\x05V", b"def x():\n" * 1000, b"{" * 5000 + b"\n", b"[1]\n\n\x80\n"]
     for port in (30004, 29999, 30003, 30002, 30001, 30020):
         for noise in junk:
             with socket.create_connection((ur5.address, port), timeout=5) as wire:

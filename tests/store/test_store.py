@@ -227,7 +227,7 @@ def test_a_history_of_the_first_schema_is_migrated_with_its_rows(tmp_path: Path)
     from monitor.store import schema as module
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "SCHEMA_VERSION", 1)
+        patch.setattr(module, "HISTORY_SCHEMA", 1)
         with Store.open(tmp_path) as store:
             replayed(store, DAY)
     with pytest.raises(StoreError, match="older joint-monitor"), Store.reader(tmp_path):

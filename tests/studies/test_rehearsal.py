@@ -243,11 +243,11 @@ def test_the_surrogate_is_what_identify_makes_of_full_physics(seed):
 
     text = (Path(__file__).parents[2] / "config/excitation/ur5-ground.json").read_text("utf-8")
     excitation = replace(excitation_from_document(json.loads(text)), repetitions=1)
-    controller, robot, dice = Controller(SimulateSettings(seed=seed)), load_robot("ur5"), np.random.default_rng(seed)
+    controller, robot, rng = Controller(SimulateSettings(seed=seed)), load_robot("ur5"), np.random.default_rng(seed)
     left, grease = [], []
     for _ in range(150):
-        controller.pass_time(20.0, dice.uniform(5.0, 35.0), 0.0)
-        controller.pass_time(dice.uniform(0.0, 1.0), controller.arm.ambient_c, dice.uniform(0.0, 1.0))
+        controller.pass_time(20.0, rng.uniform(5.0, 35.0), 0.0)
+        controller.pass_time(rng.uniform(0.0, 1.0), controller.arm.ambient_c, rng.uniform(0.0, 1.0))
         before = controller.arm.temperatures.grease_c.copy()
         recording = stepped_replay(controller, excitation)
         mean = 0.5 * (before + controller.arm.temperatures.grease_c)
@@ -260,7 +260,7 @@ def test_the_surrogate_is_what_identify_makes_of_full_physics(seed):
     assert np.all(np.abs(left.mean(axis=0)) < 0.03)
     slopes = [np.polyfit(grease[:, j], left[:, j], 1)[0] for j in range(6)]
     spread = (left - left.mean(axis=0)).std(axis=0)
-    within = FleetSettings().within_std * dice.uniform(*WITHIN_SHARE, 3000) * dice.normal(size=3000)
+    within = FleetSettings().within_std * rng.uniform(*WITHIN_SHARE, 3000) * rng.normal(size=3000)
     p = [kstest((left[:, j] - left[:, j].mean()) / spread[j], within / within.std()).pvalue for j in range(6)]
     print("slopes %/K", np.round(100 * np.array(slopes), 4), "spread %", np.round(100 * spread, 3), "KS p", np.round(p, 3))
     assert np.max(np.abs(slopes)) < 0.001

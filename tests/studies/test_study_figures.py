@@ -22,14 +22,14 @@ def test_the_bounds_of_a_mean_are_those_of_student(values):
 
 def test_the_bounds_of_a_ratio_of_sums_hold_in_95_percent_of_fleets():
     """2000 fleets of 24 arms, some of which err much more than others: the upper bound is missed by 5 ± 2 % of them."""
-    dice, missed = np.random.default_rng(3), 0
+    rng, missed = np.random.default_rng(3), 0
 
     def ratio(rows):
         return np.sqrt(rows[:, 0].sum() / rows[:, 1].sum())
 
     for _ in range(2000):
-        size = dice.uniform(0.5, 2.0, 24)
-        rows = np.stack([0.1 * size * dice.uniform(0.5, 1.5, 24), size], axis=1)
+        size = rng.uniform(0.5, 2.0, 24)
+        rows = np.stack([0.1 * size * rng.uniform(0.5, 1.5, 24), size], axis=1)
         missed += over_arms(ratio, rows).at_most < np.sqrt(0.1)
     assert 0.03 < missed / 2000 < 0.07
 

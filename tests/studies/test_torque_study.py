@@ -65,10 +65,10 @@ def test_the_errors_of_arms_are_averaged_as_squares():
 
 def drawn(std, course, seed=0):
     """Four arms with 100 replays each: a constant of the arm, noise of size `std`, and a slope `course` against temperature."""
-    dice, arms = np.random.default_rng(seed), []
+    rng, arms = np.random.default_rng(seed), []
     for _ in range(4):
-        grease = dice.uniform(10.0, 30.0, (100, 2))
-        left = 0.02 * dice.normal() + std * dice.uniform(0.7, 1.5, (100, 2)) * dice.normal(size=(100, 2)) + course * (grease - 20.0)
+        grease = rng.uniform(10.0, 30.0, (100, 2))
+        left = 0.02 * rng.normal() + std * rng.uniform(0.7, 1.5, (100, 2)) * rng.normal(size=(100, 2)) + course * (grease - 20.0)
         arms.append(replace(BLANK, law_residual=left, grease_c=grease))
     return arms
 

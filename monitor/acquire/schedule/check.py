@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.schedule.triggers import Triggers, triggered_windows
-from monitor.acquire.schedule.windows import DAY_S, Window, windows
+from monitor.acquire.schedule.windows import Window, windows
+from monitor.recording import DAY_S
 
 LOOK_BACK_S = 60 * DAY_S  # windows missed longer ago are not entered one by one
 MOST_MISSED = 60  # windows that are reported as missed at once, the latest ones

@@ -11,8 +11,8 @@ from typing import NamedTuple, Protocol
 from monitor.acquire.schedule.cron import cron_times
 from monitor.acquire.schedule.local_time import blackout
 from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.recording import DAY_S
 
-DAY_S = 86_400.0
 HORIZONS_DAYS = (2, 40, 400)  # coming windows are searched so far ahead, step by step until there are enough
 
 

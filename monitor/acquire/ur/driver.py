@@ -8,7 +8,7 @@ from monitor.acquire.ur import dashboard
 from monitor.acquire.ur.job import job_document
 from monitor.acquire.ur.process import Child
 
-POLL_S = 0.05  # between two checks for the observing process's answer
+ANSWER_POLL_S = 0.05  # between two checks for the observing process's answer
 
 
 class UniversalRobots:
@@ -24,7 +24,7 @@ class UniversalRobots:
         until = time.monotonic() + timeout_s
         try:
             while time.monotonic() < until:
-                for frame in child.frames(POLL_S):
+                for frame in child.frames(ANSWER_POLL_S):
                     return None if isinstance(frame, dict) else arm_state(frame)
         except SessionEnded:
             return None

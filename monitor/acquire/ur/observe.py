@@ -10,7 +10,7 @@ from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 from monitor.recording import Array
 
 ROWS = 13  # the accelerometer is averaged over so many: 0.1 s at 125 Hz
-POLL_S = 0.001  # between two checks for a new row: an eighth of a tick at 125 Hz, so no row is missed
+ROW_POLL_S = 0.001  # between two checks for a new row: an eighth of a tick at 125 Hz, so no row is missed
 
 
 def main() -> None:
@@ -26,7 +26,7 @@ def main() -> None:
                 timestamp_s = row[0]
                 rows.append(row)
             lifeline.word()
-            time.sleep(POLL_S)
+            time.sleep(ROW_POLL_S)
         if len(rows) == ROWS:
             column = COLUMN["actual_tool_accelerometer"]
             rows[-1][column] = np.mean([row[column] for row in rows], axis=0)

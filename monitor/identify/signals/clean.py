@@ -17,7 +17,9 @@ from monitor.recording import Array, Recording
 DEGREES = 180.0 / math.pi
 ALIKE = 0.15  # relative distance at which a ratio counts as that of a unit; noise and differences change a ratio by a few per cent
 CONTRADICTION = 1.2  # a ratio farther than this factor from 1 and from every unit: the speeds belong to other positions
-DOUBTFUL = 0.03  # relative distance from 1 that is doubtful: real controllers agree to 0.001, differences at 12 Hz to 0.02
+SUSPICIOUS = (
+    0.03  # relative distance from 1 beyond which a clock is suspicious: real controllers agree to 0.001, differences at 12 Hz to 0.02
+)
 BEYOND_RAD = 2.1 * math.pi  # no joint of an arm with cables turns farther; a joint without end stops may
 BEYOND_RAD_S = 7.0  # the fastest joint of any UR turns at 2π
 WELL_SAMPLED_HZ = 10.0  # at a lower rate, differences of positions are no speeds
@@ -25,7 +27,7 @@ MOVING_RAD_S = 0.02  # a joint whose 90 % quantile of speed is lower does not mo
 WINDOW_S = 0.13  # time over which a difference is taken: short beside the motion, long beside ripple
 WINDOW_ROWS = 17  # rows of such a window, at most
 FEWEST_WINDOWS = 20  # fewer give no ratio
-SURE_STD = 5.0  # standard deviations of a ratio that are allowed before it counts as doubtful or wrong
+SURE_STD = 5.0  # standard deviations of a ratio that are allowed before it counts as suspicious or wrong
 RETURN_ROWS = 20  # a torn time is right again in the next row; a clock that is wrong for so many rows was set
 FAR_S = 60.0  # a larger leap ahead is no hole in a recording of a replay
 HOLE_S = 1.0  # the hole that stands for an unknown time between two rows: longer than any gap that a spline bridges
@@ -81,7 +83,7 @@ def _running_on(t_s: Array) -> tuple[Array, int]:
 
 
 def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
-    """(field, factor to SI, text) of every unit that is not of the SI, and of a clock that is doubtful (factor 1).
+    """(field, factor to SI, text) of every unit that is not of the SI, and of a suspicious clock (factor 1).
 
     Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit.
     """
@@ -90,7 +92,7 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
     step = np.diff(t_s[np.isfinite(t_s)])
     tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else math.nan
     found = _ratio(t_s, q, qd)
-    speed_ratio, doubt = (None, 0.0) if found is None else (found.value, SURE_STD * found.std)
+    speed_ratio, tolerance = (None, 0.0) if found is None else (found.value, SURE_STD * found.std)
     if speed_ratio is not None:
         for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6)):
             if _near(speed_ratio * per_second, 1.0) and tick * WELL_SAMPLED_HZ > 1.0:
@@ -111,8 +113,8 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
     if degrees_alone[1] or both:
         yield "qd", 1.0 / DEGREES, "speeds are in degrees a second"
     alike = speed_ratio / (DEGREES if degrees_alone[0] else 1.0 / DEGREES if degrees_alone[1] else 1.0)
-    farthest = CONTRADICTION * (1.0 + doubt)
-    if abs(alike - 1.0) > DOUBTFUL + doubt and 1.0 / farthest < alike < farthest:
+    farthest = CONTRADICTION * (1.0 + tolerance)
+    if abs(alike - 1.0) > SUSPICIOUS + tolerance and 1.0 / farthest < alike < farthest:
         yield "t_s", 1.0, f"positions change {alike:.3g} times as fast as the speeds say: clock or speeds are off, and friction with them"
     if not 1.0 / farthest < alike < farthest:
         raise Unidentifiable(
@@ -164,10 +166,10 @@ def _ratio(t_s: Array, x: Array, rate: Array | None) -> _Ratio | None:
             if np.sum(sound) < FEWEST_WINDOWS or not np.quantile(np.abs(middle[sound]), 0.9) > MOVING_RAD_S:
                 continue
             # near a reversal both are about zero; rows are chosen by the slope, whose noise is small, since the ratio would be biased
-            telling = sound & (np.abs(slope) > 0.3 * np.quantile(np.abs(slope[sound]), 0.9))
-            along = middle[telling] * np.sign(slope[telling])
-            value = float(np.median(np.abs(slope[telling])) / np.median(along))
-            spread = np.median(np.abs(along - np.abs(slope[telling]) / value)) / np.abs(np.median(along))
+            informative = sound & (np.abs(slope) > 0.3 * np.quantile(np.abs(slope[sound]), 0.9))
+            along = middle[informative] * np.sign(slope[informative])
+            value = float(np.median(np.abs(slope[informative])) / np.median(along))
+            spread = np.median(np.abs(along - np.abs(slope[informative]) / value)) / np.abs(np.median(along))
             if math.isfinite(value) and value > 0.0:
                 ratios.append(_Ratio(value, float(2.0 * spread / math.sqrt(len(along)))))
     if not ratios:

@@ -23,7 +23,7 @@ from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
 
 WEAR_RISING, SUDDEN_STEP, STORE_RESTORED = "wear_rising", "sudden_step", "store_restored"
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
-SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are in doubt
+SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are unreliable
 HAS_RISEN = "has risen by more than the tier's rise"
 
 
@@ -129,7 +129,7 @@ def _arm_lacks_temperature(situation: ArmSituation) -> bool:
     return not np.isfinite(situation.belief.temperature_c).any()
 
 
-def _in_doubt(situation: JointSituation) -> bool:
+def _unreliable(situation: JointSituation) -> bool:
     """The replay does not resolve the joint's friction, or replays scatter; an undeclared change of the arm is another condition."""
     belief, j = situation.belief, situation.j
     if situation.arm.undeclared.condition is not None:
@@ -138,7 +138,7 @@ def _in_doubt(situation: JointSituation) -> bool:
 
 
 def outside_learnt_range(situation: JointSituation) -> bool:
-    """The joint's temperature is outside the temperatures learnt so far, and learning has ended."""
+    """The joint's temperature is outside the temperatures learned so far, and learning has ended."""
     belief, j = situation.belief, situation.j
     known = math.isfinite(belief.temperature_c[j])
     return bool(known and not belief.inside_range[j] and belief.replays > situation.settings.learning_replays)
@@ -276,7 +276,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="data_quality",
-            joint=repeated(_in_doubt, partial(_joint_text, "is not resolved, or scatters more than the filter believes")),
+            joint=repeated(_unreliable, partial(_joint_text, "is not resolved, or scatters more than the filter believes")),
             tiers={
                 "advisory": AlertTier(
                     CHECK_FUNCTION,

@@ -1,6 +1,6 @@
 """The evidence of changed friction, as arrays over the joints of one arm or of a fleet: which tiers may be raised.
 
-A tier requires statistical significance, practical relevance (the rise itself), consecutive replays on several days inside the learnt
+A tier requires statistical significance, practical relevance (the rise itself), consecutive replays on several days inside the learned
 temperatures, and a rise beyond the common rise of all joints.
 """
 
@@ -14,7 +14,8 @@ from scipy.special import ndtr
 from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
-from monitor.recording import Array
+from monitor.judge.drift.filter_state import FilterState
+from monitor.recording import DAY_S, Array
 
 FALLING = len(TIERS)  # column of `Counts` that counts fallen friction; the columns before it count risen friction, one a tier
 COLUMNS = FALLING + 1
@@ -90,13 +91,17 @@ def counts_of(health: Health) -> Counts:
 
 def wear_after_replay(belief: Belief, usable: np.ndarray) -> WearAfterReplay:
     """The wear of one arm after the belief's last replay; usable : (J,) as in `WearAfterReplay`."""
-    state = belief.filter_state
+    return wear_of_state(belief.filter_state, usable, math.floor(belief.at_unix_s / DAY_S))
+
+
+def wear_of_state(state: FilterState, usable: np.ndarray, day: float) -> WearAfterReplay:
+    """The wear of the N joints of a filter state after a replay; usable : (N,), day : as in `WearAfterReplay`, the same for all joints."""
     return WearAfterReplay(
-        wear=belief.wear,
-        wear_std=belief.wear_std,
+        wear=state.wear,
+        wear_std=state.wear_std,
         known=state.replays > 0,
         usable=usable,
-        day=np.full(belief.joints, float(math.floor(belief.at_unix_s / 86_400.0))),
+        day=np.full(state.joints, float(day)),
         agreeing=state.agreeing,
         interval_days=state.interval_days,
     )

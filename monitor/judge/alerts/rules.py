@@ -20,6 +20,7 @@ from monitor.judge.alerts.states import arm_state, joint_state
 from monitor.judge.belief import Belief
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange
+from monitor.recording import DAY_S
 
 Statuses = list[tuple[int | None, AlertCondition, ConditionStatus]]  # joint (None: the arm), condition, status
 
@@ -82,14 +83,14 @@ def judge(
 
 
 def _evidence(belief: Belief, before: Health, settings: HealthSettings, undeclared: UndeclaredChange) -> Evidence:
-    """The evidence of changed friction after the last replay. It counts for the joints that it updated inside the learnt range."""
+    """The evidence of changed friction after the last replay. It counts for the joints that it updated inside the learned range."""
     usable = belief.learnt_from & (belief.inside_range > 0) & (undeclared.condition is None)
     return weigh_evidence(wear_after_replay(belief, usable), counts_of(before), belief.joints, settings)
 
 
 def _day(belief: Belief) -> int:
     """UTC day of the last replay, counted from 1970-01-01."""
-    return math.floor(belief.at_unix_s / 86_400.0)
+    return math.floor(belief.at_unix_s / DAY_S)
 
 
 def _common(counts: Counts) -> Confirmations:

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.settings import HealthSettings
+from monitor.recording import DAY_S
 
 
 def stale_joints(health: Health, now_unix_s: float, settings: HealthSettings) -> tuple[bool, ...]:
     """(J,) whether the last replay that updated a joint is older than `stale_days`, or there is none."""
-    limit = now_unix_s - settings.stale_days * 86_400.0
+    limit = now_unix_s - settings.stale_days * DAY_S
     return tuple(joint.learnt_at_unix_s is None or joint.learnt_at_unix_s < limit for joint in health.joints)
 
 

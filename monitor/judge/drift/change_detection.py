@@ -35,13 +35,13 @@ class ChangeBank:
 
     responses: Array  # (N, 2, W, S) error that a unit change has left in the filter, before this replay's update
     ages: Array  # (N, W) [replays] since the change would have begun, ascending
-    scores: Array  # (N, 2, W) Σ G·ν/S of the replays before, with ν clipped
-    raw_scores: Array  # (N, 2, W) the same with ν in full
-    informations: Array  # (N, 2, W) Σ G²/S of the replays before
+    glr_score: Array  # (N, 2, W) Σ G·ν/S of the replays before, with ν clipped
+    raw_glr_score: Array  # (N, 2, W) the same with ν in full
+    information: Array  # (N, 2, W) Σ G²/S of the replays before
     effect: Array  # (N, 2, W) G: what a unit change adds to this replay's innovation
-    scores_now: Array  # the same three with this replay
-    raw_scores_now: Array
-    informations_now: Array
+    glr_score_now: Array  # the same three with this replay
+    raw_glr_score_now: Array
+    information_now: Array
 
     def after_update(self, K: Array, *, restarted: np.ndarray) -> "ChangeBank":
         """The bank after the filter's update with gain K (N, S). It is empty for the joints in `restarted` (N,), whose change was found."""
@@ -52,9 +52,9 @@ class ChangeBank:
         return replace(
             self,
             responses=responses,
-            scores_now=np.where(empty, 0.0, self.scores_now),
-            raw_scores_now=np.where(empty, 0.0, self.raw_scores_now),
-            informations_now=np.where(empty, 0.0, self.informations_now),
+            glr_score_now=np.where(empty, 0.0, self.glr_score_now),
+            raw_glr_score_now=np.where(empty, 0.0, self.raw_glr_score_now),
+            information_now=np.where(empty, 0.0, self.information_now),
         )
 
 
@@ -81,9 +81,9 @@ def advance_bank(state: FilterState, innovation: Innovation, gate: Gate) -> Chan
     return replace(
         bank,
         effect=G,
-        scores_now=bank.scores + gain * clipped[:, None, None],
-        raw_scores_now=bank.raw_scores + gain * nu[:, None, None],
-        informations_now=bank.informations + gain * G,
+        glr_score_now=bank.glr_score + gain * clipped[:, None, None],
+        raw_glr_score_now=bank.raw_glr_score + gain * nu[:, None, None],
+        information_now=bank.information + gain * G,
     )
 
 
@@ -115,17 +115,17 @@ def add_candidates(state: FilterState, resolved: np.ndarray) -> ChangeBank:
     responses[n, 0, 0, WEAR] = 1.0
     responses[n, 1, 0, RATE] = 1.0
     responses[n, 1, 0, WEAR] = state.interval_days[n]  # a rate that began after the last replay has worked for one interval
-    scores, raw_scores, informations = moved(state.glr_scores), moved(state.raw_glr_scores), moved(state.glr_informations)
+    glr_score, raw_glr_score, information = moved(state.glr_scores), moved(state.raw_glr_scores), moved(state.glr_informations)
     return ChangeBank(
         responses=responses,
         ages=ages,
-        scores=scores,
-        raw_scores=raw_scores,
-        informations=informations,
-        effect=np.zeros_like(scores),
-        scores_now=scores,
-        raw_scores_now=raw_scores,
-        informations_now=informations,
+        glr_score=glr_score,
+        raw_glr_score=raw_glr_score,
+        information=information,
+        effect=np.zeros_like(glr_score),
+        glr_score_now=glr_score,
+        raw_glr_score_now=raw_glr_score,
+        information_now=information,
     )
 
 
@@ -136,12 +136,12 @@ def detect_change(state: FilterState, bank: ChangeBank, innovation: Innovation, 
     """
     N = state.joints
     in_a_row = gate.in_a_row
-    # outliers before this one were not learnt from, but they are replays since the baseline
+    # outliers before this one were not learned from, but they are replays since the baseline
     since = state.replays + np.where(in_a_row, np.abs(gate.run) - 1.0, 0.0)
     # a change needs several replays; one that began while hardly anything was known belongs to the baseline
     enough = (bank.ages >= settings.gate_run - 1) & (bank.ages <= (since - settings.baseline_replays)[:, None])
-    scores = np.where(in_a_row[:, None, None], bank.raw_scores_now, bank.scores_now)
-    ratios, relative = likelihood_ratios(scores, bank.informations_now, bank.ages, enough, settings)
+    glr_score = np.where(in_a_row[:, None, None], bank.raw_glr_score_now, bank.glr_score_now)
+    ratios, relative = likelihood_ratios(glr_score, bank.information_now, bank.ages, enough, settings)
     counts = innovation.resolved & ~innovation.settling
     found = ((np.max(relative, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gate.gated)
     of_baseline = found & ~np.any(ratios > 0, axis=(1, 2))
@@ -157,7 +157,9 @@ def detect_change(state: FilterState, bank: ChangeBank, innovation: Innovation, 
     return Change(mean, cov, of_baseline, of_wear, stepped, agreeing)
 
 
-def likelihood_ratios(scores: Array, informations: Array, ages: Array, enough: np.ndarray, settings: DriftSettings) -> tuple[Array, Array]:
+def likelihood_ratios(
+    glr_score: Array, information: Array, ages: Array, enough: np.ndarray, settings: DriftSettings
+) -> tuple[Array, Array]:
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
     enough : (N, W) whether a start has enough replays before it and since.
@@ -165,7 +167,7 @@ def likelihood_ratios(scores: Array, informations: Array, ages: Array, enough: n
     Innovations since n replays are a mean of n: chance carries it across z standard deviations n times less often, at the rate
     e^(−z²/2)/n (Rice, 1945). So that false detections are equally frequent at every age, the threshold falls with age.
     """
-    ratio = scores**2 / np.maximum(informations, 1e-12)
+    ratio = glr_score**2 / np.maximum(information, 1e-12)
     by_age = 2.0 * np.log(np.maximum(ages, 1.0))  # (N, W)
     ratio = np.where(enough[:, None, :], ratio, 0.0)
     relative = ratio.copy()
@@ -188,11 +190,11 @@ def change_posterior(
     M = KINDS * WINDOW
     nu, S, G = innovation.value, innovation.var, bank.effect
     prior_std = np.repeat([STEP_STD, RATE_STD_PER_DAY], WINDOW)  # (M,)
-    information = bank.informations[n].reshape(-1, M)  # (n, M)
+    information = bank.information[n].reshape(-1, M)  # (n, M)
     precision = information + np.repeat(np.array([STEP_STD, RATE_STD_PER_DAY]) ** -2, WINDOW)
     weight = candidate_weights(ratios[n].reshape(-1, M), precision, bank.ages[n], prior_std)
     # where innovations were clipped, the size lies between the clipped and the full estimate
-    clipped, full = bank.scores[n].reshape(-1, M) / precision, bank.raw_scores[n].reshape(-1, M) / precision
+    clipped, full = bank.glr_score[n].reshape(-1, M) / precision, bank.raw_glr_score[n].reshape(-1, M) / precision
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
     size = 0.5 * (clipped + full)
     g = bank.responses[n].reshape(len(n), M, -1)  # (n, M, S)

@@ -21,7 +21,7 @@ class OpenedContext(NamedTuple):
     context: Context
     opened_at_unix_s: float
     replays: int
-    slot: int | None = 0  # None: another context has taken its slot; if it comes again, its baseline is learnt again
+    slot: int | None = 0  # None: another context has taken its slot; if it comes again, its baseline is learned again
 
 
 class Entered(NamedTuple):

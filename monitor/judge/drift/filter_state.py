@@ -40,7 +40,7 @@ class FilterState:
     origin_c: Array  # (N,) [°C] that t is counted from
     mean: Array  # (N, S)
     cov: Array  # (N, S, S)
-    replays: Array  # (N,) number that the filter learnt from
+    replays: Array  # (N,) number that the filter learned from
     interval_days: Array = field(metadata={"key": "cadence_days"})  # (N,) usual time between replays, to which ρ belongs
     step_var: Array  # (N,) γ₁: half the mean square difference of successive replays' noise, without the noise within a replay
     product: Array  # (N,) c₁: mean product of successive replays' noise
@@ -77,7 +77,7 @@ class FilterState:
 
     @property
     def learnt_from(self) -> np.ndarray:
-        """(N,) whether the filter learnt from the last replay of the joint."""
+        """(N,) whether the filter learned from the last replay of the joint."""
         learnt: np.ndarray = self.event <= STEP
         return learnt
 
@@ -191,16 +191,16 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
     N = state.joints
     use = days if use is None else use
     rho = state.autocorrelation(joints_per_arm, settings)
-    held = rho ** np.minimum(days / state.interval_days, 1e3)  # share of n that is left: an Ornstein–Uhlenbeck process
+    decay = rho ** np.minimum(days / state.interval_days, 1e3)  # share of n that is left: an Ornstein–Uhlenbeck process
     F = np.tile(np.eye(STATES), (N, 1, 1))
     F[:, WEAR, RATE] = use
-    F[:, NOISE, NOISE] = held
+    F[:, NOISE, NOISE] = decay
     q = settings.rate_walk_per_sqrt_day**2 + (settings.pace_walk_per_sqrt_day * state.mean[:, RATE]) ** 2  # (N,)
     Q = np.zeros((N, STATES, STATES))  # exact integral of the rate's random walk, so that 30 days equal 30 times one day
     Q[:, WEAR, WEAR] = settings.wear_walk_per_sqrt_day**2 * days + q * use**3 / 3.0
     Q[:, WEAR, RATE] = Q[:, RATE, WEAR] = q * use**2 / 2.0
     Q[:, RATE, RATE] = q * use
-    Q[:, NOISE, NOISE] = state.noise_var(joints_per_arm, settings) * (1.0 - held**2)
+    Q[:, NOISE, NOISE] = state.noise_var(joints_per_arm, settings) * (1.0 - decay**2)
     # friction increases along a straight line: predict e^w − 1, and return to w, with the derivative of each map in the covariance
     grown = np.exp(np.clip(state.mean[:, WEAR], *LOG_RISE))
     mean, cov = state.mean.copy(), state.cov.copy()
@@ -214,7 +214,7 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
     cov[:, :, WEAR] /= then[:, None]
     responses = state.responses.copy()
     responses[..., WEAR] = (grown[:, None, None] * responses[..., WEAR] + use[:, None, None] * responses[..., RATE]) / then[:, None, None]
-    responses[..., NOISE] *= held[:, None, None]
+    responses[..., NOISE] *= decay[:, None, None]
     return replace(state, mean=mean, cov=cov, responses=responses)
 
 

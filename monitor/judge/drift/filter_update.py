@@ -49,9 +49,9 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
         outliers=state.outliers + (event == OUTLIER),
         ages=after.ages,
         responses=after.responses,
-        glr_scores=after.scores_now,
-        raw_glr_scores=after.raw_scores_now,
-        glr_informations=after.informations_now,
+        glr_scores=after.glr_score_now,
+        raw_glr_scores=after.raw_glr_score_now,
+        glr_informations=after.information_now,
         agreeing=change.agreeing,
         stepped=state.stepped + change.stepped,
     )

@@ -13,7 +13,7 @@ def single_torque_nm(state: DriftState, observation: Observation, settings: Drif
     """F(v*, T0) of one replay alone and its standard deviation, (N,) each [N·m].
 
     state : after the replay; its temperature law brings the replay to T0. observation : of the replay, with NaN in `log_torque` where
-    nothing was learnt; the torque is then NaN. The standard deviation contains the uncertainty within the replay, the noise between
+    nothing was learned; the torque is then NaN. The standard deviation contains the uncertainty within the replay, the noise between
     replays, and that of the law over the way to T0. Without a temperature it contains everything that temperature may have changed.
     """
     joints, T0 = state.filter_state, state.reference_temperature_c

@@ -71,7 +71,7 @@ class StepResult(NamedTuple):
 
     state: DriftState
     observation: Observation  # (N,) each, as the filter used it: NaN where a value was withheld
-    inside_range: np.ndarray  # (N,) whether the temperature lies in the range that was learnt before this replay
+    inside_range: np.ndarray  # (N,) whether the temperature lies in the range that was learned before this replay
     stuck: np.ndarray  # (N,) whether the temperature sensor is stuck, so that its value was withheld
 
 
@@ -126,7 +126,7 @@ def step(
     into tiers, as the daemon does it; 1 is the wear tier.
 
     >>> import numpy as np
-    >>> from monitor.judge.alerts.evidence import WearAfterReplay, nothing_counted, weigh_evidence
+    >>> from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
     >>> from monitor.judge.alerts.settings import HealthSettings
     >>> from monitor.judge.drift.observation import Observation
     >>> from monitor.judge.drift.settings import DriftSettings
@@ -134,15 +134,15 @@ def step(
     >>> from monitor.judge.temperature.laws import TemperatureSettings
     >>> drift, temperature, health = DriftSettings(), TemperatureSettings(), HealthSettings()
     >>> A, J = 3, 6
-    >>> N, dice = A * J, np.random.default_rng(1)
+    >>> N, rng = A * J, np.random.default_rng(1)
     >>> state, counts = None, nothing_counted(N, A)
     >>> for day in range(50):
-    ...     torque = 10.0 * np.exp(0.02 * dice.normal(size=N))  # friction torque at drift.reference_speed_rad_s [N·m]
+    ...     torque = 10.0 * np.exp(0.02 * rng.normal(size=N))  # friction torque at drift.reference_speed_rad_s [N·m]
     ...     torque[J + 1] *= 1.2 if day >= 40 else 1.0
     ...     observation = Observation(
     ...         log_torque=np.log(torque),
     ...         variance=np.full(N, 0.005**2),  # of log_torque, from the fit of the replay
-    ...         temperature_c=30.0 + dice.normal(size=N),
+    ...         temperature_c=30.0 + rng.normal(size=N),
     ...         viscous_share=np.full(N, 0.4),
     ...         warming_k_per_min=np.zeros(N),
     ...         coulomb_nm=0.6 * torque,
@@ -152,15 +152,7 @@ def step(
     ...         state = initial_state(observation, J, drift, temperature)
     ...     result = step(state, Replay(observation=observation, days=np.full(A, float(day > 0))), drift, temperature)
     ...     state, joints = result.state, result.state.filter_state
-    ...     after = WearAfterReplay(
-    ...         wear=joints.wear,
-    ...         wear_std=joints.wear_std,
-    ...         known=joints.replays > 0,
-    ...         usable=joints.learnt_from & result.inside_range,
-    ...         day=np.full(N, float(day)),
-    ...         agreeing=joints.agreeing,
-    ...         interval_days=joints.interval_days,
-    ...     )
+    ...     after = wear_of_state(joints, joints.learnt_from & result.inside_range, day)
     ...     evidence = weigh_evidence(after, counts, J, health)
     ...     counts = evidence.counts
     >>> evidence.raises.reshape(A, J)[1].tolist()
@@ -222,7 +214,7 @@ def enter_context(state: DriftState, joint: JointReplay, drift: DriftSettings, t
     """The state in the contexts of this replay.
 
     A context that was seen before has the level that it had. In a new one the level is unknown, and wear and its rate are kept with their
-    uncertainty: wear that coincides with the change cannot be seen. In either case the temperature laws' levels are learnt anew. A joint
+    uncertainty: wear that coincides with the change cannot be seen. In either case the temperature laws' levels are learned anew. A joint
     that was replaced starts without wear, and its levels are unknown in every slot.
     """
     moved = joint.slot != state.slot
@@ -258,7 +250,7 @@ def age(state: DriftState, days: Array, revolutions: Array, drift: DriftSettings
 
 
 def remember_baseline(state: DriftState, observation: Observation, drift: DriftSettings) -> DriftState:
-    """The state with the means of the first `baseline_replays` replays, before the filter has learnt from this one."""
+    """The state with the means of the first `baseline_replays` replays, before the filter has learned from this one."""
     n = state.filter_state.replays
     more = (n < drift.baseline_replays) & np.isfinite(observation.log_torque)
 

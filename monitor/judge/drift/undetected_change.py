@@ -29,13 +29,13 @@ def undetected_change(state: FilterState, H: Array, settings: DriftSettings) -> 
     # a candidate stands for every start up to the next older one
     span = np.tile(np.diff(state.ages, axis=1, append=state.ages[:, -1:] + 1.0), KINDS) * state.interval_days[:, None]  # (N, M) [d]
     begins = settings.onsets_per_year / DAYS_PER_YEAR * kind * span
-    scores, informations = state.glr_scores.reshape(N, -1), state.glr_informations.reshape(N, -1)
+    glr_score, information = state.glr_scores.reshape(N, -1), state.glr_informations.reshape(N, -1)
     effect = np.einsum("na,nkwa->nkw", H, state.responses).reshape(N, -1)  # (N, M) of a unit change
     odds, first, second = np.zeros(N), np.zeros(N), np.zeros(N)
     for share, times in SCALES:
-        precision = informations + (times * usual) ** -2.0
-        size = scores / precision
-        log_ratio = 0.5 * scores * size - np.log(times * usual * np.sqrt(precision))
+        precision = information + (times * usual) ** -2.0
+        size = glr_score / precision
+        log_ratio = 0.5 * glr_score * size - np.log(times * usual * np.sqrt(precision))
         weight = share * begins * np.exp(np.minimum(log_ratio, LARGEST_LOG_RATIO))
         odds += weight.sum(axis=1)
         first += np.sum(weight * size * effect, axis=1)

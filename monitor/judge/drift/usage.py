@@ -20,7 +20,7 @@ class Usage(NamedTuple):
 
     revolutions: Array  # total count at the last replay
     per_day: Array  # usual revolutions per day
-    days: Array  # over which `per_day` was learnt
+    days: Array  # over which `per_day` was learned
 
 
 class UsageUpdate(NamedTuple):

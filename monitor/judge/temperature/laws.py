@@ -1,4 +1,4 @@
-"""Friction over joint temperature: one straight line for each joint, learnt from replay to replay, and a curve where that is better.
+"""Friction over joint temperature: one straight line for each joint, learned from replay to replay, and a curve where that is better.
 
 Raviola et al. (2021), §4: fv falls linearly with the joint's temperature, and Coulomb friction does not depend on it. A line is a Bayesian
 linear regression on running sums. Its level has no prior, and its slope has that of the robot family: one replay already gives a usable law
@@ -99,7 +99,7 @@ class Line:
         return LawValue(value, std, ~self.inside(temperature_c))
 
     def inside(self, temperature_c: Array) -> np.ndarray:
-        """(…, J) whether temperatures (…, J) lie in the learnt range, widened by the margin; False where either is unknown."""
+        """(…, J) whether temperatures (…, J) lie in the learned range, widened by the margin; False where either is unknown."""
         return inside_range(self.range_c, temperature_c, self.margin_k)
 
     @property
@@ -173,7 +173,7 @@ def initial_law(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_pe
 def update_law(law: Law, temperature_c: Array, value: Array) -> Law:
     """The law after one more replay, (J,) each. A joint with NaN in `value` keeps its law.
 
-    An unknown temperature counts as the origin: the level is learnt from it, and the range stays.
+    An unknown temperature counts as the origin: the level is learned from it, and the range stays.
     """
     seen = np.isfinite(value)
     origin_value = np.where(np.isnan(law.origin_value), value, law.origin_value)

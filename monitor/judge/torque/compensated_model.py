@@ -1,4 +1,4 @@
-"""The temperature-compensated torque model as a value: rigid parameters of the last replay, friction laws learnt from all replays.
+"""The temperature-compensated torque model as a value: rigid parameters of the last replay, friction laws learned from all replays.
 
 torque = Y·p (rigid and rotor) + [fc(T)·s(q̇) + fv(T)·q̇]·e^w, with w the present estimate of wear. The bus publishes this model.
 
@@ -40,7 +40,7 @@ class CompensatedModel:
 
     robot: str
     mounting: Mounting
-    revision: int  # number of replays learnt from
+    revision: int  # number of replays learned from
     at_unix_s: float  # time of the last of them
     columns: tuple[int, ...]  # (R,) regressor columns of `values`; friction columns are left out
     values: Array  # (R,) rigid and rotor base parameters

@@ -25,7 +25,7 @@ class TorquePrediction(NamedTuple):
     rigid: Array
     friction: Array
     std: Array  # of the torque itself
-    extrapolated: np.ndarray  # (N, J) whether the temperature is outside the learnt range
+    extrapolated: np.ndarray  # (N, J) whether the temperature is outside the learned range
     measured_std: Array  # of one measured sample of the torque
 
 
@@ -73,7 +73,7 @@ class Predictor:
         self._noise_var = np.maximum(sample_nm**2 - self._error_var, 0.0)  # NaN stays NaN
         low, high = model.viscous.range_c.T
         self._range_c = low - model.viscous.margin_k, high + model.viscous.margin_k
-        self._unknown = ~self._known | ~np.isfinite(low) | ~np.isfinite(high)  # no temperature has been learnt
+        self._unknown = ~self._known | ~np.isfinite(low) | ~np.isfinite(high)  # no temperature has been learned
         self._residual = residual = model.residual_friction
         if residual is not None:
             at_c = np.where(np.isfinite(residual.temperature_c), residual.temperature_c, model.viscous.reference_c)

@@ -81,7 +81,7 @@ def update(
 ) -> ProductionResiduals:
     """The residuals with one more sample. A model of another revision begins anew.
 
-    predicted : one prediction, for the sample. Samples outside the learnt temperatures, too slow or with too large an acceleration do not
+    predicted : one prediction, for the sample. Samples outside the learned temperatures, too slow or with too large an acceleration do not
     count.
     """
     J = len(sample.qd)

@@ -7,11 +7,11 @@ from itertools import pairwise
 from typing import Any
 
 from monitor import __version__
-from monitor.acquire.schedule.windows import DAY_S
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import TIERS
 from monitor.publish.timestamps import outside, rfc3339
+from monitor.recording import DAY_S
 from monitor.store.events import AlertEvent
 from monitor.store.stops import Stop
 from monitor.store.store import Store

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.acquire.schedule.windows import DAY_S, expected
+from monitor.acquire.schedule.windows import expected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import health_from_document
@@ -17,6 +17,7 @@ from monitor.judge.torque.compensated_model import model_from_document
 from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
+from monitor.recording import DAY_S
 from monitor.service.monitor_document import read_monitor_document, silent_s
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present

@@ -112,9 +112,9 @@ class Kinematics:
         """
         if not math.dist(goal.translation, self._shoulder) <= self._reach + math.hypot(*self.tool[:3]):
             return None  # out of reach; a search in vain would take as long as twenty control periods
-        dice = np.random.default_rng(0)  # so that equal arguments give equal results
+        rng = np.random.default_rng(0)  # so that equal arguments give equal results
         for attempt in range(1 + restarts):
-            q = near.copy() if attempt == 0 else near + dice.uniform(-1.5, 1.5, len(near))
+            q = near.copy() if attempt == 0 else near + rng.uniform(-1.5, 1.5, len(near))
             for _ in range(ITERATIONS):
                 here = self.at(q)
                 away = goal.translation - here.translation

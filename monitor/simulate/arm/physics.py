@@ -108,18 +108,18 @@ class Arm:
         self._data: pin.Data = self.model.createData()
         self._rest_of: Array | None = None  # the q for which M and n of the standing arm are known
         if declared:
-            self.believe(self.model)
+            self.assume_model(self.model)
         else:
             self._believed_differs = True
 
-    def believe(self, model: "pin.Model") -> None:
+    def assume_model(self, model: "pin.Model") -> None:
         """Use this model in the feed-forward of the servo from now on. The body does not change."""
-        self.believed, self._believed_data = model, model.createData()
+        self.assumed_model, self._assumed_data = model, model.createData()
         self._believed_differs = model is not self.model
 
     # --- motion ---------------------------------------------------------------------------------------------------
     def step(self, h: float, target: Target) -> None:
-        """Compute one servo period of length h: computed torque with the believed model, and a PID term for friction."""
+        """Compute one servo period of length h: computed torque with the assumed model, and a PID term for friction."""
         M, n, q_m, v_m = self._middle(h)
         given, integral = self._servo(h, target, M, n, q_m, v_m)
         if integral is not None:
@@ -150,8 +150,8 @@ class Arm:
         integral = np.minimum(np.maximum(self._integral + h * error, -self._integral_top), self._integral_top)
         wanted = self._stiffness * (error + self._patience * integral) + self._damping * (target.qd - v_m) + target.qdd
         if self._believed_differs:
-            M = pin.crba(self.believed, self._believed_data, q_m)
-            n = pin.nonLinearEffects(self.believed, self._believed_data, q_m, v_m)
+            M = pin.crba(self.assumed_model, self._assumed_data, q_m)
+            n = pin.nonLinearEffects(self.assumed_model, self._assumed_data, q_m, v_m)
         limit = self.robot.max_torque_nm
         asked = M.dot(wanted) + n
         if True in (np.abs(asked) > limit).tolist():

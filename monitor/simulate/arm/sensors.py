@@ -29,7 +29,7 @@ POSITION_NOISE_RAD = 1.5e-5
 POSITION_STEP_RAD = 2.0**-20
 SPEED_NOISE_RAD_S = 4e-4  # only while the joint moves
 SPEED_STEP_RAD_S = 1e-6
-STANDSTILL_RAD_S = 1e-4  # below this speed the sensor shows exactly zero
+ZERO_SPEED_RAD_S = 1e-4  # below this speed the sensor shows exactly zero
 TEMPERATURE_NOISE_K = 0.02
 TEMPERATURE_STEP_K = 1.0 / 16.0
 STEP = np.array([[POSITION_STEP_RAD], [SPEED_STEP_RAD_S], [CURRENT_STEP_A], [TEMPERATURE_STEP_K]])
@@ -75,7 +75,7 @@ class Sensors:
         self._slow = np.zeros(robot.joints)
         # arrays instead of numbers, because numpy is faster with them
         self._one, self._ripple = np.ones(robot.joints), np.full(robot.joints, RIPPLE_PER_RAD_S)
-        self._ripple_max, self._standstill = np.full(robot.joints, RIPPLE_MAX), np.full(robot.joints, STANDSTILL_RAD_S)
+        self._ripple_max, self._standstill = np.full(robot.joints, RIPPLE_MAX), np.full(robot.joints, ZERO_SPEED_RAD_S)
         self._block = np.empty((0, 4, robot.joints))
         self._next = 0
         self.faults = SensorFaults(noise_factor=current_noise)

@@ -22,7 +22,7 @@ class Installation:
         self.payload: tuple[float, ...] = self.installed_payload
         self.gravity = self.installed_gravity
         self.inertia_kg_m2: tuple[float, ...] = (0.0,) * 6  # reported to clients; the model does not use it
-        self._dynamics = InverseDynamics(arm.believed)
+        self._dynamics = InverseDynamics(arm.assumed_model)
 
     def declare(self, *, payload: tuple[float, ...] | None = None, gravity: Array | None = None) -> None:
         """Compute from now on with this payload and gravity. The arm does not change. None keeps the present value."""
@@ -35,7 +35,7 @@ class Installation:
         else:
             model = arm_model(self._robot, arm.mounting, self.payload[0], self.payload[1:])
             model.gravity.linear = self.gravity
-        arm.believe(model)
+        arm.assume_model(model)
         self._dynamics = InverseDynamics(model)
 
     def install(self, *, payload: tuple[float, ...] | None = None, gravity: Array | None = None) -> None:

@@ -47,7 +47,7 @@ class Ports:
         self.open: dict[str, set[Port]] = {service: set() for service in SERVICES}
         self.faults = WireFaults()
         self._dice = np.random.default_rng(controller.settings.seed)
-        self._held_until_s = 0.0
+        self._delayed_until_s = 0.0
         self._state_every = max(1, round(primary.PERIOD_S / controller.clock.tick_s))
         self._numbers = 0
         self.attach(controller)
@@ -91,11 +91,11 @@ class Ports:
         faults = self.faults
         if now_s < faults.muted_until_s or (faults.skip_share and self._dice.random() < faults.skip_share):
             return
-        if self._held_until_s and now_s >= self._held_until_s:
-            self._held_until_s = 0.0  # the packets that were held back go out now, before others are held back
-        elif faults.late_share and not self._held_until_s and self._dice.random() < faults.late_share:
-            self._held_until_s = now_s + faults.late_s
-        hold = now_s < self._held_until_s
+        if self._delayed_until_s and now_s >= self._delayed_until_s:
+            self._delayed_until_s = 0.0  # the packets that were held back go out now, before others are held back
+        elif faults.late_share and not self._delayed_until_s and self._dice.random() < faults.late_share:
+            self._delayed_until_s = now_s + faults.late_s
+        hold = now_s < self._delayed_until_s
         made: dict[tuple[str, ...], bytes] = {}
         for port in tuple(self.open["rtde"]):
             port.publish(tick, now_s, made, hold=hold)

@@ -10,7 +10,7 @@ from monitor.config.schema import Configuration
 from monitor.identify.validate import errors_of
 from monitor.publish.client import Client
 from monitor.simulate.remote import Remote
-from monitor.studies.figures import MOVING_RAD_S
+from monitor.studies.figures import SLIDING_RAD_S
 
 QUERY_AMBIENT_C = 20.0  # a room that no replay had, so that the joints' temperatures lie between those of the replays
 QUERY_SAMPLES = 200  # along one pass of the excitation
@@ -65,7 +65,7 @@ def query_torque(client: Client, remote: Remote, configuration: Configuration) -
     rows = {"q": q.tolist(), "qd": qd.tolist(), "qdd": qdd.tolist()}
     true_nm = np.array(remote.torque(rows["q"], rows["qd"], rows["qdd"]))
     predicted_nm = np.array(client.torque(**rows, temperature_c=[temperature_c]).torque_nm)
-    moving = np.abs(qd) > MOVING_RAD_S
+    moving = np.abs(qd) > SLIDING_RAD_S
     error_nm, size_nm = (errors_of(true_nm, one, moving).rms_nm for one in (predicted_nm, np.zeros_like(true_nm)))
     moment = int(np.argmax(np.min(np.abs(qd), axis=1)))  # at this moment the slowest joint is fastest: every joint moves
     answer = client.torque(q=q[moment].tolist(), qd=qd[moment].tolist(), qdd=qdd[moment].tolist(), temperature_c=temperature_c)

@@ -110,10 +110,10 @@ def delay(reported: Reported) -> Delay:
 
 def onsets(arms: int, seed: int, *, step: float = 0.0, per_day: float = 0.0, latest: int = LATEST_ONSET) -> Wear:
     """Wear of one joint in each arm, from a day drawn evenly between the end of learning and `latest`."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     return Wear(
-        joint=dice.integers(0, 6, arms).astype(float),
-        onset_day=dice.integers(LEARNING_DAYS, latest, arms).astype(float),
+        joint=rng.integers(0, 6, arms).astype(float),
+        onset_day=rng.integers(LEARNING_DAYS, latest, arms).astype(float),
         step=np.full(arms, step),
         per_day=np.full(arms, per_day),
     )

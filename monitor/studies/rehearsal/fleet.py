@@ -99,19 +99,19 @@ class Fleet:
         self.robot: Robot = load_robot(settings.robot)
         A, J = settings.arms, self.robot.joints
         self.joints, self.arms = J, A
-        self.dice = np.random.default_rng(settings.seed)
+        self.rng = np.random.default_rng(settings.seed)
         self.wear = wear or unworn(A)
         self.scenario = np.resize(np.array(settings.scenarios), A)
-        self.law = various(default_law(self.robot), (A,), self.dice)
+        self.law = various(default_law(self.robot), (A,), self.rng)
         self._heat = _Heat(default_thermal(self.robot), A)
-        self._noise = self.dice.normal(size=(A, J)) * settings.between_std
-        dice = self.dice
-        self._season_k = np.where(self.scenario == "seasons", 9.0, dice.uniform(2.0, 5.0, A))
-        self._phase = dice.uniform(0, 2 * np.pi, A)
-        self._base_c = dice.uniform(18.0, 25.0, A)
-        self._weather = dice.normal(size=A)
-        self._load_nm = self.robot.max_torque_nm * 0.15 * dice.uniform(0.6, 1.4, (A, J))  # mean of |τ| through the gear in the replay
-        self._payload_share = dice.uniform(0.0, 2.5, (A, PAYLOADS, J))  # of that load, by payload
+        self._noise = self.rng.normal(size=(A, J)) * settings.between_std
+        rng = self.rng
+        self._season_k = np.where(self.scenario == "seasons", 9.0, rng.uniform(2.0, 5.0, A))
+        self._phase = rng.uniform(0, 2 * np.pi, A)
+        self._base_c = rng.uniform(18.0, 25.0, A)
+        self._weather = rng.normal(size=A)
+        self._load_nm = self.robot.max_torque_nm * 0.15 * rng.uniform(0.6, 1.4, (A, J))  # mean of |τ| through the gear in the replay
+        self._payload_share = rng.uniform(0.0, 2.5, (A, PAYLOADS, J))  # of that load, by payload
         self._payload_share[:, 0] = 0.0
         self._payload = np.zeros(A, dtype=int)
         self._known = np.zeros((A, PAYLOADS), dtype=bool)
@@ -138,24 +138,24 @@ class Fleet:
 
     def _live_a_day(self, day: int) -> "_Morning":
         """Work and heat until after the morning's replay."""
-        dice, A, scenario = self.dice, self.arms, self.scenario
-        self._weather = 0.7 * self._weather + np.sqrt(1 - 0.49) * dice.normal(size=A)
+        rng, A, scenario = self.rng, self.arms, self.scenario
+        self._weather = 0.7 * self._weather + np.sqrt(1 - 0.49) * rng.normal(size=A)
         room = self._base_c + self._season_k * np.sin(2 * np.pi * day / DAYS_A_YEAR + self._phase) + 1.2 * self._weather
         monday, weekend = day % 7 == 0, day % 7 in (5, 6)
         cold = np.where((scenario == "cold_mornings") & monday, -10.0, 0.0) + np.where(monday, -2.0, 0.0)
-        starts = (scenario == "holidays") & (dice.random(A) < 1 / 60) & (day > self._holiday_until)
-        self._holiday_until = np.where(starts, day + dice.integers(5, 25, A), self._holiday_until)
+        starts = (scenario == "holidays") & (rng.random(A) < 1 / 60) & (day > self._holiday_until)
+        self._holiday_until = np.where(starts, day + rng.integers(5, 25, A), self._holiday_until)
         away = (scenario == "holidays") & (day < self._holiday_until)
 
-        duty = np.where(away | weekend, 0.0, dice.uniform(0.3, 0.7, A))
+        duty = np.where(away | weekend, 0.0, rng.uniform(0.3, 0.7, A))
         self._heat.live(self, WORK_H, room + 2.0, duty)
         self._revolutions += duty[:, None] * REVOLUTIONS_PER_DUTY_DAY
         self._used_days += np.where(day > self.wear.onset_day, duty / MEAN_DUTY, 0.0)
         self._heat.live(self, NIGHT_H, room + cold, np.zeros(A))
         # work before the replay: from a cold start to the middle of a warm-up
         warm = scenario == "warm_ups"
-        warm_h = np.where(warm, dice.uniform(0.0, 0.5, A), dice.uniform(0.5, 1.0, A))
-        warm_duty = np.where(warm, dice.uniform(0.3, 1.0, A), dice.choice([0.0, 0.15, 0.3], A))
+        warm_h = np.where(warm, rng.uniform(0.0, 0.5, A), rng.uniform(0.5, 1.0, A))
+        warm_duty = np.where(warm, rng.uniform(0.3, 1.0, A), rng.choice([0.0, 0.15, 0.3], A))
         self._heat.live(self, warm_h, room + cold, warm_duty)
         before = self._heat.motor.copy()
         self._heat.live(self, REPLAY_MIN / 60.0, room + cold, np.full(A, REPLAY_DUTY))
@@ -164,10 +164,10 @@ class Fleet:
 
     def _enter_contexts(self, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which arms replay, and which of these for the first time with their payload, (A,) each."""
-        dice, A = self.dice, self.arms
-        swaps = (self.scenario == "payload_swaps") & (dice.random(A) < 1 / 15)
-        self._payload = np.where(swaps, dice.integers(0, PAYLOADS, A), self._payload)
-        replayed: np.ndarray = ~(away | (dice.random(A) < MISSED_REPLAYS))
+        rng, A = self.rng, self.arms
+        swaps = (self.scenario == "payload_swaps") & (rng.random(A) < 1 / 15)
+        self._payload = np.where(swaps, rng.integers(0, PAYLOADS, A), self._payload)
+        replayed: np.ndarray = ~(away | (rng.random(A) < MISSED_REPLAYS))
         arm = np.arange(A)
         opened: np.ndarray = replayed & ~self._known[arm, self._payload]
         self._known[arm[replayed], self._payload[replayed]] = True
@@ -175,18 +175,18 @@ class Fleet:
 
     def _observe(self, morning: "_Morning", truth: Array, replayed: np.ndarray) -> Observation:
         """What `identify` would make of the replays, by the surrogate, with lost values and outliers of their scenarios."""
-        s, dice, shape, scenario = self.settings, self.dice, truth.shape, self.scenario
+        s, rng, shape, scenario = self.settings, self.rng, truth.shape, self.scenario
         rho = s.autocorrelation
-        self._noise = rho * self._noise + np.sqrt(1 - rho**2) * s.between_std * dice.normal(size=shape)
-        within = s.within_std * dice.uniform(*WITHIN_SHARE, shape)
-        y = truth + self._noise + within * dice.normal(size=shape)
-        wild = (scenario == "wild_replays") & (dice.random(self.arms) < 0.03)
-        y += np.where(wild[:, None] & (dice.random(shape) < 0.5), dice.normal(size=shape) * 0.2, 0.0)
-        lost = (dice.random(shape) < 0.02) & (scenario == "wild_replays")[:, None]
+        self._noise = rho * self._noise + np.sqrt(1 - rho**2) * s.between_std * rng.normal(size=shape)
+        within = s.within_std * rng.uniform(*WITHIN_SHARE, shape)
+        y = truth + self._noise + within * rng.normal(size=shape)
+        outlier = (scenario == "wild_replays") & (rng.random(self.arms) < 0.03)
+        y += np.where(outlier[:, None] & (rng.random(shape) < 0.5), rng.normal(size=shape) * 0.2, 0.0)
+        lost = (rng.random(shape) < 0.02) & (scenario == "wild_replays")[:, None]
         lost |= ~replayed[:, None]
-        measured = np.rint((morning.motor_c + 0.005 * dice.normal(size=shape)) / SENSOR_STEP_K) * SENSOR_STEP_K
-        warming = morning.warming_k_per_min + 0.03 * dice.normal(size=shape)  # noise of a line through half a minute of the sensor's steps
-        blind = (scenario == "bad_sensors")[:, None] & (dice.random((self.arms, 1)) < 0.02)
+        measured = np.rint((morning.motor_c + 0.005 * rng.normal(size=shape)) / SENSOR_STEP_K) * SENSOR_STEP_K
+        warming = morning.warming_k_per_min + 0.03 * rng.normal(size=shape)  # noise of a line through half a minute of the sensor's steps
+        blind = (scenario == "bad_sensors")[:, None] & (rng.random((self.arms, 1)) < 0.02)
         viscous, torque = self._viscous_share(morning.grease_c), np.exp(y)
         return Observation(
             log_torque=np.where(lost, np.nan, y).ravel(),
@@ -247,11 +247,11 @@ class _Heat:
         self.motor, self.grease = now[..., 0], now[..., 1]
 
 
-def various(law: FrictionLaw, arms: tuple[int, ...], dice: np.random.Generator) -> FrictionLaw:
+def various(law: FrictionLaw, arms: tuple[int, ...], rng: np.random.Generator) -> FrictionLaw:
     """The friction law of each arm, (*arms, J): they differ as arms of one model do."""
     values = {}
     spread = {"exponent": 0.05, "viscous_per_k": 0.15, "coulomb_per_k": 0.5}
     for name in law.__dataclass_fields__:
         value = getattr(law, name)
-        values[name] = value * np.exp(spread.get(name, 0.2) * dice.normal(size=(*arms, len(value))))
+        values[name] = value * np.exp(spread.get(name, 0.2) * rng.normal(size=(*arms, len(value))))
     return replace(law, **values)

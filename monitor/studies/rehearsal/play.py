@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.assess import AssessSettings
-from monitor.judge.alerts.evidence import Evidence, WearAfterReplay, nothing_counted, weigh_evidence
+from monitor.judge.alerts.evidence import Evidence, nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
 from monitor.judge.drift.undetected_change import undetected_change
@@ -77,7 +77,8 @@ def play(
         last = np.where(now.replayed, day, last)
         result = step(state, replay, assess.drift, assess.temperature, settle_on_learnt=True)
         state = result.state
-        evidence = weigh_evidence(_wear_after(result, day), counts, J, assess.health)
+        usable = state.filter_state.learnt_from & result.inside_range
+        evidence = weigh_evidence(wear_of_state(state.filter_state, usable, day), counts, J, assess.health)
         counts = evidence.counts
         if day < learning:
             early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
@@ -98,20 +99,6 @@ def play(
         covered_worn=accuracy.covered_worn(),
         slope_error_per_k=accuracy.slope_per_k(),
         state=state,
-    )
-
-
-def _wear_after(result: StepResult, day: int) -> WearAfterReplay:
-    """What the tiers need of a fleet's state, (N,) each."""
-    joints = result.state.filter_state
-    return WearAfterReplay(
-        wear=joints.wear,
-        wear_std=joints.wear_std,
-        known=joints.replays > 0,
-        usable=joints.learnt_from & result.inside_range,
-        day=np.full(joints.joints, float(day)),
-        agreeing=joints.agreeing,
-        interval_days=joints.interval_days,
     )
 
 
@@ -138,8 +125,8 @@ class _Accuracy:
     def __init__(self, fleet: Fleet, drift: DriftSettings) -> None:
         N = fleet.arms * fleet.joints
         self._fleet, self._drift = fleet, drift
-        self._held, self._replays = np.zeros(N), np.zeros(N)
-        self._worn_held, self._worn_replays = 0.0, 0.0
+        self._covered, self._replays = np.zeros(N), np.zeros(N)
+        self._worn_covered, self._worn_replays = 0.0, 0.0
         self._sums = np.zeros((N, 5))  # n, Σx, Σy, Σx², Σxy of the regression of friction left over on temperature
 
     def add(self, now: Day, result: StepResult) -> None:
@@ -150,10 +137,10 @@ class _Accuracy:
         truth = np.log(fleet.torque(T0.reshape(fleet.arms, fleet.joints), np.exp(now.worn))).ravel()
         mean, std = joints.reference(T0, slot)
         more, more_var = undetected_change(joints, joints.reference_row(T0, slot), self._drift)
-        held = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var + self._drift.between_floor**2)
-        self._held, self._replays = self._held + (held & here), self._replays + here
+        inside = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var + self._drift.between_floor**2)
+        self._covered, self._replays = self._covered + (inside & here), self._replays + here
         worn = (now.worn.ravel() > 0) & here
-        self._worn_held += float((held & worn).sum())
+        self._worn_covered += float((inside & worn).sum())
         self._worn_replays += float(worn.sum())
         # truth at the true temperature, less what the filter expects at the measured one, without its noise
         measured = joints.reference(np.where(np.isfinite(T), T, joints.origin_c), slot)[0]
@@ -165,13 +152,13 @@ class _Accuracy:
 
     def covered(self) -> Array:
         """(A,) share of replays and joints whose interval contained the truth."""
-        held, replays = (each.reshape(self._fleet.arms, self._fleet.joints).sum(axis=1) for each in (self._held, self._replays))
-        share: Array = held / np.maximum(replays, 1.0)
+        covered, replays = (each.reshape(self._fleet.arms, self._fleet.joints).sum(axis=1) for each in (self._covered, self._replays))
+        share: Array = covered / np.maximum(replays, 1.0)
         return share
 
     def covered_worn(self) -> float:
         """The same of all joints that wear; NaN where there is none."""
-        return self._worn_held / self._worn_replays if self._worn_replays else float("nan")
+        return self._worn_covered / self._worn_replays if self._worn_replays else float("nan")
 
     def slope_per_k(self) -> Array:
         """(A, J) [1/K] slope of the friction left over, by least squares; NaN where temperature did not vary."""

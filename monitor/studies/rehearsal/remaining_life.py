@@ -28,7 +28,7 @@ class Answer(NamedTuple):
     """What the monitor predicted of one arm at half-life."""
 
     near: bool  # P50 within ALPHA of the truth
-    held: bool | None  # P10–P90 contained the truth; None where there was no prediction
+    covered: bool | None  # P10–P90 contained the truth; None where there was no prediction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,11 +52,11 @@ def life_jobs(
     arms: int, assess: AssessSettings, *, seed: int, base: FleetSettings, per_year: tuple[float, float] = RATES_PER_YEAR
 ) -> list[Callable[[], Any]]:
     """The arms in groups with similar wear rates; each job returns the answers of its group."""
-    dice = np.random.default_rng(seed)
-    rates = np.sort(np.exp(dice.uniform(np.log(per_year[0]), np.log(per_year[1]), arms))) / DAYS_A_YEAR  # per mean day of work
+    rng = np.random.default_rng(seed)
+    rates = np.sort(np.exp(rng.uniform(np.log(per_year[0]), np.log(per_year[1]), arms))) / DAYS_A_YEAR  # per mean day of work
     groups = np.array_split(rates, min(GROUPS, max(arms // LEAST_GROUP, 1)))
     return [
-        partial(answers_of, rate, dice.integers(0, 6, len(rate)), assess, replace(base, arms=len(rate), seed=seed * GROUPS + k))
+        partial(answers_of, rate, rng.integers(0, 6, len(rate)), assess, replace(base, arms=len(rate), seed=seed * GROUPS + k))
         for k, rate in enumerate(groups)
     ]
 
@@ -64,7 +64,7 @@ def life_jobs(
 def summarise(groups: Iterable[list[Answer]]) -> Life:
     """The answers of all groups."""
     answers = [answer for group in groups for answer in group]
-    inside = [answer.held for answer in answers if answer.held is not None]
+    inside = [answer.covered for answer in answers if answer.covered is not None]
     return Life(
         interval=Share(hits=sum(inside), of=len(inside)),
         alpha_lambda=Share(hits=sum(answer.near for answer in answers), of=len(answers)),
@@ -101,7 +101,7 @@ def _answer(state: DriftState, n: int, truth: float, assess: AssessSettings) -> 
         settings=assess.prognosis,
     )
     if predicted.p50_days is None or predicted.p10_days is None:
-        return Answer(near=False, held=None)
+        return Answer(near=False, covered=None)
     usual = state.usage.per_day[n]
     latest = np.inf if predicted.p90_days is None else predicted.p90_days * usual
     near = abs(predicted.p50_days * usual - truth) <= ALPHA * truth
