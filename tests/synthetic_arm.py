@@ -100,7 +100,7 @@ class History:
     def __init__(self, settings: AssessSettings | None = None) -> None:
         self.settings = settings or AssessSettings()
         self.last: Assessment | None = None
-        self.told: list[tuple[float, str, int | None, str, str]] = []  # day, kind, joint, condition, tier
+        self.transitions: list[tuple[float, str, int | None, str, str]] = []  # day, kind, joint, condition, tier
         self.health = None
 
     def add(self, day: float, seen: Identification, context: Context = CONTEXT) -> Assessment:
@@ -110,7 +110,7 @@ class History:
         verdict = judge_identification(seen, at, belief=belief, health=self.health, settings=self.settings)
         assert isinstance(verdict, Assessment), verdict
         self.last, self.health = verdict, verdict.health
-        self.told += [(day, kind, alert.joint, alert.condition, alert.tier) for kind, alert in verdict.transitions]
+        self.transitions += [(day, kind, alert.joint, alert.condition, alert.tier) for kind, alert in verdict.transitions]
         return verdict
 
     def first(
@@ -118,7 +118,7 @@ class History:
     ) -> dict[int | None, float]:
         """Joint → first day on which an alert of one of these tiers stood."""
         days: dict[int | None, float] = {}
-        for day, kind, joint, what, tier in self.told:
+        for day, kind, joint, what, tier in self.transitions:
             if kind != "cleared" and what in condition and tier in tiers:
                 days.setdefault(joint, day)
         return days

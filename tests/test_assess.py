@@ -55,7 +55,7 @@ def test_a_quiet_year_raises_no_wear_alert(kind):
 def test_a_cold_monday_is_no_wear():
     """Every Monday is 10 K colder after an idle weekend, which is +15 % of fv without compensation: no alert in 20 weeks."""
     history = lived(140, seed=1, noise=0.01, temperature=lambda day, rng: 21.0 + rng.normal() if day % 7 == 0 else 31.0 + rng.normal())
-    assert history.told == []
+    assert history.transitions == []
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -132,8 +132,8 @@ def test_assessment_is_markov():
             replace(through.last, belief=belief),
             health_from_document(json.loads(json.dumps(through.health.as_document()))),
         )
-    assert through.told == straight.told
-    assert straight.told
+    assert through.transitions == straight.transitions
+    assert straight.transitions
     assert json.dumps(through.last.as_document()) == json.dumps(straight.last.as_document())
 
 
@@ -157,16 +157,16 @@ def test_the_published_law_is_the_one_from_which_torque_is_predicted():
     for day in range(40):
         history.add(day, source.replay(rng.uniform(8.0, 40.0)))
     last = history.last
-    assert "exponential" in {told.law for told in last.temperature}
-    for told in last.temperature:
-        points = np.array(told.viscous_by_temperature)
-        assert (points[0, 0], points[-1, 0]) == told.range_c
+    assert "exponential" in {law.law for law in last.temperature}
+    for law in last.temperature:
+        points = np.array(law.viscous_by_temperature)
+        assert (points[0, 0], points[-1, 0]) == law.range_c
         for temperature_c, fv, std in points:
-            foreseen = last.model.viscous_at(np.full(6, temperature_c))
-            fresh = np.exp(last.model.wear[told.joint - 1])
-            assert (fv * fresh, std * fresh) == pytest.approx((foreseen.value[told.joint - 1], foreseen.std[told.joint - 1]))
+            predicted = last.model.viscous_at(np.full(6, temperature_c))
+            fresh = np.exp(last.model.wear[law.joint - 1])
+            assert (fv * fresh, std * fresh) == pytest.approx((predicted.value[law.joint - 1], predicted.std[law.joint - 1]))
     unseen = replace(source.replay(20.0), viscous_nm_s_per_rad=np.full(6, np.nan), coulomb_nm=np.full(6, np.nan))
-    assert all(told.viscous_by_temperature == () for told in History().add(0, unseen).temperature)
+    assert all(law.viscous_by_temperature == () for law in History().add(0, unseen).temperature)
 
 
 def test_an_alert_document_states_whether_it_is_active():

@@ -175,8 +175,8 @@ def test_check_listen_and_record_use_the_driver_too():
     assert listener.reachable
     listener.stop()
 
-    heard = ScriptedDriver(ScriptedSession([row(1), row(3)], [DONE]))
-    recording = record(SETTINGS.host, rate_hz=125.0, context=Context(), seconds=0.016, driver=heard)
+    scripted = ScriptedDriver(ScriptedSession([row(1), row(3)], [DONE]))
+    recording = record(SETTINGS.host, rate_hz=125.0, context=Context(), seconds=0.016, driver=scripted)
     assert recording.quality["missed_ticks"] == 1
     assert math.isclose(recording.duration_s, 0.016)
-    assert heard.session.ended
+    assert scripted.session.ended

@@ -167,13 +167,13 @@ def test_a_listener_receives_states_during_a_replay_and_survives_a_restart_of_th
     """About ten states a second come, and show the motion. The connection is lost and found again with the controller."""
     simulated = Simulated("127.0.2.22")
     listener = Listener(ListenSettings(host=simulated.host, first_pause_s=0.2))
-    heard = []
+    states = []
     try:
         listener.start()
-        replay(short(), UR5, simulated.settings(), on_progress=lambda _: heard.extend(listener.poll()))
-        rate_hz = (len(heard) - 1) / (heard[-1].t_s - heard[0].t_s)
+        replay(short(), UR5, simulated.settings(), on_progress=lambda _: states.extend(listener.poll()))
+        rate_hz = (len(states) - 1) / (states[-1].t_s - states[0].t_s)
         assert 8.0 < rate_hz < 12.0  # every 12th tick of 125 Hz is 10.4 Hz
-        assert max(np.max(np.abs(state.qd)) for state in heard) > 0.2
+        assert max(np.max(np.abs(state.qd)) for state in states) > 0.2
         assert listener.reachable
         simulated.close()
         until = time.monotonic() + 8.0

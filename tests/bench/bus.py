@@ -95,18 +95,18 @@ def alternate(question: Question, rounds: int) -> tuple[np.ndarray, np.ndarray]:
         return np.array(times[0]), np.array(times[1])
 
 
-def keep_asking(endpoints: tuple[str, ...], question: Question, seconds: float, told: Connection) -> None:
+def keep_asking(endpoints: tuple[str, ...], question: Question, seconds: float, connection: Connection) -> None:
     """A client process: asks each endpoint so long, whenever it is told to; says how often."""
     sessions = [connected(endpoint) for endpoint in endpoints]
     for session in sessions:
         one(session, question)
-    told.send("up")
-    while (which := told.recv()) is not None:
+    connection.send("up")
+    while (which := connection.recv()) is not None:
         end, count = time.monotonic() + seconds, 0
         while time.monotonic() < end:
             one(sessions[which], question)
             count += 1
-        told.send(count / seconds)
+        connection.send(count / seconds)
     for session in sessions:
         session.close()
 

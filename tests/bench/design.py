@@ -46,9 +46,9 @@ def main() -> None:
     print(f"UR5, {arguments.seconds:g} s of processor time each, seed {arguments.seed}")
     for name, (objective, optimiser, mounting) in cases.items():
         excitation, evaluations = searched(objective, optimiser, mounting, arguments.seed, arguments.seconds)
-        told = problem_of(Task(robot=robot, mounting=Mounting.parse(mounting))).information
-        merits = told.merits(excitation)
-        condition[name], viscous[name] = merits.condition, told.friction_std(excitation)[1]
+        information = problem_of(Task(robot=robot, mounting=Mounting.parse(mounting))).information
+        merits = information.merits(excitation)
+        condition[name], viscous[name] = merits.condition, information.friction_std(excitation)[1]
         print(
             f"{name:28} {evaluations:6} evaluations  condition {merits.condition:6.1f}  log det friction {merits.friction:7.2f}", flush=True
         )

@@ -163,10 +163,10 @@ def idle(folder: Path, listen_hz: float, *, old: bool = False) -> None:
             return
         time.sleep(8.0)
         share, memory = share_and_memory(daemon, LISTEN_S)
-        said = json.loads((loaded.state_directory / "monitor.json").read_text())
-        about, told = said["process"], f"{share:.1f} % of a core, {memory:.0f} MiB, its {len(family(daemon.pid)) - 1} child included"
-        print(f"{f'daemon that listens at {listen_hz:g} Hz, live torque at 10 Hz':<64} {told}")
-        print(f"{'  as it says itself':<64} heard {said['arm']['heard']}, {about['threads']} threads, {said['bus']}")
+        document = json.loads((loaded.state_directory / "monitor.json").read_text())
+        about, figures = document["process"], f"{share:.1f} % of a core, {memory:.0f} MiB, its {len(family(daemon.pid)) - 1} child included"
+        print(f"{f'daemon that listens at {listen_hz:g} Hz, live torque at 10 Hz':<64} {figures}")
+        print(f"{'  as it says itself':<64} heard {document['arm']['heard']}, {about['threads']} threads, {document['bus']}")
     finally:
         for process in (daemon, simulator):
             if process is not None:

@@ -1,4 +1,4 @@
-"""The reference configuration documents what the rooms own, and a mistake is named with its key."""
+"""The reference configuration documents every setting, and a mistake is named with its key."""
 
 import dataclasses
 import json
@@ -20,7 +20,7 @@ LEAST = {"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}}
 
 
 def test_the_reference_configuration_holds_the_defaults():
-    """A file that leaves everything out means the same as the reference: its figures are the code's."""
+    """An empty file gives the same settings as the reference: its figures are those of the code."""
     reference, least = load(REFERENCE), from_document(LEAST, REFERENCE)
     for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page", "assess"):
         assert getattr(reference, name) == getattr(least, name), name
@@ -28,7 +28,7 @@ def test_the_reference_configuration_holds_the_defaults():
 
 
 def test_every_key_of_the_code_is_in_the_reference_with_its_reason():
-    """Nothing configurable is undocumented; nothing documented is unknown (the file would be refused)."""
+    """Every setting is documented. Every documented key is known, or the file would be refused."""
     text = REFERENCE.read_text("utf-8")
     document = tomllib.loads(text)
     keys = set()
@@ -41,7 +41,7 @@ def test_every_key_of_the_code_is_in_the_reference_with_its_reason():
                 collect(hint, table[field.name], f"{place}.{field.name}")
                 continue
             if (place, field.name) in {("replay", "host"), ("robot", "serial")}:
-                continue  # host belongs to [robot]; a serial has no default to show
+                continue  # host belongs to [robot]; a serial number has no default
             assert field.name in table, f"{place}.{field.name} is not in the reference"
             keys.add(field.name)
 
@@ -65,8 +65,8 @@ def refusal(**sections: object) -> str:
 
 
 def test_every_mistake_is_named_at_once_with_the_nearest_valid_key():
-    """An operator who corrects one key should not meet the next mistake only then."""
-    said = refusal(
+    """The operator sees all mistakes at once, and not one after each correction."""
+    message = refusal(
         robot={**LEAST["robot"], "mountng": "wall", "site": "Ground Floor"},
         replay={"allow_moton": True, "gain": 5.0},
         identify={"signals": {"cutof_hz": 3.0}},
@@ -82,17 +82,17 @@ def test_every_mistake_is_named_at_once_with_the_nearest_valid_key():
         "schedule.cron",
         "bus.live_rate_hz",
     ):
-        assert part in said, part
+        assert part in message, part
 
 
 @pytest.mark.parametrize("word", ["yes", "true", 1, "on"])
 def test_only_the_boolean_true_lets_an_arm_move(word: object):
-    """A string or a number that looks like yes is a mistake, not a permission."""
+    """A string or a number that looks like yes is a mistake and no permission."""
     assert "allow_motion" in refusal(replay={"allow_motion": word})
 
 
 def test_an_excitation_for_another_robot_or_no_file_is_refused(tmp_path: Path):
-    """The trajectory must be made for the arm; an unknown name is answered with the shipped ones."""
+    """The trajectory must be made for the arm. The message about an unknown name lists the shipped ones."""
     assert "made for a ur3" in refusal(replay={"excitation": "ur3-ground"})
     assert "shipped are" in refusal(replay={"excitation": "ur5-moon"})
     (tmp_path / "broken.json").write_text("{")
@@ -101,7 +101,7 @@ def test_an_excitation_for_another_robot_or_no_file_is_refused(tmp_path: Path):
 
 
 def test_a_missing_file_and_invalid_toml_give_a_message(tmp_path: Path):
-    """Neither is a traceback."""
+    """Both give a message and no traceback."""
     with pytest.raises(BadConfiguration, match="cannot be read"):
         load(tmp_path / "absent.toml")
     (tmp_path / "bad.toml").write_text("[robot\n")
@@ -111,7 +111,7 @@ def test_a_missing_file_and_invalid_toml_give_a_message(tmp_path: Path):
 
 @pytest.mark.parametrize("path", sorted((ROOT / "config" / "excitation").glob("*.json")), ids=lambda path: path.stem)
 def test_every_shipped_excitation_starts_and_ends_at_rest_within_the_robots_limits(path: Path):
-    """What is shipped can be replayed: the same check that guards a replay passes."""
+    """Every shipped trajectory can be replayed: it passes the check that guards a replay."""
     from monitor.acquire.safety.limits import within_limits
     from monitor.model.fourier import excitation_from_document
     from monitor.model.robot import load_robot
@@ -148,17 +148,17 @@ ROOMS = {"robot": schema.RobotSettings, "schedule": schema.section_classes()["sc
 
 @pytest.mark.parametrize(("room", "key"), [(room, key) for room, cls in ROOMS.items() for key, *_ in bounded(cls)])
 def test_a_figure_beyond_its_bounds_is_refused_by_name(room, key):
-    """Below the least and above the most; the defaults lie within, or the reference would not load."""
+    """Values below the least and above the most are refused. The defaults lie within, or the reference would not load."""
     _, kind, least, most = next(row for row in bounded(ROOMS[room]) if row[0] == key)
     for value in (kind(least) - 1, kind(most) + 1):
         section = nested(key, value)
-        said = refusal(**{room: {**LEAST.get(room, {}), **section}})
-        assert f"{room}.{key} = {value!r}: input should be" in said
+        message = refusal(**{room: {**LEAST.get(room, {}), **section}})
+        assert f"{room}.{key} = {value!r}: input should be" in message
 
 
 @pytest.mark.parametrize("text", ['{"a": ' * 100_000, "nonsense", "[]", '{"kind": "joint-monitor.excitation.v1"}'])
 def test_a_file_that_is_no_excitation_is_refused_with_its_name(tmp_path, text):
-    """Deep, broken, another thing, empty: a sentence, no traceback."""
+    """Deeply nested, broken, other and empty files give a message and no traceback."""
     (tmp_path / "mine.json").write_text(text)
     with pytest.raises(BadInput, match=r"excitation|mine\.json"):
         find_excitation("mine.json", tmp_path)
@@ -166,7 +166,7 @@ def test_a_file_that_is_no_excitation_is_refused_with_its_name(tmp_path, text):
 
 @pytest.mark.parametrize("change", [{"repetitions": float("inf")}, {"period_s": 1e9}, {"repetitions": 10**9}])
 def test_an_excitation_without_end_is_refused(tmp_path, change):
-    """Endless, a century long, a thousand million times."""
+    """It is endless, lasts a century, or has a thousand million repetitions."""
     document = find_excitation("ur5-ground", Path()).as_document() | change
     (tmp_path / "mine.json").write_text(json.dumps(document))
     with pytest.raises(BadInput, match="excitation: "):
@@ -174,7 +174,7 @@ def test_an_excitation_without_end_is_refused(tmp_path, change):
 
 
 def test_an_impossible_directory_is_refused():
-    """NUL, or nothing at all."""
+    """The name contains NUL, or is empty."""
     for directory in ("a\0b", "  "):
         assert "store.directory" in refusal(store={"directory": directory})
 
@@ -189,7 +189,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_every_mistake_is_reported_with_its_file_and_line(tmp_path: Path):
-    """All of them at once: a key, a section, a figure that the room refuses, a key of a nested table, one that is missing has no line."""
+    """All are reported at once: key, section, value out of range, and key of a nested table. A missing key has no line."""
     path = written(
         tmp_path, '[replay]\nallow_moton = true\ngain = 5.0\n[helth]\n[identify.signals]\n  cutof_hz = 3.0\n[schedule]\ncron = "noon"\n'
     )
@@ -198,7 +198,7 @@ def test_every_mistake_is_reported_with_its_file_and_line(tmp_path: Path):
         load(path, {})
     lines = str(refused.value).splitlines()
     assert lines[0].endswith("6 mistakes")
-    told = "\n".join(lines[1:])
+    message = "\n".join(lines[1:])
     for part in (
         f"{path}:5: replay.allow_moton: unknown key (did you mean allow_motion?)",
         f"{path}:6: replay.gain = 5.0; expected",
@@ -207,11 +207,11 @@ def test_every_mistake_is_reported_with_its_file_and_line(tmp_path: Path):
         f"{path}:11: schedule.cron = 'noon'",
         "robot.site: missing",
     ):
-        assert part in told, (part, told)
+        assert part in message, (part, message)
 
 
 def test_mistakes_in_values_are_reported_all_at_once_with_line_and_toml_type(tmp_path: Path):
-    """Several figures of one room, several texts of one list; a key of the wrong kind is not missing besides."""
+    """Several values of one section and several texts of one list are reported. A key of the wrong type is not also missing."""
     path = written(
         tmp_path,
         '[replay]\ngain = 5.0\npermit = "perhaps"\nwindows_utc = "22:00-05:00"\n'
@@ -232,7 +232,7 @@ def test_mistakes_in_values_are_reported_all_at_once_with_line_and_toml_type(tmp
 
 
 def test_a_file_of_another_editor_is_read_or_refused_with_the_line(tmp_path: Path):
-    """A mark before the first letter and CRLF are nothing; another coding and endless nesting are sentences."""
+    """A byte order mark and CRLF are accepted. Another encoding and endless nesting give a message."""
     path = written(tmp_path, 'tool = "gripper"\n')
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
     assert load(path, {}).robot.tool == "gripper"
@@ -245,7 +245,7 @@ def test_a_file_of_another_editor_is_read_or_refused_with_the_line(tmp_path: Pat
 
 
 def test_text_from_the_environment_stays_text_and_mistakes_there_are_attributed_to_it(tmp_path: Path):
-    """A serial number is all digits; quotes are taken off where there are some."""
+    """A serial number consists of digits and stays text. Quotes around it are removed."""
     path = written(tmp_path, "")
     environment = {"JOINT_MONITOR__ROBOT__SERIAL": "20185500001", "JOINT_MONITOR__ROBOT__TOOL": '"true"'}
     loaded = load(path, environment)
@@ -257,7 +257,7 @@ def test_text_from_the_environment_stays_text_and_mistakes_there_are_attributed_
 
 
 def test_an_environment_variable_replaces_a_key_and_is_named_in_its_mistakes(tmp_path: Path):
-    """As in TOML; what is no TOML is text. Told at the start, so that nobody looks for it in the file."""
+    """Values are read as TOML, or else as text. The message begins with the variable, so nobody searches the file."""
     path = written(tmp_path, '[schedule]\ncron = "0 3 * * *"\n')
     environment = {
         "JOINT_MONITOR__SCHEDULE__CRON": "30 4 * * *",
@@ -273,14 +273,14 @@ def test_an_environment_variable_replaces_a_key_and_is_named_in_its_mistakes(tmp
     assert load(path, {}).overrides == ()
     with pytest.raises(BadConfiguration) as refused:
         load(path, {"JOINT_MONITOR__SCHEDULE__GRACE_S": "soon", "JOINT_MONITOR__CRON": "x", "JOINT_MONITOR__SCHEDULE__CORN": "1"})
-    told = str(refused.value)
-    assert "environment JOINT_MONITOR__SCHEDULE__GRACE_S: schedule.grace_s" in told
-    assert "environment JOINT_MONITOR__CRON: expected JOINT_MONITOR__SECTION__KEY" in told
-    assert "environment JOINT_MONITOR__SCHEDULE__CORN: schedule.corn: unknown key (did you mean cron?)" in told
+    message = str(refused.value)
+    assert "environment JOINT_MONITOR__SCHEDULE__GRACE_S: schedule.grace_s" in message
+    assert "environment JOINT_MONITOR__CRON: expected JOINT_MONITOR__SECTION__KEY" in message
+    assert "environment JOINT_MONITOR__SCHEDULE__CORN: schedule.corn: unknown key (did you mean cron?)" in message
 
 
 def test_only_the_boolean_true_lets_an_arm_move_from_the_environment_too(tmp_path: Path):
-    """`yes` and `1` are mistakes there as in the file."""
+    """`yes` and `1` are mistakes in the environment as in the file."""
     path = written(tmp_path, "")
     assert load(path, {"JOINT_MONITOR__REPLAY__ALLOW_MOTION": "true"}).replay.allow_motion is True
     for word in ("yes", "1", "True"):
@@ -289,7 +289,7 @@ def test_only_the_boolean_true_lets_an_arm_move_from_the_environment_too(tmp_pat
 
 
 def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_shown(tmp_path: Path):
-    """Read from $CREDENTIALS_DIRECTORY; a wrong value is refused without being shown; one that is not there is named."""
+    """It is read from $CREDENTIALS_DIRECTORY. A wrong value is refused without being shown, and a missing one is named."""
     (tmp_path / "secrets").mkdir()
     (tmp_path / "secrets" / "who").write_text("hunter-2\n")
     path = written(tmp_path, "")
@@ -300,8 +300,8 @@ def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_shown
     with pytest.raises(BadConfiguration, match="the credential who") as refused:
         load(path, environment)
     assert "Hunter" not in str(refused.value)
-    for environment, said in (({}, "CREDENTIALS_DIRECTORY is not set"), ({"CREDENTIALS_DIRECTORY": str(tmp_path)}, "cannot be read")):
-        with pytest.raises(BadConfiguration, match=said):
+    for environment, message in (({}, "CREDENTIALS_DIRECTORY is not set"), ({"CREDENTIALS_DIRECTORY": str(tmp_path)}, "cannot be read")):
+        with pytest.raises(BadConfiguration, match=message):
             load(path, environment)
     path.write_text(path.read_text().replace("credential:who", "credential:../../etc/passwd"))
     with pytest.raises(BadConfiguration, match="the name of a file"):
@@ -309,7 +309,7 @@ def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_shown
 
 
 def test_a_reload_applies_what_can_change_and_names_what_needs_a_restart(tmp_path: Path):
-    """Thresholds, schedule, guards, payload, residuals at once; sockets, files, identity and the speed that a belief refers to, later."""
+    """Thresholds, schedule, guards, payload and residuals change at once; sockets, files, identity and reference speed at a restart."""
     from monitor.config.reload import reloaded
 
     old = load(written(tmp_path, ""), {})

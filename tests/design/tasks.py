@@ -16,7 +16,7 @@ def task(robot: str = "ur5", mounting: str = "ground", **changes: object) -> Tas
 
 @lru_cache
 def problem(robot: str = "ur5", mounting: str = "ground", objective: str = "friction") -> Problem:
-    """Made once: it does not change."""
+    """The regressor's base parameters, computed once."""
     return problem_of(task(robot, mounting, objective=objective))
 
 

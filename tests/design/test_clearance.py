@@ -64,10 +64,10 @@ def distance(one, other):
 
 @given(p1=points, q1=points, p2=points, q2=points)
 def test_the_distance_of_two_segments_equals_that_of_coal(p1, q1, p2, q2):
-    """Thin capsules, apart: the library for collision checking is the judge."""
+    """Thin capsules apart from each other: coal, the library for collision checking, gives the reference."""
     ours = float(between_segments(p1, q1, p2, q2))
     theirs = distance(placed_capsule(p1, q1, 1e-4), placed_capsule(p2, q2, 1e-4)) + 2e-4
-    if ours > 1e-3:  # nearer, coal speaks of penetration depths
+    if ours > 1e-3:  # at smaller distances coal returns penetration depths
         assert ours == pytest.approx(theirs, abs=GJK_M)
     else:
         assert theirs < 1e-3 + GJK_M
@@ -88,7 +88,7 @@ def test_the_distance_of_parallel_segments_equals_that_of_brute_force(p, way, s,
 
 @given(p=points, q=points, half=st.lists(st.floats(0.05, 0.8), min_size=3, max_size=3).map(np.array))
 def test_the_distance_of_a_segment_to_a_box_equals_that_of_coal_and_is_never_more(p, q, half):
-    """Outside it agrees; inside both say so."""
+    """Outside, both agree. Inside, both report an overlap."""
     ours = float(segment_to_box(p, q, half))
     theirs = distance(placed_box(half), placed_capsule(p, q, 1e-4)) + 1e-4
     if ours > 1e-3:
@@ -114,7 +114,7 @@ def test_a_capsule_around_a_cylinder_holds_its_edges(start, end, radius, along, 
 
 @pytest.mark.parametrize("name", sorted(SIZES))
 def test_the_frames_equal_those_of_pinocchio(name):
-    """Ceiling and wall too: attitude and place of every DH frame."""
+    """Orientation and position of every DH frame are equal, on ceiling and wall too."""
     import pinocchio as pin
 
     robot = load_robot(name)
@@ -149,7 +149,7 @@ def test_the_capsules_reach_as_far_as_the_published_meshes(name):
 
 @pytest.mark.parametrize("name", sorted(SIZES))
 def test_an_upright_arm_is_clear_of_itself_and_of_its_table(name):
-    """No pair that can never part is checked, or nothing could ever be designed."""
+    """Pairs that always touch are not checked, because otherwise no trajectory could be designed."""
     cell = plain_cell(GROUND)
     assert surroundings(load_robot(name), GROUND, cell).line(UPRIGHT, UPRIGHT).keeps(cell)
 

@@ -33,7 +33,7 @@ def called(*arguments: str) -> Result:
 
 
 def test_the_same_command_gives_the_same_bytes_and_a_picture(tmp_path: Path):
-    """Two processes, one seed; the report names the clearances; the picture is a picture."""
+    """Two processes with one seed give equal files. The report names the clearances, and the picture is a valid image."""
     common = ("--robot", "ur3", "--mounting", "wall", "--evaluations", 60, "--seed", 5)
     result = ran(*common, "-o", tmp_path / "a.json", "--plot", tmp_path / "a.png")
     answer = json.loads(ran(*common, "-o", tmp_path / "b.json", "--json").stdout)
@@ -47,7 +47,7 @@ def test_the_same_command_gives_the_same_bytes_and_a_picture(tmp_path: Path):
 
 
 def test_a_random_trajectory_for_validation_is_another_for_another_seed(tmp_path: Path):
-    """Pseudo-random, proved, reproducible."""
+    """It is pseudo-random, proved and reproducible."""
     for name, seed, *more in (("a", 1, "--plot", str(tmp_path / "a.html")), ("b", 1), ("c", 2)):
         called("--robot", "ur5", "--random", str(seed), "-o", str(tmp_path / f"{name}.json"), *more)
     one, same, other = ((tmp_path / f"{name}.json").read_bytes() for name in "abc")
@@ -97,7 +97,7 @@ def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path):
     ],
 )
 def test_a_mistake_gives_a_message_and_exit_code_2(tmp_path: Path, arguments, words):
-    """No file is written, no traceback shown."""
+    """No file is written, and no traceback is printed."""
     result = CliRunner().invoke(app, ["design", *arguments, "-o", str(tmp_path / "a.json")])
     assert isinstance(result.exception, BadInput)
     assert result.exception.exit_code == 2

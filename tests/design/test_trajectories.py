@@ -1,4 +1,4 @@
-"""Accepted trajectories hit nothing, their proof is right, and one seed gives one file. The soak marker repeats it on a thousand."""
+"""Accepted trajectories are free of collisions, their proof is right, and one seed gives one file. `soak` repeats it on a thousand."""
 
 import itertools
 import json
@@ -81,7 +81,7 @@ def test_a_thousand_random_accepted_trajectories_collide_nowhere(block, capsys):
 
 
 def test_the_independent_check_finds_a_collision():
-    """A check that never fails proves nothing: the elbow folded, the arm through the table, a box in the way."""
+    """The check must be able to fail: the elbow is folded, the arm goes through the table, or a box is in the way."""
     ground = judge(load_robot("ur5"), Mounting(), Cell())
     assert ground.collides(pose(0, -1.57, 2.9, 0, 0, 0)[None])
     assert ground.collides(pose(0, 0.4, 0, 0, 0, 0)[None])
@@ -167,7 +167,7 @@ def test_a_start_and_a_cell_with_a_tool_are_kept():
 
 
 def test_a_cell_that_contains_the_arm_is_refused_with_the_thing_that_touches():
-    """Name, parts and how deep."""
+    """The message has the name, the parts and the depth."""
     cell = Cell(boxes=(Box(name="crate", centre_m=(0.0, 0.0, 0.5), size_m=(2.0, 2.0, 2.0)),))
     with pytest.raises(Infeasible, match=r"and crate come to be .* mm inside each other, .* mm short of the margin_m of 30 mm"):
         design(task(cell=cell), software="test", evaluations=10)

@@ -1,4 +1,4 @@
-"""The pages of the documentation, and what they show a reader to type."""
+"""The pages of the documentation, and the commands that they show."""
 
 import re
 import shlex
@@ -20,7 +20,7 @@ class Shown(NamedTuple):
 
     @property
     def words(self) -> list[str]:
-        """As a shell splits it."""
+        """The words of the command, split as in a shell."""
         return shlex.split(self.line, comments=True)
 
 
@@ -31,7 +31,7 @@ def section(page: str, title: str) -> str:
 
 
 def first_cells(text: str) -> list[str]:
-    """What stands as code in the first column of its tables."""
+    """The code in the first column of the section's tables."""
     return [cell for row in re.findall(r"^\| (.*?) \|", text, re.MULTILINE) for cell in re.findall(r"`([^`]+)`", row)]
 
 
@@ -47,7 +47,7 @@ def shown() -> list[Shown]:
 
 
 def typed() -> list[tuple[str, str]]:
-    """Page and arguments of every `joint-monitor …`, in blocks and between words."""
+    """Page and arguments of every `joint-monitor …`, in blocks and in sentences."""
     pattern = re.compile(r"(?:\$ |# |`|^(?=\S+ \S+ -))joint-monitor ((?:[a-z]+)(?: [^\n`]*?(?:\\\n[^\n`]*)*)?)(?=[\n`])", re.MULTILINE)
     return [
         (page, match[1].replace("\\\n", " ")) for page, text in PAGES.items() if page not in GENERATED for match in pattern.finditer(text)

@@ -1,4 +1,4 @@
-"""README and docs/ against the code: what they tell people to type exists, and what exists is told."""
+"""README and docs/ against the code: every command on a page exists, and everything that exists is documented."""
 
 import ast
 import importlib
@@ -29,7 +29,7 @@ def options(command):
 
 @pytest.mark.parametrize(("page", "line"), sorted(set(TYPED)))
 def test_every_command_line_of_a_page_exists(page, line):
-    """The command, and each of its options."""
+    """The command and each of its options exist."""
     command = line.split()[0]
     assert command in COMMANDS
     asked = set(re.findall(r"(?<!\S)\[?(--?[a-z][a-z-]*)", line))
@@ -37,16 +37,16 @@ def test_every_command_line_of_a_page_exists(page, line):
 
 
 def test_every_command_is_shown_on_a_page():
-    """Nothing that exists is left untold; the generated page alone is no explanation."""
-    assert set(COMMANDS) - {line.split()[0] for _, line in TYPED} <= {"demo"}  # `make demo` tells it
+    """Every command is on a page besides the generated one, which alone is no explanation."""
+    assert set(COMMANDS) - {line.split()[0] for _, line in TYPED} <= {"demo"}  # `make demo` runs it
 
 
 def test_every_make_target_of_a_page_exists():
-    """And every target that people call is on the page for contributors, or for operators."""
+    """Every target for people is on the page for contributors or on that for operators."""
     targets = set(re.findall(r"^([a-z]+):.*##", MAKEFILE, re.MULTILINE))
-    told = {name for text in PAGES.values() for name in re.findall(r"(?:`|\$ |# )make ([a-z]+)", text)}
-    assert told <= targets
-    assert targets - told <= {"clean", "help"}
+    documented = {name for text in PAGES.values() for name in re.findall(r"(?:`|\$ |# )make ([a-z]+)", text)}
+    assert documented <= targets
+    assert targets - documented <= {"clean", "help"}
 
 
 def test_every_option_named_in_the_table_of_identify_exists():
@@ -57,7 +57,7 @@ def test_every_option_named_in_the_table_of_identify_exists():
 
 
 def test_every_objective_in_the_table_exists():
-    """And every one is in the table."""
+    """Every choice of the command is in the table."""
     from monitor.design.objective import OBJECTIVES
 
     assert {cell for cell in first_cells(section("docs/trajectories.md", "Objective")) if cell[0] != "-"} == set(OBJECTIVES)
@@ -72,40 +72,40 @@ def spoken_keys():
 
 
 def test_every_key_that_the_daemon_publishes_or_answers_is_in_the_table():
-    """What is said, what is answered, what is asked, liveliness."""
+    """The keys of publications, of answers, of the daemon's own queries, and of liveliness."""
     keys = spoken_keys()
     assert len(keys) >= 14
     assert {"health", "monitor", "torque/live", "torque", "cmd/ack", "joint/*/friction", "alive/robot"} <= keys
-    told = {re.sub(r"<[^>]+>", "*", cell) for cell in first_cells(section("docs/bus.md", "Keys"))}
-    told |= {key.replace("/j*/", "/*/").replace("/arm/", "/*/") for key in told}
-    assert keys <= told
+    documented = {re.sub(r"<[^>]+>", "*", cell) for cell in first_cells(section("docs/bus.md", "Keys"))}
+    documented |= {key.replace("/j*/", "/*/").replace("/arm/", "/*/") for key in documented}
+    assert keys <= documented
 
 
 def test_every_kind_of_document_has_a_schema_that_can_be_printed():
-    """What the page of the bus promises of `joint-monitor schema`."""
+    """`joint-monitor schema` prints what the bus page promises."""
     assert "$ joint-monitor schema\n" in PAGES["docs/bus.md"]
     assert {"health", "friction", "alert", "torque", "history"} <= set(KINDS)
 
 
 def test_every_alert_condition_and_tier_is_in_the_table_with_what_it_asks():
-    """Each condition that may be raised, with each of its tiers, in the order of the records, and no other."""
+    """The table has each condition with each of its tiers, in the order of the records, and no other."""
     rows = re.findall(r"^\| `(\w+)` \| (\w+) \|", section("docs/alerts.md", "Conditions"), re.MULTILINE)
     assert rows == [(name, tier) for name, condition in CONDITIONS.items() for tier in condition.tiers]
 
 
 def test_every_cause_that_ends_a_replay_and_every_problem_is_in_its_table():
-    """By the words that the program says: each stands in the source, and those that need nobody are the harmless ones."""
+    """The table has the names of the source, and the causes that need no person are the harmless ones."""
     from monitor.errors import ReplayAborted
 
     source = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
     rows = re.findall(r"^\| (`.*?) \| (.*?) \|$", section("docs/real-robot-safety.md", "What is supervised during a motion"), re.MULTILINE)
-    told = {name: "next window" in then for cells, then in rows for name in re.findall(r"`(\w+)`", cells)}
-    assert len(told) > 20
-    assert {name for name, harmless in told.items() if harmless} >= ReplayAborted.HARMLESS & set(told)
-    assert not {name for name, harmless in told.items() if not harmless} & set(ReplayAborted.HARMLESS)
-    assert set(ReplayAborted.HARMLESS) <= set(told)
+    documented = {name: "next window" in then for cells, then in rows for name in re.findall(r"`(\w+)`", cells)}
+    assert len(documented) > 20
+    assert {name for name, harmless in documented.items() if harmless} >= ReplayAborted.HARMLESS & set(documented)
+    assert not {name for name, harmless in documented.items() if not harmless} & set(ReplayAborted.HARMLESS)
+    assert set(ReplayAborted.HARMLESS) <= set(documented)
     problems = set(first_cells(section("docs/operations.md", "When something is wrong"))) - {"least_free_mb", "[bus] connect"}
-    for name in (*told, *(name for name in problems if re.fullmatch(r"\w+", name))):
+    for name in (*documented, *(name for name in problems if re.fullmatch(r"\w+", name))):
         assert re.search(rf"""["']{name}["']""", source), name
 
 
@@ -132,7 +132,7 @@ def test_the_table_of_scenarios_names_every_scenario():
 
 
 def test_the_configuration_of_the_first_steps_is_valid(tmp_path):
-    """As it stands, with the shipped example of a cell and a shipped trajectory beside it: nothing is refused, and nothing may move."""
+    """It is accepted unchanged, with the shipped cell and trajectory beside it, and it allows no motion."""
     (text,) = re.findall(r"```toml\n(.*?)```", PAGES["docs/real-robot-safety.md"], re.DOTALL)
     (tmp_path / "cell-1.toml").write_text(text)
     shutil.copy(ROOT / "config" / "cell" / "example.toml", tmp_path / "cell.toml")
@@ -143,7 +143,7 @@ def test_the_configuration_of_the_first_steps_is_valid(tmp_path):
 
 
 def test_every_section_and_key_of_the_configuration_is_on_its_page():
-    """By name, with a word of what it is for; what a page calls `section.key` exists."""
+    """Each is named with its purpose, and every `section.key` of a page exists."""
     reference = (ROOT / "config" / "monitor.toml").read_text("utf-8")
     document = tomllib.loads(reference)
     for name in document:
@@ -167,7 +167,7 @@ def slug(title):
 
 
 def test_every_link_between_pages_leads_somewhere():
-    """To a page, to a heading of it, to a file of the repository."""
+    """The target is a page, a heading of a page, or a file of the repository."""
     bare = {page: re.sub(r"```.*?```", "", text, flags=re.DOTALL) for page, text in PAGES.items()}
     for page, text in bare.items():
         for link in re.findall(r"\]\(([^)\s]+)\)", text):
@@ -183,7 +183,7 @@ def test_every_link_between_pages_leads_somewhere():
 
 @pytest.mark.parametrize("name", sorted({name for text in PAGES.values() for name in re.findall(r"`(monitor(?:\.\w+)+)`", text)}))
 def test_every_python_name_of_a_page_can_be_imported(name):
-    """A module, or something in one."""
+    """Each is a module, or a name in a module."""
     module, _, attribute = name.rpartition(".")
     try:
         importlib.import_module(name)
@@ -192,7 +192,7 @@ def test_every_python_name_of_a_page_can_be_imported(name):
 
 
 def test_every_python_example_compiles_and_its_imports_of_ours_exist():
-    """What is not run elsewhere is at least Python, of today's names."""
+    """Examples that no test runs compile, and their imports exist."""
     examples = [code for text in PAGES.values() for code in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)]
     assert len(examples) >= 4
     for code in examples:
@@ -256,7 +256,7 @@ def test_the_readme_is_short_and_leads_on():
 
 
 def test_the_shown_output_of_the_demo_has_its_titles_columns_and_last_sentence():
-    """Titles, columns and the last sentence as `make demo` prints them; its figures are held where it runs."""
+    """Titles, columns and the last sentence are those of `make demo`. Its figures are compared where it runs."""
     (block,) = re.findall(r"```console\n(status page while it runs.*?)```", PAGES["README.md"], re.DOTALL)
     words = {cell.strip() for row in block.splitlines() if row.startswith("┃") for cell in row.strip("┃").split("┃")}
     words |= {row for row in block.splitlines() if re.fullmatch(r"[a-z][^\d…]+", row)}
@@ -266,7 +266,7 @@ def test_the_shown_output_of_the_demo_has_its_titles_columns_and_last_sentence()
 
 
 def test_the_picture_is_there_and_small():
-    """At most 200 kB, and shown by the README and the first page."""
+    """It has at most 200 kB, and the README and the first page show it."""
     picture = ROOT / "docs" / "page.png"
     assert f"](docs/{picture.name})" in PAGES["README.md"]
     assert f"]({picture.name})" in PAGES["docs/index.md"]

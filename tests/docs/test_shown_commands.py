@@ -34,12 +34,12 @@ NOT_RUN = {  # by the command, or by its first words
     "allow": "needs a stop that waits for a person",
     "rehearse": "takes a minute; the tests of the studies play a smaller fleet",
 }
-INSTEAD = {  # what makes a command quick, or lets the history answer for a daemon
+INSTEAD = {  # makes a command quick, or reads the history instead of a daemon
     "--evaluations 3000": "--evaluations 100",
     "predict": "predict --local",
 }
 ENDS_WITH = {"run --config bad.toml": 78}
-OF_A_DAEMON = re.compile(r"monitor \d|  up \d")  # lines of `status` that only a daemon which has run makes
+OF_A_DAEMON = re.compile(r"monitor \d|  up \d")  # lines of `status` that exist only after a daemon has run
 BAD = '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n\n[schedule]\ntimezone = "UTC"\ncron = "at noon"\nblackot = []\n'
 FIRST_UNIX_S = 1_794_965_435.0  # 2026-11-18 01:30:35 UTC
 FIGURE = re.compile(r"[+-]?\d[\d.,]*(?:e[+-]?\d+)?")
@@ -47,27 +47,27 @@ DAY = re.compile(r"\b(?:Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b")
 
 
 def shape(line: str) -> str:
-    """Figures, days and widths taken out."""
+    """The line without figures, days and widths."""
     return re.sub(r"\s+", " ", re.sub(r"[━─]+", "━", DAY.sub("Day", FIGURE.sub("#", line)))).strip()
 
 
 def run(folder: Path, words: list[str]) -> tuple[int, str]:
-    """Exit code and output of `joint-monitor …`, as a person who stands in that folder gets it."""
-    said, argv = io.StringIO(), sys.argv
+    """Exit code and output of `joint-monitor …`, called in that folder."""
+    output, argv = io.StringIO(), sys.argv
     sys.argv = ["joint-monitor", *words]
     try:
-        with chdir(folder), redirect_stdout(said), redirect_stderr(said):
+        with chdir(folder), redirect_stdout(output), redirect_stderr(output):
             main()
     except SystemExit as end:
-        return int(end.code or 0), said.getvalue()
+        return int(end.code or 0), output.getvalue()
     finally:
         sys.argv = argv
-    return 0, said.getvalue()
+    return 0, output.getvalue()
 
 
 @pytest.fixture(scope="module")
 def life(tmp_path_factory):
-    """A folder as the pages suppose it: configurations, three recordings a day apart, and a history that has taken them in."""
+    """A folder as the pages assume it: configurations, three recordings of three days, and a history that imported them."""
     folder = tmp_path_factory.mktemp("life")
     shutil.copytree(ROOT / "config", folder / "config")
     (folder / "bad.toml").write_text(BAD)
@@ -80,8 +80,8 @@ def life(tmp_path_factory):
         write_recording(folder / f"day-{day + 1}.parquet", replace(recording, context=context))
         rows.append(f"day-{day + 1}.parquet,2026-11-{18 + day}T01:30:35Z")
     (folder / "days.csv").write_text("\n".join(rows) + "\n")
-    code, said = run(folder, ["import", "--config", "config/simulated.toml", "--manifest", "days.csv"])
-    assert code == 0, said
+    code, output = run(folder, ["import", "--config", "config/simulated.toml", "--manifest", "days.csv"])
+    assert code == 0, output
     return folder
 
 
@@ -104,22 +104,22 @@ QUICK = [each for each in OURS if not any(" ".join(each.words[1:]).startswith(wo
 
 @pytest.mark.parametrize("each", QUICK, ids=lambda each: f"{Path(each.page).stem}: {each.line[14:60]}")
 def test_a_shown_command_prints_what_its_page_shows(each: Shown, life: Path, request: pytest.FixtureRequest, monkeypatch):
-    """Run as it stands, or with less to search."""
+    """The command runs unchanged, or with a smaller search."""
     real_recordings(request, life, each)
     monkeypatch.setenv("COLUMNS", "120")  # the width of the pages
     line = each.line.removeprefix("joint-monitor ")
     for shown_words, words in INSTEAD.items():
         line = line.replace(shown_words, words)
-    code, said = run(life, each._replace(line=line).words)
-    assert code == ENDS_WITH.get(line, 0), said
-    printed = iter([shape(row) for row in said.splitlines()])
+    code, output = run(life, each._replace(line=line).words)
+    assert code == ENDS_WITH.get(line, 0), output
+    printed = iter([shape(row) for row in output.splitlines()])
     for row in each.output:
         if row.strip() not in {"", "…"} and not OF_A_DAEMON.match(row):
-            assert shape(row) in printed, f"{each.page} shows {row!r}; printed is\n{said}"
+            assert shape(row) in printed, f"{each.page} shows {row!r}; printed is\n{output}"
 
 
 def test_most_of_what_the_pages_show_is_run():
-    """A command that is not run has a reason, and no reason outlives its command."""
+    """Every command that is not run has a reason, and every reason belongs to a shown command."""
     assert len(QUICK) >= 14
     lines = [" ".join(each.words[1:]) for each in OURS]
     assert all(any(line.startswith(words) for line in lines) for words in NOT_RUN)

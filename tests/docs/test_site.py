@@ -1,4 +1,4 @@
-"""The site: every page is in it, nothing is missing, and the two generated pages say what the code says."""
+"""The site: every page is in it, no link is broken, and the generated pages agree with the code."""
 
 import importlib.util
 import logging
@@ -23,32 +23,32 @@ def test_the_generated_pages_are_those_that_the_code_generates():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The folder that MkDocs built, and what it logged."""
+    """The folder that MkDocs built, and its log messages."""
     pytest.importorskip("mkdocs", reason="MkDocs is absent: it comes with the extra `dev`")
     from mkdocs.commands.build import build
     from mkdocs.config import load_config
 
-    said: list[str] = []
+    messages: list[str] = []
     handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: said.append(record.getMessage())
+    handler.emit = lambda record: messages.append(record.getMessage())
     logging.getLogger("mkdocs").addHandler(handler)
     folder = tmp_path_factory.mktemp("site")
     try:
         build(load_config(str(SITE / "mkdocs.yml"), site_dir=str(folder), strict=False))
     finally:
         logging.getLogger("mkdocs").removeHandler(handler)
-    return folder, said
+    return folder, messages
 
 
 def test_the_site_is_built_without_a_warning(site):
-    """Links, anchors, pages that no menu names."""
-    folder, said = site
-    assert said == []
+    """There is no broken link or anchor, and no page outside the menu."""
+    folder, messages = site
+    assert messages == []
     assert {path.stem for path in (ROOT / "docs").glob("*.md")} <= {path.stem for path in folder.glob("*.html")}
 
 
 def test_the_site_needs_no_other_host(site):
-    """Whoever reads it beside a robot has no internet: styles, scripts, fonts and pictures come with it."""
+    """A reader beside a robot has no internet: the site contains its styles, scripts, fonts and pictures."""
     folder, _ = site
     for page in folder.glob("*.html"):
         fetched = re.findall(r"<(?:link|script|img|iframe)[^>]+(?:href|src)=\"([^\"]+)\"", page.read_text("utf-8"))

@@ -18,7 +18,7 @@ PAGE = "docs/CONTRIBUTING.md"
     ],
 )
 def test_the_code_of_a_section_is_the_code_of_its_test(title, test):
-    """Each code block stands in the test file that the section links to, but for the indentation and the name that it is assigned to."""
+    """Each code block is in the test file that its section links to, except for the indentation and the name that it is assigned to."""
     text, source = section(PAGE, title), (ROOT / test).read_text("utf-8")
     assert f"(../{test})" in text
     lines = {line.strip() for line in source.splitlines()}

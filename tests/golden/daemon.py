@@ -76,7 +76,7 @@ class Record:
         raise TimeoutError("nothing that the daemon says arrives")
 
     def step(self, daemon: entry.Running, what: str) -> None:
-        """All that was said until now belongs to this step: the sender keeps its order."""
+        """All messages until now belong to this step, because the sender keeps their order."""
         self._marks += 1
         daemon.say(MARKER, MARKER_KIND, {"mark": self._marks})
         while True:
@@ -87,7 +87,7 @@ class Record:
                 return
 
     def ask(self, daemon: entry.Running, key: str, payload: Any = None) -> None:
-        """One question, with its answers and what it has made the daemon say."""
+        """One query with its answers, and the messages that it caused."""
         text = payload if payload is None or isinstance(payload, str) else json.dumps(payload)
         found = []
         for reply in self._session.get(f"{self._prefix}/{key}", payload=text, timeout=PATIENCE_S):
@@ -200,19 +200,19 @@ def _one_day(record: Record, daemon: entry.Running, clock: entry.Clock, days: Da
         record.ask(daemon, "cmd/shelve", {"joint": 3, "condition": "wear_rising", "by": "Ada", "hours": 48.0})
     if day in {7, 10}:
         _an_arm_at_work(record, daemon, clock, days, day)
-        days.next = day  # what was heard until now counts for this one
+        days.next = day  # observations until now belong to this replay
         daemon.perform(clock.unix_s)
     daemon.say_health()
     record.step(daemon, f"day {day}: noon")
 
 
 def _an_arm_at_work(record: Record, daemon: entry.Running, clock: entry.Clock, days: Days, day: int) -> None:
-    """Six minutes of work are heard; in the later ones joint 3 is harder to move."""
+    """Six minutes of work are observed; in the later ones joint 3 has more friction."""
     recording = days.recording(day)
     for round_ in range(36):
         for row in entry.rows(recording, 125):
             clock.unix_s += 1.0
-            daemon.heard(recording, row, [1.0, 1.0, 1.0 if round_ < 9 else 1.6, 1.0, 1.0, 1.0])
+            daemon.observe_work(recording, row, [1.0, 1.0, 1.0 if round_ < 9 else 1.6, 1.0, 1.0, 1.0])
             record.step(daemon, f"day {day}: an arm at work, round {round_}")  # each: of a stream, what is not taken is dropped
     daemon.say_health()
     record.step(daemon, f"day {day}: what work has told")
@@ -287,7 +287,7 @@ def _digest(text: str) -> str:
 
 
 def history(run: Run) -> bool:
-    """A history that was written before: opened, continued by the schedule, asked, reported, exported, recomputed, imported into."""
+    """A history of an earlier run: opened, continued by the schedule, queried, reported, exported, recomputed, imported into."""
     if not (run.history_of_today / "history").is_dir():
         bus(run)
     days, log = Days(run.world(WORLD.name)), list[str]()
@@ -296,8 +296,8 @@ def history(run: Run) -> bool:
     shutil.copytree(run.history_of_today, home)
     config = home / "arm.toml"
     _commands(run, home, "as-found")
-    said = ("--by", "Ada", "--why", "the box is gone")
-    run.command("history/allow.json", "allow", "--config", "arm.toml", *said, cwd=home, at_unix_s=WORLD.at_unix_s(FIRST) - 7200.0)
+    options = ("--by", "Ada", "--why", "the box is gone")
+    run.command("history/allow.json", "allow", "--config", "arm.toml", *options, cwd=home, at_unix_s=WORLD.at_unix_s(FIRST) - 7200.0)
     config.write_text(worlds.configuration(WORLD, entry.true_gains(_arm()), payload_kg=2.0), "utf-8")
     clock = entry.Clock(WORLD.at_unix_s(FIRST) - 3600.0)
     with alone(), entry.log_lines(log), entry.running(config, clock, days.play) as daemon, entry.listener(ENDPOINT) as session:
@@ -383,7 +383,7 @@ def _commands_on_the_bus(run: Run, home: Path, at_unix_s: float) -> None:
 
 
 def _watched(home: Path, at_unix_s: float, *options: str) -> str:
-    """What `watch` tells first, in no order that means anything: until it has been silent for a while."""
+    """The first output of `watch`, in arbitrary order, until no more comes for a while."""
     command = [sys.executable, "-m", "tests.golden.at", repr(at_unix_s), "watch", "--config", "arm.toml", *options]
     with (
         tempfile.TemporaryFile("w+") as out,

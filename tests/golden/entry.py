@@ -85,9 +85,9 @@ def true_gains(arm: Controller) -> list[float]:
 
 
 def said_of(recording: Recording, *, quality: dict[str, Any] | None = None, **context: Any) -> Recording:
-    """The recording with more said of its circumstances and of its quality."""
-    told = replace(recording.context, **context)
-    return replace(recording, context=told, quality={**recording.quality, **(quality or {})})
+    """The recording with further entries in its context and its quality."""
+    changed = replace(recording.context, **context)
+    return replace(recording, context=changed, quality={**recording.quality, **(quality or {})})
 
 
 def keep(path: Path, recording: Recording) -> None:
@@ -146,13 +146,13 @@ def judged(manifest_file: Path, config: Path) -> Iterator[dict[str, Any]]:
 
 
 def small_fleet(*, arms: int, days: int, seed: int) -> dict[str, Any]:
-    """A fleet in which one joint of each arm takes harm, judged day by day: the arrays of what was said."""
+    """A fleet in which one joint of each arm is damaged, judged day by day: the arrays of its verdicts."""
     none = np.zeros(arms)
     wear = Wear(joint=np.arange(arms) % 6.0, onset_day=none + 65.0, step=none + 0.06, per_day=none + 0.002)
     played = play_fleet(FleetSettings(arms=arms, days=days, seed=seed), AssessSettings(), wear, learning=40)
     names = ("tier_day", "falling_day", "common_day", "early", "covered", "covered_worn", "slope_error_per_k")
-    told = {name: plain(getattr(played, name)) for name in names}
-    return {**told, "wear": plain(played.state.filter_state.wear), "wear_std": plain(played.state.filter_state.wear_std)}
+    arrays = {name: plain(getattr(played, name)) for name in names}
+    return {**arrays, "wear": plain(played.state.filter_state.wear), "wear_std": plain(played.state.filter_state.wear_std)}
 
 
 # --- the daemon ----------------------------------------------------------------------------------------------------------
@@ -174,7 +174,7 @@ class Clock:
 
 
 def refused(why: str) -> Exception:
-    """What a guard says that does not let the arm move."""
+    """The exception of a guard that refuses a motion."""
     return MotionRefused(why)
 
 
@@ -212,7 +212,7 @@ class Running:
         daemon.bus.answer(Handlers(daemon.state, self.store, daemon.alerts, self.requests).by_key())
         daemon.live._requests = self.requests
 
-    def heard(self, recording: Recording, row: int, heavier: Sequence[float]) -> None:
+    def observe_work(self, recording: Recording, row: int, heavier: Sequence[float]) -> None:
         """One sample of the arm at work: that of a recording, with so many times the current."""
         signals = {name: values[row] for name, values in recording.signals.items()}
         current = signals["current"] * np.array(heavier)
@@ -235,18 +235,18 @@ class Running:
         self.workers.document.write(document)
 
     def acknowledge(self, joint: int, by: str, why: str) -> None:
-        """As somebody does on the bus, whatever the joint's alerts are."""
+        """Acknowledge on the bus, whatever the alerts of the joint are."""
         health = self.daemon.state.health
         for alert in health.active_alerts if health else ():
             if alert.joint == joint:
                 self.daemon.bus.ask("cmd/ack", {"joint": joint, "condition": alert.condition, "by": by, "why": why})
 
     def last_values(self) -> dict[str, Any]:
-        """What a late joiner is told, by key."""
+        """The last values by key, as a client that connects late gets them."""
         return self.daemon.bus.last_values()
 
     def announce(self, moves_at_unix_s: float) -> None:
-        """As before the arm moves."""
+        """Announce a motion, as before the arm moves."""
         self.daemon.publisher.replay(
             {"state": "announced", "replay": 1, "robot": "ur5", "moves_at_unix_s": moves_at_unix_s, "duration_s": 10.0}
         )

@@ -65,7 +65,7 @@ RULES = (
 
 
 def normalised(text: str, places: dict[Path, str] | None = None) -> str:
-    """The text without what means nothing; `places` are folders of this run, which are told by a name."""
+    """The text without entries that differ without meaning; `places` are folders of this run, which are replaced by a name."""
     for place, name in (places or {}).items():
         text = text.replace(str(place), name)
     for rule in RULES:

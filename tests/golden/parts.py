@@ -143,7 +143,7 @@ def _stdout(run: Run, name: str) -> str:
 
 
 def design(run: Run) -> bool:
-    """Small searches: the file and what is told of it."""
+    """Small searches: the file and the printed report."""
     for name, options in {
         "ground": ("--robot", "ur5", "--seed", "3", "--evaluations", "200", "--speed-limit", "2.2", "--flange-speed-limit", "1.5"),
         "ceiling-condition": (

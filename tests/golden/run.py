@@ -76,13 +76,13 @@ class Run:
         path.write_text(self.clean(text), "utf-8")
 
     def command(self, name: str, *arguments: str | Path, cwd: Path, at_unix_s: float, files: Sequence[Path] = ()) -> None:
-        """One command of the command line into one file: how it ended, what it said on which stream, what it wrote."""
-        told = [str(argument) for argument in arguments]
-        done = self._done({"command": told, "cwd": str(cwd), "at_unix_s": at_unix_s})
+        """One command into one file: its exit code, its output by stream, and the files that it wrote."""
+        argv = [str(argument) for argument in arguments]
+        done = self._done({"command": argv, "cwd": str(cwd), "at_unix_s": at_unix_s})
         if not isinstance(done["exit"], int):
             print(f"  {name}: {done['exit']}")
         document: dict[str, Any] = {
-            "command": [self.clean(each) for each in told],
+            "command": [self.clean(each) for each in argv],
             "exit": done["exit"],
             "stdout": self.clean(done["stdout"]).splitlines(),
             "stderr": self.clean(done["stderr"]).splitlines(),

@@ -20,7 +20,7 @@ from .worlds import DAY_S
 EXPECTED, HISTORIES = Path(__file__).with_name("expected"), Path(__file__).with_name("histories")
 DIGITS = 10  # of every figure that is kept: more than is compared
 WRITTEN, CONTINUED = 10, 13  # replays in a packed history, and after it was continued
-STEP_DAY = 6.5  # earlier, a step is still part of what the arm is like when it is new
+STEP_DAY = 6.5  # an earlier step belongs to the baseline
 SMALL = worlds.World(
     name="small",
     robot="ur5",
@@ -116,9 +116,9 @@ def _told(run: Run, home: Path) -> dict[str, Any]:
 
 def _printed(run: Run, *arguments: str | Path, cwd: Path, may_end_with: tuple[int, ...] = (0,)) -> Any:
     run.command("last.json", *arguments, cwd=cwd, at_unix_s=LATER_UNIX_S)
-    told = json.loads((run.into / "last.json").read_text("utf-8"))
-    assert told["exit"] in may_end_with, told
-    return json.loads("\n".join(told["stdout"]))
+    result = json.loads((run.into / "last.json").read_text("utf-8"))
+    assert result["exit"] in may_end_with, result
+    return json.loads("\n".join(result["stdout"]))
 
 
 def _rewritten(run: Run) -> Path:
@@ -130,7 +130,7 @@ def _rewritten(run: Run) -> Path:
 
 
 def written(run: Run, home: Path) -> None:
-    """A history as the daemon writes it: replays, a window that was missed, one that a person must look at, an alert that was seen."""
+    """A history as the daemon writes it: replays, a missed window, one that a person must check, an acknowledged alert."""
     days = daemon.Days(recorded(run))
     home.mkdir(parents=True)
     shutil.copy(days.folder / "arm.toml", home)
@@ -208,7 +208,7 @@ def rewrite() -> int:
 
 
 def rounded(document: Any) -> Any:
-    """The document with `DIGITS` digits of every figure: what a processor does to the rest says nothing."""
+    """The document with `DIGITS` digits of every figure. Further digits depend on the processor."""
     if isinstance(document, dict):
         return {key: rounded(value) for key, value in document.items()}
     if isinstance(document, list):

@@ -12,7 +12,7 @@ from . import small
 from .compare import differences
 
 # Another processor's linear algebra adds in another order: the last bits of a figure, and what becomes of them, may differ. Figures that
-# are a difference of nearly equal ones, such as the wear of a joint that is well, are nothing but such bits: they are held to an absolute
+# are a difference of nearly equal ones, such as the wear of a healthy joint, consist of such bits only: they are held to an absolute
 # figure, far below what any unit here can mean. Everything else, words and counts, is the same.
 RELATIVE, ABSOLUTE = 1e-6, 1e-9
 SHOWN = 10
@@ -28,15 +28,15 @@ def run(tmp_path_factory):
 
 
 def assert_as_expected(name: str, found: object) -> None:
-    """The first differences are told."""
+    """Compare two documents; an error shows the first differences."""
     before = small.expected(name)
     assert before is not None, f"nothing is expected of {name}: python -m tests.golden expected"
-    told = list(islice(differences(before, found, relative=RELATIVE, absolute=ABSOLUTE), SHOWN))
-    assert told == []
+    first_differences = list(islice(differences(before, found, relative=RELATIVE, absolute=ABSOLUTE), SHOWN))
+    assert first_differences == []
 
 
 def test_the_verdicts_of_two_weeks_are_unchanged(run):
-    """Thirteen stepped replays of a simulated arm whose joint 3 takes harm, through the command line."""
+    """Thirteen stepped replays of a simulated arm with damage of joint 3, through the command line."""
     assert_as_expected("assess", small.assessed(run))
 
 
@@ -63,5 +63,5 @@ def test_histories_of_earlier_versions_are_read_and_continued(run, archive):
 
 
 def test_there_is_a_history_of_an_earlier_version():
-    """Else the one above would test nothing."""
+    """Without it the test above would test nothing."""
     assert HISTORIES

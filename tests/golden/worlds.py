@@ -25,7 +25,7 @@ class World:
     replays: int
     scenario: dict[str, Any]
     declared: Callable[[int], dict[str, Any]]  # of each replay, in the manifest
-    quality: dict[int, dict[str, Any]]  # of some replays: what acquisition would have told
+    quality: dict[int, dict[str, Any]]  # of some replays: the quality that acquisition would have counted
 
     @property
     def excitation(self) -> str:
@@ -46,8 +46,8 @@ def _replaced(replay: int) -> dict[str, Any]:
     if replay >= 10:
         serials[1] = "2026-2"
     revolutions = [round(1000.0 + 37.5 * joint * replay, 1) for joint in range(1, 7)]
-    told: dict[str, Any] = {"joint_serials": " ".join(serials), "revolutions": " ".join(map(str, revolutions))}
-    return told | ({"maintenance": "joint 5 greased"} if replay >= 17 else {"maintenance": ""})
+    declared: dict[str, Any] = {"joint_serials": " ".join(serials), "revolutions": " ".join(map(str, revolutions))}
+    return declared | ({"maintenance": "joint 5 greased"} if replay >= 17 else {"maintenance": ""})
 
 
 def _nothing(_: int) -> dict[str, Any]:
@@ -177,13 +177,13 @@ listen = "127.0.0.1:0"
 
 
 def digests(paths: list[Path]) -> list[dict[str, Any]]:
-    """Of every recording: each signal's digest, all that is said of it, and the digest of its file."""
-    told = []
+    """Of every recording: the digest of each signal, its context and quality, and the digest of its file."""
+    documents = []
     for path in paths:
         document = entry.told_of(entry.recording_of(path))
         signals = {
             name: {"shape": list(values.shape), "sha256": hashlib.sha256(values.tobytes()).hexdigest()}
             for name, values in document.pop("signals").items()
         }
-        told.append({"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), **document, "signals": signals})
-    return told
+        documents.append({"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), **document, "signals": signals})
+    return documents

@@ -17,9 +17,9 @@ from monitor.model.friction import CONCAVE
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")
-DICE = np.random.default_rng(0)
-Q, QDD = DICE.uniform(-2, 2, (20, 6)), DICE.uniform(-3, 3, (20, 6))
-QD = DICE.choice([-1.0, 1.0], (20, 6)) * DICE.uniform(0.1, 1.5, (20, 6))  # at rest the sign of friction is a matter of smoothing
+RNG = np.random.default_rng(0)
+Q, QDD = RNG.uniform(-2, 2, (20, 6)), RNG.uniform(-3, 3, (20, 6))
+QD = RNG.choice([-1.0, 1.0], (20, 6)) * RNG.uniform(0.1, 1.5, (20, 6))  # at rest the sign of friction is a matter of smoothing
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +212,7 @@ def test_friction_never_drives_and_one_sample_is_predicted_as_many_are(with_resi
 def test_a_reader_of_the_document_alone_finds_the_same_friction(curved):
     """By the formula of the documentation: line, exponential and Vogel's law, wear included."""
     model = replace(curved, residual_friction=None, wear=np.linspace(0.0, 0.1, 6))
-    told, T = json.loads(json.dumps(model.as_document(), allow_nan=False)), 31.0
+    document, T = json.loads(json.dumps(model.as_document(), allow_nan=False)), 31.0
 
     def value(law, j):
         curve, t = law["curve"], T - law["reference_c"][j]
@@ -224,8 +224,8 @@ def test_a_reader_of_the_document_alone_finds_the_same_friction(curved):
 
     predicted = predict_torque(model, UR5, Q, QD, QDD, np.full(6, T)).friction
     for j in range(6):
-        fresh = value(told["coulomb"], j) * np.sign(QD[:, j]) + value(told["viscous"], j) * QD[:, j]
-        assert np.allclose(predicted[:, j], fresh * np.exp(told["wear"][j]))
+        fresh = value(document["coulomb"], j) * np.sign(QD[:, j]) + value(document["viscous"], j) * QD[:, j]
+        assert np.allclose(predicted[:, j], fresh * np.exp(document["wear"][j]))
 
 
 def test_residual_friction_keeps_its_value_beyond_the_largest_speed_of_the_fit(model, with_residual_friction):

@@ -43,7 +43,7 @@ def lived(temperatures_c) -> History:
 def test_a_registered_condition_is_raised_acknowledged_and_cleared(overheated):
     """Three hot replays raise it with its text, advice and state; acknowledged, it clears after the first replay that is not hot."""
     history = lived([75.0] * 3)
-    assert history.told == [(2, "raised", 2, "overheated", "advisory")]
+    assert history.transitions == [(2, "raised", 2, "overheated", "advisory")]
     [alert] = history.health.active_alerts
     assert alert.text == "Joint 2 is hotter than 70 °C, in 3 replays in a row."
     assert (alert.action, alert.severity) == ("Let the arm cool down.", "low")
@@ -52,7 +52,7 @@ def test_a_registered_condition_is_raised_acknowledged_and_cleared(overheated):
 
     history.health = acknowledge(history.health, 2, "overheated", by="Ada", why="seen", at_unix_s=alert.raised_at_unix_s + 60.0)
     history.add(3, Arm(seed=2).replay(30.0))
-    assert history.told[1:] == [(3, "cleared", 2, "overheated", "advisory")]
+    assert history.transitions[1:] == [(3, "cleared", 2, "overheated", "advisory")]
     assert history.health.active_alerts == ()
     assert history.health.state == "NORMAL"
 

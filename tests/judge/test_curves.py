@@ -71,18 +71,18 @@ def test_an_extrapolation_is_flagged_and_stays_positive():
     for friction in LAWS.values():
         line = learnt_of(friction, coldest=20.0, warmest=40.0)
         T = np.linspace(-20.0, 80.0, 21)[:, None] * np.ones(6)
-        told = line.at(T)
-        assert np.all(told.value > 0)
-        assert np.isfinite(told.std).all()
-        assert np.array_equal(told.extrapolated, (line.range_c[:, 0] - 3.0 > T) | (line.range_c[:, 1] + 3.0 < T))
+        prediction = line.at(T)
+        assert np.all(prediction.value > 0)
+        assert np.isfinite(prediction.std).all()
+        assert np.array_equal(prediction.extrapolated, (line.range_c[:, 0] - 3.0 > T) | (line.range_c[:, 1] + 3.0 < T))
 
 
 def test_ninety_percent_intervals_contain_the_truth():
     """Of the chosen curves inside the range, 20 seeds: 90 % nominal, and never below 80 %."""
     T = np.linspace(8.0, 42.0, 7)[:, None] * np.ones(6)
     held = [
-        np.abs(told.value - LAWS["exponential"](T)) < 1.645 * told.std
-        for told in (learnt_of(LAWS["exponential"], replays=60, seed=seed).at(T) for seed in range(20))
+        np.abs(prediction.value - LAWS["exponential"](T)) < 1.645 * prediction.std
+        for prediction in (learnt_of(LAWS["exponential"], replays=60, seed=seed).at(T) for seed in range(20))
     ]
     assert np.mean(held) > 0.8
 

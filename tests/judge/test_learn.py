@@ -42,7 +42,7 @@ def test_a_single_outlier_is_not_learnt_from_and_is_reported():
     assert wild.health.joints[1].state == "CHECK_FUNCTION"
     calm = history.add(21, Arm(seed=21).replay(30.0))
     assert calm.health.joints[1].state == "NORMAL"
-    assert not history.told
+    assert not history.transitions
 
 
 def test_three_outliers_in_a_row_on_one_side_are_a_step():
@@ -155,10 +155,10 @@ def test_without_temperatures_the_uncertainty_is_larger_and_no_wear_alert_is_rai
             assert np.all(
                 blind.belief.reference_torque_nm(DriftSettings())[1] > 1.2 * with_t.last.belief.reference_torque_nm(DriftSettings())[1]
             )
-    assert with_t.told
+    assert with_t.transitions
     assert any(warning.code == "temperature_unknown" for warning in blind.warnings)
-    # but that nothing can be told is told, once, of the arm; and asked for a joint, the reason is the right one
-    assert [(kind, joint, condition) for _, kind, joint, condition, _ in without.told] == [("raised", None, "temperature_sensor")]
+    # but one alert of the arm reports the missing temperatures, and the reason of each joint is right
+    assert [(kind, joint, condition) for _, kind, joint, condition, _ in without.transitions] == [("raised", None, "temperature_sensor")]
     assert without.health.state == "CHECK_FUNCTION"
     reasons = " ".join(why_not_alerting(without.health, blind.belief, 3, HealthSettings()))
     assert "does not tell this joint's temperature" in reasons
@@ -211,7 +211,7 @@ def test_an_outlier_as_the_first_replay_is_no_wear_later():
     for day in range(40):
         history.add(day, Arm(seed=day).replay(30.0, np.array([0, -0.4 * (day == 0), 0, 0, 0, 0])))
     assert abs(history.last.friction[1].wear) < 0.03
-    assert history.told == []
+    assert history.transitions == []
 
 
 def test_a_fast_warm_up_is_no_wear():
@@ -224,7 +224,7 @@ def test_a_fast_warm_up_is_no_wear():
         last = history.add(day, seen)
     assert any(warning.code == "warming_fast" for warning in last.warnings)
     assert np.max(np.abs(last.belief.wear)) < 0.01
-    assert history.told == []
+    assert history.transitions == []
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -233,6 +233,6 @@ def test_fast_wear_is_estimated(seed):
     history, arm, rng = History(), Arm(seed=seed, noise=0.01), np.random.default_rng(seed)
     for day in range(51):
         history.add(day, arm.replay(weather(day, rng), np.array([0, 0, 0.02 * max(0, day - 40), 0, 0, 0])))
-    told = history.last.friction[2]
-    assert told.wear == pytest.approx(0.20, abs=0.04)
-    assert abs(told.wear - 0.20) < 2.5 * told.wear_std
+    friction_3 = history.last.friction[2]
+    assert friction_3.wear == pytest.approx(0.20, abs=0.04)
+    assert abs(friction_3.wear - 0.20) < 2.5 * friction_3.wear_std

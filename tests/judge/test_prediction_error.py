@@ -59,12 +59,12 @@ def test_the_models_error_is_separated_from_the_noise_of_the_measurement(model):
     The covariance of the sine falls by a quarter in 80 ms, and the fit has the weight of 3 replays of 18. The expected error is
     √(0.75·0.16·15/18 + 0.49·3/18) = 0.43 N·m, to 15 %. The residual of a sample contains error and noise, to 3 %.
     """
-    doubt, own = None, np.full(6, 0.7)
+    statistics, own = None, np.full(6, 0.7)
     for k in range(15):
-        told = measure_prediction_error(recording(model, error_nm=0.4, noise_nm=1.2, seed=k), model, UR5, None)
-        assert told is not None
-        doubt = update(doubt, told, own)
-    error, sample = rms(doubt, own)
+        measured = measure_prediction_error(recording(model, error_nm=0.4, noise_nm=1.2, seed=k), model, UR5, None)
+        assert measured is not None
+        statistics = update(statistics, measured, own)
+    error, sample = rms(statistics, own)
     assert error == pytest.approx(np.full(6, 0.43), rel=0.15)
     assert sample == pytest.approx(np.full(6, np.hypot(0.4, 1.2)), rel=0.03)
 
@@ -81,7 +81,7 @@ def test_the_motion_of_the_servo_after_a_reversal_is_no_error_of_the_model(model
             late[n + 1 : n + 1 + len(part), joint] += part
         for which, one in enumerate((seen, replace(seen, current=seen.current + late / GAIN))):
             doubts[which] = update(doubts[which], measure_prediction_error(one, model, UR5, None), own)
-    (alone, _), (beside, sample) = (rms(doubt, own) for doubt in doubts)
+    (alone, _), (beside, sample) = (rms(statistics, own) for statistics in doubts)
     assert beside == pytest.approx(alone, rel=0.05)
     assert np.all(sample > 0.65)  # √(0.4² + 0.5²) = 0.64 without the servo, whose motion is part of a measurement
 
@@ -90,11 +90,11 @@ def test_a_recording_that_cannot_be_compared_changes_no_statistics(model):
     """It has no accelerations, or is at a temperature outside the range of the model."""
     sound = recording(model, error_nm=0.1, noise_nm=0.1, seed=1)
     assert measure_prediction_error(replace(sound, target_qdd=None), model, UR5, None) is None
-    told = measure_prediction_error(recording(model, error_nm=0.1, noise_nm=0.1, seed=1, temperature_c=80.0), model, UR5, None)
-    assert told is not None
-    assert np.all(np.isnan(told.error_nm2))
+    measured = measure_prediction_error(recording(model, error_nm=0.1, noise_nm=0.1, seed=1, temperature_c=80.0), model, UR5, None)
+    assert measured is not None
+    assert np.all(np.isnan(measured.error_nm2))
     before = PredictionErrorStatistics(*(np.full(6, x) for x in (5.0, 0.2, 1.0)))
-    assert all(np.array_equal(a, b) for a, b in zip(update(before, told, np.ones(6)), before, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(update(before, measured, np.ones(6)), before, strict=True))
 
 
 def test_an_outlier_replay_counts_for_four_times_the_present_mean_square_at_most():
@@ -132,8 +132,8 @@ def stored(folder: Path, belief: dict, health: dict, model: dict) -> None:
         ledger_id = store.ledger.claim(1.0, "scheduled", 1.0)
         store.recordings.path(ledger_id).write_bytes(b"PAR1")
         store.ledger.mark_recorded(ledger_id)
-        told = {"at_unix_s": 10.0, "recorded_at_unix_s": 5.0, "assessment": {}, "friction": [], "events": []}
-        store.assessments.commit(ledger_id, belief=belief, health=health, model=model, **told)
+        rest = {"at_unix_s": 10.0, "recorded_at_unix_s": 5.0, "assessment": {}, "friction": [], "events": []}
+        store.assessments.commit(ledger_id, belief=belief, health=health, model=model, **rest)
 
 
 def test_torque_is_the_same_to_the_last_bit_after_a_restart(lived, tmp_path):

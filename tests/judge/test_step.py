@@ -145,7 +145,7 @@ def verdict() -> str:
         worked = 4000.0 * (day - day // 7)
         history.add(day, seen, replace(CONTEXT, revolutions=(worked,) * 6, payload_kg=2.0 if day in {18, 19} else 0.0))
     last = history.last
-    return json.dumps([history.told, last.as_document(), last.belief.as_document(), last.health.as_document()])
+    return json.dumps([history.transitions, last.as_document(), last.belief.as_document(), last.health.as_document()])
 
 
 def figures() -> str:

@@ -132,12 +132,12 @@ def test_a_stuck_sensor_is_reported_and_a_winter_is_no_wear():
     for day in range(230):
         true = 31.0 - 8.0 * np.sin(2 * np.pi * day / 365.0) + 1.5 * rng.normal()
         seen = arm.replay(true)
-        told = np.full(6, true)
+        measured = np.full(6, true)
         if day >= 60:
-            told[2] = 31.0
-        history.add(day, replace(seen, temperature_c=told))
-    assert [(kind, joint, condition) for _, kind, joint, condition, _ in history.told] == [("raised", 3, "temperature_sensor")]
-    assert 60 < history.told[0][0] < 90
+            measured[2] = 31.0
+        history.add(day, replace(seen, temperature_c=measured))
+    assert [(kind, joint, condition) for _, kind, joint, condition, _ in history.transitions] == [("raised", 3, "temperature_sensor")]
+    assert 60 < history.transitions[0][0] < 90
     assert "temperature_stuck" in {warning.code for warning in history.last.warnings}
 
 
@@ -166,5 +166,5 @@ def test_an_impossible_temperature_is_not_learnt_from_and_is_reported():
     for wrong, right in zip(spoilt.last.temperature, sound.last.temperature, strict=True):
         assert wrong.range_c == pytest.approx(right.range_c, abs=2.0)
         assert wrong.slope_nm_s_per_rad_k == pytest.approx(right.slope_nm_s_per_rad_k, abs=0.02)
-    assert {(joint, condition) for _, _, joint, condition, _ in spoilt.told} == {(j, "temperature_sensor") for j in (3, 4, 5)}
+    assert {(joint, condition) for _, _, joint, condition, _ in spoilt.transitions} == {(j, "temperature_sensor") for j in (3, 4, 5)}
     assert spoilt.last.belief.as_document() == json.loads(json.dumps(spoilt.last.belief.as_document(), allow_nan=False))

@@ -38,7 +38,7 @@ def test_an_undeclared_payload_is_named_and_is_no_wear():
     """An undeclared 2.5 kg: CHECK_FUNCTION after the first such replay, an alert after the second, and no wear is learnt meanwhile."""
     history = lived(20, mass_kg=2.5)
     assert history.health.state == "CHECK_FUNCTION"
-    assert [(day, joint, condition) for day, _, joint, condition, _ in history.told] == [(21, None, "payload_contradiction")]
+    assert [(day, joint, condition) for day, _, joint, condition, _ in history.transitions] == [(21, None, "payload_contradiction")]
     [alert] = history.health.active_alerts
     assert "about 2.5 kg more" in alert.text
     assert np.all(np.abs(history.last.belief.wear) < 0.01)
@@ -48,7 +48,7 @@ def test_an_undeclared_payload_is_named_and_is_no_wear():
 def test_a_gain_that_changed_is_named_and_is_no_wear():
     """All weights are 10 % larger, which no mass at the flange explains."""
     history = lived(20, gain=1.1)
-    assert {condition for _, _, _, condition, _ in history.told} == {"gain_contradiction"}
+    assert {condition for _, _, _, condition, _ in history.transitions} == {"gain_contradiction"}
     assert np.all(np.abs(history.last.belief.wear) < 0.01)
 
 
@@ -58,7 +58,7 @@ def test_a_mounting_that_contradicts_gravity_is_no_wear():
     for day in range(12):
         seen = arm.replay(30.0, 0.0 if day < 9 else 0.2)
         history.add(day, replace(seen, warnings=(DataWarning("mounting_contradiction", "gravity is 90° off"),)) if day >= 9 else seen)
-    assert {condition for _, _, _, condition, _ in history.told} == {"mounting_contradiction"}
+    assert {condition for _, _, _, condition, _ in history.transitions} == {"mounting_contradiction"}
     assert history.health.state == "CHECK_FUNCTION"
 
 
@@ -67,7 +67,7 @@ def test_wear_and_quiet_replays_contradict_nothing():
     history, arm = History(), Arm(seed=1)
     for day in range(40):
         history.add(day, carrying(arm.replay(30.0, np.array([0, 0, 0.2 * (day > 25), 0, 0, 0])), 0.0))
-    assert {(joint, condition) for _, _, joint, condition, _ in history.told} == {(3, "sudden_step")}
+    assert {(joint, condition) for _, _, joint, condition, _ in history.transitions} == {(3, "sudden_step")}
 
 
 @pytest.mark.parametrize(("payload", "blind"), [("declared", False), ("undeclared", False), ("undeclared", True)])

@@ -62,9 +62,9 @@ def test_a_holiday_causes_no_wear_where_revolutions_are_counted():
 
 def test_remaining_life_is_given_in_revolutions():
     """The wear per revolution is constant: from +12.6 % to +30 % at 0.3 % a working day of 4000 revolutions."""
-    told = wearing(count=True).last.friction[1]
-    assert told.remaining_revolutions[1] == pytest.approx((0.30 - 0.126) / 0.003 * 4000.0, rel=0.25)
-    assert told.revolutions == pytest.approx(4000.0 * 56)
+    friction_2 = wearing(count=True).last.friction[1]
+    assert friction_2.remaining_revolutions[1] == pytest.approx((0.30 - 0.126) / 0.003 * 4000.0, rel=0.25)
+    assert friction_2.revolutions == pytest.approx(4000.0 * 56)
     assert wearing(count=False).last.friction[1].remaining_revolutions == (None, None, None)
 
 
@@ -85,11 +85,11 @@ def test_a_replaced_joint_starts_without_wear_and_the_others_keep_theirs():
     assert history.last.friction[1].wear == pytest.approx(0.2, abs=0.04)
     renewed = ("a", "B2", "c", "d", "e", "f")
     for day in range(60, 90):
-        told = history.add(day, Arm(seed=day).replay(30.0, np.array([0, -0.1, 0, 0, 0.2, 0])), replace(CONTEXT, joint_serials=renewed))
+        verdict = history.add(day, Arm(seed=day).replay(30.0, np.array([0, -0.1, 0, 0, 0.2, 0])), replace(CONTEXT, joint_serials=renewed))
         if day == 60:
-            assert any("joints 2 were replaced" in warning.text for warning in told.warnings)
-    assert abs(told.friction[1].wear) < 0.03
-    assert told.friction[4].wear == pytest.approx(0.2, abs=0.04)
+            assert any("joints 2 were replaced" in warning.text for warning in verdict.warnings)
+    assert abs(verdict.friction[1].wear) < 0.03
+    assert verdict.friction[4].wear == pytest.approx(0.2, abs=0.04)
 
 
 def test_maintenance_opens_a_baseline_and_keeps_the_wear():
@@ -100,19 +100,21 @@ def test_maintenance_opens_a_baseline_and_keeps_the_wear():
         context = replace(CONTEXT, maintenance="2025-08-05 joint 3 greased" if greased else None)
         history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0, 0.1 * (day >= 25) - 0.15 * greased, 0, 0, 0])), context)
     assert history.last.friction[2].wear == pytest.approx(0.1, abs=0.04)
-    assert not [told for told in history.told if told[3] == "friction_falling"]
+    assert not [transition for transition in history.transitions if transition[3] == "friction_falling"]
 
 
 @pytest.mark.parametrize(
-    "said", [{"maintenance": "joint 3 greased"}, {"joint_serials": ("a", "b", "X", "d", "e", "f")}], ids=lambda said: next(iter(said))
+    "declared",
+    [{"maintenance": "joint 3 greased"}, {"joint_serials": ("a", "b", "X", "d", "e", "f")}],
+    ids=lambda declared: next(iter(declared)),
 )
-def test_maintenance_that_is_declared_once_holds_for_later_replays(said):
+def test_maintenance_that_is_declared_once_holds_for_later_replays(declared):
     """A manifest states it on the line of that day only: the baseline after the work continues under every payload."""
     history, serials = History(), ("a", "b", "c", "d", "e", "f")
     for day in range(60):
-        context = replace(CONTEXT, joint_serials=serials) if day == 0 else replace(CONTEXT, **said) if day == 30 else CONTEXT
+        context = replace(CONTEXT, joint_serials=serials) if day == 0 else replace(CONTEXT, **declared) if day == 30 else CONTEXT
         if day in {35, 36}:
             context = replace(CONTEXT, payload_kg=2.0)
         history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0, -0.15 * (day >= 30), 0, 0, 0])), context)
-    assert history.told == []
+    assert history.transitions == []
     assert len(history.last.belief.contexts) == 3  # before the work, after it, and with the payload

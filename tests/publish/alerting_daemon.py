@@ -1,6 +1,6 @@
-"""A daemon whose alerts never rest, for the tests of restarts: `python alerting_daemon.py DIRECTORY ENDPOINT [quiet]`.
+"""A daemon with a steady stream of alerts, for the tests of restarts: `python alerting_daemon.py DIRECTORY ENDPOINT [quiet]`.
 
-Ten times a second one transition, or none: committed to the store, then said; whoever kills it in between loses nothing.
+Ten times a second it makes at most one transition: first stored, then published. So a kill in between loses nothing.
 """
 
 import sys

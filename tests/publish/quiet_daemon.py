@@ -1,6 +1,6 @@
-"""A daemon with one replay behind it that waits for questions: `python quiet_daemon.py DIRECTORY ENDPOINT`.
+"""A daemon with one replay in its history that waits for queries: `python quiet_daemon.py DIRECTORY ENDPOINT`.
 
-A line on standard input ends it; it then says how many transitions its history holds, and how often a replay was asked for.
+A line on standard input ends it. It then prints how many transitions its history has, and how often a replay was requested.
 """
 
 import sys

@@ -1,6 +1,6 @@
-"""Record what today's daemon says, one document of every kind: `python tests/publish/record_v1.py NAME` fills recorded_v1/NAME/.
+"""Record one document of every kind from today's daemon: `python tests/publish/record_v1.py NAME` fills recorded_v1/NAME/.
 
-Kept for ever: readers of v1 must go on to read them. The arm is simulated, the host's name replaced.
+The recorded documents are kept, because readers of v1 must be able to read them. The arm is simulated, and the host's name replaced.
 """
 
 import json
@@ -50,13 +50,13 @@ def play(excitation, context, should_stop):
 
 
 def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
-    """Key and sample or answer of everything that a daemon with one replay and one alert says."""
+    """Keys with the samples and answers of a daemon with one replay and one alert."""
     document = {
         "robot": {"model": "ur5", "site": "lab", "id": "cell-1"},
         "store": {"directory": str(folder / "history")},
         "bus": {"listen": [ENDPOINT]},
     }
-    said = []
+    messages = []
     with (
         Store.open(folder / "history") as store,
         Daemon(from_document(document, folder / "cell.toml"), store, now=lambda: START_UNIX_S, play=play) as daemon,
@@ -84,16 +84,16 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
             heartbeats=Heartbeats(),
         )
         daemon.publisher.say("monitor", monitor_document(daemon, link, workers))
-        said.append(("event", events.recv()))
-        said += [(str(reply.ok.key_expr).removeprefix(f"{PREFIX}/"), reply.ok) for reply in session.get(f"{PREFIX}/**", timeout=5.0)]
+        messages.append(("event", events.recv()))
+        messages += [(str(reply.ok.key_expr).removeprefix(f"{PREFIX}/"), reply.ok) for reply in session.get(f"{PREFIX}/**", timeout=5.0)]
         for key, payload in ASKED.items():
             (reply,) = session.get(f"{PREFIX}/{key}", payload=None if payload is None else json.dumps(payload), timeout=5.0)
-            said.append((key, reply.ok or reply.err))
-    return said
+            messages.append((key, reply.ok or reply.err))
+    return messages
 
 
 def main() -> None:
-    """One file a document, and the schemas of the day."""
+    """Write one file for each document, and today's schemas."""
     into = Path(__file__).parent / "recorded_v1" / sys.argv[1]
     into.mkdir(parents=True)
     with tempfile.TemporaryDirectory() as folder:

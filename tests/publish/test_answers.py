@@ -1,4 +1,4 @@
-"""The torque query: right numbers out, wrong requests named."""
+"""The torque query: right answers, and errors that name what is wrong with a request."""
 
 import math
 import sys
@@ -23,7 +23,7 @@ STATE = {"q": [0, -1.5, 0.5, 0, 0, 0], "qd": [0.5] * 6, "qdd": [0.1] * 6, "tempe
 
 
 def _model():
-    """From torque made by pinocchio and linear friction on the shipped excitation: no simulator, no noise."""
+    """A model fitted to torque of pinocchio with linear friction on the shipped excitation, without simulator and noise."""
     import pinocchio as pin
 
     arm = UR5.pinocchio_model(Mounting())
@@ -50,7 +50,7 @@ def ask(**changes: object) -> dict:
 
 
 def test_the_answer_has_the_shape_of_the_request():
-    """Six numbers in, six out; N rows in, N out, equal row by row."""
+    """Six numbers give six, and N rows give N, equal row by row."""
     one = ask()
     many = ask(q=[STATE["q"]] * 3, qd=[STATE["qd"]] * 3)
     assert np.shape(one["torque_nm"]) == (6,)
@@ -60,7 +60,7 @@ def test_the_answer_has_the_shape_of_the_request():
 
 
 def test_the_answer_is_the_torque_of_the_law_behind_the_data():
-    """At the temperature of the replay the model gives back the law it was fitted to, to 2 % of the friction or 0.2 N·m."""
+    """At the temperature of the replay the torque is that of the law behind the data, to 2 % of the friction or 0.2 N·m."""
     import pinocchio as pin
 
     arm = UR5.pinocchio_model(Mounting())
@@ -71,7 +71,7 @@ def test_the_answer_is_the_torque_of_the_law_behind_the_data():
 
 
 def test_far_from_the_learnt_temperature_the_answer_is_flagged():
-    """One replay at 30 °C knows little of 60 °C: flagged, and less sure."""
+    """After one replay at 30 °C, the answer at 60 °C is flagged and has a larger standard deviation."""
     near, far = ask(), ask(temperature_c=[60.0] * 6)
     assert not any(near["extrapolated"])
     assert all(far["extrapolated"])
@@ -98,7 +98,7 @@ def test_far_from_the_learnt_temperature_the_answer_is_flagged():
     ],
 )
 def test_a_wrong_request_is_named(changes: dict, says: str):
-    """Which argument, and what would be right."""
+    """The error names the argument and what would be right."""
     with pytest.raises(BadInput, match=says):
         ask(**changes)
 
@@ -110,7 +110,7 @@ JSON = st.recursive(
 
 @given(q=JSON, qd=JSON, temperature_c=JSON)
 def test_any_json_is_answered_or_refused(q, qd, temperature_c):
-    """Whatever a stranger sends: an answer in the right shape or BadInput, nothing else."""
+    """Any JSON gives an answer of the right shape or BadInput."""
     try:
         answer = torque_answer(MODEL, UR5, None, {"q": q, "qd": qd, "temperature_c": temperature_c})
     except BadInput:
@@ -123,7 +123,7 @@ FIGURES = {"q": 6.0, "qd": 3.0, "qdd": 20.0, "temperature_c": 35.0}
 
 @given(st.data())
 def test_one_sample_and_rows_give_the_same_figures(data):
-    """Plain numbers for one sample, arrays for many: two ways to the same figures, to the rounding of sums of ten terms."""
+    """One sample is computed with plain numbers, many with arrays: the figures are equal to the rounding of sums of ten terms."""
     state = {name: data.draw(st.lists(st.floats(-span, span), min_size=6, max_size=6)) for name, span in FIGURES.items()}
     one = torque_answer(MODEL, UR5, None, state)
     (many,) = [torque_answer(MODEL, UR5, None, {name: [value] for name, value in state.items()})]
@@ -133,7 +133,7 @@ def test_one_sample_and_rows_give_the_same_figures(data):
 
 
 def test_threads_that_query_at_the_same_time_get_their_own_answers():
-    """The workspace of the dynamics is shared by the threads that answer; none ever sees another's figures."""
+    """The answering threads share the workspace of the dynamics, and each returns its own figures."""
     draw = np.random.default_rng(1)
     questions = [{name: draw.uniform(-1, 1, 6).tolist() for name in FIGURES} for _ in range(4)]
     alone = [ask(**question)["torque_nm"] for question in questions]
@@ -142,7 +142,7 @@ def test_threads_that_query_at_the_same_time_get_their_own_answers():
         return all(ask(**questions[n])["torque_nm"] == alone[n] for _ in range(2000))
 
     before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)  # threads take turns as often as they can
+    sys.setswitchinterval(1e-6)  # threads switch as often as possible
     try:
         with ThreadPoolExecutor(4) as pool:
             assert all(pool.map(keep_asking, range(4)))
@@ -151,7 +151,7 @@ def test_threads_that_query_at_the_same_time_get_their_own_answers():
 
 
 def test_null_means_that_an_argument_is_not_given():
-    """As the schema allows: acceleration 0, present temperatures."""
+    """The schema allows it: acceleration is 0, and temperatures are the present ones."""
     present = np.full(6, 30.0)
     for rows in ([STATE["q"]] * 2, STATE["q"]):
         asked = {"q": rows, "qd": STATE["qd"], "qdd": None, "temperature_c": None}

@@ -1,4 +1,4 @@
-"""Real Zenoh sessions on loopback: what one side says, the other side gets."""
+"""Real Zenoh sessions on loopback: publication, last values, queries and their errors."""
 
 import json
 import re
@@ -35,7 +35,7 @@ def bus(free_port: int) -> Iterator[tuple[Bus, str]]:
 
 
 def test_a_client_that_connects_late_gets_the_last_values(bus):
-    """`get` after the fact returns what was published before, with the encoding that names its kind."""
+    """`get` returns what was published before, with the encoding that names its kind."""
     bus, endpoint = bus
     bus.publish("health", "health", {"state": "NORMAL"})
     bus.publish("joint/3/friction", "friction", {"coulomb_nm": 1.0})
@@ -47,11 +47,11 @@ def test_a_client_that_connects_late_gets_the_last_values(bus):
 
 
 def test_any_plain_zenoh_client_can_subscribe_and_query(bus):
-    """Nothing of ours on the client's side: plain zenoh, JSON, the documented keys."""
+    """The client uses only plain zenoh, JSON and the documented keys."""
     bus, endpoint = bus
     with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
         subscriber = session.declare_subscriber("joint-monitor/v1/**", zenoh.handlers.FifoChannel(16))
-        time.sleep(0.3)  # the subscription travels
+        time.sleep(0.3)  # the subscription reaches the publisher
         bus.publish("alert/j3/wear_rising", "alert", {"joint": 3})
         sample = subscriber.recv()
         assert str(sample.key_expr) == "joint-monitor/v1/lab/cell-1/alert/j3/wear_rising"
@@ -62,7 +62,7 @@ def test_any_plain_zenoh_client_can_subscribe_and_query(bus):
 
 
 def test_a_malformed_query_gets_an_error_that_names_the_mistake(bus):
-    """No payload, no JSON, no object, a missing argument: each is named at once instead of a time-out."""
+    """No payload, no JSON, no object, a missing argument: each gets its error at once, and no time-out."""
     _, endpoint = bus
     with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
         for payload, says in (
@@ -80,7 +80,7 @@ def test_a_malformed_query_gets_an_error_that_names_the_mistake(bus):
 
 
 def test_an_exception_in_an_answer_gives_an_error_and_the_next_query_works(bus):
-    """An exception in an answer must not leave the client waiting nor the queryable dead."""
+    """After an exception in an answer, the client does not wait and the queryable still answers."""
     _, endpoint = bus
     with Client(endpoint, "lab", "cell-1") as client:
         with pytest.raises(BadInput, match="internal: RuntimeError"):
@@ -89,7 +89,7 @@ def test_an_exception_in_an_answer_gives_an_error_and_the_next_query_works(bus):
 
 
 def test_a_wildcard_query_runs_no_command(bus):
-    """`get **` with a payload reads last values; it never reaches an answering function."""
+    """`get **` with a payload reads last values and never calls an answering function."""
     bus, endpoint = bus
     bus.publish("health", "health", {"state": "NORMAL"})
     with Client(endpoint, "lab", "cell-1") as client:
@@ -97,7 +97,7 @@ def test_a_wildcard_query_runs_no_command(bus):
 
 
 def test_a_query_without_a_payload_may_have_parameters(bus):
-    """`history?a=1;b=2` reaches the one who answers as an object of strings; too much of it is refused."""
+    """`history?a=1;b=2` gives the answering function an object of strings. Too long parameters are refused."""
     _, endpoint = bus
     with Client(endpoint, "lab", "cell-1") as client:
         assert client.get("history?a=1;b=2")[0].document == {"a": "1", "b": "2"}
@@ -134,13 +134,13 @@ def test_done_is_called_after_the_document_is_sent(bus):
 
 
 def test_an_endpoint_without_a_daemon_is_reported_in_time(free_port: int):
-    """A client without a daemon gets a sentence with the endpoint in it."""
+    """A client without a daemon gets a message with the endpoint."""
     with pytest.raises(BusError, match=f"127.0.0.1:{free_port}"):
         Client(f"tcp/127.0.0.1:{free_port}", "lab", "cell-1", timeout_s=1.0)
 
 
 def test_an_endpoint_in_use_is_refused_with_its_name(bus):
-    """Two daemons on one endpoint: the second is told which."""
+    """The second daemon on one endpoint gets a message with the endpoint."""
     _, endpoint = bus
     with pytest.raises(BusError, match=endpoint.removeprefix("tcp/")):
         Bus(BusSettings(listen=(endpoint,)), prefix("lab", "cell-2"))
@@ -166,14 +166,14 @@ def test_an_id_with_characters_that_no_key_allows_is_refused(site: str):
     ],
 )
 def test_impossible_session_settings_are_refused(changes: dict, says: str):
-    """By name, before a session is opened."""
+    """The message names the setting, before a session is opened."""
     with pytest.raises(BadInput, match=re.escape(says)):
         BusSettings(**changes)
 
 
 @pytest.mark.parametrize("selector", ["t*", "", "joint//friction", "health/", "#"])
 def test_an_invalid_key_expression_is_refused_by_the_client(bus, selector):
-    """With Zenoh's reason and an example, for a get and for a watcher."""
+    """The message has Zenoh's reason and an example, for a get and for a watcher."""
     with Client(bus[1], "lab", "cell-1") as client:
         for ask in (client.get, lambda selector: next(client.watch(selector))):
             with pytest.raises(BadInput, match="is no key expression"):
@@ -181,7 +181,7 @@ def test_an_invalid_key_expression_is_refused_by_the_client(bus, selector):
 
 
 def test_a_missing_router_is_reported_and_joined_when_it_starts(free_port: int):
-    """Without one, who asks the daemon directly is answered; where none was named, none is missed."""
+    """Without the router, clients of the daemon's own endpoint are answered. If none is configured, none is reported as missing."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
     with Bus(BusSettings(listen=(), connect=(endpoint,)), prefix("lab", "cell-1")) as bus:
         assert endpoint in (bus.without_router() or "")

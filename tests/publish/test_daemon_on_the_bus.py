@@ -1,4 +1,4 @@
-"""The daemon's side of the bus: real store, real Zenoh, replays stepped instead of played; what it says is what its schemas promise."""
+"""The daemon on the bus, with a real store, real Zenoh and stepped replays: its documents are valid by their schemas."""
 
 import json
 import shutil
@@ -45,7 +45,7 @@ PREFIX = "joint-monitor/v1/lab/cell-1"
 
 
 class Arm:
-    """An arm whose every replay is the same, one day after the other."""
+    """An arm with one replay a day, all of them equal."""
 
     def __init__(self, recording) -> None:
         self.recording = recording
@@ -77,7 +77,7 @@ def settled(folder: Path, endpoint: str):
 
 @pytest.fixture(scope="module")
 def history(tmp_path_factory, recording) -> Path:
-    """What a daemon leaves behind after three replays; each test goes on from a copy."""
+    """The directory of a daemon after three replays; each test continues from a copy."""
     folder, arm = tmp_path_factory.mktemp("cell"), Arm(recording)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -91,7 +91,7 @@ def history(tmp_path_factory, recording) -> Path:
 
 @pytest.fixture
 def cell(tmp_path: Path, free_port: int, recording, history):
-    """A daemon with three replays behind it, and where it is found."""
+    """A daemon with three replays in its history, and its endpoint."""
     endpoint, arm = f"tcp/127.0.0.1:{free_port}", Arm(recording)
     arm.clock_unix_s = START_UNIX_S + 3 * DAY_S
     shutil.copytree(history, tmp_path / "history")
@@ -103,7 +103,7 @@ def cell(tmp_path: Path, free_port: int, recording, history):
 
 
 def raise_alert(daemon: Daemon, at_unix_s: float, joint: int | None = 3, condition: str = "wear_rising") -> None:
-    """As a verdict would: durable, held and said."""
+    """Raise an alert as a verdict does: stored, held and published."""
     alert = Alert(
         joint=joint, condition=condition, tier="wear", raised_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s,
         change=0.06, probability=0.99, text="Joint 3: friction rose", action="inspect",
@@ -125,7 +125,7 @@ def test_everything_published_and_answered_is_valid_by_its_schema(cell):
         "cmd/shelve": {"joint": 3, "condition": "wear_rising", "by": "ada", "hours": 2.0},
         "history?limit=2": None,
         "event": None,
-        "cmd/replay": {"by": "ada"},  # nobody schedules here: an error
+        "cmd/replay": {"by": "ada"},  # there is no scheduler here: an error
         "torque?": {"q": 1},
     }
     seen = set()
@@ -140,12 +140,12 @@ def test_everything_published_and_answered_is_valid_by_its_schema(cell):
             jsonschema.validate(document, schema(kind), format_checker=jsonschema.FormatChecker())
             assert undeclared(KINDS[kind].model.model_validate(document)) == []
             seen.add(kind)
-    told = {"info", "health", "friction", "alert", "model", "replay", "torque", "torque-live", "answer", "history", "events", "error"}
-    assert seen == told
+    kinds = {"info", "health", "friction", "alert", "model", "replay", "torque", "torque-live", "answer", "history", "events", "error"}
+    assert seen == kinds
 
 
 def test_a_client_reads_the_health_of_an_arm_with_an_alert(cell):
-    """The alert stands in it whole, and nothing of the judge's running counts does."""
+    """Health has the whole alert, and none of the counts of the judge."""
     daemon, _, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
     daemon.publisher.health()
@@ -156,7 +156,7 @@ def test_a_client_reads_the_health_of_an_arm_with_an_alert(cell):
 
 
 def test_info_gives_the_settings_in_force_and_since_when(cell):
-    """Serial and firmware of the controller that was heard, boot of the host, versions, and a digest that any setting changes."""
+    """Serial and firmware of the connected controller, boot of the host, versions, and a digest that depends on every setting."""
     daemon, _, arm, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
         info = client.info()
@@ -178,7 +178,7 @@ def test_info_gives_the_settings_in_force_and_since_when(cell):
 
 
 def test_an_alert_is_acknowledged_and_shelved_by_name_and_stays_so_through_a_restart(cell, tmp_path):
-    """Who, when and why are in the alert, in the log of transitions and in the history; a later daemon says the same."""
+    """Person, time and reason are in the alert, the log of transitions and the history. A later daemon publishes the same."""
     daemon, store, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
     with Client(endpoint, "lab", "cell-1") as client:
@@ -199,7 +199,7 @@ def test_an_alert_is_acknowledged_and_shelved_by_name_and_stays_so_through_a_res
 
 @pytest.mark.parametrize("selector", ["**", "cmd/*", "cmd/**", "*/ack", "cmd/a$*"])
 def test_a_wildcard_never_acknowledges_anything_nor_moves_an_arm(cell, selector):
-    """Whatever it carries: no answer of a command, no change, no transition."""
+    """With any payload: no answer of a command, no change, no transition."""
     daemon, store, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
     before = store.events.range()
@@ -225,7 +225,7 @@ def test_a_wildcard_never_acknowledges_anything_nor_moves_an_arm(cell, selector)
     ],
 )
 def test_a_command_with_a_wrong_payload_does_nothing_and_names_every_mistake(cell, key, payload, says):
-    """The error reply names the field; alert and history stay."""
+    """The error reply names the field, and alert and history stay unchanged."""
     daemon, store, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
     before = store.events.range()
@@ -238,7 +238,7 @@ def test_a_command_with_a_wrong_payload_does_nothing_and_names_every_mistake(cel
 
 
 def test_history_comes_in_pages_of_whole_replays(cell):
-    """All rows once, in order, whatever the page; by joint and by time; nonsense is named."""
+    """Pages of any size give all rows once and in order, also by joint and by time. Wrong parameters are named."""
     _, _, _, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
         everything = list(client.history())
@@ -257,7 +257,7 @@ def test_history_comes_in_pages_of_whole_replays(cell):
 
 
 def test_a_replay_is_requested_by_name_and_refused_with_a_reason(cell):
-    """Accepted where somebody schedules, refused while one is under way and where motion is not allowed."""
+    """It is accepted with a scheduler, and refused during a replay and where motion is not allowed."""
     daemon, store, _, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
         daemon.bus.answer(Handlers(daemon.state, store, daemon.alerts, None).by_key())
@@ -276,7 +276,7 @@ def test_a_replay_is_requested_by_name_and_refused_with_a_reason(cell):
 
 
 def test_a_watcher_that_was_disconnected_gets_what_it_missed_once_and_in_order(cell, tmp_path):
-    """The daemon goes, transitions happen while nobody hears, it comes back: the watcher has every number once, without a gap."""
+    """Transitions happen while the daemon is away. After its return the watcher has every number once, without a gap."""
     daemon, store, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
     first = store.events.range()[1]
@@ -297,7 +297,7 @@ def test_a_watcher_that_was_disconnected_gets_what_it_missed_once_and_in_order(c
     assert begun.wait(10.0)
     raise_alert(daemon, arm.clock_unix_s, joint=1)
     daemon.__exit__(None, None, None)
-    for joint in (2, 4):  # a crash between commit and publication leaves transitions like these
+    for joint in (2, 4):  # as after a crash between commit and publication
         store.events.revise(daemon.state.health.as_document(), [{"kind": "raised", **_document(daemon, joint)}], arm.clock_unix_s)
     with Daemon(daemon.state.configuration, store, now=arm.now, play=arm.play) as later:
         enough.wait(3.0)
@@ -309,23 +309,23 @@ def test_a_watcher_that_was_disconnected_gets_what_it_missed_once_and_in_order(c
 
 
 def test_live_torque_has_the_measured_and_the_predicted_torque(cell):
-    """Rows of a replay, as they would be heard: the residual is measured minus predicted, and the deviation told is the one there is.
+    """Rows of a replay as a listener gets them: the residual is measured minus predicted, with the right standard deviation.
 
-    Of a normal residual 90 % lie within 1.64 deviations; joint by joint at least 75 %, for a residual of a real law is not white.
+    Of a normal residual 90 % lie within 1.64 standard deviations. Each joint has at least 75 %, because the residual is not white.
     """
     daemon, _, arm, endpoint = cell
     robot, recording = daemon.state.configuration.robot_description, arm.recording
     moving = [n for n in range(100, recording.samples, 20) if min(abs(recording.qd[n])) > 0.05]
-    told = []
+    documents = []
     with Client(endpoint, "lab", "cell-1") as client:
         for n in moving:
             daemon.live.sample(recording.q[n], recording.qd[n], recording.target_qdd[n], recording.current[n], recording.temperature_c[n])
-            told.append(daemon.bus.last_values()["torque/live"])
-        assert client.get("torque/live")[0].document == told[-1]
+            documents.append(daemon.bus.last_values()["torque/live"])
+        assert client.get("torque/live")[0].document == documents[-1]
     measured, predicted, residual, std = (
-        np.array([row[f"{name}_nm"] for row in told]) for name in ("measured", "predicted", "residual", "std")
+        np.array([row[f"{name}_nm"] for row in documents]) for name in ("measured", "predicted", "residual", "std")
     )
-    assert len(told) > 20
+    assert len(documents) > 20
     assert measured == pytest.approx(recording.current[moving] * robot.drive_gain_nm_per_a)
     assert residual == pytest.approx(measured - predicted)
     within = (np.abs(residual) < 1.64 * std).mean(axis=0)
@@ -334,7 +334,7 @@ def test_live_torque_has_the_measured_and_the_predicted_torque(cell):
 
 
 class Heard:
-    """What a listener hears of an arm at rest, as often as the controller was asked for."""
+    """The rows of an arm at rest at the rate that was requested from the controller."""
 
     def __init__(self, rate_hz: float, state) -> None:
         self.reachable, self.problem = True, None
@@ -352,7 +352,7 @@ class Heard:
 
 
 def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
-    """However often the controller speaks: two seconds of it, one sample more or less and a quarter for a busy machine."""
+    """For any rate of the controller: two seconds, with a tolerance of one sample and of a quarter for a busy machine."""
     daemon, store, arm, _ = cell
     row, configuration = arm.recording, daemon.state.configuration
     names = ("q", "qd", "target_qdd", "current", "temperature_c")
@@ -370,16 +370,16 @@ def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
     )
     for rate_hz, asked_hz in ((10.0, 10.0), (2.0, 10.0), (0.4, 1.0)):
         daemon.state.configuration = replace(configuration, bus=replace(configuration.bus, live_rate_hz=rate_hz))
-        said: list[dict] = []
-        monkeypatch.setattr(daemon.publisher, "live", said.append)
+        samples: list[dict] = []
+        monkeypatch.setattr(daemon.publisher, "live", samples.append)
         daemon.state.stopping.clear()
         threading.Timer(2.0, daemon.state.stopping.set).start()
         MainLoop(daemon, Heard(asked_hz, state), workers, threading.Event()).run()
-        assert abs(len(said) - 2.0 * rate_hz) <= 0.25 * 2.0 * rate_hz + 1.0, rate_hz
+        assert abs(len(samples) - 2.0 * rate_hz) <= 0.25 * 2.0 * rate_hz + 1.0, rate_hz
 
 
 def test_after_a_reload_info_has_the_digest_of_the_settings_in_force(cell):
-    """A change of any setting changes it, not at the next start but when it is in force."""
+    """A change of any setting changes the digest as soon as the setting is in force, without a restart."""
     daemon, _, _, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
         before = client.info().configuration_digest
@@ -390,7 +390,7 @@ def test_after_a_reload_info_has_the_digest_of_the_settings_in_force(cell):
 
 
 def test_a_wildcard_anywhere_in_the_key_never_acts(cell):
-    """Also from a plain session, above the robot's prefix, with a payload that would be valid."""
+    """Neither from a plain session, nor above the robot's prefix, nor with a valid payload."""
     daemon, store, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
     before = store.events.range()
@@ -425,13 +425,13 @@ def _document(daemon: Daemon, joint: int) -> dict:
 
 
 def test_a_week_without_replays_makes_the_state_stale_until_the_next_one(cell):
-    """On the bus, arm and joints, on the watcher's line and on systemd's, in metrics: the state stays, and is said to be of then."""
+    """Arm and joints are stale on the bus, in the lines of `watch` and of systemd, and in metrics. The state itself stays."""
     from monitor.publish.metrics import families
     from monitor.views.terminal.watch import line
 
     daemon, _, arm, endpoint = cell
 
-    def told(client):
+    def published_health(client):
         daemon.publisher.health()
         health = client.health()
         assert {joint.stale for joint in health.joints} == {health.stale}
@@ -443,22 +443,22 @@ def test_a_week_without_replays_makes_the_state_stale_until_the_next_one(cell):
         return health
 
     with Client(endpoint, "lab", "cell-1") as client:
-        fresh = told(client)
+        fresh = published_health(client)
         assert (fresh.stale, fresh.stale_why) == (False, None)
         arm.clock_unix_s += 5.9 * DAY_S  # the last replay was a day before the clock
-        assert told(client).stale is False
+        assert published_health(client).stale is False
         arm.clock_unix_s += 0.2 * DAY_S
-        old = told(client)
+        old = published_health(client)
         assert old.stale is True
         assert old.state == fresh.state
         assert old.stale_why.startswith("STALE: all joints: nothing was learnt for 7 days")
         assert old.joints[0].learnt_at.timestamp() == pytest.approx(START_UNIX_S + 2 * DAY_S, abs=1.0)
         assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
-        assert told(client).stale is False
+        assert published_health(client).stale is False
 
 
 def test_the_production_residual_is_published_with_health(cell, monkeypatch: pytest.MonkeyPatch):
-    """A look that work has given: change, doubt, looks and probability of that joint, valid by the schema."""
+    """Health has the change, its standard deviation, the number of samples and the probability of that joint, by the schema."""
     from monitor.judge.torque.production_residual import initial, production_evidence
 
     daemon, _, _, endpoint = cell

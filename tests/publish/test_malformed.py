@@ -1,4 +1,4 @@
-"""Malformed questions: each gets one error reply that says what is wrong; nothing happens, nothing grows, nothing falls over."""
+"""Malformed queries: each gets one error reply that names the mistake, without any effect, growth or crash."""
 
 import json
 import os
@@ -21,7 +21,7 @@ PREFIX = "joint-monitor/v1/lab/cell-1"
 COMMANDS = ("torque", "cmd/ack", "cmd/shelve", "cmd/replay")
 GOOD = {
     "torque": {"q": [0.1] * 6, "qd": [0.5] * 6, "qdd": [0.0] * 6, "temperature_c": [30.0] * 6},
-    "cmd/ack": {"joint": 3, "condition": "wear_rising", "by": "ada"},  # good in itself; but there is no such alert
+    "cmd/ack": {"joint": 3, "condition": "wear_rising", "by": "ada"},  # a valid request, but there is no such alert
     "cmd/shelve": {"joint": 3, "condition": "wear_rising", "by": "ada", "hours": 2.0},
     "cmd/replay": {"by": "ada"},
 }
@@ -44,7 +44,7 @@ class Asked:
         self.session = zenoh.open(session_config(mode="client", connect=(endpoint,)))
 
     def ask(self, key: str, payload: bytes | None = None, parameters: str = "") -> None:
-        """Fails where the answer is anything but one error that says something."""
+        """Send one query, and require exactly one error reply with a text."""
         replies = list(self.session.get(zenoh.Selector(f"{PREFIX}/{key}", parameters or None), payload=payload, timeout=30.0))
         assert len(replies) == 1, (key, payload, parameters)
         assert replies[0].err is not None, (key, payload, parameters)
@@ -56,13 +56,13 @@ class Asked:
         return int(line.split()[1]) / 1024.0
 
     def end(self) -> str:
-        """Its last words."""
+        """End the daemon and return its last line."""
         self.session.close()
         self.daemon.stdin.write("\n")
         self.daemon.stdin.flush()
-        said = self.daemon.stdout.readline()
+        line = self.daemon.stdout.readline()
         self.daemon.wait(timeout=30.0)
-        return said
+        return line
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def asked(tmp_path_factory):
 
 
 def malformed(rng: random.Random) -> tuple[str, bytes | None, str]:
-    """Key, payload, parameters of a question that must be refused."""
+    """Key, payload and parameters of a query that must be refused."""
     kind = rng.randrange(6)
     key = rng.choice(COMMANDS)
     if kind == 0:  # no text at all
@@ -127,7 +127,7 @@ JSON = st.recursive(
     max_leaves=12,
 )
 NAMES = st.sampled_from(sorted({name for document in GOOD.values() for name in document}))
-# a torque question without qd is none; an acknowledgement of an alert that is not, or a replay by nobody, neither
+# torque needs qd, an acknowledgement needs an active alert, and a replay needs a name
 OBJECTS = st.dictionaries(NAMES, JSON, max_size=4).map(lambda document: {k: v for k, v in document.items() if k != "qd"})
 ANYTHING = st.binary(max_size=200).map(lambda blob: blob + b"\xff") | (JSON | OBJECTS).map(lambda value: json.dumps(value).encode())
 
@@ -135,12 +135,12 @@ ANYTHING = st.binary(max_size=200).map(lambda blob: blob + b"\xff") | (JSON | OB
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(key=st.sampled_from(COMMANDS[:3]), payload=ANYTHING)
 def test_every_generated_malformed_query_gets_an_error(asked, key, payload):
-    """Bytes and JSON of every shape, with the names that the daemon knows and with others."""
+    """Bytes and JSON of every shape, with names that the daemon knows and with others."""
     asked.ask(key, payload)
 
 
 def test_a_few_hundred_malformed_queries_each_get_an_error(asked):
-    """A sample of what `make soak` plays a hundred thousand of."""
+    """A sample of the hundred thousand queries of `make soak`."""
     rng = random.Random(8)
     for _ in range(300):
         asked.ask(*malformed(rng))
@@ -149,7 +149,7 @@ def test_a_few_hundred_malformed_queries_each_get_an_error(asked):
 @pytest.mark.soak
 @pytest.mark.timeout(2400)
 def test_a_hundred_thousand_malformed_queries_each_get_an_error(asked, soak_row):
-    """Four threads ask; every question gets its error, and the daemon's memory stays."""
+    """Four threads query: every query gets its error, and the daemon's memory does not grow."""
     began, failures = time.monotonic(), []
 
     def keep_asking(seed: int, count: int) -> None:
@@ -169,7 +169,7 @@ def test_a_hundred_thousand_malformed_queries_each_get_an_error(asked, soak_row)
         if failures:
             raise failures[0]
 
-    play(20_000, 100)  # allocators and caches find their size
+    play(20_000, 100)  # allocators and caches reach their size
     first = asked.resident_mb()
     play(80_000, 200)
     grown = asked.resident_mb() - first

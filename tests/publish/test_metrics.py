@@ -71,14 +71,14 @@ def test_a_scrape_has_the_figures_of_the_bus(port):
 
 
 def test_a_monitor_without_a_replay_can_be_scraped():
-    """Before the first replay: no error, and no state that is claimed."""
+    """Before the first replay there is no error, and no state is exported."""
     names = [family.name for family in families({})]
     assert "joint_monitor_health_state" in names
     assert all(sample.value == 0.0 for family in families({}) if family.name.endswith("state") for sample in family.samples)
 
 
 def test_a_port_in_use_and_an_invalid_address_are_refused(port):
-    """By name."""
+    """The message names the port or the address."""
     with pytest.raises(BusError, match=str(port)):
         MetricsServer(MetricsSettings(listen=f"127.0.0.1:{port}"), dict)
     for listen in ("9464", "127.0.0.1:", ":9464", "127.0.0.1:99999"):

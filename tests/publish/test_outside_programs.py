@@ -1,4 +1,4 @@
-"""Programs of other people: the examples of the page of the bus as they stand, and what `watch` says to terminal, pipe and program."""
+"""Programs outside the package: the unchanged examples of the bus page, and `watch` to a terminal, a pipe and a program."""
 
 import json
 import os
@@ -31,7 +31,7 @@ def document(kind: str) -> dict:
 
 @pytest.fixture
 def cell(tmp_path, free_port):
-    """A bus that says and answers what a daemon recorded, a configuration that finds it, and `joint-monitor` on the path."""
+    """A bus with the recorded documents and answers of a daemon, its configuration, and `joint-monitor` on the path."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
     config = (ROOT / "config" / "simulated.toml").read_text("utf-8") + f'\n[bus]\nlisten = ["{endpoint}"]\n'
     assert "[bus]" not in (ROOT / "config" / "simulated.toml").read_text("utf-8")
@@ -68,7 +68,7 @@ EVENTS = {"events": [], "first_kept": 1, "last": 3}
 
 
 def first_lines(command: list[str], count: int, folder: Path, **more: object) -> list[str]:
-    """The first lines of a program that would go on for ever."""
+    """The first lines of a program that does not end by itself."""
     environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder, env=environment, start_new_session=True, **more)
     try:
@@ -84,7 +84,7 @@ def block(language: str, holds: str) -> str:
 
 
 def test_the_plain_zenoh_example_runs_unchanged(cell):
-    """Nothing of ours in it: a torque, then the texts of alerts; only the endpoint is the test's."""
+    """It uses no code of this package: a torque, then the texts of alerts. The test replaces only the endpoint."""
     folder, endpoint = cell
     text = block("python", "import json, zenoh\n\nconfig")
     assert len([row for row in text.splitlines() if row]) <= 12
@@ -95,26 +95,26 @@ def test_the_plain_zenoh_example_runs_unchanged(cell):
 
 
 def test_the_jq_example_runs_unchanged(cell):
-    """Last values first, then live."""
+    """It prints the last values first and then live ones."""
     if shutil.which("jq") is None:
         pytest.skip("jq is not installed: apt-get install jq")
-    told = first_lines(["sh", "-c", block("sh", "jq")], 2, cell[0])
-    assert told == ["alert/j3/wear_rising: Joint 3: friction rose inspect\n"] * 2
+    shown = first_lines(["sh", "-c", block("sh", "jq")], 2, cell[0])
+    assert shown == ["alert/j3/wear_rising: Joint 3: friction rose inspect\n"] * 2
 
 
 def test_the_node_example_runs_unchanged(cell):
-    """Transitions in another language."""
+    """It prints the transitions in another language."""
     if shutil.which("node") is None:
         pytest.skip("Node is not installed: apt-get install nodejs")
     (cell[0] / "watch.mjs").write_text(block("js", "spawn"), "utf-8")
-    told = first_lines(["node", "watch.mjs"], 2, cell[0])
-    numbers = [int(row.split()[0]) for row in told]
+    shown = first_lines(["node", "watch.mjs"], 2, cell[0])
+    numbers = [int(row.split()[0]) for row in shown]
     assert numbers[1] == numbers[0] + 1
-    assert told[0].endswith(" raised 3 wear_rising Joint 3: friction rose\n")
+    assert shown[0].endswith(" raised 3 wear_rising Joint 3: friction rose\n")
 
 
 def test_watch_is_coloured_on_a_terminal_and_plain_in_a_pipe(cell):
-    """The same line twice: with escape sequences where a person looks, without where a program reads."""
+    """The same line has escape sequences on a terminal and none in a pipe."""
     folder, _ = cell
     command = ["joint-monitor", "watch", "--config", "config/simulated.toml", "--keys", "health"]
     (plain,) = first_lines(command, 1, folder)
@@ -140,13 +140,13 @@ def test_watch_is_coloured_on_a_terminal_and_plain_in_a_pipe(cell):
 
 @pytest.mark.parametrize("path", sorted(RECORDED.glob("*.*.json")), ids=lambda path: path.stem)
 def test_every_document_is_shown_on_one_line_and_streams_in_words(path):
-    """Of every recorded document; only answers to questions, which nobody watches, are JSON."""
+    """This holds for every recorded document. Only answers to queries, which nobody watches, are shown as JSON."""
     recorded = json.loads(path.read_text("utf-8"))
-    told = line(recorded["key"], recorded["document"]).plain
-    assert "\n" not in told
-    assert len(told) < 400
+    shown = line(recorded["key"], recorded["document"]).plain
+    assert "\n" not in shown
+    assert len(shown) < 400
     if recorded["kind"] in ("health", "alert", "event", "friction", "torque-live", "info", "model", "replay", "monitor"):
-        assert "{" not in told
+        assert "{" not in shown
 
 
 @pytest.mark.parametrize(
@@ -154,12 +154,12 @@ def test_every_document_is_shown_on_one_line_and_streams_in_words(path):
 )
 @pytest.mark.parametrize("strange", [{}, {"state": 1, "joints": [{}]}, {"text": None, "active": 1, "tier": []}, {"predicted_nm": ["x"]}])
 def test_a_document_that_is_not_as_expected_is_still_shown(key, strange):
-    """A watch never ends over what somebody says."""
+    """No published document ends a watch."""
     assert key in line(key, strange).plain
 
 
 def test_the_monitors_problems_are_shown_as_a_line_and_not_as_json():
-    """Every ten seconds: its troubles, else none, and when the next replay is."""
+    """The line comes every ten seconds, with the problems or "none", and the time of the next replay."""
     fine = {"troubles": [], "next_replay_due": "2026-11-21T17:00:00Z"}
     assert line("monitor", fine).plain == "monitor  no trouble  next replay 2026-11-21T17:00:00Z"
     wrong = {"troubles": [{"name": "arm", "text": "127.0.0.2:\nnobody"}, {"name": "disk", "text": "full"}], "next_replay_due": None}

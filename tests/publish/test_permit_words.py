@@ -1,4 +1,4 @@
-"""A permit that is answered by two, late, or with garbage: only a yes of everybody is one."""
+"""A permit that is answered by two clients, late, or with malformed text: all must agree."""
 
 import json
 import time
@@ -15,7 +15,7 @@ PREFIX = "joint-monitor/v1/lab/arm"
 
 @pytest.fixture
 def sessions(free_port: int) -> Iterator[tuple[zenoh.Session, zenoh.Session, zenoh.Session]]:
-    """One that asks, two that answer."""
+    """One session that asks, and two that answer."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
     with (
         zenoh.open(session_config(mode="router", listen=(endpoint,))) as asking,
@@ -31,7 +31,7 @@ def answering(session: zenoh.Session, payload: bytes) -> "zenoh.Queryable[None]"
             query.reply(query.key_expr, payload)
 
     queryable = session.declare_queryable(f"{PREFIX}/{KEY}", reply)
-    time.sleep(0.2)  # until the router knows of it
+    time.sleep(0.2)  # until the router knows the queryable
     return queryable
 
 
@@ -54,7 +54,7 @@ def yes(why: str = "parked") -> bytes:
     ],
 )
 def test_a_malformed_answer_is_no_permit_and_no_exception(sessions, payload):
-    """Also where it is nested deeper than Python reads, and beside somebody's yes."""
+    """The same holds for JSON nested deeper than Python reads, and beside a valid permit."""
     asking, one, two = sessions
     with answering(one, payload), answering(two, yes()):
         answer = ask_permit(asking, PREFIX, {}, 1.0)
@@ -63,7 +63,7 @@ def test_a_malformed_answer_is_no_permit_and_no_exception(sessions, payload):
 
 
 def test_a_missing_answer_is_no_permit(sessions):
-    """The other's yes does not carry the motion."""
+    """The permit of the other client does not suffice."""
     asking, one, two = sessions
     held: list[zenoh.Query] = []
     with two.declare_queryable(f"{PREFIX}/{KEY}", held.append), answering(one, yes()):
@@ -73,7 +73,7 @@ def test_a_missing_answer_is_no_permit(sessions):
 
 
 def test_the_text_of_a_client_stays_in_one_line_of_the_log(sessions):
-    """No line of his own, no escape sequence."""
+    """The text has no line break and no escape sequence."""
     asking, one, _ = sessions
     with answering(one, yes("parked\nWARNING forged \x1b[2J")):
         answer = ask_permit(asking, PREFIX, {}, 1.0)
@@ -82,7 +82,7 @@ def test_the_text_of_a_client_stays_in_one_line_of_the_log(sessions):
 
 
 def test_a_bus_that_is_closed_gives_no_permit(free_port):
-    """A refusal in words, which ends the window as skipped, and no exception in the schedule."""
+    """The window is skipped with a reason, and the scheduler gets no exception."""
     session = zenoh.open(session_config(mode="router", listen=(f"tcp/127.0.0.1:{free_port}",)))
     session.close()
     answer = ask_permit(session, PREFIX, {}, 0.2)

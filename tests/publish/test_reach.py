@@ -1,4 +1,4 @@
-"""`check` and the bus: each way in which a connection fails has its own words. Real routers, real certificates, nothing pretended."""
+"""`check` and the bus: each failure of a connection has its own message. Routers and certificates are real."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ BASE = {"mode": "router", "scouting/multicast/enabled": False, "scouting/gossip/
 
 @pytest.fixture(scope="module")
 def etc(tmp_path_factory):
-    """The shipped examples with certificates of our own: ours, of another authority, expired, and for another host."""
+    """The shipped examples with certificates that are valid, of another authority, expired, and for another host."""
     folder = tmp_path_factory.mktemp("etc")
     (folder / "tls").mkdir()
     ours, theirs = trustme.CA(), trustme.CA()
@@ -65,7 +65,7 @@ def etc(tmp_path_factory):
 
 @pytest.fixture
 def router():
-    """Starts routers of this test; each is gone with it."""
+    """Start routers that end with the test."""
     started = []
 
     def start(file: str = "", **more: object) -> None:
@@ -86,7 +86,7 @@ def seen(endpoint: str, **more):
 
 
 def test_a_closed_port_an_unknown_name_and_an_invalid_address_have_their_messages(free_port):
-    """Nobody at the port; a name that nobody knows; an address that is none."""
+    """Nobody listens at the port, the name is unknown, or the address is invalid."""
     found = seen(f"tcp/127.0.0.1:{free_port}")
     assert found.cause == "nobody"
     assert "joint-monitor run" in found.text
@@ -95,10 +95,10 @@ def test_a_closed_port_an_unknown_name_and_an_invalid_address_have_their_message
 
 
 def test_a_daemon_without_secrets_is_reached_and_may_be_acted_on(free_port):
-    """Plain TCP on loopback; asked without anything happening."""
+    """Plain TCP on loopback. The check has no effect on the daemon."""
     endpoint, called = f"tcp/127.0.0.1:{free_port}", []
     with Bus(BusSettings(listen=(endpoint,)), PREFIX, {"cmd/ack": QueryHandler("answer", lambda asked: called.append(asked) or {})}) as bus:
-        assert seen(endpoint).cause == "denied"  # a bus that says nothing at all is no daemon of this robot
+        assert seen(endpoint).cause == "denied"  # a bus without documents has no daemon of this robot
         bus.publish("info", "info", {})
         found = seen(endpoint)
     assert (found.cause, found.text) == ("reached", "connected, may look and act")
@@ -106,7 +106,7 @@ def test_a_daemon_without_secrets_is_reached_and_may_be_acted_on(free_port):
 
 
 def test_every_failure_of_tls_has_its_message(etc, free_port):
-    """Against a daemon with the shipped configuration: their certificate, ours, none, a file that is not there, the wrong protocol."""
+    """The daemon has the shipped configuration. Its certificate, the client's, a missing file or the protocol is wrong."""
     endpoint, called = f"tls/127.0.0.1:{free_port}", []
     answers = {"cmd/ack": QueryHandler("answer", lambda asked: called.append(asked) or {})}
     with Bus(BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5")), PREFIX, answers) as bus:
@@ -134,7 +134,7 @@ def test_every_failure_of_tls_has_its_message(etc, free_port):
 
 
 def test_tls_to_a_plain_tcp_router_has_its_message(etc, free_port, router):
-    """The endpoint says tls/, the router tcp/."""
+    """The endpoint begins with tls/, and the router uses tcp/."""
     router(listen__endpoints=[f"tcp/127.0.0.1:{free_port}"])
     found = seen(f"tls/127.0.0.1:{free_port}", zenoh_file=str(etc / "viewer.json5"))
     assert found.cause == "no_tls"
@@ -142,7 +142,7 @@ def test_tls_to_a_plain_tcp_router_has_its_message(etc, free_port, router):
 
 
 def test_a_missing_and_a_wrong_password_have_their_messages(tmp_path, free_port, router):
-    """None given, a wrong one, the right one."""
+    """No password, a wrong one, and the right one."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
     (tmp_path / "users.txt").write_text("ada:secret\n")
     auth = {"dictionary_file": str(tmp_path / "users.txt"), "user": "router", "password": "its own"}
@@ -163,7 +163,7 @@ def test_a_missing_and_a_wrong_password_have_their_messages(tmp_path, free_port,
 
 
 def test_each_failure_through_a_router_has_its_message(etc, free_port, router):
-    """The shipped router: a monitor that is not connected, and one that is; somebody whom access control does not know."""
+    """The shipped router: the monitor is not connected, or it is; and a client that access control does not list."""
     endpoint = f"tls/127.0.0.1:{free_port}"
     router(str(etc / "router.json5"), listen__endpoints=[endpoint])
     viewer, guest = (str(etc / f"{name}.json5") for name in ("viewer", "guest"))
@@ -182,7 +182,7 @@ def test_each_failure_through_a_router_has_its_message(etc, free_port, router):
 
 
 def test_an_invalid_configuration_is_a_mistake(tmp_path):
-    """Not a way of not reaching."""
+    """It is a BadConfiguration and not an unreachable bus."""
     (tmp_path / "z.json5").write_text("{")
     with pytest.raises(BadInput, match="is no Zenoh configuration"):
         seen("tcp/127.0.0.1:1", zenoh_file=str(tmp_path / "z.json5"))

@@ -1,4 +1,4 @@
-"""Documents and schemas that daemons of the past wrote, held against today's readers: within v1 fields are only added."""
+"""Documents and schemas of earlier daemons, read by today's code: within v1, fields are only added."""
 
 import json
 from pathlib import Path
@@ -20,9 +20,9 @@ def name(path: Path) -> str:
 
 
 def broken(before: dict, after: dict, *, asked: bool) -> list[str]:
-    """What a schema of before has that one of after has not, or demands otherwise; `asked`: it is a request.
+    """What an earlier schema has and a later one has not, or has otherwise; `asked`: it is a request.
 
-    A reader of before must find every field that was always there; a request of before must still be accepted.
+    An earlier reader must find every required field, and an earlier request must still be accepted.
     """
     found = []
     for title, old in {"": before, **before.get("$defs", {})}.items():
@@ -56,7 +56,7 @@ def types(kind: dict) -> list[str]:
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=name)
 def test_a_recorded_document_is_read_by_todays_types_and_valid_by_todays_schema(path):
-    """Every field of it still has its name, and reads back as it was written."""
+    """Every field still has its name, and reads back as it was written."""
     recorded = json.loads(path.read_text("utf-8"))
     kind, document = recorded["kind"], recorded["document"]
     jsonschema.validate(document, schema(kind), format_checker=jsonschema.FormatChecker())
@@ -76,7 +76,7 @@ def test_every_released_kind_is_recorded():
 
 @pytest.mark.parametrize("path", SCHEMAS, ids=name)
 def test_todays_schemas_keep_the_promises_of_earlier_ones(path):
-    """No field gone, none of another type, none that readers relied on left out, none that requests must newly carry."""
+    """No field is removed, has another type or is no longer required, and requests need no new field."""
     before = json.loads(path.read_text("utf-8"))
     assert set(before) <= set(KINDS)
     for kind, old in before.items():
@@ -84,7 +84,7 @@ def test_todays_schemas_keep_the_promises_of_earlier_ones(path):
 
 
 def test_a_field_that_is_renamed_removed_or_newly_asked_for_is_found():
-    """The comparison itself, on an alert and on a request that were tampered with; an addition is none."""
+    """The comparison finds the change of an alert and of a request. An addition is no change."""
     alert, request = schema("alert"), schema("ack-request")
     added = json.loads(json.dumps(alert))
     added["properties"]["more"] = {"type": "string"}

@@ -1,4 +1,4 @@
-"""A stream of alerts while router, daemon and subscriber are restarted in random order: nothing lost, nothing doubled, order kept."""
+"""A stream of alerts while router, daemon and subscriber restart in random order: none is lost or repeated, and order is kept."""
 
 import itertools
 import os
@@ -28,7 +28,7 @@ ROUTER = (
 
 
 class Subscriber:
-    """A client in a thread of its own that comes back as often as it is cut off; what each of its lives was told."""
+    """A client in its own thread that reconnects after each interruption, and what it received in each connection."""
 
     def __init__(self, endpoint: str) -> None:
         self.endpoint = endpoint
@@ -40,14 +40,14 @@ class Subscriber:
         self._thread.start()
 
     def _live(self) -> None:
-        told: list[int] = []
-        self.lives.append(told)
+        received: list[int] = []
+        self.lives.append(received)
         while not self._stop.is_set():
             try:
                 with Client(self.endpoint, "lab", "cell-1", timeout_s=2.0) as client:
                     for message in client.watch("**", until=self._stop.is_set):
                         if message.key == "event":
-                            told.append(message.document["seq"])
+                            received.append(message.document["seq"])
                         elif message.key.startswith("alert/"):
                             self._note(message.document)
             except BusError:
@@ -60,9 +60,9 @@ class Subscriber:
         self.last[joint] = text
 
     def knows(self, last: int, numbers: dict[int, int]) -> bool:
-        """Whether it was told of that transition or a later one, and of every joint's state as new as these."""
-        told = self.lives[-1][-1:]
-        return bool(told and told[0] >= last) and all(_number(self.last.get(joint, "")) >= n for joint, n in numbers.items())
+        """Whether it received that transition or a later one, and states of the joints that are as new as these."""
+        received = self.lives[-1][-1:]
+        return bool(received and received[0] >= last) and all(_number(self.last.get(joint, "")) >= n for joint, n in numbers.items())
 
     def restart(self) -> None:
         self.end()
@@ -77,7 +77,7 @@ class Subscriber:
 
 
 class Site:
-    """A router, a daemon that raises alerts without rest, and two subscribers, one of which is never restarted."""
+    """A router, a daemon with a steady stream of alerts, and two subscribers, of which one is never restarted."""
 
     def __init__(self, folder: Path, port: int) -> None:
         self.endpoint, self.folder = f"tcp/127.0.0.1:{port}", folder
@@ -106,13 +106,13 @@ class Site:
             self.daemon = self._daemon()
 
     def caught_up_s(self, limit_s: float) -> float:
-        """How long until both subscribers know what the store knows now: its last transition, and the last state of every joint."""
+        """The time until both subscribers have the store's last transition and the last state of every joint."""
         last, numbers = self.known()
         began = time.monotonic()
         while not all(subscriber.knows(last, numbers) for subscriber in (self.faithful, self.restless)):
             if time.monotonic() - began > limit_s:
-                told = {s.lives[-1][-1] if s.lives[-1] else None: s.last for s in (self.faithful, self.restless)}
-                raise AssertionError(f"after {limit_s:g} s the store knows {last} {numbers}, the subscribers {told}")
+                received = {s.lives[-1][-1] if s.lives[-1] else None: s.last for s in (self.faithful, self.restless)}
+                raise AssertionError(f"after {limit_s:g} s the store knows {last} {numbers}, the subscribers {received}")
             time.sleep(0.02)
         return time.monotonic() - began
 
@@ -124,7 +124,7 @@ class Site:
         return len(events), {event.document["joint"]: _number(event.document["text"]) for event in events}
 
     def settle(self) -> None:
-        """The alerts come to rest: the daemon ends, and a later one that raises no more says what there is to say."""
+        """Stop the stream of alerts: the daemon ends, and a later one without new alerts publishes what is left."""
         self.daemon.stdin.write("\n")
         self.daemon.stdin.flush()
         while not (line := self.daemon.stdout.readline()).startswith("down"):
@@ -170,8 +170,8 @@ def play(folder: Path, port: int, restarts: list[str], seed: int) -> dict[str, f
         waits.append(site.caught_up_s(20.0))
         last, numbers = site.known()
         for name, subscriber in (("faithful", site.faithful), ("restless", site.restless)):
-            for told in subscriber.lives:
-                gaps = [(a, b) for a, b in itertools.pairwise(told) if b != a + 1]
+            for received in subscriber.lives:
+                gaps = [(a, b) for a, b in itertools.pairwise(received) if b != a + 1]
                 assert not gaps, f"{name}: after {gaps[0][0]} came {gaps[0][1]}"
             assert not subscriber.back, f"{name}: {subscriber.back[0]}"
             assert {joint: _number(text) for joint, text in subscriber.last.items()} == numbers, name
@@ -186,14 +186,14 @@ def _number(text: str) -> int:
 
 
 def test_restarts_lose_and_repeat_no_transition(tmp_path, free_port):
-    """One of each, the daemon's while the router is hardly back; `make soak` plays a hundred in random order."""
+    """One restart of each; the daemon restarts right after the router. `make soak` plays a hundred in random order."""
     play(tmp_path, free_port, ["subscriber", "router", "daemon"], seed=1)
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(1500)
 def test_a_hundred_restarts_lose_and_repeat_no_transition(tmp_path, free_port, soak_row):
-    """Seeded; about six minutes. Every fifth restart waits until both subscribers know what the store knows."""
+    """The order is seeded, and it takes about six minutes. Every fifth restart waits until both subscribers are up to date."""
     restarts = random.Random(2).choices(("router", "daemon", "subscriber"), k=100)
     found = play(tmp_path, free_port, restarts, seed=2)
     soak_row("100 restarts: transitions, each once and in order at both ends", f"{found['transitions']}", "all")

@@ -1,4 +1,4 @@
-"""A history that was damaged and replaced by a backup is an alert, and stays one until a person has seen it."""
+"""A history that was replaced by a backup is an alert until a person acknowledges it."""
 
 import shutil
 import signal
@@ -19,7 +19,7 @@ from monitor.store.store import Store
 
 
 def reached(endpoint: str, process: "subprocess.Popen[str]") -> Client:
-    """A busy machine takes a while to start one."""
+    """A client, as soon as the daemon answers: a busy machine needs time to start it."""
     for _ in range(600):
         assert process.poll() is None, process.stderr.read() if process.stderr else ""
         try:
@@ -29,8 +29,8 @@ def reached(endpoint: str, process: "subprocess.Popen[str]") -> Client:
     raise AssertionError("the daemon never opened its endpoint")
 
 
-def told(client: Client) -> Alert:
-    """The endpoint is open a moment before all is said that is to be said."""
+def restored_alert(client: Client) -> Alert:
+    """The alert of the restored history; it comes a moment after the endpoint opens."""
     for _ in range(200):
         for alert in client.alerts():
             if alert.condition == STORE_RESTORED:
@@ -40,7 +40,7 @@ def told(client: Client) -> Alert:
 
 
 def test_a_restored_history_without_a_verdict_is_a_problem_and_an_alert_with_the_first_verdict(tmp_path: Path, free_port: int, recording):  # noqa: F811
-    """Nothing assessed, no backup: there is no health that an alert could belong to; it waits for one, also through a restart."""
+    """Without an assessment and a backup there is no health for an alert. The problem waits for one, also through a restart."""
     (tmp_path / "history").mkdir()
     (tmp_path / "history" / "history.sqlite").write_bytes(b"this is no database" * 1000)
     endpoint, arm = f"tcp/127.0.0.1:{free_port}", Arm(recording)
@@ -48,7 +48,7 @@ def test_a_restored_history_without_a_verdict_is_a_problem_and_an_alert_with_the
         with Store.open(tmp_path / "history") as store, Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon:
             assert "the history was damaged" in daemon.alerts.restored
             daemon.alerts.clear_own()
-            assert daemon.alerts.restored  # told as trouble
+            assert daemon.alerts.restored  # reported as a problem
     with (
         Store.open(tmp_path / "history") as store,
         Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon,
@@ -57,13 +57,13 @@ def test_a_restored_history_without_a_verdict_is_a_problem_and_an_alert_with_the
         assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
         daemon.alerts.clear_own()
         assert daemon.alerts.restored is None
-        assert "the history was damaged" in told(client).text
+        assert "the history was damaged" in restored_alert(client).text
     with Store.open(tmp_path / "history") as store, Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon:
         assert daemon.alerts.restored is None
 
 
 def test_a_restored_history_is_an_alert_until_it_is_acknowledged(tmp_path: Path, free_port: int, recording, history):  # noqa: F811
-    """Said by a real process, still there after kill −9 and after another replay's verdict; over once it was acknowledged."""
+    """A real process publishes it. It stays after SIGKILL and after another verdict, and clears after its acknowledgement."""
     shutil.copytree(history, tmp_path / "history")
     back_up(tmp_path / "history", 14)
     (tmp_path / "history" / "history.sqlite").write_bytes(b"this is no database" * 1000)
@@ -76,8 +76,8 @@ def test_a_restored_history_is_an_alert_until_it_is_acknowledged(tmp_path: Path,
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             with reached(endpoint, process) as client:
-                said = told(client)
-                assert "the history was damaged" in said.text
+                alert = restored_alert(client)
+                assert "the history was damaged" in alert.text
                 assert [event.kind for event in client.events().events][-1] == "raised"
         finally:
             process.send_signal(signal.SIGKILL)

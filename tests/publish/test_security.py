@@ -1,4 +1,4 @@
-"""The examples of deploy/zenoh as they stand, with certificates of the test's own: who looks, who acts, who gets nothing."""
+"""The unchanged examples of deploy/zenoh with certificates of the test: who may read, who may command, who gets nothing."""
 
 import json
 import subprocess
@@ -22,7 +22,7 @@ ETC = "/etc/joint-monitor"
 
 @pytest.fixture(scope="module")
 def etc(tmp_path_factory):
-    """A site's /etc/joint-monitor: the shipped examples, and certificates from an authority of its own, and one from another."""
+    """The /etc/joint-monitor of a site: the shipped examples, certificates of its own authority, and one of another."""
     folder = tmp_path_factory.mktemp("etc")
     (folder / "tls").mkdir()
     ours, theirs = trustme.CA(), trustme.CA()
@@ -49,7 +49,7 @@ def etc(tmp_path_factory):
 
 @pytest.fixture
 def bus(etc, free_port):
-    """A daemon's bus behind TLS, with one command that remembers who called."""
+    """A daemon's bus behind TLS, with one command that records its callers."""
     endpoint, called = f"tls/127.0.0.1:{free_port}", []
     answers = {"cmd/ack": QueryHandler("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
     with Bus(BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5")), prefix("lab", "cell-1"), answers) as bus:
@@ -62,7 +62,7 @@ def client(etc, endpoint, who):
 
 
 def test_maintenance_may_read_and_command(etc, bus):
-    """Its certificate is of our authority, and its name may."""
+    """Its certificate is of the site's authority, and its name is on the list."""
     _, endpoint, called = bus
     with client(etc, endpoint, "maintenance") as session:
         assert session.get("health")[0].document == {"state": "NORMAL"}
@@ -71,7 +71,7 @@ def test_maintenance_may_read_and_command(etc, bus):
 
 
 def test_a_viewer_may_read_and_not_command(etc, bus):
-    """Last values come, also by wildcard; a command does not reach the daemon."""
+    """It gets last values, also by wildcard. Its command does not reach the daemon."""
     _, endpoint, called = bus
     with client(etc, endpoint, "viewer") as session:
         assert session.get("health")[0].document == {"state": "NORMAL"}
@@ -83,24 +83,24 @@ def test_a_viewer_may_read_and_not_command(etc, bus):
 def test_a_viewer_cannot_publish_for_the_monitor(etc, bus):
     """What a viewer publishes under the monitor's keys reaches nobody."""
     _, endpoint, _ = bus
-    heard = []
+    received = []
     with (
         client(etc, endpoint, "maintenance") as listener,
         zenoh.open(session_config(mode="client", connect=(endpoint,), zenoh_file=str(etc / "viewer.json5"))) as liar,
     ):
-        listener._session.declare_subscriber("joint-monitor/v1/lab/cell-1/health", heard.append)
+        listener._session.declare_subscriber("joint-monitor/v1/lab/cell-1/health", received.append)
         time.sleep(0.5)
         liar.put("joint-monitor/v1/lab/cell-1/health", json.dumps({"state": "FAILURE"}))
         time.sleep(0.5)
         bus[0].publish("health", "health", {"state": "OFF_SPEC"})
         deadline = time.monotonic() + 5.0
-        while not heard and time.monotonic() < deadline:
+        while not received and time.monotonic() < deadline:
             time.sleep(0.05)
-    assert [json.loads(sample.payload.to_bytes())["state"] for sample in heard] == ["OFF_SPEC"]
+    assert [json.loads(sample.payload.to_bytes())["state"] for sample in received] == ["OFF_SPEC"]
 
 
 def permitting(etc, endpoint, who, answer):
-    """A session of somebody who would answer whether the arm may move."""
+    """A session that answers whether the arm may move."""
     session = zenoh.open(session_config(mode="client", connect=(endpoint,), zenoh_file=str(etc / f"{who}.json5")))
 
     def reply(query: zenoh.Query) -> None:
@@ -112,7 +112,7 @@ def permitting(etc, endpoint, who, answer):
 
 
 def eventually(ask, within_s=10.0):
-    """The first answer that is one."""
+    """The first answer that is no error."""
     deadline = time.monotonic() + within_s
     while (answer := ask()) is None and time.monotonic() < deadline:
         time.sleep(0.1)
@@ -120,27 +120,27 @@ def eventually(ask, within_s=10.0):
 
 
 def test_only_the_cell_answers_whether_the_arm_may_move(etc, bus):
-    """It is heard on that key alone; a viewer who says yes is not, and the cell cannot speak for the monitor nor act."""
+    """The cell may publish on that key alone. A viewer's yes does not arrive, and the cell can neither publish nor command otherwise."""
     ours, endpoint, called = bus
     with permitting(etc, endpoint, "viewer", {"allow": True, "why": "let it move"}):
         time.sleep(0.5)
         assert ours.ask_permit({}, 1.0) is None
     with permitting(etc, endpoint, "cell", {"allow": True, "why": "parked"}) as cell:
         assert eventually(lambda: ours.ask_permit({}, 1.0)).allowed
-        heard = []
+        received = []
         with client(etc, endpoint, "maintenance") as listener:
-            listener._session.declare_subscriber("joint-monitor/v1/lab/cell-1/health", heard.append)
+            listener._session.declare_subscriber("joint-monitor/v1/lab/cell-1/health", received.append)
             time.sleep(0.3)
             cell.put("joint-monitor/v1/lab/cell-1/health", json.dumps({"state": "FAILURE"}))
             assert [reply.ok.payload.to_bytes() for reply in cell.get("joint-monitor/v1/lab/cell-1/health", timeout=5.0)]
             assert list(cell.get("joint-monitor/v1/lab/cell-1/cmd/ack", payload=b'{"by": "cell"}', timeout=2.0)) == []
             time.sleep(0.3)
-        assert heard == []
+        assert received == []
     assert called == []
 
 
 def test_a_manual_replay_asks_for_its_permit_over_tls_too(etc, free_port):
-    """Where no daemon runs, the one who asks stands in for it, with its certificate."""
+    """Without a daemon, the command asks in its place, with its certificate."""
     endpoint = f"tls/127.0.0.1:{free_port}"
     settings = BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5"), client_zenoh=str(etc / "maintenance.json5"))
     with Asker(settings, prefix("lab", "cell-1")) as asker, permitting(etc, endpoint, "cell", {"allow": False, "why": "door open"}):
@@ -151,9 +151,9 @@ def test_a_manual_replay_asks_for_its_permit_over_tls_too(etc, free_port):
 
 @pytest.mark.parametrize("who", ["guest", "forger", "nobody"])
 def test_clients_that_are_not_listed_get_nothing(etc, bus, who):
-    """A certificate with another name, one of another authority, none at all: no value, no action."""
+    """A certificate with another name, one of another authority, or none: no value and no command."""
     _, endpoint, called = bus
-    if who == "guest":  # our authority vouches for him, nobody named him
+    if who == "guest":  # a certificate of the site's authority, with a name that is not listed
         with client(etc, endpoint, who) as session:
             assert session.get("**") == []
             assert session.get("cmd/ack", {"by": "eve"}) == []
@@ -164,7 +164,7 @@ def test_clients_that_are_not_listed_get_nothing(etc, bus, who):
 
 
 def test_through_the_router_of_the_example(etc, free_port):
-    """A router process with the shipped configuration between monitor and clients: the same may look, act, or get nothing."""
+    """With a router of the shipped configuration between monitor and clients, the permissions are the same."""
     endpoint = f"tls/127.0.0.1:{free_port}"
     script = (
         "import json, sys, time, zenoh\n"
@@ -200,7 +200,7 @@ def test_through_the_router_of_the_example(etc, free_port):
 
 
 def test_users_and_passwords_from_credentials(etc, tmp_path, free_port, monkeypatch):
-    """The shipped example with passwords: maintenance acts, a viewer looks, a wrong password and none at all get nothing."""
+    """The shipped example with passwords: maintenance commands, a viewer reads, and a wrong or missing password gets nothing."""
     users = {"monitor": "m0nitor", "viewer": 'look "only"', "maintenance": "grease"}
     endpoint, called = f"tls/127.0.0.1:{free_port}", []
 
@@ -255,7 +255,7 @@ with Bus(settings, prefix("lab", "cell-1")):
     ],
 )
 def test_refused_clients_are_logged(etc, tmp_path, free_port, monkeypatch, daemon, who, words):
-    """As `run` does it: who connected, and that he was not let in, in the daemon's output without escape sequences."""
+    """As in `run`: the daemon's output names the client and its refusal, without escape sequences."""
     (tmp_path / "zenoh-users").write_text("maintenance:grease\n")
     (tmp_path / "zenoh-password").write_text("guessed\n")
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
@@ -271,17 +271,17 @@ def test_refused_clients_are_logged(etc, tmp_path, free_port, monkeypatch, daemo
                 assert session.get("**") == []
         except BusError:
             assert who != "guest"
-        said, _ = process.communicate("\n", timeout=30.0)
+        output, _ = process.communicate("\n", timeout=30.0)
     finally:
         process.kill()
         process.wait()
     for word in words:
-        assert word in said
-    assert "\x1b" not in said
+        assert word in output
+    assert "\x1b" not in output
 
 
 def test_credentials_come_from_the_service_manager(etc, tmp_path, free_port, monkeypatch):
-    """`${CREDENTIALS_DIRECTORY}` is replaced; unset, it is named."""
+    """`${CREDENTIALS_DIRECTORY}` is replaced. If it is not set, the message names it."""
     text = (etc / "daemon.json5").read_text("utf-8").replace(str(etc / "tls"), "${CREDENTIALS_DIRECTORY}")
     (tmp_path / "daemon.json5").write_text(text, "utf-8")
     settings = BusSettings(listen=(f"tls/127.0.0.1:{free_port}",), zenoh=str(tmp_path / "daemon.json5"))
@@ -290,11 +290,11 @@ def test_credentials_come_from_the_service_manager(etc, tmp_path, free_port, mon
         Bus(settings, prefix("lab", "cell-1"))
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(etc / "tls"))
     with Bus(settings, prefix("lab", "cell-1")), client(etc, settings.listen[0], "viewer") as session:
-        assert session.get("**") == []  # let in, and nothing has been said yet
+        assert session.get("**") == []  # the client is admitted, and nothing has been published yet
 
 
 def test_an_invalid_zenoh_configuration_is_refused(tmp_path):
-    """By name of the file, with Zenoh's reason."""
+    """The message has the name of the file and Zenoh's reason."""
     for text, says in (("{", "is no Zenoh configuration"), ("{nonsense: 1}", "is no Zenoh configuration")):
         (tmp_path / "z.json5").write_text(text)
         with pytest.raises(BadInput, match=says):

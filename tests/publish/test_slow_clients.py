@@ -1,4 +1,4 @@
-"""Clients that do not read, and clients that ask too much: the others are served all the same."""
+"""Clients that do not read or that query too much: the others are served as usual."""
 
 import os
 import signal
@@ -43,9 +43,9 @@ def endpoint(free_port: int) -> str:
 
 
 def test_a_client_that_no_longer_reads_is_disconnected_and_may_return(endpoint):
-    """40 MB of answers to a frozen process: questions of others and what is published go on within seconds, and it finds back by itself.
+    """40 MB of answers to a frozen process: other queries and publications continue within seconds, and it reconnects by itself.
 
-    Zenoh alone waits 5 s for it, each time: 10 s were measured. Ours is half a second; 4 s leave room for a busy machine.
+    Zenoh's default waits 5 s each time, and 10 s were measured. The daemon's setting is 0.5 s; 4 s leave room for a busy machine.
     """
     big = {"rows": "x" * 400_000}
     answers = {"torque": QueryHandler("torque", lambda _: {}), "history": QueryHandler("history", lambda _: big, payload=False)}
@@ -69,8 +69,8 @@ def test_a_client_that_no_longer_reads_is_disconnected_and_may_return(endpoint):
                 Client(endpoint, "lab", "cell-1", timeout_s=20.0) as client,
                 zenoh.open(session_config(mode="client", connect=(endpoint,))) as session,
             ):
-                heard, waited = [], []
-                session.declare_subscriber(f"{PREFIX}/health", lambda _: heard.append(time.monotonic()))
+                received, waited = [], []
+                session.declare_subscriber(f"{PREFIX}/health", lambda _: received.append(time.monotonic()))
                 assert greedy.stdout.readline() == "asked\n"
                 greedy.send_signal(signal.SIGSTOP)
                 end = time.monotonic() + 6.0
@@ -80,7 +80,7 @@ def test_a_client_that_no_longer_reads_is_disconnected_and_may_return(endpoint):
                     waited.append(time.monotonic() - began)
                     time.sleep(0.01)
                 assert max(waited) < 4.0
-                assert max(later - earlier for earlier, later in pairwise(heard)) < 4.0
+                assert max(later - earlier for earlier, later in pairwise(received)) < 4.0
                 assert bus.dropped == 0
                 greedy.send_signal(signal.SIGCONT)
                 greedy.stdin.write("\n")
@@ -94,7 +94,7 @@ def test_a_client_that_no_longer_reads_is_disconnected_and_may_return(endpoint):
 
 
 def test_every_query_of_a_flood_is_answered_or_refused(endpoint):
-    """More than may wait while the answers take long: each of them gets one reply, an answer or `busy`; afterwards all is as before."""
+    """More queries than may wait, with slow answers: each gets one reply, an answer or `busy`. Later queries work as before."""
     flood, gate = 2 * QUEUE_LENGTH, threading.Event()
     replies: list[str] = []
     done = threading.Semaphore(0)
@@ -125,7 +125,7 @@ def test_every_query_of_a_flood_is_answered_or_refused(endpoint):
 
 
 def test_a_payload_that_is_too_large_is_refused_unread(endpoint):
-    """4 MB and more of payload: an error that names the limit."""
+    """For a payload of 4 MB and more, the error names the limit."""
     with (
         Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": QueryHandler("torque", lambda _: {})}),
         Client(endpoint, "lab", "cell-1") as client,

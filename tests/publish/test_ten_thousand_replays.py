@@ -1,8 +1,8 @@
-"""10 000 replays through the daemon, seven years of four a day: its memory stays where it was, and the history grows by what a replay says.
+"""10 000 replays through the daemon, four a day for seven years: its memory does not grow, and the history grows evenly.
 
-All is the service's own: ledger, recording written and read again, judge, commit, bus with a client that hears every document, model for
+The service is real: ledger, recording written and read again, judge, commit, bus with a client of every document, model for
 live torque, backups, retention. Only two things are fed in: the recording is a second of a simulated one under a new time, and what
-`identify` says of it comes from an arm made of laws and dice, since a fit of each takes half a second.
+`identify` would return comes from an arm made of laws and random numbers, since a fit of each takes half a second.
 """
 
 import gc
@@ -27,12 +27,12 @@ from monitor.store.store import Store
 REPLAYS, APART_S = 10_000, 21_600.0
 SPAN = 1000  # replays that are compared with each other
 UPKEEP_EVERY = 250
-MOST_GROWTH_MIB = 10.0  # of about 150; what one replay would leave behind, 9000 times, is seen from 1.2 kB on
+MOST_GROWTH_MIB = 10.0  # of about 150; a leak of 1.2 kB a replay, 9000 times, is detected
 
 
 def own_mib() -> float:
-    """What this process has taken for itself. A program's and its libraries' pages are shared out among all that run: their part moves
-    by tens of MiB whenever another Python begins or ends.
+    """The private memory of this process. Pages of programs and libraries are shared among all processes: their part changes
+    by tens of MiB when another Python starts or ends.
     """
     gc.collect()
     lines = Path("/proc/self/smaps_rollup").read_text().splitlines()
@@ -40,7 +40,7 @@ def own_mib() -> float:
 
 
 class Cell:
-    """A clock that goes on by six hours, and an arm that is heard for a second."""
+    """A clock that advances by six hours, and an arm that is recorded for a second."""
 
     def __init__(self) -> None:
         self.clock_unix_s = START_S
@@ -63,16 +63,16 @@ class Cell:
 @pytest.mark.timeout(1500)
 def test_ten_thousand_replays_do_not_grow_memory(tmp_path: Path, free_port: int, monkeypatch, soak_row):
     endpoint = f"tcp/127.0.0.1:{free_port}"
-    laws, cell, heard = Laws(seed=9), Cell(), [0]
+    laws, cell, received = Laws(seed=9), Cell(), [0]
     wear = np.zeros(6)
 
     def identified(recordings, *_, **__):
         day = (cell.clock_unix_s - START_S) / 86_400.0
-        wear[1] = 0.3 * ((day / 600.0) % 1.0)  # it wears, alerts come, it is mended, alerts go
+        wear[1] = 0.3 * ((day / 600.0) % 1.0)  # it wears, alerts come, it is repaired, alerts clear
         return laws.replay(28.0 + 4.0 * np.sin(day) + 3.0 * np.sin(day / 58.0), wear)
 
     def count(_: zenoh.Sample) -> None:
-        heard[0] += 1
+        received[0] += 1
 
     monkeypatch.setattr(monitor.assess, "identify", identified)
     memory, sizes, states = [], [], []
@@ -105,10 +105,10 @@ def test_ten_thousand_replays_do_not_grow_memory(tmp_path: Path, free_port: int,
     a_replay = np.diff(sizes) / SPAN
     soak_row(f"{REPLAYS} replays: memory after 1000–2000 and at the end", f"{early:.1f} and {late:.1f} MiB", f"+{MOST_GROWTH_MIB:g} MiB")
     soak_row("history a replay, first and last thousand", f"{a_replay[0]:.0f} and {a_replay[-1]:.0f} B", "the same")
-    soak_row("documents heard on the bus, dropped; transitions", f"{heard[0]}, {dropped}; {events}", "0 dropped")
+    soak_row("documents heard on the bus, dropped; transitions", f"{received[0]}, {dropped}; {events}", "0 dropped")
     assert late - early <= MOST_GROWTH_MIB
-    assert a_replay[-1] <= 1.1 * a_replay[0]  # transitions come and go by chance
+    assert a_replay[-1] <= 1.1 * a_replay[0]  # the number of transitions is random
     assert recordings <= 30 * 4 + UPKEEP_EVERY
     assert dropped == 0
-    assert heard[0] > 7 * REPLAYS  # six joints' friction and health at least
+    assert received[0] > 7 * REPLAYS  # six joints' friction and health at least
     assert len(set(states)) > 1  # there were verdicts to tell

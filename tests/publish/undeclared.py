@@ -1,4 +1,4 @@
-"""What a document holds that its type does not name."""
+"""The fields of a document that its type does not name."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from pydantic import BaseModel
 
 
 def undeclared(value: Any, place: str = "") -> list[str]:
-    """Paths of fields that would be read as somebody else's addition."""
+    """The paths of all fields that a reader takes for unknown additions."""
     if isinstance(value, BaseModel):
         found = [f"{place}{extra}" for extra in value.model_extra or ()]
         for field in type(value).model_fields:

@@ -1,6 +1,6 @@
-"""A machine of its own for a unit file: a real systemd as PID 1 in namespaces of its own, over a copy-on-write view of this one's disk.
+"""A machine for one unit file: a real systemd as PID 1 in its own namespaces, over a copy-on-write view of this machine's disk.
 
-Needs root, systemd, util-linux and overlayfs. Nothing outside it changes; it is gone with the process. The program under test is this
+Needs root, systemd, util-linux and overlayfs. Nothing outside it changes, and it ends with the process. The program under test is this
 checkout's, bound to /opt/joint-monitor, where the shipped unit expects it.
 """
 
@@ -73,7 +73,7 @@ exec env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin container=test SYSTEMD_PROC_CMDLI
 
 
 def why_not() -> str | None:
-    """Why no systemd can be booted here; None where it can."""
+    """The reason why no systemd can be booted here; None if it can."""
     if os.geteuid() != 0:
         return "this is not root"
     missing = [name for name in NEEDED if shutil.which(name) is None]
@@ -95,7 +95,7 @@ class Machine:
     """A context manager; `run` executes inside, `unit` asks systemd for properties."""
 
     def __init__(self, folder: Path, configurations: dict[str, str], drop_in: str = "") -> None:
-        """`configurations`: robots' TOML by instance; `drop_in`: what the test changes of the shipped unit, and no more than that."""
+        """`configurations`: robots' TOML by instance; `drop_in`: everything that the test changes of the shipped unit."""
         self._folder = folder
         for name in ("units/joint-monitor@.service.d", "etc"):
             (folder / name).mkdir(parents=True)
@@ -160,7 +160,7 @@ class Machine:
                     time.sleep(0.05)
 
     def run(self, *command: str, check: bool = True, timeout: float = 60.0) -> "subprocess.CompletedProcess[str]":
-        """Inside."""
+        """The path of a configuration inside the machine."""
         done = subprocess.run(
             ["nsenter", "--target", self._init, "--all", *command], capture_output=True, text=True, timeout=timeout, check=False
         )
@@ -169,16 +169,16 @@ class Machine:
 
     def unit(self, name: str, *properties: str) -> dict[str, str]:
         """Properties of a unit."""
-        said = self.run("systemctl", "show", name, "--property", ",".join(properties)).stdout
-        return dict(line.split("=", 1) for line in said.strip().splitlines())
+        output = self.run("systemctl", "show", name, "--property", ",".join(properties)).stdout
+        return dict(line.split("=", 1) for line in output.strip().splitlines())
 
     def journal(self, *arguments: str) -> str:
-        """What the journal holds."""
+        """The lines of the journal."""
         self.run("journalctl", "--sync", check=False)
         return self.run("journalctl", "--no-pager", *arguments).stdout
 
     def eventually(self, unit: str, name: str, value: str, within_s: float) -> dict[str, str]:
-        """Until a property of a unit has a value."""
+        """The properties of a unit, once one of them has the expected value."""
         deadline = time.monotonic() + within_s
         while time.monotonic() < deadline:
             if self.unit(unit, name)[name] == value:

@@ -1,4 +1,4 @@
-"""A history is kept for years: backed up, restored when damaged, thinned out, recomputed to the last bit."""
+"""A history of years: it is backed up, restored after damage, pruned, and recomputed to the last bit."""
 
 import os
 import shutil
@@ -41,7 +41,7 @@ def history(folder: Path, replays: int = 3) -> None:
 
 
 def torn(path: Path) -> None:
-    """The pages after the first two are noise, as after a disk that lied."""
+    """All pages but the first two are random bytes, as on a disk that lost its writes."""
     with path.open("r+b") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(8192)
@@ -50,7 +50,7 @@ def torn(path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [torn, lambda path: path.write_bytes(b"this is no database" * 100), lambda path: path.write_bytes(b"")])
 def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_place(tmp_path: Path, damage: Callable[[Path], Any]):
-    """Torn pages, another file, nothing at all; the newest backup is damaged too, so the one before it serves."""
+    """Torn pages, another file, an empty file. The newest backup is damaged too, so the one before it is used."""
     history(tmp_path)
     good = back_up(tmp_path, 14)
     (good.parent / "history-99990101T000000Z.sqlite").write_bytes(b"SQLite format 3\0" + os.urandom(5000))
@@ -60,18 +60,18 @@ def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_pla
         assert store.restored is not None
         assert store.restored.backup == good
         assert store.restored.set_aside.is_file()
-        assert "***" not in store.restored.text  # what is wrong, not which database
+        assert "***" not in store.restored.text  # the text states what is wrong, and not which database
         assert len(store.assessments.rows()) == 3
         commit(store, replayed(store, 9 * DAY))
-        assert store.events.rows()[-1].seq > 1_000_000  # not a number that the damaged history may have given to something else
-        assert "replaced by the backup" in store.notes.get(RESTORED)  # until an alert has said so
+        assert store.events.rows()[-1].seq > 1_000_000  # the damaged history may have used the next numbers
+        assert "replaced by the backup" in store.notes.get(RESTORED)  # until an alert has reported it
     with Store.open(tmp_path) as store:
         assert store.restored is None
         assert store.notes.get(RESTORED)
 
 
 def test_a_lost_history_is_restored_from_its_backup_and_recordings_are_never_overwritten(tmp_path: Path):
-    """Deleted, or a crash in the middle of a restoration; without a backup the recordings alone say that there was one."""
+    """The file was deleted, or a restoration was interrupted. Without a backup only the recordings show that there was a history."""
     history(tmp_path)
     back_up(tmp_path, 14)
     (tmp_path / HISTORY).unlink()
@@ -88,13 +88,13 @@ def test_a_lost_history_is_restored_from_its_backup_and_recordings_are_never_ove
 
 
 def test_entries_lost_with_a_torn_log_are_detected_and_no_recording_is_overwritten(tmp_path: Path):
-    """The file itself is sound, and ends a replay earlier: its recording says so, before its number is given to another."""
+    """The file is valid and ends a replay earlier. The recording shows this before its number is used for another replay."""
     lived_in, copy = tmp_path / "lived", tmp_path / "copy"
     with Store.open(lived_in) as store:
         commit(store, replayed(store, DAY))
         store.database.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         commit(store, replayed(store, 2 * DAY))
-        shutil.copytree(lived_in, copy)  # as a power cut leaves it
+        shutil.copytree(lived_in, copy)  # as after a power cut
     with (copy / f"{HISTORY}-wal").open("r+b") as log:
         log.seek(100)
         log.write(os.urandom(64))
@@ -110,7 +110,7 @@ def test_entries_lost_with_a_torn_log_are_detected_and_no_recording_is_overwritt
 
 
 def test_a_damaged_history_without_a_backup_is_kept_and_a_new_one_begins(tmp_path: Path):
-    """Nothing is deleted: the file lies beside, and the recordings wait to be entered."""
+    """Nothing is deleted: the file is kept under another name, and the recordings can be entered later."""
     history(tmp_path)
     torn(tmp_path / HISTORY)
     with Store.open(tmp_path) as store:
@@ -122,7 +122,7 @@ def test_a_damaged_history_without_a_backup_is_kept_and_a_new_one_begins(tmp_pat
 
 
 def test_a_history_that_cannot_be_read_for_another_reason_is_not_replaced(tmp_path: Path):
-    """A lock or a folder in its place says nothing of its pages."""
+    """A lock, or a folder in its place, does not show that its pages are damaged."""
     history(tmp_path)
     back_up(tmp_path, 14)
     other = sqlite3.connect(tmp_path / HISTORY, isolation_level=None)
@@ -137,7 +137,7 @@ def test_a_history_that_cannot_be_read_for_another_reason_is_not_replaced(tmp_pa
 @pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: cannot become another user, so what one who may not read is told is not tested")
 @pytest.mark.parametrize("may_enter", [False, True])
 def test_a_user_without_read_permission_gets_a_message_with_the_owner(may_enter: bool):
-    """The service's directory is its own: a sentence with what to do, for every command that reads, and no history is not the answer."""
+    """The directory belongs to the service. Every command that reads gets a message with what to do, and not "no history"."""
     with tempfile.TemporaryDirectory() as name:
         Path(name).chmod(0o711)
         folder = Path(name) / "cell-1"
@@ -161,7 +161,7 @@ def test_a_user_without_read_permission_gets_a_message_with_the_owner(may_enter:
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="NOT ROOT: nothing of root's can be handed over, which is not tested")
 def test_files_that_root_makes_in_the_services_directory_belong_to_the_service(tmp_path: Path):
-    """An import, or a stop allowed, by an administrator before the first start: the service must be able to write there."""
+    """An administrator imports recordings or allows motion before the first start. The service must be able to write there later."""
     os.chown(tmp_path, 65534, 65534)
     history(tmp_path, 1)
     with Store.beside(tmp_path) as store:
@@ -175,7 +175,7 @@ def test_files_that_root_makes_in_the_services_directory_belong_to_the_service(t
 
 
 def test_backups_keep_the_newest_of_each_day_and_no_more_days_than_asked(tmp_path: Path):
-    """A service that is started a hundred times a day loses no older day."""
+    """A service that is started a hundred times a day keeps the backups of older days."""
     history(tmp_path)
     folder = tmp_path / "backups"
     folder.mkdir()
@@ -190,7 +190,7 @@ def test_backups_keep_the_newest_of_each_day_and_no_more_days_than_asked(tmp_pat
 
 
 def test_a_backup_is_made_beside_a_writer_and_holds_what_was_committed(tmp_path: Path):
-    """It waits for nobody; it opens as a history."""
+    """The backup does not wait for the writer, and it can be opened as a history."""
     with Store.open(tmp_path) as store:
         commit(store, replayed(store, DAY))
         store.database.connection.execute("BEGIN IMMEDIATE")
@@ -214,7 +214,7 @@ def test_a_damaged_history_never_replaces_a_good_backup(tmp_path: Path):
 
 
 def test_recordings_are_pruned_by_age_and_by_size_and_their_verdicts_stay(tmp_path: Path):
-    """The oldest first, never the last ten, never one that waits; noted with the window."""
+    """The oldest are deleted first, but never the last ten and never one without its assessment. The ledger notes it."""
     kept = [KeptRecording(n, tmp_path / str(n), n * DAY, 100) for n in range(30)]
     now = 30 * DAY
     assert to_prune(kept, days=0, most_bytes=0, now_unix_s=now) == []
@@ -227,7 +227,7 @@ def test_recordings_are_pruned_by_age_and_by_size_and_their_verdicts_stay(tmp_pa
         waiting = replayed(store, 0.5 * DAY)
         (store.recordings.directory / "replay-000002.parquet").unlink()  # by a person
         gone = store.retention.prune(days=1, most_bytes=0, at_unix_s=30 * DAY)
-        assert gone == [f"replay-{n:06d}.parquet" for n in (1, 3, 4, 5)]  # fourteen are left, ten stay
+        assert gone == [f"replay-{n:06d}.parquet" for n in (1, 3, 4, 5)]  # fourteen are left, and ten are always kept
         assert store.recordings.path(waiting).is_file()
         assert [row.id for row in store.ledger.rows() if row.removed_at_unix_s is not None] == [1, 2, 3, 4, 5]
         assert len(store.assessments.rows()) == 15
@@ -239,7 +239,7 @@ def test_recordings_are_pruned_by_age_and_by_size_and_their_verdicts_stay(tmp_pa
 
 @pytest.fixture(scope="module")
 def recordings() -> list[Recording]:
-    """Three replays of a simulated arm."""
+    """Three recordings of a simulated arm."""
     excitation = replace(configuration(Path()).excitation, repetitions=1)
     arm = Controller(SimulateSettings(robot="ur5"))
     return [stepped_replay(arm, excitation) for _ in range(3)]
@@ -251,7 +251,7 @@ def configuration(folder: Path, **sections: Any) -> Configuration:
 
 
 def lived(store: Store, configuration: Configuration, recordings: list[Recording], days: range) -> EstimatorState:
-    """So many days with a replay each."""
+    """The given number of days with one replay each."""
     known = load_state(store)
     for day in days:
         at = 1.0e9 + day * DAY
@@ -266,50 +266,50 @@ def lived(store: Store, configuration: Configuration, recordings: list[Recording
 
 
 def test_every_past_verdict_is_recomputed_to_the_last_bit(tmp_path: Path, recordings: list[Recording]):
-    """From the recordings alone, with the settings of their day though the configuration has changed since."""
+    """The recordings suffice. The settings are those of the day, although the configuration has changed since."""
     first = configuration(tmp_path)
     changed = configuration(tmp_path, health={"advisory_rise": 0.02}, identify={"signals": {"cutoff_hz": 7.0}})
     with Store.open(tmp_path) as store:
         lived(store, first, recordings, range(2))
         lived(store, changed, recordings, range(2, 4))
-        told = recompute(store)
-    assert (told["assessments"], told["identical"], told["different"], told["not_recomputable"]) == (4, 4, 0, 0)
-    assert told["changed_since"] == []
-    assert told["circumstances"]["processor"] == processor_family()
+        result = recompute(store)
+    assert (result["assessments"], result["identical"], result["different"], result["not_recomputable"]) == (4, 4, 0, 0)
+    assert result["changed_since"] == []
+    assert result["circumstances"]["processor"] == processor_family()
 
 
 def test_a_recomputed_verdict_that_differs_is_named_with_the_difference_and_its_cause(tmp_path: Path, recordings: list[Recording]):
-    """A figure of the past that was altered; a program that was another then."""
+    """One stored figure was altered, and one replay was judged by another version of a package."""
     with Store.open(tmp_path) as store:
         lived(store, configuration(tmp_path), recordings, range(2))
         store.database.connection.execute(
             "UPDATE assessment SET document = json_set(document, '$.friction[2].coulomb_nm', 1.0) WHERE ledger_id = 2"
         )
         store.database.connection.execute("UPDATE circumstance SET document = json_set(document, '$.programs.packages.numpy', '1.0')")
-        told = recompute(store)
-    assert (told["identical"], told["different"]) == (1, 1)
-    (differing,) = told["differing"]
+        result = recompute(store)
+    assert (result["identical"], result["different"]) == (1, 1)
+    (differing,) = result["differing"]
     assert differing["replay"] == 2
     assert differing["figures"] == 1
     assert differing["differs"][0].startswith("friction.3.coulomb_nm: 1.0, now ")
-    assert len(told["changed_since"]) == 1
-    assert told["changed_since"][0].startswith("packages.numpy: 1.0, now 2.")
+    assert len(result["changed_since"]) == 1
+    assert result["changed_since"][0].startswith("packages.numpy: 1.0, now 2.")
 
 
 def test_after_retention_a_recomputation_goes_on_from_the_next_checkpoint(
     tmp_path: Path, recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
 ):
-    """What cannot be known any more is counted, not guessed; what is known from a checkpoint on is the same."""
+    """Verdicts that cannot be recomputed any more are counted. From the next checkpoint on, all are identical."""
     monkeypatch.setattr("monitor.store.assessments.CHECKPOINT_EVERY", 3)
     with Store.open(tmp_path) as store:
         lived(store, configuration(tmp_path), recordings, range(5))
         store.recordings.path(2).unlink()
-        told = recompute(store)
-    assert (told["identical"], told["different"], told["not_recomputable"]) == (2, 0, 3)
+        result = recompute(store)
+    assert (result["identical"], result["different"], result["not_recomputable"]) == (2, 0, 3)
 
 
 def test_each_difference_is_named_by_its_key():
-    """Nested keys, dotted; what came and what went."""
+    """Nested keys are joined by dots; added and removed keys are listed too."""
     assert differences({"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"b": 1, "c": 5}, "e": 4}) == [
         "a.c: 2, now 5",
         "d: 3, now None",

@@ -1,4 +1,4 @@
-"""The service as it runs: real processes, the real wire, real Zenoh — and kill −9 at the worst moment."""
+"""The service in real processes, with the real wire and real Zenoh, and SIGKILL during a replay."""
 
 import json
 import os
@@ -20,7 +20,7 @@ FOURIER = {"a": [0.30, -0.20, 0.10, -0.25, 0.05], "b": [0.20, -0.10, 0.05, 0.10,
 
 
 def excitation(folder: Path) -> Path:
-    """A short one, so that the test is: 4 s, every joint at a few tenths of a rad/s and more."""
+    """A short excitation keeps the test short: 4 s, with at least a few tenths of a rad/s at every joint."""
     a, b = list(FOURIER["a"]), list(FOURIER["b"])
     b[4] = -sum((k + 1) * value for k, value in enumerate(b[:4])) / 5
     phases = (1.0, -0.7, 0.9, -1.2, 1.1, 1.3)
@@ -80,7 +80,7 @@ class Cell:
         return self.started[-1]
 
     def end(self) -> None:
-        """What a test that failed has left running would hold the port and the arm of the next try."""
+        """Processes that a failed test left would hold the port and the arm of the next attempt."""
         for process in self.started:
             if process.poll() is None:
                 process.kill()
@@ -150,21 +150,21 @@ def standing(remote: Remote) -> bool:
 
 def stop(process: "subprocess.Popen[str]") -> str:
     process.send_signal(signal.SIGTERM)
-    _, said = process.communicate(timeout=15)
-    assert process.returncode == 0, said
-    return said
+    _, output = process.communicate(timeout=15)
+    assert process.returncode == 0, output
+    return output
 
 
 def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
-    """The whole flow once: recorded, assessed, on the bus, answering torque; a restart continues where it stopped."""
+    """The whole flow once: recording, assessment, bus and torque query. A restart continues from the stored state."""
     cell, _ = cell
     daemon = cell.daemon("--now")
     with cell.client() as client:
         assert eventually(lambda: len(client.get("joint/*/friction")) == 6, 40.0), daemon.kill() or daemon.communicate()[1]
         health = client.get("health")[0].document
         assert health["state"] == "NORMAL"
-        told = client.get("replay")[0].document
-        assert (told["state"], told["verdict"]) == ("ended", "assessed")
+        document = client.get("replay")[0].document
+        assert (document["state"], document["verdict"]) == ("ended", "assessed")
         friction = client.get("joint/3/friction")[0].document
         assert friction["coulomb_nm"] > 0
         answer = client.torque(q=[0, -1.5, 0.5, 0, 0, 0], qd=[0.5] * 6, temperature_c=[25.0] * 6)
@@ -173,13 +173,13 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
         assert eventually(lambda: len(client.get("torque/live")) == 1, 10.0)
         live = client.get("torque/live")[0].document
         assert len(live["residual_nm"]) == 6
-    said = stop(daemon)
-    assert "verdict=assessed" in said
+    output = stop(daemon)
+    assert "verdict=assessed" in output
 
-    told = cell.command("status", "--config", str(cell.config), "--json")
-    assert told.returncode == 0, told.stderr
-    assert [row["state"] for row in json.loads(told.stdout)["ledger"]] == ["assessed"]
-    assert json.loads(told.stdout)["health"]["stale"] is False
+    result = cell.command("status", "--config", str(cell.config), "--json")
+    assert result.returncode == 0, result.stderr
+    assert [row["state"] for row in json.loads(result.stdout)["ledger"]] == ["assessed"]
+    assert json.loads(result.stdout)["health"]["stale"] is False
     arguments = ["--q=0,-1.5,0.5,0,0,0", "--qd=0.5,0.5,0.5,0.5,0.5,0.5", "--temperature=25,25,25,25,25,25"]
     local = cell.command("predict", "--config", str(cell.config), *arguments, "--local", "--json")
     assert json.loads(local.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
@@ -195,7 +195,7 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
 
 
 def test_sigkill_during_a_replay_stops_the_arm_and_the_ledger_has_it_as_aborted(cell):
-    """The daemon dies mid-motion: its children go, the watchdog stops the arm, the next start tells of it and does not repeat it."""
+    """The daemon dies in motion: its children end, the watchdog stops the arm, and the next start reports it without a repetition."""
     cell, remote = cell
     daemon = cell.daemon("--now")
     assert eventually(lambda: moving(remote), 40.0), daemon.kill() or daemon.communicate()[1]
@@ -204,7 +204,7 @@ def test_sigkill_during_a_replay_stops_the_arm_and_the_ledger_has_it_as_aborted(
     os.kill(daemon.pid, signal.SIGKILL)
     daemon.communicate()
     assert eventually(lambda: remote.truth()["program"] is None, 2.0)  # the watchdog, 0.1 s of the arm's own clock
-    assert eventually(lambda: standing(remote), 2.0)  # then |q̇|/deceleration
+    assert eventually(lambda: standing(remote), 2.0)  # and then |q̇|/deceleration
     assert eventually(lambda: gone(family), 2.0)
     assert [row.state for row in cell.ledger()] == ["started"]
 
@@ -214,28 +214,28 @@ def test_sigkill_during_a_replay_stops_the_arm_and_the_ledger_has_it_as_aborted(
         assert client.get("joint/*/friction") == []
     time.sleep(1.0)
     assert standing(remote)
-    said = stop(daemon)
-    assert "verdict=aborted" in said
+    output = stop(daemon)
+    assert "verdict=aborted" in output
     (row,) = cell.ledger()
     assert row.state == "aborted"
     assert list((cell.folder / "history" / "recordings").iterdir()) == []
 
 
 def test_sigterm_during_a_replay_stops_the_arm_first(cell):
-    """A service stop is no crash: the arm comes to rest, the ledger says why, the daemon ends with 0."""
+    """A stop of the service is no crash: the arm comes to rest, the ledger has the reason, and the exit code is 0."""
     cell, remote = cell
     daemon = cell.daemon("--now")
     assert eventually(lambda: moving(remote), 40.0), daemon.kill() or daemon.communicate()[1]
     stop(daemon)
     speeds = remote.truth()["qd"]
-    assert max(abs(speed) for speed in speeds) < 0.01, remote.truth()["stops"]  # at rest but for the servo's last microradians
+    assert max(abs(speed) for speed in speeds) < 0.01, remote.truth()["stops"]  # at rest, except for the last microradians of the servo
     (row,) = cell.ledger()
     assert row.state == "aborted"
     assert "stop" in (row.reason or "")
 
 
 def test_motion_that_is_not_allowed_is_skipped_with_the_reason(cell):
-    """The default configuration moves nothing, and says so in the ledger."""
+    """The default configuration moves nothing, and the ledger has the reason."""
     cell, remote = cell
     cell.config.write_text(cell.config.read_text().replace("allow_motion = true", ""))
     before = remote.truth()["q"]
@@ -248,7 +248,7 @@ def test_motion_that_is_not_allowed_is_skipped_with_the_reason(cell):
 
 
 def test_a_wrong_configuration_ends_with_78_and_every_mistake(tmp_path: Path):
-    """The service manager must not restart into it; the operator sees all of it at once."""
+    """The service manager must not restart it, and the operator sees all mistakes at once."""
     config = tmp_path / "wrong.toml"
     config.write_text('[robot]\nmodel = "ur7"\nsite = "A"\nid = "b"\n[replay]\nalow_motion = true\n')
     ended = subprocess.run(

@@ -1,4 +1,4 @@
-"""What the daemon does about a fault of its own in the middle of a window."""
+"""Exceptions of the daemon itself: during a window and at its start."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ from monitor.store.store import Store
 
 
 def test_an_exception_during_a_replay_ends_the_window_and_waits_for_a_person(tmp_path: Path, free_port: int):
-    """The window is told as aborted with the cause, the next perform is another one, and no arm moves before somebody looked."""
+    """The window is reported as aborted with the cause. Until a person has checked the arm, the next one moves nothing."""
     (tmp_path / "cell.toml").write_text(
         f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[store]\ndirectory = "history"\n[bus]\nlisten = ["tcp/127.0.0.1:{free_port}"]\n'
     )
@@ -35,31 +35,31 @@ def test_an_exception_during_a_replay_ends_the_window_and_waits_for_a_person(tmp
 
 @needs_root
 def test_the_daemon_waits_at_its_start_for_room_on_the_disk(small_disk: Path, monkeypatch: pytest.MonkeyPatch):  # noqa: F811
-    """Started again and again the service manager would give it up: it waits, says so, and goes on when there is room."""
+    """The service manager would give up after repeated restarts. So the daemon waits, reports it, and continues when there is room."""
     with Store.open(small_disk / "history") as store:
         store.ledger.claim(1e9, "scheduled", 1e9)
     filler = small_disk / "filler"
-    subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until there is no space
-    said: list[str] = []
+    subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until the disk is full
+    messages: list[str] = []
 
     def pause(_: float) -> None:
         with pytest.raises(StoreUnavailable), Store.reader(small_disk / "history"):
             pass
         filler.unlink(missing_ok=True)
 
-    monkeypatch.setattr(monitor.service.run, "notify", said.append)
+    monkeypatch.setattr(monitor.service.run, "notify", messages.append)
     monkeypatch.setattr(monitor.service.run.time, "sleep", pause)
     monkeypatch.setattr(monitor.service.run, "DISK_WAIT_S", 1.0)
     with ExitStack() as stack:
         store = monitor.service.run.open_store(small_disk / "history", stack)
         assert store.ledger.unfinished()
-    assert any("waiting for the history" in each for each in said)
+    assert any("waiting for the history" in each for each in messages)
     with Store.open(small_disk / "history"), ExitStack() as stack, pytest.raises(StoreError, match="in use by another"):
         monitor.service.run.open_store(small_disk / "history", stack)
 
 
 def test_what_cannot_be_finished_at_the_start_is_finished_later(tmp_path: Path, free_port: int, monkeypatch: pytest.MonkeyPatch):
-    """A half-way replay and a disk that takes nothing: the daemon is there, on the bus, and the schedule's thread tries again."""
+    """An unfinished replay and a disk without room: the daemon is on the bus, and the scheduler's thread tries again."""
     (tmp_path / "cell.toml").write_text(
         f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[store]\ndirectory = "history"\n[bus]\nlisten = ["tcp/127.0.0.1:{free_port}"]\n'
     )

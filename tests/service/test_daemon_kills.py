@@ -1,4 +1,4 @@
-"""kill −9 of the daemon, of its replay child, of both, at random times of a service's life: the arm stops, the history never lies."""
+"""SIGKILL of the daemon, its replay child, or both at random times: the arm stops, and the history stays correct."""
 
 import os
 import random
@@ -19,7 +19,7 @@ KILLS = 100
 
 
 def replay_children(pid: int) -> list[int]:
-    """Those that may move the arm."""
+    """The child processes that may move the arm."""
     return [child for child in children(pid) if b"acquire.ur.stream" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
@@ -27,7 +27,7 @@ def replay_children(pid: int) -> list[int]:
 @pytest.mark.timeout(3600)
 @pytest.mark.xdist_group("daemon")
 def test_a_hundred_kills_leave_a_standing_arm_and_a_correct_history(tmp_path: Path, free_port: int, soak_row):
-    """At a random time from the start of the service to the end of its replay; then the next one starts, repairs, and is killed too."""
+    """The kill comes between the start of the service and the end of its replay. The next service repairs, and is killed too."""
     rng = random.Random(100)
     host, wrong = "127.0.7.99", []
     moving = 0
@@ -40,7 +40,7 @@ def test_a_hundred_kills_leave_a_standing_arm_and_a_correct_history(tmp_path: Pa
                 whom, after_s = rng.choice(("child", "parent", "both")), rng.uniform(0.5, 14.0)
                 moved, found = kill_once(cell, remote, whom, after_s)
                 moving += moved
-                wrong += [f"kill {number} of {whom} after {after_s:.1f} s: {what}" for what in (*found, *lies(cell))]
+                wrong += [f"kill {number} of {whom} after {after_s:.1f} s: {what}" for what in (*found, *contradictions(cell))]
     finally:
         simulator.terminate()
         simulator.wait(timeout=10)
@@ -49,7 +49,7 @@ def test_a_hundred_kills_leave_a_standing_arm_and_a_correct_history(tmp_path: Pa
 
 
 def kill_once(cell: Cell, remote: Remote, whom: str, after_s: float) -> tuple[bool, list[str]]:
-    """One service, killed so long after its start; whether the arm was moving, and what is wrong afterwards."""
+    """Kill one service at the given time after its start. Return whether the arm moved, and the errors afterwards."""
     wrong = []
     daemon = cell.daemon("--now")
     try:
@@ -59,7 +59,7 @@ def kill_once(cell: Cell, remote: Remote, whom: str, after_s: float) -> tuple[bo
         for pid in {"child": replay_children(daemon.pid), "parent": [daemon.pid], "both": [*family, daemon.pid]}[whom]:
             os.kill(pid, signal.SIGKILL)
         if whom == "child":
-            # no replay ran yet, or the daemon goes on: SIGTERM stops what moves, it says what became of it, and ends in peace
+            # no replay ran, or the daemon lives: SIGTERM stops the motion, and the daemon records the outcome and ends
             daemon.send_signal(signal.SIGTERM)
         daemon.communicate(timeout=20)
         if not eventually(lambda: standing(remote) and remote.truth()["program"] is None, 2.0):
@@ -72,8 +72,8 @@ def kill_once(cell: Cell, remote: Remote, whom: str, after_s: float) -> tuple[bo
     return moved, wrong
 
 
-def lies(cell: Cell) -> list[str]:
-    """Rows that claim more than happened: finished without a whole recording, or two at once unfinished."""
+def contradictions(cell: Cell) -> list[str]:
+    """Incorrect rows of the ledger: a finished one without a whole recording, or two unfinished ones at once."""
     if not (cell.folder / "history" / "history.sqlite").is_file():
         return []
     found = []

@@ -1,4 +1,4 @@
-"""kill −9 at random moments over simulated weeks of a schedule: what the arm did, what was said and what the history holds agree."""
+"""SIGKILL at random moments over simulated weeks of a schedule: motions, reports and history agree."""
 
 import os
 import random
@@ -90,39 +90,39 @@ for _ in sys.stdin:
 """
 
 
-def killed(nest: "subprocess.Popen[str]", rng: random.Random) -> set[int]:
-    """One life of the service; the numbers that it said are safe."""
-    assert nest.stdin is not None
-    assert nest.stdout is not None
-    nest.stdin.write("live\n")
-    nest.stdin.flush()
-    said: set[int] = set()
+def killed(parent: "subprocess.Popen[str]", rng: random.Random) -> set[int]:
+    """Run the service until it is killed. Return the replays that it reported as stored."""
+    assert parent.stdin is not None
+    assert parent.stdout is not None
+    parent.stdin.write("live\n")
+    parent.stdin.flush()
+    reported: set[int] = set()
     pid = None
-    at_work = rng.random() < 0.7  # the others are killed while they open the store, mend, and look for the first time
-    while pid is None or (at_work and not said):
-        word, number = heard(nest)
+    at_work = rng.random() < 0.7  # the others are killed while they open the store, recover, and check for the first time
+    while pid is None or (at_work and not reported):
+        word, number = next_event(parent)
         if word == "born":
             pid = number
         else:
             assert word == "safe", (word, number)
-            said.add(number)
+            reported.add(number)
     time.sleep(rng.uniform(0.0, 0.6 if at_work else 0.08))
     os.kill(pid, signal.SIGKILL)
-    while (told := heard(nest))[0] == "safe":
-        said.add(told[1])
-    assert told == ("dead", -signal.SIGKILL)
-    return said
+    while (event := next_event(parent))[0] == "safe":
+        reported.add(event[1])
+    assert event == ("dead", -signal.SIGKILL)
+    return reported
 
 
-def heard(nest: "subprocess.Popen[str]") -> tuple[str, int]:
-    """The next word of the nest or of the life in it."""
-    assert nest.stdout is not None
-    word, number = nest.stdout.readline().split()
+def next_event(parent: "subprocess.Popen[str]") -> tuple[str, int]:
+    """The next line of the parent process or of the service in it: a word and a number."""
+    assert parent.stdout is not None
+    word, number = parent.stdout.readline().split()
     return word, int(number)
 
 
-def lies(folder: Path, said: set[int]) -> list[str]:
-    """What of the history is not true."""
+def contradictions(folder: Path, reported: set[int]) -> list[str]:
+    """Sentences about everything in the history that is not correct."""
     moved = [float(line) for line in (folder / "moved").read_text().splitlines()]
     found = [f"window {window} moved the arm {moved.count(window)} times" for window in set(moved) if moved.count(window) > 1]
     with Store.open(folder) as store:
@@ -130,7 +130,7 @@ def lies(folder: Path, said: set[int]) -> list[str]:
             found.append(store.restored.text)
         rows = store.ledger.rows()
         assessed = {row.id for row in rows if row.state == "assessed"}
-        found += [f"replay {number} was said to be safe and is not" for number in sorted(said - assessed)]
+        found += [f"replay {number} was said to be safe and is not" for number in sorted(reported - assessed)]
         entered = {row.window_unix_s for row in rows}
         found += [f"the arm moved in {window}, and the ledger does not know" for window in moved if window not in entered]
         open_ones = [row for row in rows if row.state in {"started", "recorded"}]
@@ -152,32 +152,32 @@ def lies(folder: Path, said: set[int]) -> list[str]:
 
 
 def lived(folder: Path, kills: int, seed: int) -> tuple[list[str], int, float]:
-    rng, said, wrong = random.Random(seed), set[int](), []
+    rng, reported, wrong = random.Random(seed), set[int](), []
     (folder / "clock").write_text(repr(START))
     command = [sys.executable, "-c", SERVICE, str(folder), repr(HOUR / 0.02)]
     with (
         (folder / "wrong").open("w") as errors,
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True) as nest,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True) as parent,
     ):
         for number in range(kills):
-            said |= killed(nest, rng)
-            wrong += [f"kill {number}: {what}" for what in lies(folder, said)]
+            reported |= killed(parent, rng)
+            wrong += [f"kill {number}: {what}" for what in contradictions(folder, reported)]
     assert (folder / "wrong").read_text() == ""
-    return wrong, len(said), (float((folder / "clock").read_text()) - START) / (7 * 24 * HOUR)
+    return wrong, len(reported), (float((folder / "clock").read_text()) - START) / (7 * 24 * HOUR)
 
 
 def test_a_few_kills_over_simulated_weeks_leave_a_correct_history(tmp_path: Path):
-    """The arm moved once a window, the ledger knows of it, and what was said to be safe is."""
-    wrong, said, weeks = lived(tmp_path, 6, 3)
+    """The arm moved once per window, the ledger has every motion, and every replay reported as stored is stored."""
+    wrong, reported, weeks = lived(tmp_path, 6, 3)
     assert wrong == []
-    assert said >= 2
+    assert reported >= 2
     assert weeks > 0.1
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
 def test_two_hundred_kills_over_simulated_weeks_leave_a_correct_history(tmp_path: Path, soak_row):
-    """The same, two hundred times."""
-    wrong, said, weeks = lived(tmp_path, 200, 200)
-    soak_row(f"kill −9, 200 times over {weeks:.0f} simulated weeks, {said} replays", f"{len(wrong)} lies", "0 lies")
+    """The same with two hundred kills."""
+    wrong, reported, weeks = lived(tmp_path, 200, 200)
+    soak_row(f"kill −9, 200 times over {weeks:.0f} simulated weeks, {reported} replays", f"{len(wrong)} lies", "0 lies")
     assert wrong == []

@@ -1,4 +1,4 @@
-"""The monitor looks after itself, and says how it is: in its document, in a file, in metrics."""
+"""The maintenance of the monitor, and the report of its own state: document, file and metrics."""
 
 import time
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ MORE = {
 
 @pytest.fixture
 def maintenance(tmp_path: Path) -> Iterator[tuple[Maintenance, Store, Problems, list[float]]]:
-    """Of a history of fifteen replays, and a clock that a test may set."""
+    """The maintenance of a history of fifteen replays, with a clock that a test may set."""
     clock = [1.7e9]
     with Store.open(tmp_path) as store:
         for n in range(15):
@@ -42,7 +42,7 @@ def document_of(store: Store, problems: Problems, clock: list[float]) -> Monitor
 
 
 def test_starts_make_at_most_one_backup_an_hour(maintenance):
-    """A service that is started again and again makes one an hour."""
+    """A service that restarts repeatedly makes one backup an hour."""
     maintenance, store, _, _ = maintenance
     maintenance.check()
     made = backups(store.directory)
@@ -56,7 +56,7 @@ def test_starts_make_at_most_one_backup_an_hour(maintenance):
 
 
 def test_damage_found_at_run_time_ends_the_service_and_changes_no_backup(maintenance):
-    """The next start restores; until then it is told."""
+    """The next start restores the history. Until then the problem is reported."""
     maintenance, store, problems, _ = maintenance
     maintenance.check()
     good = backups(store.directory)
@@ -69,7 +69,7 @@ def test_damage_found_at_run_time_ends_the_service_and_changes_no_backup(mainten
 
 
 def test_a_clock_behind_the_history_is_a_problem_until_it_has_caught_up(maintenance):
-    """A year; then right again."""
+    """The clock is a year ahead, and then right again."""
     maintenance, _, problems, clock = maintenance
     clock[0] = 1.6e9 - 365 * DAY
     maintenance.check()
@@ -80,7 +80,7 @@ def test_a_clock_behind_the_history_is_a_problem_until_it_has_caught_up(maintena
 
 
 def test_rejected_replays_do_not_keep_the_clock_behind(maintenance):
-    """Rejected as made up by a wrong clock: nothing of it is waited for."""
+    """Replays that were rejected because of a wrong clock are not waited for."""
     maintenance, store, problems, clock = maintenance
     commit(store, replayed(store, 1.9e9))
     clock[0] = 1.8e9
@@ -93,7 +93,7 @@ def test_rejected_replays_do_not_keep_the_clock_behind(maintenance):
 
 
 def test_a_stop_is_a_problem_until_a_person_has_checked_the_arm(maintenance):
-    """Whoever asks how the monitor is learns that nothing moves, why, and what to do."""
+    """The monitor's state reports that nothing moves, the reason, and what to do."""
     maintenance, store, problems, _ = maintenance
     store.stops.add("protective_stop", "the arm met something", 1.6e9)
     maintenance.check()
@@ -106,7 +106,7 @@ def test_a_stop_is_a_problem_until_a_person_has_checked_the_arm(maintenance):
 
 
 def test_the_monitor_reports_its_state_although_the_history_cannot_be_read(maintenance, monkeypatch: pytest.MonkeyPatch):
-    """A disk that fails is a trouble among others, and no reason to be silent, or to seem dead to the watchdog."""
+    """A failing disk is a problem like others: the state is published, and the watchdog is notified."""
     _, store, problems, clock = maintenance
 
     def failing(*_: object, **__: object) -> None:
@@ -120,21 +120,21 @@ def test_the_monitor_reports_its_state_although_the_history_cannot_be_read(maint
 
 
 def test_status_reports_a_monitor_that_no_longer_publishes(maintenance, capsys: pytest.CaptureFixture[str]):
-    """A monitor that ended weeks ago must not look like one that runs."""
+    """`status` distinguishes a monitor that ended weeks ago from one that runs."""
     _, store, problems, clock = maintenance
     clock[0] = 1.7e9
     document = outside(document_of(store, problems, clock).collect(None, MORE))
     assert silent_s(document, 1.7e9 + 30.0) is None
     assert silent_s(document, 1.7e9 + 3 * DAY) == 3 * DAY
-    told = {"robot": "cell-1", "model_revision": 0, "health": None, "friction": [], "ledger": [], "monitor": document}
-    print_status({**told, "monitor_silent_s": 3 * DAY})
+    status = {"robot": "cell-1", "model_revision": 0, "health": None, "friction": [], "ledger": [], "monitor": document}
+    print_status({**status, "monitor_silent_s": 3 * DAY})
     assert "does not run" in capsys.readouterr().out
-    print_status({**told, "monitor_silent_s": None})
+    print_status({**status, "monitor_silent_s": None})
     assert "does not run" not in capsys.readouterr().out
 
 
 def test_the_monitor_document_is_valid_by_its_schema_and_printed_by_status(maintenance):
-    """With everything known, and with nothing."""
+    """The document is complete, or everything in it is unknown."""
     _, store, problems, clock = maintenance
     problems.report("disk", "full")
     document = outside(document_of(store, problems, clock).collect(None, MORE))
@@ -148,7 +148,7 @@ def test_the_monitor_document_is_valid_by_its_schema_and_printed_by_status(maint
 
 
 def test_the_monitor_document_is_in_the_metrics_too(maintenance):
-    """Every figure that is known, by name; a trouble by its name."""
+    """Every known figure is there under its name, and so is every problem."""
     maintenance, store, problems, clock = maintenance
     maintenance.check()
     problems.report("backup", "no room")

@@ -1,4 +1,4 @@
-"""The schedule's thread against clocks, disks and processes that fail: nothing twice, nothing late, and it goes on by itself."""
+"""The scheduler's thread with failing clocks, disks and processes: no window twice or late, and it continues by itself."""
 
 import os
 import subprocess
@@ -26,7 +26,7 @@ START = 1_780_272_000.0  # 2026-06-01T00:00Z
 
 
 class Arm:
-    """A daemon whose replays take no time; the ledger is real."""
+    """A daemon with replays of no duration and a real ledger."""
 
     def __init__(self, folder: Path, store: Store, **schedule: Any) -> None:
         self.configuration = configuration(folder, schedule=schedule)
@@ -69,7 +69,7 @@ class Arm:
         self.due = unix_s
 
     def passes(self, seconds: float, step: float = 240.0) -> None:
-        """Time, by both clocks, with a tick each step."""
+        """Advance both clocks, with one tick of the scheduler in each step."""
         while seconds > 0:
             by = min(step, seconds)
             self.clock[0] += by
@@ -88,7 +88,7 @@ def arm(tmp_path: Path) -> Iterator[Arm]:
 
 
 def test_a_week_has_a_replay_a_day_and_the_next_one_is_published(arm: Arm):
-    """At 03:00, with the first tick after it."""
+    """The replay is at 03:00, with the first tick after it."""
     arm.passes(7 * DAY)
     assert arm.replayed == [START + day * DAY + 3 * 3600.0 for day in range(7)]
     assert arm.due == START + 7 * DAY + 3 * 3600.0
@@ -97,7 +97,7 @@ def test_a_week_has_a_replay_a_day_and_the_next_one_is_published(arm: Arm):
 
 
 def test_missed_windows_are_reported_and_never_replayed_later(arm: Arm):
-    """Off for four nights; started again at noon: four skipped rows, the fifth night is replayed."""
+    """The host is off for four nights and starts at noon: four rows are skipped, and the fifth night has its replay."""
     arm.passes(DAY)
     arm.clock[0] += 3 * DAY + 12 * 3600.0
     arm.scheduler = arm.started()
@@ -107,7 +107,7 @@ def test_missed_windows_are_reported_and_never_replayed_later(arm: Arm):
 
 
 def test_a_clock_set_back_repeats_no_window_and_one_set_forward_waits_before_it_counts(arm: Arm):
-    """Back by two days: those windows are in the ledger. Forward by a year: an hour without a motion, then it is believed."""
+    """Two days back: the ledger has those windows. A year forward: an hour passes without motion, then the clock is accepted."""
     arm.passes(3 * DAY)
     before = list(arm.replayed)
     arm.clock[0] -= 2 * DAY
@@ -118,7 +118,7 @@ def test_a_clock_set_back_repeats_no_window_and_one_set_forward_waits_before_it_
     arm.clock[0] += 365 * DAY + 3 * 3600.0 - 60.0  # into a window
     arm.scheduler.tick()
     assert "clock" in arm.problems
-    assert arm.scheduler.coming(1)[0].opens_unix_s > arm.clock[0] + 3500.0  # nothing is promised for that hour
+    assert arm.scheduler.coming(1)[0].opens_unix_s > arm.clock[0] + 3500.0  # no window is announced for that hour
     arm.passes(300.0)
     assert len(arm.replayed) == len(before) + 1
     arm.passes(2 * DAY)
@@ -127,7 +127,7 @@ def test_a_clock_set_back_repeats_no_window_and_one_set_forward_waits_before_it_
 
 
 def test_replays_of_a_clock_that_was_a_year_ahead_are_rejected_automatically(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
-    """Forward, a replay learnt there, and back: that one is rejected, belief is as before it, and the windows of now open again."""
+    """A replay is learnt while the clock is ahead. When it is set back, that replay is rejected and the windows open again."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *")
         arm.clock[0] = 1.0e9 + 2 * DAY
@@ -150,7 +150,7 @@ def test_replays_of_a_clock_that_was_a_year_ahead_are_rejected_automatically(tmp
 
 
 def test_a_clock_that_was_only_set_back_rejects_no_replay(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
-    """The history is true, the clock is not: nothing of it is thrown away."""
+    """The history is right and the clock is wrong, so nothing of the history is rejected."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *")
         arm.clock[0] = 1.0e9 + 2 * DAY
@@ -167,7 +167,7 @@ def test_a_clock_that_was_only_set_back_rejects_no_replay(tmp_path: Path, record
 
 
 def test_while_the_store_fails_nothing_moves_and_it_is_tried_again(arm: Arm):
-    """Told as trouble, mended when it is back, and the window is used while it is still open."""
+    """The failure is reported as a problem until the store works again. The window is used while it is still open."""
     stopping = threading.Event()
     arm.clock[0] = START + 3 * 3600.0
     arm.fails = StoreError("the disk is full")
@@ -191,14 +191,14 @@ def test_while_the_store_fails_nothing_moves_and_it_is_tried_again(arm: Arm):
 
 
 def test_after_a_restored_backup_no_earlier_window_is_used_again(tmp_path: Path):
-    """The ledger of the last hours is lost with the damaged file: what was open then may have been replayed."""
+    """The ledger of the last hours is lost with the damaged file, and their windows may have been replayed."""
     with Store.open(tmp_path / "history") as store:
         Arm(tmp_path / "history", store, cron="0 3 * * *").passes(DAY)
         store.back_up(3)
     (tmp_path / "history" / "history.sqlite").write_bytes(b"nothing of a database" * 1000)
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=7200.0)
-        arm.clock[0] = START + DAY + 3 * 3600.0 + 600.0  # within the window that was perhaps used just before the crash
+        arm.clock[0] = START + DAY + 3 * 3600.0 + 600.0  # within the window that may have been used just before the crash
         arm.scheduler = arm.started()
         arm.passes(7000.0)
         assert arm.replayed == []
@@ -212,7 +212,7 @@ def test_after_a_restored_backup_no_earlier_window_is_used_again(tmp_path: Path)
 
 
 def test_a_window_waits_for_a_warm_arm_and_is_skipped_with_a_reason_where_it_stays_cold(tmp_path: Path):
-    """Steady after twenty minutes of an hour; the next night it warms up all the time."""
+    """In the first night the arm is steady after twenty minutes. In the next one it warms up during the whole window."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=3600.0, after_warm_up=True)
 
@@ -232,7 +232,7 @@ def test_a_window_waits_for_a_warm_arm_and_is_skipped_with_a_reason_where_it_sta
 
 
 def test_evidence_and_a_cold_start_advance_a_replay_once(tmp_path: Path):
-    """Where the site allows it; asked for again and again it is still one."""
+    """The site allows the time. Repeated requests give one replay."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="", evidence_windows=("22:00-05:00",), cold_start_after_h=4.0, grace_s=900.0)
         arm.passes(12 * 3600.0)
@@ -254,7 +254,7 @@ def test_evidence_and_a_cold_start_advance_a_replay_once(tmp_path: Path):
 
 
 def test_a_requested_replay_runs_at_once_and_beside_the_schedule(arm: Arm):
-    """Its window is the moment."""
+    """The window of the replay begins at the request."""
     arm.passes(60.0)
     arm.requests.request("a person")
     arm.passes(60.0)
@@ -263,7 +263,7 @@ def test_a_requested_replay_runs_at_once_and_beside_the_schedule(arm: Arm):
 
 
 def test_two_requests_give_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
-    """Nothing moves that could not be recorded, whoever wants it; that it was wanted is told."""
+    """Without room for a recording nothing moves, and the refused request is reported."""
     arm.requests.request()
     arm.requests.request()
     arm.passes(240.0)
@@ -278,16 +278,16 @@ def test_two_requests_give_one_replay_and_none_where_it_could_not_be_recorded(ar
 
 
 def test_a_host_whose_clock_restarts_at_every_boot_keeps_its_history(arm: Arm):
-    """A dead battery: 2019 at every boot until the network has set it. That it was set right once is no future that was made up."""
+    """With a dead battery it is 2019 at every boot until the network sets the clock. The true time is not rejected as wrong."""
     true, wrong = START, 1_546_300_800.0
     for boot in range(3):
-        arm.clock[0] = wrong + 120.0 * boot  # no two boots take the same time
+        arm.clock[0] = wrong + 120.0 * boot  # the boots take different times
         arm.scheduler = arm.started()
         arm.passes(60.0, step=10.0)
         arm.clock[0] = true = max(true, arm.store.ledger.newest_unix_s() or 0.0) + 5 * DAY
         ledger_id = arm.store.ledger.claim(true, "requested", true)
         arm.store.recordings.path(ledger_id).write_bytes(b"PAR1")
-        arm.store.ledger.mark_recorded(ledger_id)  # waits for its assessment: part of what will be held true
+        arm.store.ledger.mark_recorded(ledger_id)  # the replay waits for its assessment and is part of the history
         arm.scheduler.tick()
         arm.passes(2 * DAY)
         assert arm.rewound == 0, boot
@@ -296,7 +296,7 @@ def test_a_host_whose_clock_restarts_at_every_boot_keeps_its_history(arm: Arm):
 
 
 def test_before_the_clock_has_been_set_nothing_is_replayed(tmp_path: Path):
-    """1970, as a host without a clock begins: told, no window, no request; set right, it is believed at once."""
+    """A host without a clock begins in 1970: it is reported, and no window or request runs. The right time is accepted at once."""
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="*/10 * * * *", grace_s=600.0)
         arm.clock[0] = 100.0
@@ -312,7 +312,7 @@ def test_before_the_clock_has_been_set_nothing_is_replayed(tmp_path: Path):
 
 
 def test_a_thousand_missed_days_are_reported_in_a_few_rows_and_at_once(arm: Arm):
-    """Sixty, the newest; and the night after is replayed."""
+    """The newest sixty windows have rows, and the next night has its replay."""
     arm.passes(DAY)
     arm.clock[0] += 1000 * DAY
     arm.scheduler = arm.started()
@@ -341,14 +341,14 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 @needs_root
 def test_with_a_full_disk_nothing_moves_and_the_problem_ends_when_there_is_room(small_disk: Path):
-    """The window is skipped with the reason where the ledger still takes it; the next one is replayed."""
+    """The window is skipped with the reason, if the ledger can still be written. The next window has its replay."""
     with Store.open(small_disk / "history") as store:
         arm = Arm(small_disk / "history", store, cron="0 * * * *", grace_s=600.0)
         arm.configuration = replace(arm.configuration, store=replace(arm.configuration.store, least_free_mb=1.0))
         arm.passes(3600.0)
         before = len(arm.replayed)
         filler = small_disk / "filler"
-        subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until there is no space
+        subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until the disk is full
         assert "MB are free" in (too_little_room(store, 1.0) or "")
         stopping = threading.Event()
         ticks = [0]
@@ -371,13 +371,13 @@ def test_with_a_full_disk_nothing_moves_and_the_problem_ends_when_there_is_room(
 
 @needs_root
 def test_a_disk_that_becomes_read_only_is_reported_and_survived(small_disk: Path):
-    """As after an error of the disk: nothing moves; writable again, it goes on."""
+    """As after a disk error: nothing moves, and the schedule continues when the disk is writable."""
     with Store.open(small_disk / "history") as store:
         arm = Arm(small_disk / "history", store, cron="0 * * * *", grace_s=600.0)
         arm.configuration = replace(arm.configuration, store=replace(arm.configuration.store, least_free_mb=1.0))
         arm.passes(3600.0)
         before = len(arm.replayed)
-        # a mount point that is read-only for this path, as open files keep a whole file system from becoming so
+        # only this mount point is read-only, because a file system with open files cannot become so
         remount = ["mount", "-o", "remount,ro,bind", str(small_disk)]
         subprocess.run(["mount", "--bind", str(small_disk), str(small_disk)], check=True)
         try:

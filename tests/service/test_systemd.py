@@ -1,4 +1,4 @@
-"""What the service manager and its journal are told, held against sockets that listen as they do."""
+"""The messages to the service manager and its journal, received by sockets like theirs."""
 
 import logging
 import os
@@ -15,7 +15,7 @@ from monitor.service.systemd import Heartbeats, JournalHandler, Watchdog, notify
 
 @pytest.fixture
 def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A datagram socket where the service manager's would be."""
+    """A datagram socket in the place of the service manager's."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
         channel.bind(str(tmp_path / "notify"))
         channel.settimeout(1.0)
@@ -25,38 +25,38 @@ def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         yield channel
 
 
-def heard(channel: socket.socket) -> list[str]:
+def received(channel: socket.socket) -> list[str]:
     channel.setblocking(False)
-    said = []
+    messages = []
     while True:
         try:
-            said.append(channel.recv(4096).decode())
+            messages.append(channel.recv(4096).decode())
         except BlockingIOError:
-            return said
+            return messages
 
 
 def test_the_watchdog_is_notified_while_every_worker_is_alive_and_not_when_one_is_late(manager, caplog):
-    """One worker that hangs is enough, though the main loop goes on; it comes back, and all is well again."""
+    """One worker that hangs stops the notifications, although the main loop runs. They continue when it runs again."""
     heartbeats = Heartbeats()
     heartbeats.beat("listen", 5.0)
     heartbeats.beat("replays", 0.05)
     watchdog = Watchdog(heartbeats)
     watchdog.check()
-    assert heard(manager) == ["WATCHDOG=1"]
+    assert received(manager) == ["WATCHDOG=1"]
     watchdog.check()
-    assert heard(manager) == []  # a third of its patience is soon enough
+    assert received(manager) == []  # one notification in a third of the watchdog's time is enough
     time.sleep(0.15)
     for _ in range(3):
         watchdog.check()
-    assert heard(manager) == []
+    assert received(manager) == []
     assert len([record for record in caplog.records if "not alive: replays" in record.message]) == 1
     heartbeats.beat("replays", 5.0)
     watchdog.check()
-    assert heard(manager) == ["WATCHDOG=1"]
+    assert received(manager) == ["WATCHDOG=1"]
 
 
 def test_without_a_service_manager_nothing_is_sent_and_nothing_fails(monkeypatch: pytest.MonkeyPatch):
-    """Also where its socket has gone."""
+    """The same holds if the socket no longer exists."""
     for name in ("NOTIFY_SOCKET", "WATCHDOG_USEC"):
         monkeypatch.delenv(name, raising=False)
     notify("READY=1")
@@ -70,16 +70,16 @@ def test_without_a_service_manager_nothing_is_sent_and_nothing_fails(monkeypatch
 
 
 def test_a_reload_sends_the_time_of_its_start(manager):
-    """The monotonic clock's microseconds, as systemd compares them."""
+    """The time is in microseconds of the monotonic clock, which systemd compares."""
     before = time.monotonic()
     reloading()
-    (said,) = heard(manager)
-    assert said.startswith("RELOADING=1\nMONOTONIC_USEC=")
-    assert abs(int(said.rsplit("=", 1)[1]) / 1e6 - before) < 1.0
+    (messages,) = received(manager)
+    assert messages.startswith("RELOADING=1\nMONOTONIC_USEC=")
+    assert abs(int(messages.rsplit("=", 1)[1]) / 1e6 - before) < 1.0
 
 
 def test_the_journal_gets_searchable_fields(tmp_path: Path):
-    """MESSAGE, PRIORITY, the robot, the replay; a message of two lines in the journal's binary form."""
+    """The fields are MESSAGE, PRIORITY, the robot and the replay. A message of two lines has the journal's binary form."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal:
         journal.bind(str(tmp_path / "journal"))
         handler = JournalHandler({"JOINT_MONITOR_ROBOT": "cell-1"}, str(tmp_path / "journal"))
@@ -98,7 +98,7 @@ def test_the_journal_gets_searchable_fields(tmp_path: Path):
 
 
 def test_a_problem_is_logged_when_it_begins_and_when_it_ends(caplog):
-    """Once each, however often it is seen; listed in between, with when it began."""
+    """Each is logged once, however often it is checked. In between it is listed with the time of its begin."""
     caplog.set_level(logging.INFO)
     clock, elapsed = [100.0], [0.0]
     problems = Problems(lambda: clock[0], lambda: elapsed[0])
@@ -106,7 +106,7 @@ def test_a_problem_is_logged_when_it_begins_and_when_it_ends(caplog):
         problems.report("disk", f"full since {clock[0]:.0f}")
         clock[0] += 1.0
         elapsed[0] += 1.0
-    clock[0] -= 365 * 86_400.0  # set back meanwhile: how long it lasted is still true
+    clock[0] -= 365 * 86_400.0  # the clock was set back meanwhile; the duration is still right
     problems.clear("clock")
     assert problems.listed() == [{"name": "disk", "since_unix_s": 100.0, "text": "full since 104"}]
     problems.update("disk", None)

@@ -13,7 +13,7 @@ pytestmark = [
     pytest.mark.skipif(WHY_NOT is not None, reason=f"NO REAL SYSTEMD IN THIS RUN, the unit is not tested: {WHY_NOT}"),
     pytest.mark.xdist_group("systemd"),
 ]
-PLACES = ("/etc", "/home", "/opt", "/run", "/srv", "/tmp", "/usr/local", "/var", "/dev/shm")  # where programs leave things
+PLACES = ("/etc", "/home", "/opt", "/run", "/srv", "/tmp", "/usr/local", "/var", "/dev/shm")  # where programs leave files
 UNIT = "joint-monitor@cell-1.service"
 CELL = """
 [robot]
@@ -32,7 +32,7 @@ DROP_IN = "[Service]\nWatchdogSec=4\nRestartSec=0.2\nTimeoutAbortSec=1\nLoadCred
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
-    """One that is booted; its service has been started once."""
+    """A booted machine; its service has been started once."""
     configurations = {
         "cell-1": CELL,
         "wrong": CELL.replace("[store]", "[stor]"),
@@ -40,7 +40,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
         "tool.secret": "gripper-7",
     }
     with Machine(tmp_path_factory.mktemp("machine"), configurations, DROP_IN) as booted:
-        # inside, root alone may read the secret: the service gets it from systemd
+        # only root may read the secret inside: the service gets it from systemd
         booted.run("chmod", "600", "/etc/joint-monitor/tool.secret.toml")
         booted.run("systemctl", "start", UNIT, timeout=120)
         yield booted
@@ -51,26 +51,26 @@ def pid(machine: Machine) -> int:
 
 
 def test_it_starts_reports_its_state_and_runs_as_an_unprivileged_user(machine: Machine):
-    """READY is systemd's word for it; STATUS is worth reading; no capability, no new privileges; the secret was read."""
-    told = machine.eventually(UNIT, "SubState", "running", 10.0)
+    """systemd got READY and a STATUS text. The service has no capabilities and no new privileges, and it read the secret."""
+    state = machine.eventually(UNIT, "SubState", "running", 10.0)
     deadline = time.monotonic() + 20.0
-    while "next 2" not in told["StatusText"] and time.monotonic() < deadline:
+    while "next 2" not in state["StatusText"] and time.monotonic() < deadline:
         time.sleep(0.2)
-        told = machine.unit(UNIT, "StatusText", "NRestarts")
-    assert "no replay assessed yet" in told["StatusText"], machine.journal("-u", UNIT)
-    assert told["NRestarts"] == "0"
+        state = machine.unit(UNIT, "StatusText", "NRestarts")
+    assert "no replay assessed yet" in state["StatusText"], machine.journal("-u", UNIT)
+    assert state["NRestarts"] == "0"
     status = dict(line.split(":\t", 1) for line in machine.run("cat", f"/proc/{pid(machine)}/status").stdout.splitlines() if ":\t" in line)
     assert status["CapEff"].strip("0") == ""
     assert status["NoNewPrivs"] == "1"
     assert status["Uid"].split()[0] != "0"
     assert machine.unit(UNIT, "OOMPolicy")["OOMPolicy"] == "continue"
     children: list[str] = []
-    while not children and time.monotonic() < deadline + 20.0:  # where there is no arm, the one that listens ends and comes back
+    while not children and time.monotonic() < deadline + 20.0:  # without an arm, the listening process ends and starts again
         children = machine.run("pgrep", "--parent", str(pid(machine)), check=False).stdout.split()
     assert children  # a process that ran out of memory ends so
     machine.run("kill", "-KILL", *children, check=False)
-    said = json.loads(machine.run("cat", "/var/lib/joint-monitor/cell-1/monitor.json").stdout)
-    assert said["arm"]["heard"] is False  # there is none: the service runs, and says so
+    document = json.loads(machine.run("cat", "/var/lib/joint-monitor/cell-1/monitor.json").stdout)
+    assert document["arm"]["heard"] is False  # there is no arm: the service runs and reports it
     entries = [json.loads(line) for line in machine.journal("-u", UNIT, "-o", "json").splitlines()]
     watching = next(entry for entry in entries if "watching robot=cell-1" in str(entry.get("MESSAGE")))
     assert watching["JOINT_MONITOR_ROBOT"] == "cell-1"
@@ -79,15 +79,15 @@ def test_it_starts_reports_its_state_and_runs_as_an_unprivileged_user(machine: M
 
 
 def test_the_shipped_units_pass_systemd_analyze(machine: Machine):
-    """`systemd-analyze verify` says nothing; exposure is at most 2.0, of which the network makes most."""
+    """`systemd-analyze verify` has no output. The exposure is at most 2.0, and most of it is access to the network."""
     path = "/etc/systemd/system/joint-monitor@.service"
-    said = machine.run("systemd-analyze", "verify", path)
-    assert said.stdout + said.stderr == ""
+    result = machine.run("systemd-analyze", "verify", path)
+    assert result.stdout + result.stderr == ""
     machine.run("systemd-analyze", "security", "--offline=yes", "--threshold=20", path)
 
 
 def test_a_reload_takes_a_valid_configuration_and_refuses_an_invalid_one(machine: Machine):
-    """The same process; the next window is another; a mistake is told and changes nothing."""
+    """The process stays the same and the next window changes. A mistake is reported and changes nothing."""
     before, path = pid(machine), "/etc/joint-monitor/cell-1.toml"
     inside = ["sh", "-c"]
     machine.run(*inside, f"printf '[schedule]\\ncron = \"0 0 29 2 *\"\\n' >> {path}")
@@ -109,7 +109,7 @@ def wait_for(machine: Machine, text: str, within_s: float = 10.0) -> None:
 
 
 def test_it_writes_nothing_outside_its_own_directories(machine: Machine):
-    """What the running service has changed on this machine's disk lies below /var/lib/joint-monitor; and more it could not."""
+    """All files that the running service changed are below /var/lib/joint-monitor, and it has no permission for others."""
     changed = machine.run("find", *PLACES, "-xdev", "-user", "joint-monitor", check=False).stdout.split()
     assert changed
     assert [path for path in changed if not path.startswith(("/var/lib/joint-monitor", "/run/credentials/"))] == []  # systemd's hand-over
@@ -120,7 +120,7 @@ def test_it_writes_nothing_outside_its_own_directories(machine: Machine):
 
 
 def test_a_daemon_that_hangs_is_ended_and_started_again(machine: Machine):
-    """Stopped in its tracks it kicks no watchdog: another process takes its place."""
+    """A daemon stopped by SIGSTOP does not notify the watchdog, and systemd starts another process."""
     before = pid(machine)
     machine.run("kill", "-STOP", str(before))
     deadline = time.monotonic() + 40.0
@@ -133,7 +133,7 @@ def test_a_daemon_that_hangs_is_ended_and_started_again(machine: Machine):
 
 
 def test_it_stops_within_five_seconds_and_leaves_no_process(machine: Machine):
-    """Children too; the stop is a success. Stopped as `make uninstall` does it: the next boot starts nothing either."""
+    """Its children end too, and the stop is a success. After the stop of `make uninstall` the next boot starts nothing."""
     recipe = subprocess.run(["make", "--dry-run", "uninstall"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     (line,) = [line for line in recipe.splitlines() if "systemctl stop" in line]
     machine.run("systemctl", "enable", UNIT)
@@ -141,16 +141,16 @@ def test_it_stops_within_five_seconds_and_leaves_no_process(machine: Machine):
     machine.run("sh", "-c", line)
     assert time.monotonic() - began < 5.0
     assert machine.unit(UNIT, "UnitFileState")["UnitFileState"] == "disabled"
-    told = machine.unit(UNIT, "Result", "SubState", "TasksCurrent")
-    assert (told["Result"], told["SubState"]) == ("success", "dead")
+    state = machine.unit(UNIT, "Result", "SubState", "TasksCurrent")
+    assert (state["Result"], state["SubState"]) == ("success", "dead")
     machine.run("systemctl", "reset-failed", UNIT, check=False)
 
 
 def test_a_wrong_configuration_is_not_tried_again(machine: Machine):
-    """Exit 78, once, with the line and the nearest valid word in the journal."""
+    """It ends with 78 once. The journal has the line and the nearest valid word."""
     machine.run("systemctl", "start", "joint-monitor@wrong.service", check=False)
-    told = machine.eventually("joint-monitor@wrong.service", "SubState", "failed", 20.0)
-    assert told["NRestarts"] == "0"
+    state = machine.eventually("joint-monitor@wrong.service", "SubState", "failed", 20.0)
+    assert state["NRestarts"] == "0"
     assert machine.unit("joint-monitor@wrong.service", "ExecMainStatus")["ExecMainStatus"] == "78"
     assert "wrong.toml:8: [stor]: unknown section (did you mean store?)" in machine.journal("-u", "joint-monitor@wrong.service")
 
@@ -158,8 +158,8 @@ def test_a_wrong_configuration_is_not_tried_again(machine: Machine):
 @pytest.mark.soak
 @pytest.mark.timeout(300)
 def test_a_service_that_fails_repeatedly_is_not_restarted_after_five_starts(machine: Machine):
-    """An address that is not this machine's: five starts, then a person."""
+    """The address belongs to another machine: after five starts systemd leaves the service stopped."""
     machine.run("systemctl", "start", "joint-monitor@crash.service", check=False, timeout=120)
-    told = machine.eventually("joint-monitor@crash.service", "SubState", "failed", 120.0)
-    assert told["NRestarts"] == "5"
+    state = machine.eventually("joint-monitor@crash.service", "SubState", "failed", 120.0)
+    assert state["NRestarts"] == "5"
     assert "Start request repeated too quickly" in machine.journal("-u", "joint-monitor@crash.service")

@@ -144,7 +144,7 @@ def test_noisy_currents_have_four_times_the_noise():
             controller.step()
             currents.append(controller.measurements.latest.current)
         spreads.append(np.std(currents, axis=0))
-    assert np.allclose(spreads[1] / spreads[0], 4.0, rtol=0.05)  # the same dice
+    assert np.allclose(spreads[1] / spreads[0], 4.0, rtol=0.05)  # the same random numbers
 
 
 def test_on_holiday_the_arm_rests():

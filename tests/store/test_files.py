@@ -1,4 +1,4 @@
-"""Recordings as files: ours come back as they went, others' are read or refused with the reason."""
+"""Recordings as files: written ones are read back exactly, files of others are read or refused with the reason."""
 
 from dataclasses import fields
 
@@ -32,7 +32,7 @@ def assert_is_rows(recording):
 
 
 def full(seed: int, samples: int) -> Recording:
-    """Every signal, every field of the context, torn values included."""
+    """A recording with every signal and every field of the context, and with torn values."""
     rng = np.random.default_rng(seed)
     joint = {name: rng.normal(size=(samples, 3)) for name in ("q", "qd", "qdd", "current", "torque", "temperature_c")}
     joint |= {f"target_{name}": rng.normal(size=(samples, 3)) for name in ("q", "qd", "qdd", "current", "moment")}
@@ -48,7 +48,7 @@ def full(seed: int, samples: int) -> Recording:
 @given(seed=st.integers(0, 2**32 - 1), samples=st.integers(1, 50))
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_our_parquet_comes_back_exactly(tmp_path, seed, samples):
-    """Signals bit for bit (NaN too), context, quality and source: nothing of a recording is lost on disk."""
+    """Signals (with NaN), context, quality and source are equal bit for bit after a way over the disk."""
     before = full(seed, samples)
     write_recording(tmp_path / "one.parquet", before)
     after = read_recording(tmp_path / "one.parquet")
@@ -61,7 +61,7 @@ def test_our_parquet_comes_back_exactly(tmp_path, seed, samples):
 
 
 def test_what_was_not_recorded_stays_unrecorded(tmp_path):
-    """Signals that are None, and facts that nobody knows, are still None."""
+    """Signals and facts that are None are None when read back."""
     write_recording(tmp_path / "a.parquet", Recording(t_s=np.arange(3.0), q=np.zeros((3, 6))))
     after = read_recording(tmp_path / "a.parquet")
     assert set(after.signals) == {"t_s", "q"}
@@ -78,13 +78,13 @@ def test_anyone_can_read_our_parquet(tmp_path):
 
 
 def test_parquet_of_others_is_read_by_its_names(tmp_path):
-    """No metadata of ours, just the names."""
+    """The file has the names of columns and no metadata."""
     pd.DataFrame(ROWS, columns=HEADER).to_parquet(tmp_path / "theirs.parquet")
     assert_is_rows(read_recording(tmp_path / "theirs.parquet"))
 
 
 def test_writing_is_atomic(tmp_path):
-    """Where the disk refuses, StoreError says so; no half file and no temporary one stays."""
+    """A failing disk raises StoreError, and neither a partial nor a temporary file is left."""
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "inside").touch()
     with pytest.raises(StoreError, match="taken: the recording cannot be written"):
@@ -95,7 +95,7 @@ def test_writing_is_atomic(tmp_path):
 
 
 def test_writing_again_replaces(tmp_path):
-    """The later recording is the one that is read, and it stands alone in the folder."""
+    """The later recording is read, and it is the only file in the folder."""
     write_recording(tmp_path / "a.parquet", full(0, 5))
     write_recording(tmp_path / "a.parquet", full(1, 7))
     assert read_recording(tmp_path / "a.parquet").samples == 7
@@ -108,21 +108,21 @@ def test_writing_again_replaces(tmp_path):
 @pytest.mark.parametrize("header", [True, False])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_every_usual_separator_and_decimal_sign_is_understood(tmp_path, separator, decimal, header, end):
-    """With the names in a header, or without and described by --columns."""
+    """The names are in a header, or --columns gives them."""
     file = tmp_path / "a.csv"
     file.write_bytes(text(separator, decimal, header, end).encode())
     assert_is_rows(read_recording(file, None if header else SPEC))
 
 
 def test_a_header_is_skipped_where_columns_are_described(tmp_path):
-    """Names that mean nothing to us stand over columns that --columns explains; quotes and a byte order mark do no harm."""
+    """The names in the header are unknown, and --columns explains the columns. Quotes and a byte order mark are accepted."""
     file = tmp_path / "a.csv"
     file.write_text("\ufeff" + '"t","a","b","c","d","e","f"\n' + text(header=False))
     assert_is_rows(read_recording(file, SPEC))
 
 
 def test_columns_may_be_single_skipped_or_out_of_order(tmp_path):
-    """Positions one by one, two columns nobody wants, speeds last."""
+    """Positions one by one, two columns without use, and speeds last."""
     file = tmp_path / "a.csv"
     file.write_text(text(header=False))
     recording = read_recording(file, "timestamp, actual_q_0, actual_q_1, skip:2, actual_qd:2")
@@ -131,7 +131,7 @@ def test_columns_may_be_single_skipped_or_out_of_order(tmp_path):
 
 
 def test_separators_left_at_the_end_are_no_columns(tmp_path):
-    """As spreadsheets leave them, with a header and without."""
+    """Spreadsheets write such separators, with a header and without."""
     file = tmp_path / "a.csv"
     file.write_text("\n".join(line + ";;;" for line in text(";", ",").splitlines()))
     assert_is_rows(read_recording(file))
@@ -140,7 +140,7 @@ def test_separators_left_at_the_end_are_no_columns(tmp_path):
 
 
 def test_other_columns_may_hold_anything(tmp_path):
-    """Times of day, words and empty fields beside what is read."""
+    """Columns that are not read may have times of day, words and empty fields."""
     file = tmp_path / "a.csv"
     lines = text().splitlines()
     file.write_text("\n".join([f"{lines[0]},when,payload,ok", *(f"{line},2022-10-26T08:17:21Z,1.5,True" for line in lines[1:])]))
@@ -150,7 +150,7 @@ def test_other_columns_may_hold_anything(tmp_path):
 
 
 def test_torn_rows_survive_reading_as_nan(tmp_path):
-    """Too short, too long, a word, an empty field: the row stays, so that it can be counted; its neighbours are untouched."""
+    """A row is too short, too long, or has a word or an empty field. It stays, so that it can be counted, and other rows are unchanged."""
     good = text(header=False).splitlines()
     torn = ["0.1,0.2,0.3", "0,0,0,0,0,0,0,0,0", "0,0,zero,0,0,0,0", "0,0,,0,0,0,0"]
     file = tmp_path / "a.csv"
@@ -193,7 +193,7 @@ def make(tmp_path, content):
     ],
 )
 def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path, content, columns, message):
-    """BadInput, exit code 2: what was wrong, where, what would be right."""
+    """BadInput with exit code 2 names the mistake, its place, and what would be right."""
     with pytest.raises(BadInput, match=message) as refusal:
         read_recording(make(tmp_path, content), columns)
     assert refusal.value.exit_code == 2
@@ -206,7 +206,7 @@ def test_a_folder_is_no_recording(tmp_path):
 
 
 def test_parquet_without_positions_or_numbers_is_refused(tmp_path):
-    """By name, not by traceback."""
+    """The message names what is missing."""
     pd.DataFrame({"a": [1.0]}).to_parquet(tmp_path / "a.parquet")
     with pytest.raises(BadInput, match="holds no joint positions"):
         read_recording(tmp_path / "a.parquet")

@@ -1,4 +1,4 @@
-"""`assess` over files gives the daemon's verdicts; `rehearse` answers for a configuration; what is wrong is named."""
+"""`assess` over files gives the daemon's verdicts, `rehearse` plays a fleet with a configuration, and mistakes are named."""
 
 import json
 import subprocess
@@ -26,7 +26,7 @@ START_S = 1_750_032_000.0
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory) -> list[Path]:
-    """Three stepped replays of a simulated UR5 a day apart, as our Parquet."""
+    """Three stepped replays of a simulated UR5, one a day, as Parquet files."""
     folder = tmp_path_factory.mktemp("series")
     controller = Controller(SimulateSettings(seed=4))
     text = (ROOT / "config/excitation/ur5-ground.json").read_text("utf-8")
@@ -46,7 +46,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_series_gives_the_daemons_verdicts(recordings):
-    """Files in any order: judged in time order, each with the belief of the one before, figure by figure as `assess` alone."""
+    """Files in any order are judged in time order with the previous belief, and every figure equals that of `assess` alone."""
     robot = load_robot("ur5")
     document = assess_series(Series(entries=[Entry(path) for path in reversed(recordings)], robot=robot))
     assert [row["file"] for row in document["recordings"]] == ["day-0.parquet", "day-1.parquet", "day-2.parquet"]
@@ -56,14 +56,14 @@ def test_a_series_gives_the_daemons_verdicts(recordings):
             read_recording(path), robot=robot, mounting=Mounting(), belief=last and last.belief, health=last and last.health
         )  # fmt: skip
         assert isinstance(last, Assessment)
-    told = [row["reference_torque_nm"] for row in document["friction"] if row["file"] == "day-2.parquet"]
-    assert told == [joint.reference_torque_nm for joint in last.friction]
+    torques = [row["reference_torque_nm"] for row in document["friction"] if row["file"] == "day-2.parquet"]
+    assert torques == [joint.reference_torque_nm for joint in last.friction]
     assert document["health"] == {"arm": last.health.state, "joints": [joint.state for joint in last.health.joints]}
     assert set(document) >= {"health", "alerts", "temperature", "friction", "contexts", "warnings"}
 
 
 def test_assess_prints_one_object(recordings):
-    """The command, from a shell, times in RFC 3339."""
+    """The command runs from a shell, and times are in RFC 3339."""
     done = run("assess", "--robot", "ur5", "--json", *map(str, recordings))
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
@@ -74,7 +74,7 @@ def test_assess_prints_one_object(recordings):
 
 @pytest.mark.timeout(400)  # half a minute of processor time, of which a loaded machine gives little
 def test_rehearse_answers_for_a_configuration(tmp_path):
-    """A small fleet: false alarms, delays and life in one object, and a picture."""
+    """A small fleet gives false alarms, delays and remaining life in one object, and a picture."""
     picture = tmp_path / "delays.png"
     done = run("rehearse", "--config", "config/monitor.toml", "--arms", "16", "--json", "--plot", str(picture))
     assert done.returncode == 0, done.stderr
@@ -93,7 +93,7 @@ def listed(tmp_path: Path, text: str) -> Path:
 
 
 def test_a_manifest_gives_times_payloads_and_mountings(tmp_path):
-    """Names are relative to its folder; a time without an offset is UTC."""
+    """File names are relative to the folder of the manifest, and a time without an offset is UTC."""
     [entry] = manifest(listed(tmp_path, "file,recorded_at,payload_kg,mounting,note\na.csv,2026-01-31T03:00:00,1.5,ceiling,first\n"))
     assert entry.file == tmp_path / "a.csv"
     assert entry.recorded_at_unix_s == 1_769_828_400.0
@@ -113,20 +113,20 @@ def test_a_manifest_gives_times_payloads_and_mountings(tmp_path):
     ],
 )
 def test_a_manifest_that_is_wrong_is_named_by_line_and_column(tmp_path, text, says):
-    """Before any recording is read."""
+    """The error comes before any recording is read."""
     with pytest.raises(BadInput, match=says):
         manifest(listed(tmp_path, text))
 
 
 @pytest.mark.parametrize("text", ["", "1", "d", "0d", "1y", "-1d", "nan d"])
 def test_an_invalid_interval_is_refused(text):
-    """Number and unit."""
+    """An interval needs a number and a unit."""
     with pytest.raises(BadInput, match="--interval"):
         interval_s(text)
 
 
 def test_the_mounting_of_a_recording_counts_unless_the_user_gives_another(recordings, tmp_path):
-    """The file's own word counts before what the series takes for granted, and the manifest's before the file's."""
+    """The file's mounting has precedence over the default of the series, and the manifest's over the file's."""
     hung = tmp_path / "hung.parquet"
     recording = read_recording(recordings[0])
     write_recording(hung, replace(recording, context=replace(recording.context, mounting_rad=(np.pi, 0.0, 0.0))))
@@ -142,7 +142,7 @@ def test_the_mounting_of_a_recording_counts_unless_the_user_gives_another(record
 
 
 def test_times_that_are_missing_or_the_same_are_refused(recordings):
-    """A file that says no time, and two of one time."""
+    """One file has no time, or two files have the same."""
     robot = load_robot("ur5")
     with pytest.raises(BadInput, match="recorded at the same time"):
         assess_series(Series(entries=[Entry(recordings[0]), Entry(recordings[0])], robot=robot))
@@ -166,7 +166,7 @@ def test_times_that_are_missing_or_the_same_are_refused(recordings):
     ],
 )
 def test_a_mistake_is_reported_with_exit_code_2(arguments, says):
-    """No traceback."""
+    """There is a message and no traceback."""
     done = run(*arguments)
     assert done.returncode == 2, done.stderr
     assert says in " ".join(done.stderr.split())
@@ -174,7 +174,7 @@ def test_a_mistake_is_reported_with_exit_code_2(arguments, says):
 
 
 def test_a_manifest_gives_serials_maintenance_and_revolutions(tmp_path):
-    """One a joint, with blanks between; figures that are none are named with their line."""
+    """There is one value for each joint, separated by blanks. Invalid figures are named with their line."""
     path = tmp_path / "runs.csv"
     head = "file,recorded_at,maintenance,joint_serials,revolutions\n"
     path.write_text(head + "a.csv,2026-01-01T00:00:00Z,joint 2 greased,A B C D E F,1 2 3 4 5 6.5\n", "utf-8")
@@ -188,8 +188,8 @@ def test_a_manifest_gives_serials_maintenance_and_revolutions(tmp_path):
 
 
 def test_why_a_joint_does_not_alert_is_printed_on_request(recordings):
-    """In words by --why, of every joint in --json."""
-    told = run("assess", "--robot", "ur5", "--why", "2", *map(str, recordings))
-    assert told.returncode == 0, told.stderr
-    assert "joint 2: no further alert, for" in told.stdout
-    assert "next is the advisory tier, from +1%" in told.stdout
+    """--why prints sentences, and --json has them for every joint."""
+    result = run("assess", "--robot", "ur5", "--why", "2", *map(str, recordings))
+    assert result.returncode == 0, result.stderr
+    assert "joint 2: no further alert, for" in result.stdout
+    assert "next is the advisory tier, from +1%" in result.stdout

@@ -1,4 +1,4 @@
-"""The history survives what happens to a process, and says so where it cannot."""
+"""The history survives crashes of a process, and reports it where it cannot."""
 
 import os
 import signal
@@ -48,7 +48,7 @@ def test_a_window_is_claimed_only_once(tmp_path: Path):
 
 
 def test_a_replay_that_was_cut_short_becomes_aborted_and_is_not_run_again(tmp_path: Path):
-    """`started` without a recording can only mean that we died: it is closed as aborted, with the reason."""
+    """`started` without a recording means that the daemon died: the row becomes aborted, with the reason."""
     with Store.open(tmp_path) as store:
         store.ledger.claim(DAY, "scheduled", DAY)
     with Store.open(tmp_path) as store:
@@ -59,7 +59,7 @@ def test_a_replay_that_was_cut_short_becomes_aborted_and_is_not_run_again(tmp_pa
 
 
 def test_a_recording_that_was_saved_before_the_crash_waits_for_its_assessment(tmp_path: Path):
-    """Rename happened, ledger update did not: the file is adopted, nothing measured is lost."""
+    """The file was renamed and the ledger not updated: the store takes the file over, and no recording is lost."""
     with Store.open(tmp_path) as store:
         ledger_id = store.ledger.claim(DAY, "scheduled", DAY)
         store.recordings.path(ledger_id).write_bytes(b"PAR1")
@@ -95,7 +95,7 @@ def test_a_replay_is_assessed_only_once(tmp_path: Path):
 
 
 def test_events_are_numbered_and_wait_until_they_are_published(tmp_path: Path):
-    """Unpublished events come back after a restart, in order; published ones do not."""
+    """After a restart, unpublished events are returned in order, and published ones are not."""
     with Store.open(tmp_path) as store:
         events = commit(store, replayed(store, DAY), events=[{"kind": "raised"}, {"kind": "updated"}])
         store.events.mark_published(events[0].seq)
@@ -105,13 +105,13 @@ def test_events_are_numbered_and_wait_until_they_are_published(tmp_path: Path):
 
 
 def test_a_second_daemon_on_the_same_directory_is_refused(tmp_path: Path):
-    """Two writers would replay twice: the second one is told who is in the way."""
+    """Two writers would replay twice. The second one gets a message with the process of the first."""
     with Store.open(tmp_path), pytest.raises(StoreError, match="in use by another"), Store.open(tmp_path):
         pass
 
 
 def test_commands_read_beside_the_daemon_and_get_a_message_before_the_first_run(tmp_path: Path):
-    """A reader sees what is committed; without a history it gets a sentence."""
+    """A reader gets the committed state. Without a history it gets a message."""
     with pytest.raises(StoreError, match="no history yet"), Store.reader(tmp_path):
         pass
     with Store.open(tmp_path) as store:
@@ -121,7 +121,7 @@ def test_commands_read_beside_the_daemon_and_get_a_message_before_the_first_run(
 
 
 def test_a_newer_history_is_refused_with_the_reason(tmp_path: Path):
-    """A future schema is not opened and written over."""
+    """A later schema is not opened, so it cannot be overwritten."""
     with Store.open(tmp_path) as store:
         store.database.connection.execute("PRAGMA user_version = 99")
     for opened in (Store.open, Store.reader, Store.beside):
@@ -131,7 +131,7 @@ def test_a_newer_history_is_refused_with_the_reason(tmp_path: Path):
 
 @pytest.mark.parametrize("version", [0, 1, 3])
 def test_another_programs_database_is_refused_and_stays_unchanged(tmp_path: Path, version: int):
-    """Whatever number of schema it says, none of our tables is put beside its own."""
+    """For any number of schema in it, no table is added to it."""
     with closing(sqlite3.connect(tmp_path / "history.sqlite")) as connection:
         connection.executescript(f"CREATE TABLE photo (name TEXT); PRAGMA user_version = {version}")
     before = (tmp_path / "history.sqlite").read_bytes()
@@ -142,7 +142,7 @@ def test_another_programs_database_is_refused_and_stays_unchanged(tmp_path: Path
 
 
 def test_a_folder_of_any_name_holds_a_history(tmp_path: Path):
-    """What has a meaning in an URI has none in a path."""
+    """Characters with a meaning in a URI have none in the path."""
     folder = tmp_path / "cell #1? 50%20"
     with Store.open(folder) as store:
         commit(store, replayed(store, DAY))
@@ -172,21 +172,21 @@ with Store.open(Path(sys.argv[1])) as store:
 
 
 def test_sigkill_at_any_moment_loses_and_repeats_nothing(tmp_path: Path):
-    """What the writer said it committed is there after SIGKILL, once; revision, events and history agree."""
+    """Everything that the writer reported as committed is there once after SIGKILL. Revision, events and history agree."""
     for _ in range(6):
         process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True)
-        said = -1
+        committed = -1
         for _ in range(25):
-            said = int(process.stdout.readline())
+            committed = int(process.stdout.readline())
         os.kill(process.pid, signal.SIGKILL)
-        said = max([said, *(int(line) for line in process.stdout.read().splitlines() if line.strip())])
+        committed = max([committed, *(int(line) for line in process.stdout.read().splitlines() if line.strip())])
         process.wait()
         with Store.open(tmp_path) as store:
             waiting = store.ledger.repair(0.0)
             rows = store.ledger.rows()
             state = store.assessments.state()
             assert state is not None
-            assert state.belief["n"] >= said
+            assert state.belief["n"] >= committed
             assessed = [row for row in rows if row.state == "assessed"]
             assert state.revision == len(assessed) == len(store.events.rows())
             assert len(store.assessments.friction(joint=6)) == len(assessed)
@@ -196,7 +196,7 @@ def test_sigkill_at_any_moment_loses_and_repeats_nothing(tmp_path: Path):
 
 
 def test_a_stop_waits_until_a_person_allows_motion_again(tmp_path: Path):
-    """Noted with the end of its window in one transaction, or beside the schedule; allowed once, by name."""
+    """The stop is stored in one transaction with the end of its window, or without a window. A person allows motion once, by name."""
     with Store.open(tmp_path) as store:
         ledger_id = store.ledger.claim(DAY, "scheduled", DAY)
         store.ledger.end(ledger_id, "aborted", "joint 3 hit something", DAY + 1, stop="protective_stop")
@@ -212,7 +212,7 @@ def test_a_stop_waits_until_a_person_allows_motion_again(tmp_path: Path):
 
 
 def test_a_first_pass_is_valid_until_its_circumstances_change(tmp_path: Path):
-    """There and back is two changes: nobody knows what was moved meanwhile."""
+    """A change and its reversal are two changes, because other things may have moved meanwhile."""
     with Store.open(tmp_path) as store:
         assert not store.first_passes.is_latest("a")
         store.first_passes.add("a", {"payload_kg": 1.0}, 1.0)
@@ -223,7 +223,7 @@ def test_a_first_pass_is_valid_until_its_circumstances_change(tmp_path: Path):
 
 
 def test_a_history_of_the_first_schema_is_migrated_with_its_rows(tmp_path: Path):
-    """Tables are added, rows stay; a reader says what to do instead of failing on a missing table."""
+    """Tables are added and rows stay. A reader gets a message with what to do, and no error about a missing table."""
     from monitor.store import schema as module
 
     with pytest.MonkeyPatch.context() as patch:
@@ -235,6 +235,6 @@ def test_a_history_of_the_first_schema_is_migrated_with_its_rows(tmp_path: Path)
     with Store.open(tmp_path) as store:
         assert [row.state for row in store.ledger.rows()] == ["recorded"]
         assert store.stops.waiting() == []
-    (kept,) = (tmp_path / "backups").iterdir()  # as it was, for whoever must go back to the older program
+    (kept,) = (tmp_path / "backups").iterdir()  # unchanged, for a return to the older program
     with closing(sqlite3.connect(kept)) as connection:
         assert connection.execute("PRAGMA user_version").fetchone() == (1,)

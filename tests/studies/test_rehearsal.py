@@ -40,10 +40,10 @@ def test_a_healthy_fleet_has_few_alerts():
 def test_a_step_of_five_percent_is_detected_within_weeks_in_its_joint():
     """σ = 2 %, ρ = 0.5: the median of 24 arms is below 15 days (it is 10 on 250 arms), and nine of ten name the right joint."""
     wear = onsets(24, 1, step=0.05, latest=200)
-    told = delay(Reported.of(play(FleetSettings(arms=24, days=240, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
-    assert told.median_days < 15
-    assert told.within_30.hits >= 0.9 * told.arms
-    assert told.right_joint.hits >= 0.9 * told.right_joint.of
+    delays = delay(Reported.of(play(FleetSettings(arms=24, days=240, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
+    assert delays.median_days < 15
+    assert delays.within_30.hits >= 0.9 * delays.arms
+    assert delays.right_joint.hits >= 0.9 * delays.right_joint.of
 
 
 def test_wear_is_not_taken_for_noise():
@@ -64,10 +64,10 @@ def test_undetected_changes_widen_the_interval_and_change_no_alert():
     """10 % a year in 24 arms: friction's 90 % interval contains the truth more often than the filter's, and every alert is the same."""
     wear = Wear(joint=np.arange(24) % 6.0, onset_day=np.full(24, 60.0), step=np.zeros(24), per_day=np.full(24, 0.1 / 365.0))
     blind = replace(ASSESS, drift=replace(ASSESS.drift, onsets_per_year=0.0))
-    told, before = (play(FleetSettings(arms=24, days=170, seed=5, scenarios=COMPARABLE), one, wear) for one in (ASSESS, blind))
-    assert told.covered_worn > before.covered_worn + 0.05
-    assert np.mean(told.covered) < np.mean(before.covered) + 0.05  # the sound joints' hardly grow
-    assert np.array_equal(told.tier_day, before.tier_day, equal_nan=True)
+    with_mixture, before = (play(FleetSettings(arms=24, days=170, seed=5, scenarios=COMPARABLE), one, wear) for one in (ASSESS, blind))
+    assert with_mixture.covered_worn > before.covered_worn + 0.05
+    assert np.mean(with_mixture.covered) < np.mean(before.covered) + 0.05  # the sound joints' hardly grow
+    assert np.array_equal(with_mixture.tier_day, before.tier_day, equal_nan=True)
 
 
 def test_the_fleets_filter_is_the_daemons():
@@ -152,8 +152,8 @@ def test_the_card_marks_what_was_not_reached():
     """It contains every figure, and marks one beyond its limit."""
     share = {"hits": 10.0, "of": 10.0}
     wear = onsets(12, 1, step=0.05, latest=70)
-    told = delay(Reported.of(play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
-    rows = [detection_row(name, 0.05, 0.0, told, 0.9) for name in ("5 % step", "10 %/year")]
+    delays = delay(Reported.of(play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
+    rows = [detection_row(name, 0.05, 0.0, delays, 0.9) for name in ("5 % step", "10 %/year")]
     document = {
         "robot_years": 100.0,
         "learning_days": 60,
@@ -186,7 +186,7 @@ def test_the_card_marks_what_was_not_reached():
     physics = {"replays": 200, "std": [0.003, 0.008], "surrogate_std": 0.0056, "distance": 0.1, "p": 0.004, "slope_per_k": 0.0002}
     text = card(document, [{"between_std": 0.01, **rows[0]}], torque, physics, seed=1, arm_days_a_minute=1e5)
     assert "| 100.0 % (≥ 74.1 %, ≤ 100.0 %) | 75–85 % ✗ not reached |" in text
-    low, high, early = told.by_baseline[0]
+    low, high, early = delays.by_baseline[0]
     assert f"{low}–{high - 1} days {early.hits} of {early.of}" in text
     assert "by joint 0.30, 0.60, worst arm 0.43 | 0.320 (≤ 0.340) | ≤ 0.33 ✗ not reached |" in text
     assert "94.0 % (≥ 93.0 %, ≤ 96.0 %) | 85–95 % ✗ not reached |" in text
@@ -203,9 +203,9 @@ def test_the_card_explains_what_was_not_reached_and_nothing_else():
     """One row that was not reached has one explanation; without one there is no heading."""
     row = "| P10–P90 of remaining life hold the truth | 90 % | 75–85 % {} |\n"
     assert notes(row.format("✓")) == ""
-    told = notes(row.format("✗ not reached"))
-    assert "P10–P90" in told
-    assert told.count("- **") == 1
+    explanations = notes(row.format("✗ not reached"))
+    assert "P10–P90" in explanations
+    assert explanations.count("- **") == 1
 
 
 @pytest.mark.soak

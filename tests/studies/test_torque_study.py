@@ -56,11 +56,11 @@ def test_the_errors_of_arms_are_averaged_as_squares():
     one = replace(BLANK, squares_nm2=np.array([[1.0, 0.0], [100.0, 0.0]]), slope_per_k=np.array([0.001, np.nan]))
     other = replace(one, squares_nm2=np.array([[9.0, 0.0], [100.0, 0.0]]), slope_per_k=np.array([-0.003, np.nan]), range_c=(5.0, 20.0))
     with np.errstate(invalid="ignore"):  # the second joint's own ratio is 0/0 here
-        told = summary([one, other], replays=3, tests=1)
-    assert told["ratio"]["value"] == pytest.approx(np.sqrt(0.05))
-    assert told["ratio_of_worst_arm"] == pytest.approx(0.3)
-    assert told["slope_per_k"]["value"] == pytest.approx(0.002)
-    assert told["range_c"] == [5.0, 30.0]
+        figures = summary([one, other], replays=3, tests=1)
+    assert figures["ratio"]["value"] == pytest.approx(np.sqrt(0.05))
+    assert figures["ratio_of_worst_arm"] == pytest.approx(0.3)
+    assert figures["slope_per_k"]["value"] == pytest.approx(0.002)
+    assert figures["range_c"] == [5.0, 30.0]
 
 
 def drawn(std, course, seed=0):
@@ -92,10 +92,10 @@ def test_the_error_with_temperatures_is_a_third_of_that_without():
 
     90 % intervals contain 85–95 % of the samples.
     """
-    told = summary([arm(seed, 40, 12) for seed in range(77, 87)], replays=40, tests=12)
-    print(json.dumps(told, indent=1))
-    assert told["ratio"]["at_most"] <= 1 / 3
-    assert told["slope_per_k"]["at_most"] <= 0.001
-    assert told["covered_90"]["at_least"] >= 0.85
-    assert told["covered_90"]["at_most"] <= 0.95
-    assert all(0.83 <= covered <= 0.97 for covered in told["covered_90_by_joint"])
+    figures = summary([arm(seed, 40, 12) for seed in range(77, 87)], replays=40, tests=12)
+    print(json.dumps(figures, indent=1))
+    assert figures["ratio"]["at_most"] <= 1 / 3
+    assert figures["slope_per_k"]["at_most"] <= 0.001
+    assert figures["covered_90"]["at_least"] >= 0.85
+    assert figures["covered_90"]["at_most"] <= 0.95
+    assert all(0.83 <= covered <= 0.97 for covered in figures["covered_90_by_joint"])
