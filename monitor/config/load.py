@@ -175,7 +175,7 @@ def _with_zenoh_files(bus: BusSettings | None, path: Path, mistakes: list[str]) 
 
 
 def _checked(mistakes: list[str], key: str, make: Callable[[], Made]) -> Made | None:
-    """What `make` returns; None, with its BadInput added to the mistakes."""
+    """Calls `make`. Where it raises BadInput, adds `key: message` to `mistakes` and returns None."""
     try:
         return make()
     except BadInput as error:

@@ -14,9 +14,10 @@ _PLACE = re.compile(r"\[(?P<section>[\w.-]+)\](?: \w+: (?P<key>\w+))?|(?P<dotted
 
 
 def overridden(document: dict[str, Any], environment: Mapping[str, str], mistakes: list[str], texts: Collection[str] = ()) -> list[str]:
-    """Replace values of the file by those of the environment. Returns the names of the variables; a malformed one is a mistake.
+    """Replace values of `document` by those of JOINT_MONITOR__SECTION__KEY. Returns the names of the variables that were used.
 
-    texts : dotted keys that hold text, also where it looks like a number.
+    Adds a message to `mistakes` for each variable that names no key.
+    texts : dotted keys whose value is text, also where it looks like a number.
     """
     used = []
     for name in sorted(environment):
@@ -49,7 +50,10 @@ def _value(text: str) -> Any:
 
 
 def with_credentials(document: Any, directory: str | None, mistakes: list[str], secrets: dict[str, str], place: str = "") -> Any:
-    """The document with every `credential:NAME` replaced by the credential; `secrets` receives each by name, to keep it out of messages."""
+    """The document with every `credential:NAME` replaced by the text of the file NAME in `directory`.
+
+    Adds each text to `secrets` by its name, so that messages can leave it out, and a message to `mistakes` for each one that is missing.
+    """
     if isinstance(document, dict):
         return {
             key: with_credentials(value, directory, mistakes, secrets, f"{place}.{key}" if place else str(key))
@@ -82,7 +86,7 @@ def without_secrets(text: str, secrets: Mapping[str, str]) -> str:
 
 
 def placed(mistake: str, path: Path, text: str) -> str:
-    """A mistake with the file and, where it stands in it, the line before it."""
+    """The mistake after the path of the file, and after the line of its key where the file has the key."""
     if mistake.startswith("environment "):
         return mistake
     match = _PLACE.match(mistake)

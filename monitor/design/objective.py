@@ -24,8 +24,9 @@ REPORT_RATE_HZ = 125.0  # of the samples for which the figures are reported
 NOISE_SHARE = (0.007, 0.0035)
 LARGE_JOINTS = 3
 CORRELATION_S = 0.2  # time constant of the residuals' correlation e^(−τ/0.2 s): gone after half a second, as on real arms
-# nominal friction for the check of torque limits, where no identification is given, as fractions of the torque limit
-COULOMB_SHARE, VISCOUS_SHARE = 0.065, 0.065  # [N·m], [N·m per rad/s]
+# nominal friction for the check of torque limits, where no identification is given: Coulomb torque as a fraction of the torque limit,
+# and viscous friction as a fraction of the torque limit per rad/s
+COULOMB_SHARE, VISCOUS_SHARE = 0.065, 0.065  # [1], [s/rad]
 
 
 class Merits(NamedTuple):

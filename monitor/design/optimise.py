@@ -17,7 +17,7 @@ from monitor.recording import Array
 
 OPTIMISERS = ("cma", "ga")
 FIRST_STEP = 0.5  # in units of the speed limit: smaller first steps end in poorer optima, although more of their curves are allowed
-DRAWS = 2000  # evaluations for a validation trajectory
+DRAWS = 2000  # evaluations in the search for a validation trajectory, which needs to be allowed and no optimum
 SHRINK, SMALLEST = 0.8, 0.25  # a random curve is reduced by the first factor; below the second size another one is drawn
 
 

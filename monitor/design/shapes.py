@@ -55,6 +55,7 @@ def _of_joints(joints: tuple[float, float, float], foot: tuple[float, float], of
 
 
 _SIZE = (0.0323, 0.0390, 0.0460, 0.0600, 0.0756)  # radius of a joint by its size [m]
+# radii of shoulder, elbow and wrist, by the sizes of joints that the models are built of
 _SMALL = (_SIZE[2], _SIZE[1], _SIZE[0])
 _MIDDLE = (_SIZE[3], _SIZE[3], _SIZE[1])
 _LARGE = (_SIZE[4], _SIZE[3], _SIZE[2])

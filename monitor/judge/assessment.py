@@ -119,7 +119,7 @@ def joint_friction(
     # the next replay would scatter around this one: the larger of the fit's and the scatter's standard deviation
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
-    means, covs = belief.rate()
+    means, covs = belief.wear_and_rate()
     wear, wear_std = belief.wear_with_undetected(drift)
     joints = []
     for j in range(belief.joints):

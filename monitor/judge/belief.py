@@ -111,8 +111,8 @@ class Belief:
         """(J,) log friction torque at T0 in the context in force, without wear."""
         return self.filter_state.reference(self.reference_temperature_c, self.slot)[0] - self.wear
 
-    def rate(self) -> tuple[Array, Array]:
-        """Mean (J, 2) and covariance (J, 2, 2) of wear [log] and of its rate [1/usual day of work]."""
+    def wear_and_rate(self) -> tuple[Array, Array]:
+        """Mean (J, 2) and covariance (J, 2, 2) of wear w = log(F/F0) and of the wear rate, a fraction of F0 per usual day."""
         pair = [WEAR, RATE]
         return self.filter_state.mean[:, pair], self.filter_state.cov[:, pair][:, :, pair]
 
@@ -128,7 +128,10 @@ class Belief:
         return np.sqrt(self.filter_state.noise_var(self.joints, settings))
 
     def reference_torque_nm(self, settings: DriftSettings) -> tuple[Array, Array]:
-        """F(v*, T0) with wear, and its standard deviation, (J,) each [N·m]; NaN where a joint was never resolved."""
+        """(J,) friction torque [N·m] at the reference speed v* and temperature T0, and its standard deviation.
+
+        Wear and undetected changes are included. NaN where no replay has resolved the joint's friction.
+        """
         filter_state = self.filter_state
         mean, std = filter_state.reference(self.reference_temperature_c, self.slot)
         more, more_var = undetected_change(filter_state, filter_state.reference_row(self.reference_temperature_c, self.slot), settings)

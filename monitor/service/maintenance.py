@@ -15,7 +15,7 @@ from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
-CHECK_EVERY_S = 10.0
+CHECK_EVERY_S = 10.0  # between two checks: short enough for a person who waits for a problem to end
 FRESH_S = 3600.0  # a backup younger than this is not made again: a service that restarts often makes no backup each time
 BEHIND_S = 3600.0  # the newest entry of the history lies so far in the future: the clock was set back
 

@@ -5,7 +5,7 @@ import threading
 
 
 class ReplayRequests:
-    """Made before the daemon and the scheduler, and given to both: the daemon requests, the scheduler takes."""
+    """Requests for a replay, passed safely between threads. The daemon adds them, the scheduler takes them."""
 
     def __init__(self) -> None:
         self._requested: queue.SimpleQueue[str] = queue.SimpleQueue()

@@ -13,7 +13,7 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 
-JOURNAL = "/run/systemd/journal/socket"
+JOURNAL = "/run/systemd/journal/socket"  # where journald receives records with fields
 FIELDS = (
     "robot",
     "replay",

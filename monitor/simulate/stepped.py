@@ -13,12 +13,12 @@ from monitor.recording import Array, Context, Recording
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import SafetyMode
 
-RATE_HZ = 125.0
+RATE_HZ = 125.0  # of targets and rows: that of a CB3 controller, at which the monitor replays
 LOOKAHEAD_S, GAIN = 0.03, 500.0  # arguments of servoj, as in replays on the wire
-APPROACH_RAD_S, APPROACH_RAD_S2 = 0.5, 0.5
+APPROACH_RAD_S, APPROACH_RAD_S2 = 0.5, 0.5  # largest speed and acceleration on the way to the start: slow, as before a real replay
 THERE_RAD = 1e-3  # nearer to the start than this, the arm needs no approach
 SETTLE_S = 0.3  # time at standstill before the first sample
-YIELD_EVERY = 25  # rows between two yields
+YIELD_EVERY = 25  # rows between two yields, so that the caller can serve its sockets
 
 JOINT_SIGNALS = ("q", "qd", "current", "temperature_c", "target_q", "target_qd", "target_qdd", "target_current", "target_moment")
 STATUS = ("t_s", "robot_mode", "safety_mode", "runtime_state", "speed_scaling")

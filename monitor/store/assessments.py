@@ -14,7 +14,9 @@ from monitor.errors import StoreError
 from monitor.store.database import Database, json_text
 from monitor.store.events import AlertEvent, insert_events
 
-CHECKPOINT_EVERY = 30  # assessments between two checkpoints, where a recomputation may begin; 5 years have 240 checkpoints
+CHECKPOINT_EVERY = (
+    30  # assessments between two checkpoints, where a recomputation may begin; 5 years have 240 checkpoints at four replays a day
+)
 
 
 class StoredAssessment(NamedTuple):

@@ -1,4 +1,4 @@
-"""Stops that a person must look at, and slow first passes: both decide whether and how the arm may move. I/O."""
+"""Stored stops, after which a person must check the arm, and stored slow first passes. Both decide how the arm may move. I/O."""
 
 import json
 import sqlite3
@@ -11,7 +11,7 @@ from monitor.store.database import Database, json_text
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop:
-    """A replay that was ended by something a person must look at before the arm moves again."""
+    """A replay that ended in a stop: a person must check the arm before it moves again."""
 
     id: int
     ledger_id: int | None
@@ -30,7 +30,7 @@ class Stop:
 
 
 class Stops:
-    """Replays that ended in a way that a person must look at."""
+    """The stored stops, and the persons who allowed motion again."""
 
     def __init__(self, database: Database) -> None:
         self._db = database
@@ -51,7 +51,7 @@ class Stops:
         return [Stop(**dict(zip(keys, row, strict=True))) for row in rows]
 
     def allow(self, by: str, why: str, at_unix_s: float) -> list[Stop]:
-        """Allow motion again after a person has looked at the arm. Returns the waiting stops, and stores by whom and why."""
+        """Allow motion again: stores the person and the reason with every waiting stop. Returns these stops."""
         with self._db.transaction() as db:
             waiting = self.waiting()
             db.execute(

@@ -76,7 +76,7 @@ def test_a_belief_of_schema_2_is_carried_over():
     for mean in old["track"]["mean"]:
         mean[RATE] /= np.exp(mean[WEAR])
     carried = belief_from_document({**old, "schema_version": 2})
-    assert np.allclose(carried.rate()[0], belief.rate()[0], rtol=1e-12)
+    assert np.allclose(carried.wear_and_rate()[0], belief.wear_and_rate()[0], rtol=1e-12)
     assert np.array_equal(carried.wear, belief.wear)
     assert carried.contexts == belief.contexts
     assert np.isnan(carried.usage.per_day).all()

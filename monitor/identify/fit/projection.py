@@ -1,4 +1,7 @@
-"""fc and fv of a richer friction law: the line of the paper that is nearest to it."""
+"""fc and fv of a friction law with more terms: the paper's line fc·sign(q̇) + fv·q̇ that fits the law best.
+
+The fit is linear least squares over the samples used, so it is a constant matrix, and covariances pass through it.
+"""
 
 from collections.abc import Sequence
 
@@ -12,7 +15,8 @@ from monitor.recording import Array
 def projection(problem: FitProblem, loads: Sequence[Array], found: Fit) -> Array:
     """(B, X) matrix from the law's unknowns to the paper's base parameters.
 
-    For friction it is the least-squares line fc·s(q̇) + fv·q̇ over the rows used. loads : (N, J) torque through the gears of each
+    Rigid parameters stay as they are. A joint's friction unknowns become fc and fv of the line fc·s(q̇) + fv·q̇ that is nearest to the law
+    by least squares over the rows used; s is the law's sign function. loads : (N, J) torque through the gears of each
     recording [N·m].
     """
     layout = problem.layout

@@ -52,7 +52,7 @@ class RemainingLife(NamedTuple):
 def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> RemainingLife:
     """The remaining life of one joint.
 
-    mean (2,), cov (2, 2) : posterior of the logarithm of friction torque over that at the beginning, and of its rate, a fraction a day.
+    mean (2,), cov (2, 2) : posterior of wear w = log(F/F0) and of the wear rate, a fraction of F0 per usual day.
     The same work every day adds the same rise of friction every day, so friction approaches the limit along a straight line.
     """
     mean, cov = as_rise(mean, cov)

@@ -23,14 +23,16 @@ class HealthSettings:
     )
     wear_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # required probability of a rise above wear_rise
     limit_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # required probability of a rise above limit_rise
-    min_replays: Annotated[int, Interval(ge=1, le=100)] = 3  # consecutive replays that must show a condition …
-    min_days: Annotated[int, Interval(ge=1, le=100)] = 2  # … on so many UTC days
+    min_replays: Annotated[int, Interval(ge=1, le=100)] = 3  # a condition must appear in so many consecutive replays
+    min_days: Annotated[int, Interval(ge=1, le=100)] = 2  # these consecutive replays must lie on at least so many UTC days
     clear_fraction: Annotated[float, Interval(gt=0.0, lt=1.0)] = (
         0.6  # of a tier's rise, below which the tier is left; less than 1, so that an alert does not flap
     )
     update_step: Annotated[float, Interval(ge=1e-6, le=1.0)] = 0.02  # an active alert is updated when its change has moved by so much
-    common_share: Annotated[float, Interval(ge=1e-6, le=1.0)] = 2.0 / 3.0  # a change of so many of the joints together is no wear …
-    common_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.9  # … where each of them has changed with this probability
+    common_share: Annotated[float, Interval(ge=1e-6, le=1.0)] = (
+        2.0 / 3.0
+    )  # share of the joints that must change together for a common change
+    common_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.9  # required probability that such a joint has changed
     stale_days: Annotated[float, Interval(ge=0.01, le=3650.0)] = 7.0  # a joint is stale after so long without a replay that updated it
     contradiction_sigma: Annotated[float, Interval(ge=2.0, le=100.0)] = (
         8.0  # standard deviations by which masses must differ from those of earlier replays to contradict them

@@ -25,10 +25,10 @@ class OpenedContext(NamedTuple):
 
 
 class Entered(NamedTuple):
-    """The ledger after a change of context. Its last entry is the context in force."""
+    """The contexts of an arm after a replay entered its own: the last one in the list is in force."""
 
     contexts: tuple[OpenedContext, ...]
-    opened: bool  # whether the level of this context is unknown
+    opened: bool  # whether this context begins: its level of friction is not known yet
 
 
 def comparable(context: Context) -> Context:

@@ -184,9 +184,11 @@ def initial_filter(
 
 
 def predict_filter(state: FilterState, days: Array, joints_per_arm: int, settings: DriftSettings, use: Array | None = None) -> FilterState:
-    """The state `days` (N,) later: wear grows at its rate, the rate wanders, the noise decays. Its uncertainty never falls.
+    """The state before the next replay: the Kalman filter's prediction. Wear grows at its rate, the rate wanders, the noise decays.
 
-    use : (N,) work done meanwhile, in usual days; None where nobody counts: every day is a usual one.
+    days : (N,) time since the last replay [d]. use : (N,) work in that time, in usual days of the joint; None where revolutions are not
+    counted: then every day counts as a usual one. Wear and its rate follow the continuous white noise acceleration model of Bar-Shalom,
+    Li and Kirubarajan (2001), section 6.2, over `use`.
     """
     N = state.joints
     use = days if use is None else use

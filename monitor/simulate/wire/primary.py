@@ -15,13 +15,14 @@ from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, 
 from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.wire.variables import SUPPLY_V, TOOL_OFF, TOOL_RUNNING, joint_mode, supply_current
 
+# numbers of the primary interface's client protocol: kinds of message, parts of a state, kinds of text, and their sender
 STATE, MESSAGE = 16, 20
 ROBOT_MODE, JOINTS, TOOL, MASTERBOARD, CARTESIAN, FORCE, ADDITIONAL = 0, 1, 2, 3, 4, 7, 8
 VERSION, SAFETY, ERROR, KEY, EXCEPTION = 3, 5, 6, 7, 10
-FROM_CONTROLLER = 7
+FROM_CONTROLLER = 7  # sender of a message
 POSITION_CONTROL = 0  # the control mode of a robot that follows positions
 PERIOD_S = 0.1  # between two messages with the state
-TEXT_MAX_BYTES = 1000
+TEXT_MAX_BYTES = 1000  # of a message's text: a longer one is cut, so that a packet stays small
 PROTECTIVE_STOP_CODE = 153  # "C153", position deviates from path: the only code that this controller reports
 
 _MODE = struct.Struct(">Q7?BBddd")

@@ -1,4 +1,4 @@
-"""One simulated robot on its sockets, and the faults of its wire."""
+"""One simulated robot that clients reach over its sockets, and the faults of its connections and its process."""
 
 import asyncio
 import socket
@@ -16,7 +16,7 @@ FREEZE_DELAY_S = 0.02  # so that the client that asks for a freeze gets its repl
 
 
 class ServedRobot:
-    """A controller with its ports and listeners. A fault may kill the controller and start another one on the same arm."""
+    """A controller, the ports that serve clients, and the sockets that accept them. A fault may replace the controller; the arm stays."""
 
     def __init__(self, settings: SimulateSettings, sockets: dict[int, socket.socket], shut_down: Callable[[], None]) -> None:
         """`sockets` listen already, by port. `shut_down` ends the whole simulator."""
