@@ -60,7 +60,7 @@ def test_a_registered_condition_is_raised_acknowledged_and_cleared(overheated):
 @pytest.mark.parametrize(("new_c", "raised"), [([60.0] * 5, []), ([40.0, 50.0, 60.0], [(14, "raised", 2, "outside_range", "advisory")])])
 def test_a_new_temperature_that_stays_is_learnt_and_raises_nothing(new_c, raised):
     """After 12 replays at 30 °C: each replay widens the learnt range, so only temperatures that go on growing raise the alert."""
-    assert lived([30.0] * 12 + new_c).told == raised
+    assert lived([30.0] * 12 + new_c).transitions == raised
 
 
 def test_a_registered_condition_travels_and_survives(overheated):
