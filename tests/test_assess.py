@@ -67,7 +67,7 @@ def test_wear_of_ten_percent_a_month_is_detected_in_its_joint(seed):
     assert 30 < history.first()[3] < 75
     assert history.health.joints[2].state == "MAINTENANCE_REQUIRED"
     truth = 50 * 0.1 / 30
-    # when it began is estimated with the pace; a month of baseline leaves that open by a week, which is 2.5 %, and the noise 1.7 %
+    # start and rate of wear are estimated together; with a month of baseline the start is open by a week (2.5 %), and noise adds 1.7 %
     assert history.last.friction[2].wear == pytest.approx(truth, abs=0.06)
 
 

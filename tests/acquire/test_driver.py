@@ -110,7 +110,7 @@ class ScriptedDriver:
 
 
 def test_a_replay_needs_nothing_but_its_driver():
-    """The rows that the session sends become the recording, with what the driver says of the robot."""
+    """The rows that the session sends become the recording, with the robot's data from the driver."""
     rows = [row(tick) for tick in (1, 2, 4)]
     driver = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), *rows, DONE]))
     recording = replay(short(), UR5, SETTINGS, driver=driver)

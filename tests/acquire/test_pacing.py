@@ -12,7 +12,7 @@ TICK_S = 0.008
 
 
 def played(timing, arrivals_s, timestamps_s, late_s, now_s):
-    """A cycle on a simulated clock: (pace, looks for each packet, delays [s] from arrival to sight).
+    """A cycle on a simulated clock: (pace, polls for each packet, delays [s] from arrival to sight).
 
     `late_s` says how much longer each sleep lasts than asked for.
     """
@@ -39,7 +39,7 @@ def packets(count, offset_s, jitter_s=0.0, seed=1):
 
 
 def test_a_regular_stream_is_read_with_few_polls_and_no_later_than_by_constant_polling():
-    """After a second it takes six looks or fewer a packet, where polling takes more than twenty; no packet waits longer than a poll."""
+    """After a second it needs at most six polls for a packet, where polling takes more than twenty; no packet waits longer than a poll."""
     timestamps, arrivals = packets(500, offset_s=100.0)
     timing = PacketTiming(timestamp_s=timestamps[0] - TICK_S, offset_s=arrivals[0] - timestamps[0])
     _, looks, delays = played(timing, arrivals, timestamps, lambda: 0.0001, arrivals[0] - TICK_S)

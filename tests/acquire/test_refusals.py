@@ -178,7 +178,7 @@ def test_a_window_without_length_is_no_whole_day():
 
 @pytest.mark.parametrize("variable", ["actual_current", "actual_q", "actual_qd"])
 def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
-    """A first pass without measured torque would protect nobody."""
+    """A first pass without measured torque would be no protection."""
     robot = load_robot("ur5")
     band = TorqueBand(robot, Mounting(), payload_kg=0.0, gains_nm_per_a=np.full(6, 10.0), share=0.25, rate_hz=125.0)
     row = np.zeros(WIDTH)
@@ -191,7 +191,7 @@ def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
 @pytest.mark.xdist_group("refusals")
 @pytest.mark.parametrize("reason", ["stall", "kill"])
 def test_a_protective_stop_that_the_child_did_not_see_is_the_cause_all_the_same(reason):
-    """The child lost its data, or was killed, during a protective stop: those causes are harmless, but a person must look at the arm."""
+    """The child lost its data, or was killed, during a protective stop: those causes are harmless, but a person must check the arm."""
     host = "127.0.86.11"
     with simulated_arm(host), Remote(host) as remote:
         done = []

@@ -260,7 +260,7 @@ def test_on_request_the_arm_slows_down_stands_and_its_program_ends(fresh_arm):
     with pytest.raises(ReplayAborted, match="on request") as aborted:
         replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress, should_stop=lambda: bool(asked))
     assert aborted.value.cause == "parent_asked_to_stop"
-    assert time.monotonic() - at[0] < 3.0  # 0.4 s to slow down, 0.15 s at rest, the end of the program, two looks at the dashboard
+    assert time.monotonic() - at[0] < 3.0  # 0.4 s to slow down, 0.15 s at rest, the end of the program, two queries of the dashboard
     assert speed(fresh_arm) < AT_REST_RAD_S
     assert not running(fresh_arm.host)
     assert children() == []

@@ -56,7 +56,7 @@ def test_a_daily_time_has_one_window_a_day_in_every_zone_and_year(zone, minute, 
 
 
 class Host:
-    """A machine whose clock jumps and whose process dies; it replays whatever its schedule says is due."""
+    """A machine whose clock jumps and whose process dies; it replays every window that its schedule has as due."""
 
     def __init__(self, settings: ScheduleSettings, began: float) -> None:
         self.settings, self.began = settings, began

@@ -96,7 +96,7 @@ def alternate(question: Question, rounds: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def keep_asking(endpoints: tuple[str, ...], question: Question, seconds: float, connection: Connection) -> None:
-    """A client process: asks each endpoint so long, whenever it is told to; says how often."""
+    """A client process: on request it queries an endpoint for the given time, and sends the rate."""
     sessions = [connected(endpoint) for endpoint in endpoints]
     for session in sessions:
         one(session, question)

@@ -15,7 +15,7 @@ PATHS = ("/", "/static/page.js", "/static/uPlot.iife.min.js", "/api/about", "/ap
 
 
 def main() -> None:
-    """First look, when nothing is kept yet, and later ones."""
+    """The first visit, with an empty cache, and later ones."""
     with (
         tempfile.TemporaryDirectory() as folder,
         monitor(folder, days=3, moving=False, before=lambda store: grow(store, REPLAYS)) as served,

@@ -55,7 +55,7 @@ def test_energy_of_a_simulated_arm_is_its_own(replayed):
     assert document["along"] == "ur5-ground"
 
 
-def test_energy_beside_limits_says_yes_no_and_what_it_is(replayed):
+def test_energy_with_limits_gives_its_verdict_and_that_it_is_no_safety_function(replayed):
     """One region is far above its limit, one far below; JSON and table both say that this is not a safety function."""
     path, _ = replayed
     arguments = ("energy", path, "--robot", "ur5", "--limit", "hand=0.01@0.6", "--limit", "wall=1000", "--payload", "1.5")

@@ -42,7 +42,7 @@ def test_schedule_lists_the_next_windows_in_the_sites_own_time(cell: Path):
     assert "none on 2026-12-24..2027-01-02" in printed("schedule", "--config", str(cell))
 
 
-def test_history_tells_what_was_learnt_and_says_what_it_left_out(cell: Path):
+def test_history_prints_what_was_learnt_and_how_much_it_left_out(cell: Path):
     """It prints the newest rows, those of one joint, or those of a span of time."""
     document = json.loads(printed("history", "--config", str(cell), "--joint", "3", "--json"))
     assert [row["replay"] for row in document["rows"]] == [1, 2, 3]
@@ -111,7 +111,7 @@ def test_every_past_verdict_is_recomputed_from_the_store(cell: Path):
         printed("assess", "--from-store", "--config", str(cell), "--robot", "ur5")
 
 
-def test_check_says_whether_the_service_could_run(cell: Path, tmp_path: Path):
+def test_check_reports_whether_the_service_could_run(cell: Path, tmp_path: Path):
     """It checks configuration, history, disk and clock. An arm that does not answer does not prevent the service."""
     document = json.loads(printed("check", "--config", str(cell), "--json", code=3))
     assert {each["name"]: each["holds"] for each in document["service"]} == {

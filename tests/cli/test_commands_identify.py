@@ -67,7 +67,7 @@ def test_a_joint_that_never_moves_is_drawn_too(tmp_path):
 # --- friction laws, methods, gains and arms of one's own ----------------------------------------------------
 
 
-def test_identify_chooses_a_law_and_says_by_what(replayed):
+def test_identify_selects_a_law_and_prints_the_criterion(replayed):
     """The document has the law's parameters by joint, the held-out error of every law, and the paper's fc and fv."""
     friction = json.loads(printed("identify", replayed[0], "--robot", "ur5", "--friction", "auto", "--json"))["friction"]
     law = friction["law"]
@@ -212,7 +212,7 @@ def test_one_recording_given_twice_is_refused(replayed):
         printed("identify", replayed[0], replayed[0], "--robot", "ur5")
 
 
-def test_no_payload_has_no_centre_and_a_negative_one_is_doubted(pair):
+def test_no_payload_has_no_centre_and_a_negative_one_has_a_warning(pair):
     """With the loaded run as the empty one, the payload has −3 kg: no centre is reported, and a warning is."""
     empty, loaded = pair
     document = json.loads(printed("identify", loaded, "--robot", "ur5", "--friction", "load", "--loaded", empty, "--json"))

@@ -102,7 +102,7 @@ def test_check_reports_who_answers_on_the_bus(remote, config, free_port):
         (None, None, 'mounting = "wall"', {"trajectory", "gravity"}),
     ],
 )
-def test_check_names_what_speaks_against_a_motion_and_ends_with_three(remote, config, fault, undone, robot, names):
+def test_check_names_each_obstacle_to_a_motion_and_ends_with_three(remote, config, fault, undone, robot, names):
     """One thing is wrong: `check` names it, and a replay is refused with the same words."""
     if fault:
         remote.fault(fault[0], **fault[1])
@@ -154,7 +154,7 @@ def test_a_bad_configuration_ends_check_with_two(tmp_path):
     assert "startup_timeout_s" in done.stderr
 
 
-def test_a_protective_stop_waits_for_a_person_who_says_who_and_why(remote, config):
+def test_a_protective_stop_waits_for_a_person_with_name_and_reason(remote, config):
     """The stop ends the replay and is stored. It refuses the next replay also after the unlock, until a person allows motion by name."""
     path = config(approach_speed_rad_s=1.0)
     output = path.parent / "r.parquet"

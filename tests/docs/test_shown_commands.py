@@ -86,7 +86,7 @@ def life(tmp_path_factory):
 
 
 def real_recordings(request: pytest.FixtureRequest, folder: Path, each: Shown) -> None:
-    """Beside the life: the public recordings that a page speaks of, and the manifest that it shows; skipped where they are absent."""
+    """The public recordings that a page names, and the manifest that it shows; skipped if they are absent."""
     names = [word for word in each.words if word.startswith("ur-")]
     if "runs.csv" in each.words:
         page = (ROOT / each.page).read_text("utf-8")

@@ -98,7 +98,7 @@ def test_in_slow_motion_the_masses_give_the_sign_and_the_warning_states_it():
 
 
 def test_without_published_masses_an_open_sign_is_no_contradiction():
-    """Nothing tells up from down: a ceiling does not contradict a ground, and a wall is reported with the sign left open."""
+    """The data do not determine the sign: a ceiling does not contradict a ground, and a wall is reported with the sign left open."""
     unknown = replace(UR5, mass_kg=np.full(6, np.nan))
     known = truth(UR5, Mounting.parse("ceiling"), speed_rad_s=0.15)
     torque = known.torque + 1.5 * np.random.default_rng(0).normal(size=known.torque.shape)

@@ -31,7 +31,7 @@ LAWS = TemperatureSettings()
 
 
 def predicted(state: FilterState, days: float) -> FilterState:
-    """The filter of six joints so many days later, where nobody counts revolutions."""
+    """The filter of six joints after the given number of days, without a count of revolutions."""
     return predict_filter(state, np.full(6, days), 6, DriftSettings())
 
 

@@ -54,7 +54,7 @@ def test_three_outliers_in_a_row_on_one_side_are_a_step():
         last = history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0.4, 0, 0, 0, 0])))
     assert last.belief.event[1] == STEP
     assert abs(last.friction[1].wear - 0.4) < 0.4 * 0.06 + 0.06
-    assert all(abs(joint.wear) < 0.03 for joint in last.friction if joint.joint != 2)  # nobody else moved
+    assert all(abs(joint.wear) < 0.03 for joint in last.friction if joint.joint != 2)  # no other joint changed
 
 
 def test_outliers_on_both_sides_are_no_step():

@@ -48,7 +48,7 @@ def test_a_joint_whose_friction_rose_asks_for_an_earlier_replay():
 
 
 def test_the_standard_deviation_keeps_the_bias_of_other_work():
-    """After many looks it is still above 5 % of friction, where that of one look is 8 %."""
+    """After many observations it is still above 5 % of friction; that of one observation is 8 %."""
     long = at_work(0.0, spans=40, settings=ResidualSettings(span_s=20.0, min_samples=50))
     assert min(each.std for each in production_evidence(long, SETTINGS)) > 0.05
 
@@ -135,7 +135,7 @@ def test_a_count_that_is_taken_during_a_sample_contains_each_turn_once():
 
 
 def test_other_settings_begin_the_looks_anew_and_the_same_ones_do_not():
-    """After a reload that changes [residual] the looks begin anew; after a reload that changes other settings they continue."""
+    """After a reload that changes [residual] the observations begin anew; after other reloads they continue."""
     short = replace(SETTINGS, span_s=60.0, min_samples=10)
     production, model = Production(short), SimpleNamespace(revision=1)
     qd = np.full(J, 0.5)

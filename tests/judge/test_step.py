@@ -136,7 +136,7 @@ def the_noise_is_not_learnt(sound, state, *args):
 
 
 def verdict() -> str:
-    """What the daemon says over a series: alerts, and the last assessment with its belief."""
+    """The daemon's verdicts over a series: alerts, and the last assessment with its belief."""
     history, arm, rng = History(ASSESS), Arm(seed=3, autocorrelation=0.5), np.random.default_rng(3)
     for day in range(DAYS):
         seen = arm.replay(weather(day, rng) + 0.3 * np.arange(6), np.array([0, 0.4 * (day >= JUMP_DAY), 0, 0, 0, 0]))
@@ -167,7 +167,7 @@ def sound() -> tuple[str, str]:
 
 
 def test_the_example_of_the_step_runs():
-    """The documented way to judge a fleet of one's own says what its text promises."""
+    """The documented way to judge one's own fleet gives what its text promises."""
     finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner()
     [example] = finder.find(step.step, "step", globs={})
     runner.run(example)

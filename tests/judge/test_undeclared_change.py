@@ -72,10 +72,10 @@ def test_wear_and_quiet_replays_contradict_nothing():
 
 @pytest.mark.parametrize(("payload", "blind"), [("declared", False), ("undeclared", False), ("undeclared", True)])
 def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, payload, blind):
-    """Real recordings in time order; the last carries about 2.6 kg: declared it opens a context, undeclared it is seen.
+    """Real recordings in time order. The last carries about 2.6 kg: declared it opens a context, undeclared it is detected.
 
-    They know no temperature, and alone for that nothing could be told of wear: as they are, what is told is just this; and taken to
-    be warm all the time they do not tell of wear either.
+    They have no temperature. Without temperatures wear cannot be judged, and an alert reports only this. With a constant temperature
+    there is no wear alert either.
     """
     from monitor.store import series
     from monitor.store.recordings import read_recording

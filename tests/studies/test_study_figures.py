@@ -35,7 +35,7 @@ def test_the_bounds_of_a_ratio_of_sums_hold_in_95_percent_of_fleets():
 
 
 def test_one_arm_has_no_bounds():
-    """Nothing says how different another one would be."""
+    """With one arm, the spread between arms is unknown."""
     found = over_arms(np.mean, np.array([2.0]))
     assert found.value == 2.0
     assert np.isnan(found.at_most)

@@ -75,7 +75,7 @@ def test_every_replay_has_its_own_figure_of_friction_with_its_own_interval(lived
         assert np.std(np.diff(alone - truth)) > 1.5 * np.std(np.diff(estimate - truth)) or joint == WEARING
 
 
-def test_a_history_that_kept_no_figure_of_single_replays_says_so(lived):
+def test_a_history_without_figures_of_single_replays_states_it(lived):
     """For a history of an early release the drawing has the line and its band, and the caption says why there is no point."""
     whole = report_of(lived)
     assert "no point" not in report_page([whole])
@@ -109,7 +109,7 @@ def test_a_period_holds_only_what_is_in_it(lived):
         report_of(lived, FIRST_UNIX_S, FIRST_UNIX_S - DAY_S)
 
 
-def test_a_period_in_which_nothing_was_assessed_says_so(lived):
+def test_a_period_without_assessments_states_it(lived):
     """A period with only a rejected window has no verdict and no drawing; the reason is escaped text."""
     text = report_page([report_of(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
     assert "nothing can be said of this arm" in text
