@@ -28,14 +28,14 @@ STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     """May the service run, and the arm move, now? Every condition by name; nothing is moved. Exit 3: something speaks against it."""
     from monitor.acquire.safety.inputs import ConditionResult
-    from monitor.service.motion import look
+    from monitor.service.motion import check_conditions
     from monitor.service.preflight import service_conditions
 
     configuration = load_configuration(config)
     service = service_conditions(configuration)
     with _permit_query(configuration) as ask:
         try:
-            found = look(configuration, ask=ask)
+            found = check_conditions(configuration, ask=ask)
         except StoreError as error:  # the history says whether a stop waits for a person
             found = (ConditionResult(name="previous_stop", holds=False, text=str(error)),)
     may = all(condition.holds for condition in found)

@@ -22,7 +22,7 @@ MONITOR_PERIOD_S = 10.0  # between two documents `monitor`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """The parts that the loop looks after, and the problems and heartbeats that they share."""
+    """The parts that the loop calls, and the problems and heartbeats that they share."""
 
     scheduler: Scheduler
     maintenance: Maintenance

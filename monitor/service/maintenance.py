@@ -86,7 +86,7 @@ class Maintenance:
         )
 
     def _stopped(self) -> str | None:
-        """The problem that a replay ended in a way that a person must look at; None where nothing waits."""
+        """The problem that a replay ended in a stop, after which a person must check the arm; None where nothing waits."""
         for stop in self._store.stops.waiting():
             return f"{stop.text}; nothing moves until a person has looked at the arm and says so: joint-monitor allow"
         return None

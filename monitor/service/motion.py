@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from monitor.acquire.check import check as look_at
+from monitor.acquire.check import check
 from monitor.acquire.replay import replay
 from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.safety.gate import Announce, AskPermit
@@ -84,8 +84,8 @@ def move(
     return play(excitation, slowly=False)
 
 
-def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[ConditionResult, ...]:
-    """Every condition as it is now. Nothing is sent to the arm but requests for its state; the history adds its stops"""
+def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[ConditionResult, ...]:
+    """Every condition as it is now. Nothing is sent to the arm but requests for its state; the history adds its stops."""
     stop_text = None
     try:
         with Store.reader(configuration.state_directory) as store:
@@ -94,7 +94,7 @@ def look(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple
     except StoreError:
         if present(configuration.state_directory):
             raise  # a history that cannot be read is not an empty one
-    return look_at(
+    return check(
         configuration.replay,
         configuration.excitation,
         configuration.robot_description,

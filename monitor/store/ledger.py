@@ -64,7 +64,7 @@ class Ledger:
             db.execute("UPDATE ledger SET state = 'recorded', recording = ? WHERE id = ? AND state = 'started'", (name, ledger_id))
 
     def end(self, ledger_id: int, state: str, reason: str, at_unix_s: float, *, stop: str | None = None) -> None:
-        """End a window without an assessment: rejected, aborted or skipped, with the reason. `stop`: a cause that a person must look at."""
+        """End a window without an assessment: rejected, aborted or skipped. `stop`: the cause after which a person must check the arm."""
         with self._db.transaction() as db:
             db.execute(
                 "UPDATE ledger SET state = ?, reason = ?, ended_at_unix_s = ? WHERE id = ? AND state IN ('started', 'recorded')",

@@ -19,7 +19,7 @@ from monitor.errors import StoreError
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import EstimatorState, assess_stored, load_state, state_after
 from monitor.service.history.recompute import recompute
-from monitor.service.motion import look
+from monitor.service.motion import check_conditions
 from monitor.service.preflight import service_conditions
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
@@ -151,7 +151,7 @@ def test_a_user_without_read_permission_gets_a_message_with_the_owner(may_enter:
             with pytest.raises(StoreError, match=r"may not be read by this user .*sudo -u root joint-monitor"), Store.reader(folder):
                 pass
             with pytest.raises(StoreError, match="may not be read"):
-                look(settings)
+                check_conditions(settings)
             found = {each.name: each for each in service_conditions(settings)}
         finally:
             os.seteuid(before)

@@ -16,7 +16,7 @@ class Triggers(NamedTuple):
     """When something opened a window beside the clock; None: nothing did."""
 
     cold_start_unix_s: float | None = None  # the arm ran again after a long rest
-    evidence_unix_s: float | None = None  # production motion looked abnormal
+    evidence_unix_s: float | None = None  # production motion indicated more friction
 
 
 def triggered_windows(settings: ScheduleSettings, triggers: Triggers) -> Iterator[Window]:

@@ -1,4 +1,4 @@
-"""The filter's update by one replay: gate it, look for sudden changes, update the state, estimate the noise."""
+"""The filter's update by one replay: gate it, detect sudden changes, update the state, estimate the noise."""
 
 from dataclasses import replace
 

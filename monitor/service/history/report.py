@@ -178,7 +178,7 @@ def _alerts(until: Sequence[AlertEvent], health: Mapping[str, Any] | None, begin
 
 
 def _stop(stop: Stop, end: float) -> dict[str, Any]:
-    """A stop that a person had to look at, and who allowed motion again before the period's end."""
+    """A stop after which a person had to check the arm, and who allowed motion again before the period's end."""
     allowed = stop.allowed_at_unix_s is not None and stop.allowed_at_unix_s < end
     return {
         "at_unix_s": stop.at_unix_s,

@@ -35,7 +35,7 @@ from monitor.simulate.scenario import Scenario
 from monitor.simulate.settings import SimulateSettings
 
 SUBSTEP_S = 0.002  # period of servo and integration; it is the e-Series' own control period
-SCENARIO_EVERY_S = 1.0  # how often the scenario's events and the temperature of the room are looked at
+SCENARIO_EVERY_S = 1.0  # how often the scenario's events and the temperature of the room are checked
 
 
 class Controller:

@@ -125,7 +125,7 @@ def _encoder_offset(target: FaultTarget, arguments: dict[str, Any]) -> str:
 
 
 def _shift_encoders(target: FaultTarget, offset_rad: np.ndarray) -> None:
-    """Shift what the encoders show, and the reference with it: the arm stays, and the controller believes it elsewhere."""
+    """Shift what the encoders show, and the reference with it: the arm stays, and the controller reports another position."""
     target.measurements.shift_encoders(offset_rad)
     reference = target.reference
     reference.put(reference.q + offset_rad, reference.qd, reference.qdd)

@@ -1,6 +1,6 @@
 """An event loop that wakes once in each control period.
 
-A real controller too looks at its sockets once in each period. Fewer wakes halve the load of the processor.
+A real controller too checks its sockets once in each period. Fewer wakes halve the load of the processor.
 """
 
 import select
