@@ -159,7 +159,7 @@ NINE = f'<robot name="r">{"".join(f"<link name={chr(34)}l{i}{chr(34)}/>" for i i
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("<robot name='x'><link", "not well-formed XML"),
         ("<mujoco/>", "outermost element is <mujoco>"),
@@ -181,9 +181,9 @@ NINE = f'<robot name="r">{"".join(f"<link name={chr(34)}l{i}{chr(34)}/>" for i i
         (NINE, "has 9 revolute or continuous joints in a row; expected 1 to 8"),
     ],
 )
-def test_what_is_not_one_serial_arm_is_refused_with_its_reason(text, says):
+def test_what_is_not_one_serial_arm_is_refused_with_its_reason(text, message):
     """Each message names the fault."""
-    with pytest.raises(BadInput, match=re.escape(says)):
+    with pytest.raises(BadInput, match=re.escape(message)):
         robot_from_urdf_text(text)
 
 
@@ -200,7 +200,7 @@ def test_a_file_is_read_and_a_missing_one_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (
             '<robot name="r"><link name="a"/><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
@@ -228,7 +228,7 @@ def test_a_file_is_read_and_a_missing_one_named(tmp_path):
     ],
     ids=["twice", "ring", "inertia", "axis"],
 )
-def test_faulty_files_by_an_independent_tester_are_refused(text, says):
+def test_faulty_files_by_an_independent_tester_are_refused(text, message):
     """The message names the fault. Without the check it would be ignored, or cause a crash later."""
-    with pytest.raises(BadInput, match=says):
+    with pytest.raises(BadInput, match=message):
         robot_from_urdf_text(text)

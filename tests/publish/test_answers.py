@@ -79,7 +79,7 @@ def test_far_from_the_learnt_temperature_the_answer_is_flagged():
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
+    ("changes", "message"),
     [
         ({"q": None}, "q is missing"),
         ({"q": [0.0] * 5}, "q is not 6 numbers"),
@@ -97,9 +97,9 @@ def test_far_from_the_learnt_temperature_the_answer_is_flagged():
         ({"q": [[0.0] * 6] * 10_001}, "at most 10000"),
     ],
 )
-def test_a_wrong_request_is_named(changes: dict, says: str):
+def test_a_wrong_request_is_named(changes: dict, message: str):
     """The error names the argument and what would be right."""
-    with pytest.raises(BadInput, match=says):
+    with pytest.raises(BadInput, match=message):
         ask(**changes)
 
 
