@@ -26,7 +26,7 @@ class DemoReplay:
     def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
         """One replay. Raises MotionRefused, RobotUnreachable and ReplayAborted like `replay`."""
         if self._state.day in LIVE_DAYS:
-            return self._undisturbed(lambda: self._live(excitation, context, should_stop))
+            return self._undisturbed(excitation, lambda: self._live(excitation, context, should_stop))
         self._state.activity = "stepped replay: the simulator plays it faster than real time"
         recording = self._remote.play(excitation)
         return dataclasses.replace(recording, context=dataclasses.replace(recording.context, **_known_facts(context)))
@@ -39,10 +39,11 @@ class DemoReplay:
         total = f" of {at.duration_s:.0f}" if at.duration_s else ""
         self._state.activity = f"live replay over RTDE, servoJ at 125 Hz: {at.phase} {at.elapsed_s:.1f}{total} s"
 
-    def _undisturbed(self, live: Callable[[], Recording]) -> Recording:
+    def _undisturbed(self, excitation: Excitation, live: Callable[[], Recording]) -> Recording:
         """Repeat a live replay that other work on this machine disturbed: here the arm is a process among others.
 
-        The daemon never repeats a replay. It reports the reason and waits for the next window.
+        A replay that ended on its way leaves the arm far from the start, where the next one would be refused. The simulator therefore
+        steps one replay first: it ends at the start. The daemon never repeats a replay: it reports the reason and waits.
         """
         for _ in range(LIVE_ATTEMPTS - 1):
             try:
@@ -56,6 +57,7 @@ class DemoReplay:
                 if reason is None:
                     return recording
             self._state.disturbed.append(f"day {self._state.day + 1}: {reason}")
+            self._remote.play(excitation)
         return live()
 
 
