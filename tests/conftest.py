@@ -15,16 +15,19 @@ settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy 
 settings.load_profile("ours")
 
 
-REAL_TIME = ("acquire/", "studies/test_demo.py", "service/test_daemon.py")
+REAL_TIME = ("studies/test_demo.py", "acquire/", "service/test_daemon.py")
+GIVE_WAY = 5  # niceness of the other workers: they get a third of the processor time that the arm gets when both want it
 ON_THE_WIRE = (*REAL_TIME, "simulate/", "publish/")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time.
 
+    These tests take longest, so they begin first; then come the modules that stay together, then single tests.
     A replay gives up when its targets come late, as it must, and on a machine with other work they do: such a test may try once more,
     and says that it did. Evidence (`soak`) may not: what it counts, it counts.
     """
+    items.sort(key=_rank)
     for item in items:
         place = item.path.relative_to(ROOT / "tests").as_posix()
         if place.startswith(REAL_TIME):
@@ -35,6 +38,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             )  # one worker prepares the fixture once; three workers would prepare it three times
         if place.startswith(ON_THE_WIRE) and item.get_closest_marker("soak") is None:
             item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=2))
+
+
+def _rank(item: pytest.Item) -> int:
+    """Where a test stands in the order: the real-time tests, the modules with a shared fixture, the others."""
+    place = item.path.relative_to(ROOT / "tests").as_posix()
+    if place.startswith(REAL_TIME):
+        return next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix))
+    return len(REAL_TIME) + (not _has_module_fixture(item))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A worker that does other work gives way to the worker with the arm in real time. It cannot rise again: real-time tests come first."""
+    place = item.path.relative_to(ROOT / "tests").as_posix()
+    if os.environ.get("PYTEST_XDIST_WORKER") and not place.startswith(REAL_TIME) and os.nice(0) < GIVE_WAY:
+        os.nice(GIVE_WAY - os.nice(0))
 
 
 def _has_module_fixture(item: pytest.Item) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+import scipy
 
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import triangle
@@ -176,8 +176,8 @@ class _Problem:
         A /= np.where(norms > 0.0, norms, 1.0)
         gram = A.T @ A  # (B, B) of unit diagonal
         gram[np.diag_indices_from(gram)] += RIDGE
-        solver = cho_factor(gram, overwrite_a=True, check_finite=False)
-        scaled = cho_solve(solver, A.T @ self.torque, check_finite=False)
+        solver = scipy.linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
+        scaled = scipy.linalg.cho_solve(solver, A.T @ self.torque, check_finite=False)
         return _Solved(scaled / np.where(norms > 0.0, norms, 1.0), self.torque - A @ scaled, A, solver)
 
     def cost(self, up: Array) -> float:
@@ -197,7 +197,7 @@ class _Problem:
         values, residual, A, solver = self._solved(up)
         tangents = np.linalg.svd(up[None])[2][1:].T  # (3, 2)
         moved = np.tensordot(tangents.T, self.pull @ values[self.weighty], axes=1).T  # (r, 2)
-        return residual, A @ cho_solve(solver, A.T @ moved, check_finite=False) - moved, tangents
+        return residual, A @ scipy.linalg.cho_solve(solver, A.T @ moved, check_finite=False) - moved, tangents
 
     def descend(self, up: Array) -> Array:
         """The nearest minimum: Gauss–Newton with Kaufman's derivative, damped so that the cost decreases."""

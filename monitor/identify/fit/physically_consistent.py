@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
-from scipy import sparse
+import scipy
 
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.fit.least_squares import Factor, residual_rms
@@ -172,9 +172,8 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
     options = clarabel.DefaultSettings()
     options.verbose = False
     options.max_threads = 1
-    problem = (
-        sparse.csc_matrix(np.triu(quadratic)), linear, sparse.csc_matrix(np.concatenate(rows)), np.concatenate(bounds), cones, options,
-    )  # fmt: skip
+    objective, constraints = scipy.sparse.csc_matrix(np.triu(quadratic)), scipy.sparse.csc_matrix(np.concatenate(rows))
+    problem = (objective, linear, constraints, np.concatenate(bounds), cones, options)
     try:
         answer = clarabel.DefaultSolver(*problem).solve()
     except BaseException as wrong:  # an error inside the solver is a PanicException, which does not derive from Exception

@@ -4,7 +4,7 @@ import math
 from functools import partial
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from monitor.judge.alerts.condition import (
     AlertCondition,
@@ -104,7 +104,7 @@ def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus:
         raise_tier=0 if evidence.together[0] else None,
         hold_tier=0 if rose or fell else None,
         change=change,
-        probabilities=np.full(3, float(np.median(ndtr(beyond / np.maximum(belief.wear_std, 1e-9))))),
+        probabilities=np.full(3, float(np.median(scipy.special.ndtr(beyond / np.maximum(belief.wear_std, 1e-9))))),
         text=partial(_common_text, change, situation.common),
     )
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.alerts.settings import HealthSettings
@@ -124,8 +124,8 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
     fallen = -_common_rise(-wear, std, after.known, J, settings, -least_fall)
     excess, rises = wear - np.repeat(common, J), np.log1p(settings.rises)
     sigmas = excess / std
-    above = ndtr((excess[:, None] - rises) / std[:, None])  # (N, 3)
-    below = ndtr((least_fall + np.repeat(fallen, J) - wear) / std)  # (N,)
+    above = scipy.special.ndtr((excess[:, None] - rises) / std[:, None])  # (N, 3)
+    below = scipy.special.ndtr((least_fall + np.repeat(fallen, J) - wear) / std)  # (N,)
     significant = sigmas >= advisory_sigmas(J, settings)
     agree = np.empty((len(wear), COLUMNS), dtype=bool)
     agree[:, 0] = significant & (excess >= rises[0])
@@ -190,7 +190,7 @@ def _common_rise(wear: Array, std: Array, known: np.ndarray, joints_per_arm: int
     known = known.reshape(-1, joints_per_arm)
     shown = np.where(known, wear.reshape(-1, joints_per_arm), np.nan)
     count = known.sum(axis=1)
-    rising = (ndtr((wear / std).reshape(-1, joints_per_arm)) >= settings.common_sure) & known
+    rising = (scipy.special.ndtr((wear / std).reshape(-1, joints_per_arm)) >= settings.common_sure) & known
     shift = np.zeros(len(count))
     together = (count >= MIN_JOINTS_TOGETHER) & (rising.sum(axis=1) >= settings.common_share * count)
     if together.any():

@@ -5,13 +5,14 @@ lattice, so the same posterior always gives the same result. The result is when 
 or later.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
+import scipy
 from annotated_types import Interval
-from scipy.special import log_ndtr, ndtr, ndtri
 
 from monitor.judge.bounds import check_bounds
 from monitor.recording import Array
@@ -21,8 +22,6 @@ FINE_POINTS = 96  # of the fine table, between the coarse points beside P10 and 
 # A golden-ratio lattice over (rate, wear given the rate) with equally likely points. With few Gauss nodes the mixture of nearly sharp
 # passages would be a staircase, and its quantiles would be the steps.
 NODES = 199
-RATE_NODES = ndtri((np.arange(NODES) + 0.5) / NODES)  # (M,)
-WEAR_NODES = ndtri((np.arange(NODES) * (math.sqrt(5.0) - 1.0) / 2.0 + 0.5) % 1.0)  # (M,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +55,7 @@ def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, se
     The same work every day adds the same rise of friction every day, so friction approaches the limit along a straight line.
     """
     mean, cov = as_rise(mean, cov)
-    trend = float(ndtr(mean[1] / max(math.sqrt(cov[1, 1]), 1e-300)))
+    trend = float(scipy.special.ndtr(mean[1] / max(math.sqrt(cov[1, 1]), 1e-300)))
     if mean[0] >= settings.limit_rise:
         return RemainingLife(trend, 0.0, 0.0, 0.0, "reached", 1.0)
     service = float(_mixture(mean, cov, np.array([settings.service_days]), wear_walk_per_sqrt_day, settings)[0])
@@ -92,9 +91,16 @@ def first_passage(days: Array, rise: Array, rate: Array, walk: float) -> Array:
     computed in logarithms, since its exponential overflows.
     """
     spread = walk * np.sqrt(days)
-    second = 2.0 * rate * rise / walk**2 + log_ndtr(-(rise + rate * days) / spread)
-    passed: Array = np.where(rise <= 0, 1.0, ndtr((rate * days - rise) / spread) + np.exp(np.minimum(second, 0.0)))
+    second = 2.0 * rate * rise / walk**2 + scipy.special.log_ndtr(-(rise + rate * days) / spread)
+    passed: Array = np.where(rise <= 0, 1.0, scipy.special.ndtr((rate * days - rise) / spread) + np.exp(np.minimum(second, 0.0)))
     return np.minimum(passed, 1.0)
+
+
+@functools.cache
+def _lattice() -> tuple[Array, Array]:
+    """Standard normal quantiles for the rate and for the wear given the rate, (M,) each. Computed at first use: commands start faster."""
+    golden = (math.sqrt(5.0) - 1.0) / 2.0
+    return scipy.special.ndtri((np.arange(NODES) + 0.5) / NODES), scipy.special.ndtri((np.arange(NODES) * golden + 0.5) % 1.0)
 
 
 def _mixture(mean: Array, cov: Array, days: Array, walk: float, settings: PrognosisSettings) -> Array:
@@ -102,8 +108,9 @@ def _mixture(mean: Array, cov: Array, days: Array, walk: float, settings: Progno
     rate_std = math.sqrt(max(cov[1, 1], 1e-300))
     tilt = cov[0, 1] / rate_std
     rest_std = math.sqrt(max(cov[0, 0] - tilt**2, 0.0))
-    rate = mean[1] + rate_std * RATE_NODES  # (M,)
-    wear = mean[0] + tilt * RATE_NODES + rest_std * WEAR_NODES  # (M,)
+    rate_nodes, wear_nodes = _lattice()
+    rate = mean[1] + rate_std * rate_nodes  # (M,)
+    wear = mean[0] + tilt * rate_nodes + rest_std * wear_nodes  # (M,)
     rise = settings.limit_rise - wear
     mixed: Array = np.mean(first_passage(days[:, None], rise, rate, walk), axis=1)  # (D, M) → (D,)
     return mixed
