@@ -32,6 +32,9 @@ WIDTHS = {
     "payload_cog": 3,  # [m] centre of gravity, in the flange's frame
     "actual_tool_accelerometer": 3,  # [m/s²] in the flange's frame
     "actual_digital_input_bits": 1,
+    "robot_status_bits": 1,  # bit 0 power on, bit 1 program running, bit 2 teach button (freedrive), bit 3 power button
+    "joint_mode": JOINTS,
+    "actual_TCP_pose": 6,  # position [m] and rotation vector [rad] in the base's frame
     "commanded_q": JOINTS,  # [rad] the target sent for this row; NaN where none was sent
     "host_monotonic_s": 1,  # [s] host's clock when the session read the row
 }

@@ -16,6 +16,8 @@ SAFETY_MODE_NORMAL = 1
 SAFETY_BITS_NORMAL = 0b1  # bit 0 alone; every other bit means reduced mode, a stop or a fault
 RUNTIME_STOPPED = 1
 RUNTIME_PLAYING = 2
+JOINT_MODE_RUNNING = 253
+STATUS_BIT_TEACH_BUTTON = 0b100  # of robot_status_bits: somebody holds the freedrive button
 
 FULL_SPEED = 0.999  # share: 100 % on the slider, with rounding
 STANDSTILL_RAD_S = 0.02  # the measured speed of an arm at rest stays below this noise level
@@ -43,6 +45,24 @@ SAFETY_MODES = {
     7: "robot emergency stop",
     8: "violation",
     9: "fault",
+}
+JOINT_MODES = {
+    235: "reset",
+    236: "shutting down",
+    237: "part D calibration",
+    238: "back-drive",
+    239: "power off",
+    240: "ready for power off",
+    245: "not responding",
+    246: "motor initialisation",
+    247: "booting",
+    248: "part D calibration error",
+    249: "bootloader",
+    250: "calibration",
+    251: "violation",
+    252: "fault",
+    253: "running",
+    255: "idle",
 }
 
 
@@ -73,6 +93,9 @@ class ArmState:
     payload_kg: float = math.nan
     accelerometer_m_s2: tuple[float, float, float] = (math.nan, math.nan, math.nan)  # of the flange, in the flange's frame
     digital_inputs: float = math.nan  # a bit for each input, as a number
+    status_bits: float = math.nan  # robot_status_bits, as a number
+    joint_modes: tuple[float, ...] = ()  # (J,) numbers of JOINT_MODES; empty where none was read
+    tcp_pose: tuple[float, ...] = ()  # (6,) position [m], rotation vector [rad] in the base's frame; empty where none was read
 
     @property
     def speed(self) -> float:
@@ -105,4 +128,7 @@ def arm_state(row: Array) -> ArmState:
         payload_kg=float(of["payload"][0]),
         accelerometer_m_s2=(float(x), float(y), float(z)),
         digital_inputs=float(of["actual_digital_input_bits"][0]),
+        status_bits=float(of["robot_status_bits"][0]),
+        joint_modes=tuple(of["joint_mode"].tolist()),
+        tcp_pose=tuple(of["actual_TCP_pose"].tolist()),
     )

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.modes import Modes, RobotMode
 from monitor.simulate.controller.published import OUTPUT_TYPES
 from monitor.simulate.controller.registers import width
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.rtde import RtdeSession
-from monitor.simulate.wire.variables import output_variables
+from monitor.simulate.wire.variables import joint_mode, output_variables
 
 # a line: type, first version on CB3 and on the e-Series (0: always, -: never), names; a..b are the numbers in place of #
 OUTPUTS = """
@@ -178,3 +179,9 @@ def test_what_a_client_sets_is_published():
     session.feed(request(b"U", struct.pack(">BBBd", 1, 2, 2, 0.5)))
     assert output_variables(c)["standard_analog_output1"].read() == (5.0,)
     assert output_variables(c)["analog_io_types"].read() == (8,)
+
+
+@pytest.mark.parametrize(("robot", "mode"), [("POWER_OFF", 239), ("POWER_ON", 247), ("IDLE", 255), ("RUNNING", 253)])
+def test_every_joint_has_the_mode_of_the_arms_power(robot, mode):
+    """A client that waits for all joints to run must not see an arm with closed brakes as running."""
+    assert joint_mode(Modes(robot=RobotMode[robot])) == mode

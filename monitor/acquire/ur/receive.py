@@ -48,6 +48,9 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("payload_cog", "getPayloadCog", optional=True),
     Signal("actual_tool_accelerometer", "getActualToolAccelerometer", optional=True),
     Signal("actual_digital_input_bits", "getActualDigitalInputBits", optional=True),
+    Signal("robot_status_bits", "getRobotStatus", optional=True),
+    Signal("joint_mode", "getJointMode", optional=True),
+    Signal("actual_TCP_pose", "getActualTCPPose", optional=True),
 )
 
 

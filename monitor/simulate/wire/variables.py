@@ -6,7 +6,7 @@ from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.measurements import Measurements
-from monitor.simulate.controller.modes import Modes, Runtime, SafetyMode
+from monitor.simulate.controller.modes import Modes, RobotMode, Runtime, SafetyMode
 from monitor.simulate.controller.published import NOT_MODELLED, OUTPUT_TYPES
 from monitor.simulate.controller.registers import INPUT_TYPES, REGISTERS, width
 from monitor.simulate.wire.packing import Source, Variable, array, computed, constant, listed, number
@@ -14,7 +14,12 @@ from monitor.simulate.wire.packing import Source, Variable, array, computed, con
 SUPPLY_V = 48.0
 ELECTRONICS_A = 0.9  # current of the electronics of the whole arm
 CURRENT_WINDOW_SHARE = 0.1  # published tolerance of the joint currents, as a share of the current at maximum torque
-JOINT_RUNNING, JOINT_POWER_OFF = 253, 239
+JOINT_MODES = {
+    RobotMode.POWER_OFF: 239,
+    RobotMode.POWER_ON: 247,
+    RobotMode.IDLE: 255,
+    RobotMode.RUNNING: 253,
+}  # off, booting, idle, running
 TOOL_RUNNING, TOOL_OFF = 253, 239
 NOTHING = (0.0,) * 6
 POWER_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1  # robot_status_bits
@@ -198,8 +203,8 @@ class ToolState:
 
 
 def joint_mode(modes: Modes) -> int:
-    """The mode of every joint: running or power off."""
-    return JOINT_RUNNING if modes.powered else JOINT_POWER_OFF
+    """The mode of every joint, by the arm's power: with closed brakes it is idle."""
+    return JOINT_MODES[modes.robot]
 
 
 def robot_status_bits(modes: Modes) -> int:
