@@ -114,5 +114,14 @@ FAULTS: dict[str, Fault] = {
     "current_stuck": Fault(about="a joint goes on telling its present current", arguments={"joint": _JOINT}),
     "encoder_offset": Fault(about="a joint's zero has moved", arguments={"joint": _JOINT, "value": Number(-1, 1)}),
     "current_noise": Fault(about="louder currents", arguments={"factor": Number(0, 100)}),
+    "obstacle": Fault(
+        about="a torque on a joint against its motion, or with stiffness [N·m/rad] an elastic wall before it; 0 s: until `clear`",
+        arguments={
+            "joint": _JOINT,
+            "torque": Number(-1000, 1000, 0),
+            "stiffness": Number(0, 100_000, 0),
+            "seconds": Number(0, 3600, 0),
+        },
+    ),
     "clear": Fault(about="ends every lasting fault"),
 }

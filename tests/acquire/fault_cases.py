@@ -88,6 +88,7 @@ HARMLESS = (
     _case("current_stuck", joint=1),
     _case("current_noise", factor=10.0),
     _case("skip", share=0.02),
+    _case("obstacle", joint=2, torque=1.0),  # less than friction varies
     _case("clear"),
 )
 FAULTS = (*STOPPING, *HARMLESS)

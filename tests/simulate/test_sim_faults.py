@@ -1,5 +1,6 @@
 """Every fault happens on command, seen from outside."""
 
+import math
 import socket
 import time
 from functools import partial
@@ -12,6 +13,7 @@ from sim_pendant import Pendant
 from sim_process import eventually, result_of
 
 from monitor.errors import BadInput
+from monitor.simulate.arm.contact import Contact
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.faults import FAULTS, parse
@@ -114,6 +116,33 @@ def test_a_glitching_temperature_is_wrong_now_and_then(controller):
         seen.append(controller.measurements.latest.temperature_c)
     wrong = np.array(seen) == 0.0
     assert wrong.sum(axis=0).tolist() == [0, 2, 0, 0, 0, 0]
+
+
+def test_an_obstacle_is_borne_by_the_drive_until_it_is_gone(controller):
+    """A standing joint's drive takes 60 N·m more against the torque from outside, and holds its place; after its time nothing presses."""
+    gain = controller.arm.gain_nm_per_a[1]
+
+    def driven(seconds: float) -> float:
+        for _ in range(round(seconds / controller.clock.tick_s)):
+            controller.step()
+        return float(controller.arm.torque_nm[1])
+
+    before, q = driven(0.5), controller.arm.q[1]
+    assert "60 N·m" in controller.inject("obstacle", {"joint": 2, "torque": 60.0, "seconds": 1.0})
+    pressed = driven(0.8)
+    assert abs(controller.measurements.latest.current[1] * gain - pressed) < 2.0  # noise of the current
+    assert pressed - before > 60.0 - 25.0  # friction holds a part of it
+    assert abs(controller.arm.q[1] - q) < 0.01
+    driven(0.5)
+    assert controller.arm.contact is None
+    assert driven(0.5) < pressed - 10.0
+
+
+def test_a_wall_stops_nothing_but_a_joint_that_goes_on():
+    """An elastic wall pushes a joint back in proportion to the way that it has gone into the wall, and never pulls it."""
+    contact = Contact(joint=1, left_s=math.inf, stiffness_nm_per_rad=1000.0, wall_rad=0.5, side=-1.0)
+    assert contact.torque_nm(np.array([0.0, 0.6, 0.0])).tolist() == [0.0, 0.0, 0.0]
+    assert contact.torque_nm(np.array([0.0, 0.48, 0.0])) == pytest.approx([0.0, 20.0, 0.0])
 
 
 def test_a_stuck_current_sensor_shows_the_same_current():

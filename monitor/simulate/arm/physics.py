@@ -17,6 +17,7 @@ from scipy.linalg.lapack import dposv
 
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
+from monitor.simulate.arm.contact import Contact
 from monitor.simulate.arm.friction import REFERENCE_C, SMOOTH_SPEED_RAD_S, STRIBECK_RAD_S, FrictionLaw, default_law
 from monitor.simulate.arm.thermal import Temperatures, ThermalModel, default_thermal
 from monitor.simulate.arm.wear import PRODUCTION_LOAD, PRODUCTION_MOVING, PRODUCTION_SPEED_RAD_S, Wear
@@ -84,6 +85,7 @@ class Arm:
         self._integral = np.zeros(J)
         self._slide = np.zeros(J)  # sign of each joint's motion in the last step; 0 where friction held it
         self._sliding = False  # whether all joints moved
+        self.contact: Contact | None = None  # what presses against the arm
         self.powered = True  # without power, a joint at rest has no losses
         self.mounting, self.payload_kg, self.payload_com_m = mounting or Mounting(), payload_kg, tuple(payload_com_m)
         self.carry()
@@ -137,6 +139,8 @@ class Arm:
         n = self._rest_n
         given, integral = self._servo(h, target, self._rest_M, n, q, self.qd)
         held = given - n
+        if self.contact is not None:
+            held = held + self.contact.torque_nm(q)
         if True in (np.abs(held) > (1.0 + self.law.stiction) * (self._dry_nm + self._dry_load * np.abs(n))).tolist():
             return False
         if integral is not None:
@@ -189,6 +193,8 @@ class Arm:
         A = M.copy(order="F")
         A.flat[:: len(v) + 1] += half
         free = torque - n
+        if self.contact is not None:
+            free = free + self.contact.torque_nm(q_m)
         after = self._slide_or_stick(A, M.dot(v) - half * v + h * free, h * D)
         self.qdd = (after - v) / h
         self.friction_nm = free - M.dot(self.qdd)
@@ -235,7 +241,11 @@ class Arm:
 
     # --- heat and wear ------------------------------------------------------------------------------------------
     def settle(self, dt_s: float) -> None:
-        """Add the last dt to the sums of losses and travel. Every SETTLE_S they become heat and wear."""
+        """Add the last dt to the sums of losses and travel. Every SETTLE_S they become heat and wear. A contact ends with its time."""
+        if self.contact is not None:
+            self.contact.left_s -= dt_s
+            if self.contact.left_s <= 0.0:
+                self.contact = None
         now, qd = self._now, self.qd
         self._elapsed_s += dt_s
         np.multiply(self.friction_nm, qd, out=now[0])

@@ -77,6 +77,7 @@ class Controller:
             identity=self.identity,
             registers=self.registers,
             measurements=self.measurements,
+            arm=self.arm,
             reference=self.reference,
             programs=self.programs,
             safety=self.safety,

@@ -1,5 +1,6 @@
 """Faults of a controller and its sensors: what each of them does."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -7,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.simulate.arm.contact import Contact
+from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import SensorFaults
 from monitor.simulate.controller.identity import Identity
@@ -28,6 +31,7 @@ class FaultTarget:
     identity: Identity
     registers: Registers
     measurements: Measurements
+    arm: Arm
     reference: Reference
     programs: Programs
     safety: Safety
@@ -136,12 +140,28 @@ def _current_noise(target: FaultTarget, arguments: dict[str, Any]) -> str:
     return f"currents with {arguments['factor']:g} times their noise"
 
 
+def _obstacle(target: FaultTarget, arguments: dict[str, Any]) -> str:
+    joint, torque_nm, stiffness = arguments["joint"] - 1, arguments["torque"], arguments["stiffness"]
+    arm = target.arm
+    way = 1.0 if arm.qd[joint] >= 0.0 else -1.0
+    arm.contact = Contact(
+        joint=joint,
+        left_s=arguments["seconds"] or math.inf,
+        torque_nm_on_joint=-way * torque_nm,
+        stiffness_nm_per_rad=stiffness,
+        wall_rad=float(arm.q[joint]),
+        side=way,
+    )
+    return f"joint {joint + 1} is pushed with {torque_nm:g} N·m against its motion; a wall before it has {stiffness:g} N·m/rad"
+
+
 def _clear(target: FaultTarget, _: dict[str, Any]) -> str:
     if target.wire is not None:
         target.wire.clear()
     target.registers.inputs.release(NOBODY)
     target.identity.restore()
     target.registers.digital_inputs = 0
+    target.arm.contact = None
     measurements = target.measurements
     measurements.sensors.set_current_noise(target.settings.current_noise)
     offset = measurements.sensors.faults.encoder_offset_rad
@@ -166,5 +186,6 @@ ACTIONS: dict[str, Callable[[FaultTarget, dict[str, Any]], str]] = {  # the othe
     "current_stuck": _current_stuck,
     "encoder_offset": _encoder_offset,
     "current_noise": _current_noise,
+    "obstacle": _obstacle,
     "clear": _clear,
 }
