@@ -21,6 +21,12 @@ def simulate(
     protective_runtime: Annotated[
         str | None, typer.Option(help="The program in a protective stop: paused (the default), stopped or playing.", show_default=False)
     ] = None,
+    personality: Annotated[
+        str | None, typer.Option(help="Values beside the motion: ideal (the default), or recorded as from real arms.", show_default=False)
+    ] = None,
+    home: Annotated[
+        str | None, typer.Option(metavar="Q1,…,Q6", help="Joint positions at the start [rad], as --home=….", show_default=False)
+    ] = None,
     command_port: Annotated[int, typer.Option(help="JSON lines: truth, time, wear, faults.")] = 30020,
     view: Annotated[bool, typer.Option("--view", help="Show the arm's state live in the terminal.")] = False,
     fault: Annotated[
@@ -29,7 +35,7 @@ def simulate(
     ] = None,
 ) -> None:
     """Be a UR controller made of software, for the unmodified ur-rtde, until Ctrl-C."""
-    from monitor.simulate.launch import announcement, settings_from
+    from monitor.simulate.launch import announcement, numbers, settings_from
     from monitor.simulate.scenario import load_scenario
 
     if fault is not None:
@@ -50,13 +56,15 @@ def simulate(
         mounting=mounting,
         version=polyscope,
         protective_runtime=protective_runtime,
+        personality=personality,
+        home_rad=numbers("--home", home),
         command_port=command_port,
     )
     if view:
         from monitor.simulate.view import simulate_and_watch
 
         options = {"--robot": robot, "--scenario": scenario, "--ambient": ambient, "--payload": payload, "--mounting": mounting}
-        options |= {"--polyscope": polyscope, "--protective-runtime": protective_runtime}
+        options |= {"--polyscope": polyscope, "--protective-runtime": protective_runtime, "--personality": personality, "--home": home}
         given = [f"{option}={value}" for option, value in options.items() if value is not None]
         simulate_and_watch([f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", *given], bind, command_port)
         return

@@ -4,18 +4,11 @@ import argparse
 import logging
 import sys
 
-from monitor.errors import BadInput, MonitorError
+from monitor.errors import MonitorError
 from monitor.model.robot import robot_names
-from monitor.simulate.launch import settings_from
+from monitor.simulate.launch import numbers, settings_from
 from monitor.simulate.scenario import load_scenario
-from monitor.simulate.settings import SimulateSettings
-
-
-def _numbers(text: str | None) -> tuple[float, ...] | None:
-    try:
-        return None if text is None else tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise BadInput(f"--wear-per-revolution {text!r}: expected one number a joint, comma-separated") from None
+from monitor.simulate.settings import PERSONALITIES, SimulateSettings
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -32,6 +25,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--command-port", type=int, default=defaults.command_port)
     parser.add_argument("--polyscope", default=None, metavar="VERSION", help="version to report, e.g. 5.11.0")
     parser.add_argument("--protective-runtime", default=defaults.protective_runtime, choices=["paused", "stopped", "playing"])
+    parser.add_argument("--personality", default=defaults.personality, choices=PERSONALITIES, help="what is published beside the motion")
+    parser.add_argument(
+        "--home", metavar="Q1,…,Q6", help="joint positions at the start [rad]; as --home=…, since they may begin with a minus"
+    )
     parser.add_argument("--wear-per-revolution", metavar="W1,…,W6", help="growth of friction a turn at rated load, per joint")
     parser.add_argument("--local-control", action="store_true", help="say no to `is in remote control`")
     parser.add_argument("--verbose", action="store_true")
@@ -49,8 +46,10 @@ def main(arguments: list[str] | None = None) -> int:
             command_port=given.command_port,
             version=given.polyscope,
             protective_runtime=given.protective_runtime,
+            personality=given.personality,
+            home_rad=numbers("--home", given.home),
             remote_control=not given.local_control,
-            wear_per_revolution=_numbers(given.wear_per_revolution),
+            wear_per_revolution=numbers("--wear-per-revolution", given.wear_per_revolution),
         )
         from monitor.simulate.server import serve  # pinocchio is slow to import: only when the arguments are right
 

@@ -32,6 +32,14 @@ def settings_from(scenario: Scenario | None, **given: Any) -> SimulateSettings:
     return settings
 
 
+def numbers(option: str, text: str | None) -> tuple[float, ...] | None:
+    """The numbers of an option, one a joint. Raises BadInput with the option if the text is no list of numbers."""
+    try:
+        return None if text is None else tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise BadInput(f"{option} {text!r}: expected one number a joint, comma-separated") from None
+
+
 def announcement(settings: SimulateSettings) -> str:
     """What the command prints: where the simulator listens, its scenario, and how to use it."""
     version = ".".join(map(str, settings.polyscope))

@@ -12,6 +12,7 @@ from monitor.simulate.scenario import Scenario
 
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # ur-rtde cannot use others
 DEFAULT_COMMAND_PORT = 30020
+PERSONALITIES = ("ideal", "recorded")
 PAYLOAD_COM_MAX_M = 2.0  # largest distance of a payload's centre of mass from the flange, along each axis
 
 
@@ -35,6 +36,7 @@ class SimulateSettings:
     remote_control: bool = True  # the dashboard's reply to `is in remote control`
     current_noise: float = 1.0  # multiplies the noise of the recorded arms
     scenario: Scenario | None = None  # the events and the room of this arm
+    personality: str = "ideal"  # what an arm publishes beside its motion: "ideal", or "recorded" as real arms were recorded
     protective_runtime: str = "paused"  # what a protective stop does to the program; it is not documented for real controllers
 
     def __post_init__(self) -> None:
@@ -54,6 +56,8 @@ class SimulateSettings:
             raise BadInput(f"simulate: ambient_c = {self.ambient_c:g}; expected −20 … 60 °C")
         if self.protective_runtime not in {"paused", "stopped", "playing"}:
             raise BadInput(f"simulate: protective_runtime = {self.protective_runtime!r}; expected paused, stopped or playing")
+        if self.personality not in PERSONALITIES:
+            raise BadInput(f"simulate: personality = {self.personality!r}; expected {' or '.join(PERSONALITIES)}")
         if not 0 < self.command_port < 65536:
             raise BadInput(f"simulate: command_port = {self.command_port}; expected 1 … 65535")
         if self.command_port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):

@@ -89,13 +89,21 @@ def _rows(controller: Controller, excitation: Excitation) -> Generator[None, Non
     N, J = path.q.shape
     rows = {name: np.empty((N, J)) for name in JOINT_SIGNALS} | {name: np.empty(N) for name in STATUS}
     reference, modes, gain = controller.reference, controller.modes, controller.arm.gain_nm_per_a
+    friction = controller.personality.target_friction_nm
     for i in range(N):
         reference.follow([path.q[i].tolist()], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
         for _ in range(ticks):
             controller.step()
         _still_playing(controller)
         moment = controller.installation.target_moment(reference)
-        values = (*controller.measurements.latest, reference.q, reference.qd, reference.qdd, moment / gain, moment)
+        values = (
+            *controller.measurements.latest,
+            reference.q,
+            reference.qd,
+            reference.qdd,
+            (moment + friction(reference.qd)) / gain,
+            moment,
+        )
         for name, value in zip(JOINT_SIGNALS, values, strict=True):
             rows[name][i] = value
         status = (controller.clock.now_s, modes.robot, modes.safety, modes.runtime, 1.0)

@@ -11,6 +11,7 @@ from monitor.recording import Array
 DEVIATION_MAX_RAD = 0.15  # following error that leads to a protective stop
 SATURATED_MAX_S = 0.1  # a drive at its torque limit for longer than this means that something blocks the arm
 LIMIT_MARGIN_RAD = 1e-6  # rounding errors of a target exactly at the limit
+ENDLESS_WRIST = frozenset({"ur3", "ur3e"})  # their last joint turns without end; it is published as ±2π all the same
 WAY_BACK_RAD = 0.01  # how much farther out an arm may settle after it was unlocked beyond its range
 
 
@@ -20,6 +21,8 @@ class Limits:
     def __init__(self, robot: Robot, tick_s: float) -> None:
         self._robot, self._tick_s = robot, tick_s
         self._limit = robot.max_position_rad + LIMIT_MARGIN_RAD
+        if robot.name in ENDLESS_WRIST:
+            self._limit[-1] = np.inf
         self._way_back: Array | None = None  # (J,) largest |q| of an arm that was unlocked beyond its range
         self._max_speed: list[float] = robot.max_speed_rad_s.tolist()
         self._slowest = min(self._max_speed)

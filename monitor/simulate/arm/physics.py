@@ -28,6 +28,7 @@ SERVO_INTEGRAL_PER_S = 25.0  # rate of the integral term: it removes the rest of
 SERVO_INTEGRAL_MAX_RAD_S2 = 40.0  # limit of the integral term: what friction can need at most
 # the same limit for the integral of the error
 SERVO_INTEGRAL_MAX_RAD_S = SERVO_INTEGRAL_MAX_RAD_S2 / (SERVO_RAD_S**2 * SERVO_INTEGRAL_PER_S)
+STRAIN_SHARE = 0.8  # of dry friction: the servo of a standing arm pulls at most with this
 ROTOR_KG_M2_PER_NM = 0.0075  # rotor inertia at the joint per maximum torque; it gives 1.1 kg·m² for size 3
 # Kt·G of arms whose torque constants are not published: maximum torque of the joint [N·m], gain [N·m/A]. The figures are assumptions
 # of the simulator; those of sizes 1 and 3 follow the factory calibration of a UR5e (0.080 and 0.1005 N·m/A at the motor).
@@ -161,6 +162,17 @@ class Arm:
         if True in (np.abs(asked) > limit).tolist():
             return np.minimum(np.maximum(asked, -limit), limit), None  # at the limit, the integral would wind up
         return asked, integral
+
+    def strain(self, held_nm: Array) -> None:
+        """Let the servo of the standing arm pull with this torque (J,) beyond gravity, as after a motion; friction holds as much of it."""
+        M, n, _, _ = self._middle(0.0)
+        dry = self._dry_nm + self._dry_load * np.abs(n)
+        held = np.minimum(np.maximum(held_nm, -STRAIN_SHARE * dry), STRAIN_SHARE * dry)
+        if not held.any():
+            return
+        self._integral = np.linalg.solve(M, held) / (self._stiffness * self._patience)
+        self.torque_nm = n + held
+        self.torque_before_nm, self.friction_nm = self.torque_nm, held
 
     def push(self, h: float, torque_nm: Array) -> None:
         """Make one step of length h under given drive torques (J,), without the servo."""

@@ -24,6 +24,7 @@ from monitor.simulate.controller.journal import Journal
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.modes import Modes, RobotMode
 from monitor.simulate.controller.moves import Moves
+from monitor.simulate.controller.personality import personality_of
 from monitor.simulate.controller.program.machine import Machine, Watchdog
 from monitor.simulate.controller.program.runner import Programs
 from monitor.simulate.controller.program.scripts import Immediate, parse
@@ -57,7 +58,7 @@ class Controller:
 
         Raises BadInput where the scenario names outputs that this controller does not have.
         """
-        self.settings, self.robot = settings, settings.arm
+        self.settings, self.robot, self.personality = settings, settings.arm, personality_of(settings)
         self.scenario: ScenarioPlayer = ScenarioPlayer(settings.scenario or Scenario()) if before is None else before.scenario
         self.clock = Clock(settings.tick_s, self.scenario.lived_s)
         self.modes, self.journal, self.identity = Modes(), Journal(self.clock), Identity(settings)
@@ -67,6 +68,8 @@ class Controller:
             self.arm.powered = False
         self.kinematics, self.reference = Kinematics(self.robot), Reference(self.robot, self.arm.q, settings.tick_s)
         self.measurements = Measurements(self.arm, Sensors(self.robot, settings.seed, settings.tick_s, settings.current_noise))
+        if before is None:
+            self.arm.strain(self.personality.held_nm())
         self.registers = Registers(self.identity.knows)
         self.installation = Installation(settings, self.robot, self.arm)
         self.machine = self._assembled()
@@ -108,6 +111,7 @@ class Controller:
         )
         return Machine(
             settings=self.settings,
+            personality=self.personality,
             robot=self.robot,
             arm=self.arm,
             clock=self.clock,

@@ -13,7 +13,8 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.identity import Identity
 from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, Message, ProgramMessage, SafetyMessage
 from monitor.simulate.controller.modes import Runtime, SafetyMode
-from monitor.simulate.wire.variables import SUPPLY_V, TOOL_OFF, TOOL_RUNNING, joint_mode, supply_current
+from monitor.simulate.controller.personality import SUPPLY_V
+from monitor.simulate.wire.variables import TOOL_OFF, TOOL_RUNNING, joint_mode, supply_current
 
 # numbers of the primary interface's client protocol: kinds of message, parts of a state, kinds of text, and their sender
 STATE, MESSAGE = 16, 20
@@ -49,7 +50,7 @@ def state(controller: Controller) -> bytes:
     code = joint_mode(modes)
     joint_data = b"".join(_JOINT.pack(q, target, qd, current, SUPPLY_V, warm, warm, code) for q, target, qd, current, warm in joints)
     tool = (0, 0, 0.0, 0.0, 0.0, 0, 0.0, arm.ambient_c, TOOL_RUNNING if modes.powered else TOOL_OFF)
-    electric = (arm.ambient_c, SUPPLY_V, supply_current(arm), 0.0)
+    electric = (arm.ambient_c, SUPPLY_V, supply_current(arm, controller.personality), 0.0)
     board = (0, 0, 0, 0, 0.0, 0.0, 0, 0, 0.0, 0.0, *electric, int(modes.safety), 0, 0, 0, 0, 0, 0)
     pose = np.concatenate([controller.kinematics.pose(measured.q), controller.kinematics.tool])
     packages = (

@@ -7,12 +7,11 @@ from monitor.simulate.arm.reference import Reference
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.modes import Modes, RobotMode, Runtime, SafetyMode
+from monitor.simulate.controller.personality import SUPPLY_V, Personality
 from monitor.simulate.controller.published import NOT_MODELLED, OUTPUT_TYPES
 from monitor.simulate.controller.registers import INPUT_TYPES, REGISTERS, width
 from monitor.simulate.wire.packing import Source, Variable, array, computed, constant, listed, number
 
-SUPPLY_V = 48.0
-ELECTRONICS_A = 0.9  # current of the electronics of the whole arm
 CURRENT_WINDOW_SHARE = 0.1  # published tolerance of the joint currents, as a share of the current at maximum torque
 JOINT_MODES = {
     RobotMode.POWER_OFF: 239,
@@ -44,10 +43,11 @@ def output_variables(controller: Controller) -> dict[str, Variable]:
         **_modes(controller.modes),
         **_electric(controller),
         **_payload(controller),
-        "actual_execution_time": constant(1e3 * controller.clock.tick_s / 4),
-        **dict.fromkeys(("speed_scaling", "target_speed_fraction"), number(controller, "registers.speed_fraction")),
+        "actual_execution_time": listed(1, lambda: (controller.personality.execution_ms(),)),
+        "speed_scaling": number(controller, "programs.speed_scaling"),
+        "target_speed_fraction": number(controller, "registers.speed_fraction"),
         **dict.fromkeys(("actual_momentum", "tcp_force_scalar", "standard_analog_input0", "standard_analog_input1"), zero),
-        "actual_TCP_force": constant(*NOTHING),
+        "actual_TCP_force": computed(6, controller.personality.tool_force),
         "joint_position_deviation_ratio": number(controller, "safety.deviation_ratio"),
         "joint_temperatures": array(controller, "measurements.latest.temperature_c"),
         "tool_temperature": number(controller, "arm.ambient_c"),
@@ -100,18 +100,25 @@ def _modes(modes: Modes) -> dict[str, Source | tuple[Source, int]]:
 def _electric(controller: Controller) -> dict[str, Source | tuple[Source, int]]:
     arm, measurements, gain = controller.arm, controller.measurements, controller.arm.gain_nm_per_a
     installation, reference = controller.installation, controller.reference
+    personality = controller.personality
+    voltages = computed(2 + controller.robot.joints, personality.voltages)
+
+    def target_current() -> Array:
+        current: Array = (installation.target_moment(reference) + personality.target_friction_nm(reference.qd)) / gain
+        return current
+
     window = CURRENT_WINDOW_SHARE * controller.robot.max_torque_nm / gain
     return {
         "target_moment": computed(6, lambda: installation.target_moment(reference)),
-        "target_current": computed(6, lambda: installation.target_moment(reference) / gain),
+        "target_current": computed(6, target_current),
         "actual_current": array(controller, "measurements.latest.current"),
         "actual_current_as_torque": computed(6, lambda: measurements.latest.current * gain),
         "actual_current_window": constant(*window.tolist()),
         "joint_control_output": computed(6, lambda: arm.torque_nm / gain),
-        "actual_joint_voltage": constant(*[SUPPLY_V] * 6),
-        "actual_main_voltage": constant(SUPPLY_V),
-        "actual_robot_voltage": constant(SUPPLY_V),
-        "actual_robot_current": listed(1, lambda: (supply_current(arm),)),
+        "actual_joint_voltage": (voltages, 2),
+        "actual_main_voltage": voltages,
+        "actual_robot_voltage": (voltages, 1),
+        "actual_robot_current": listed(1, lambda: (supply_current(arm, personality),)),
     }
 
 
@@ -165,6 +172,7 @@ class ToolState:
 
     def __init__(self, controller: Controller) -> None:
         self._arm: Arm = controller.arm
+        self._personality: Personality = controller.personality
         self._measurements: Measurements = controller.measurements
         self._reference: Reference = controller.reference
         kinematics: Kinematics = controller.kinematics
@@ -181,7 +189,11 @@ class ToolState:
         return self._target.at(self._reference.q, self._reference.qd)
 
     def accelerometer(self) -> Array:
-        """(3,) what an accelerometer in the flange shows, in the flange's frame [m/s²]. The acceleration of the tool is not modelled."""
+        """(3,) what the accelerometer in the flange shows, in the flange's frame [m/s²]. The acceleration of the tool is not modelled."""
+        return self._personality.accelerometer(self.upwards())
+
+    def upwards(self) -> Array:
+        """(3,) what an ideal accelerometer at rest shows, in the flange's frame [m/s²]."""
         mounting = self._arm.mounting
         if mounting is not self._mounting:
             self._mounting, self._upwards = mounting, -mounting.gravity_in_base
@@ -197,7 +209,7 @@ class ToolState:
         arm = self._arm
         if arm.payload_kg == 0.0:
             return NOTHING
-        x, y, z = (-arm.payload_kg * self.accelerometer()).tolist()
+        x, y, z = (-arm.payload_kg * self.upwards()).tolist()
         at_x, at_y, at_z = arm.payload_com_m
         return x, y, z, at_y * z - at_z * y, at_z * x - at_x * z, at_x * y - at_y * x  # r × F: np.cross takes ten times as long
 
@@ -212,6 +224,6 @@ def robot_status_bits(modes: Modes) -> int:
     return (POWER_ON if modes.powered else 0) | (PROGRAM_RUNNING if modes.runtime == Runtime.PLAYING else 0)
 
 
-def supply_current(arm: Arm) -> float:
+def supply_current(arm: Arm, personality: Personality) -> float:
     """Current of the whole arm at 48 V [A]: electronics, and what the drives turn into motion and heat."""
-    return ELECTRONICS_A + max(arm.electric_w(), 0.0) / SUPPLY_V
+    return personality.supply_a(max(arm.electric_w(), 0.0) / SUPPLY_V)

@@ -17,6 +17,7 @@ from monitor.simulate.controller.journal import Journal
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.modes import Modes, Supervisor
 from monitor.simulate.controller.moves import Moves
+from monitor.simulate.controller.personality import Personality
 from monitor.simulate.controller.registers import Registers
 from monitor.simulate.settings import SimulateSettings
 
@@ -60,6 +61,7 @@ class Machine:
     """One controller, as its programs see it."""
 
     settings: SimulateSettings
+    personality: Personality
     robot: Robot
     arm: Arm
     clock: Clock

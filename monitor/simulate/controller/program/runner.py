@@ -23,6 +23,7 @@ class Programs:
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
         self.current: Program | None = None
+        self._full_speed_at_s = 0.0  # until this time after a start, `speed_scaling` is 0
 
     def step(self) -> None:
         """Run the program for one control period."""
@@ -54,7 +55,18 @@ class Programs:
         machine.journal.scripts_started += 1
         self.current = ControlProgram(script, machine) if isinstance(script, ControlScript) else StepsProgram(script, machine)
         machine.modes.play()
+        self._full_speed_at_s = machine.clock.now_s + machine.personality.start_s()
         machine.journal.program_message("PROGRAM_XXX_STARTED", PROGRAM_NAME)
+
+    @property
+    def speed_scaling(self) -> float:
+        """The share of full speed at which a program plays, 0 … 1: 0 while none plays, and at first after a program's start."""
+        machine = self._machine
+        if machine.personality.idle_scaling_zero and (
+            machine.modes.runtime != Runtime.PLAYING or machine.clock.now_s < self._full_speed_at_s
+        ):
+            return 0.0
+        return machine.registers.speed_fraction
 
     def start_stepped(self) -> str:
         """Reserve the arm for a stepped replay. Returns why this is not possible, or an empty text."""
