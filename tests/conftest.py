@@ -16,6 +16,8 @@ settings.load_profile("ours")
 
 
 REAL_TIME = ("studies/test_demo.py", "acquire/", "service/test_daemon.py")
+# a long test that begins last keeps everybody waiting
+LONG = ("store/test_series.py", "studies/", "test_assess.py", "golden/", "cli/", "design/")
 GIVE_WAY = 5  # niceness of the other workers: they get a third of the processor time that the arm gets when both want it
 ON_THE_WIRE = (*REAL_TIME, "simulate/", "publish/")
 
@@ -23,7 +25,7 @@ ON_THE_WIRE = (*REAL_TIME, "simulate/", "publish/")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time.
 
-    These tests take longest, so they begin first; then come the modules that stay together, then single tests.
+    These tests take longest, so they begin first; then come modules that stay together, then folders of long tests.
     A replay gives up when its targets come late, as it must, and on a machine with other work they do: such a test may try once more,
     and says that it did. Evidence (`soak`) may not: what it counts, it counts.
     """
@@ -41,11 +43,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _rank(item: pytest.Item) -> int:
-    """Where a test stands in the order: the real-time tests, the modules with a shared fixture, the others."""
+    """Where a test stands in the order: the real-time tests, modules with a shared fixture, folders of long tests, the others."""
     place = item.path.relative_to(ROOT / "tests").as_posix()
     if place.startswith(REAL_TIME):
         return next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix))
-    return len(REAL_TIME) + (not _has_module_fixture(item))
+    if _has_module_fixture(item):
+        return len(REAL_TIME)
+    return len(REAL_TIME) + next((rank for rank, prefix in enumerate(LONG, start=1) if place.startswith(prefix)), len(LONG) + 1)
 
 
 @pytest.hookimpl(tryfirst=True)

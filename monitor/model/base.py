@@ -5,7 +5,7 @@ pivoting, this gives the basis of the paper's appendix. Pivoting would give anot
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ class Classification(NamedTuple):
         return len(self.fully), len(self.in_combination), len(self.not_identifiable)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)  # without slots: its texts, which every verdict asks for, are made once
 class Base:
     """A basis of the identifiable parameters: base = combination · standard, and torque = Y[:, :, columns] · base."""
 
@@ -46,7 +46,7 @@ class Base:
         """B."""
         return len(self.columns)
 
-    @property
+    @cached_property
     def terms(self) -> tuple[dict[str, float], ...]:
         """(B,) the coefficients of each combination, by the name of the standard parameter; the kept parameter is the first."""
         rows = []
@@ -55,12 +55,12 @@ class Base:
             rows.append({self.parameters[k]: float(row[k]) for k in [column, *others]})
         return tuple(rows)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """(B,) short names: `m1z1 − 4.104·J2xz + …`."""
         return tuple(_short(terms) for terms in self.terms)
 
-    @property
+    @cached_property
     def texts(self) -> tuple[str, ...]:
         """(B,) the full combinations, with four significant digits."""
         return tuple(_short(terms, len(self.parameters)) for terms in self.terms)
