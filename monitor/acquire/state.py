@@ -98,14 +98,29 @@ class ArmState:
     tcp_pose: tuple[float, ...] = ()  # (6,) position [m], rotation vector [rad] in the base's frame; empty where none was read
 
     @property
+    def teach_button_held(self) -> bool:
+        """Whether somebody holds the freedrive button; True where the bits are no number, False where they are not reported."""
+        if math.isnan(self.status_bits):
+            return False
+        return not math.isfinite(self.status_bits) or bool(int(self.status_bits) & STATUS_BIT_TEACH_BUTTON)
+
+    @property
+    def slider_full(self) -> bool:
+        """Whether the operator's slider stands at 100 %, with rounding; False where it is not reported."""
+        return FULL_SPEED <= self.speed_fraction <= 2.0 - FULL_SPEED
+
+    @property
     def speed(self) -> float:
-        """Share of full speed at which a program plays: limiter times slider; NaN where neither is reported."""
+        """Share of full speed at which a program plays: limiter times slider; NaN where neither is reported.
+
+        A real controller's limiter stands at 0 while no program plays, and for some ticks after one has started.
+        """
         reported = [share for share in (self.speed_scaling, self.speed_fraction) if not math.isnan(share)]
         return math.prod(reported) if reported else math.nan
 
     @property
     def at_full_speed(self) -> bool:
-        """Whether that share is 100 %, with rounding; False where it is not reported."""
+        """Whether a program plays at 100 %, with rounding; False where that is not reported."""
         return FULL_SPEED <= self.speed <= 2.0 - FULL_SPEED
 
 

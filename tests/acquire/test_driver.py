@@ -42,6 +42,9 @@ def row(tick: int, **values) -> np.ndarray:
         "safety_status_bits": 1,
         "runtime_state": 1,
         "speed_scaling": 1.0,
+        "target_speed_fraction": 1.0,
+        "robot_status_bits": 1,
+        "joint_mode": 253,
     }
     for name, value in (known | values).items():
         made[COLUMN[name]] = value

@@ -46,6 +46,10 @@ def test_an_arm_in_order_may_go_on():
         ({"q": np.array([0, 0, np.nan, 0, 0, 0])}, "bad_data"),
         ({"temperature_c": np.array([30, 30, 30, 30, 30, 76.0])}, "joint_temperature"),
         ({"speed_scaling": 0.6}, "speed_scaling"),
+        ({"speed_scaling": 1.0, "speed_fraction": 0.6}, "speed_scaling"),
+        ({"status_bits": 0b111}, "teach_button"),
+        ({"status_bits": 0b101, "robot_mode": 6, "runtime_state": 1}, "teach_button"),  # an arm in freedrive
+        ({"joint_modes": (253.0, 253.0, 255.0, 253.0, 253.0, 253.0)}, "robot_mode"),
         ({"temperature_c": np.full(6, np.nan)}, "joint_temperature"),
     ],
 )
@@ -54,6 +58,15 @@ def test_each_state_that_ends_the_stream_has_its_cause(changes, cause):
     failure = state_failure(replace(SOUND, **changes), SETTINGS)
     assert failure is not None
     assert failure.cause == cause
+
+
+def test_a_program_that_has_just_started_may_stand_at_zero_speed_and_later_may_not():
+    """Real arms report a limiter of 0 for 4–20 ms after a program's start; the slider counts from the beginning."""
+    starting = replace(SOUND, speed_scaling=0.0, speed_fraction=1.0)
+    assert state_failure(starting, SETTINGS, up_to_speed=False) is None
+    for late in (state_failure(starting, SETTINGS), state_failure(replace(starting, speed_fraction=0.5), SETTINGS, up_to_speed=False)):
+        assert late is not None
+        assert late.cause == "speed_scaling"
 
 
 def test_lag_is_no_following_failure_and_standing_still_is():

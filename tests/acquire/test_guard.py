@@ -110,10 +110,13 @@ def ready_state(**changes) -> ArmState:
         target_q=start,
         target_qd=np.zeros(6),
         temperature_c=np.full(6, 25.0),
-        speed_scaling=1.0,
+        speed_scaling=0.0,  # as a real arm reports while no program plays
+        speed_fraction=1.0,
         payload_kg=1.0,
         accelerometer_m_s2=upright(start),
         digital_inputs=0.0,
+        status_bits=1.0,
+        joint_modes=(253.0,) * 6,
     )
     return replace(state, **changes)
 
@@ -161,7 +164,12 @@ def test_an_arm_in_order_and_at_rest_may_begin():
             "joint 6 is 2.60 rad from the start",
         ),
         ({"temperature_c": np.array([25, 25, 25, 90, 25, 25.0])}, "joint 4 is at 90.0 °C"),
-        ({"speed_scaling": 0.5}, "speed_scaling: the speed slider is at 50 %"),
+        ({"speed_fraction": 0.5}, "speed_scaling: the speed slider is at 50 %"),
+        ({"speed_fraction": 0.5, "speed_scaling": 1.0}, "speed_scaling: the speed slider is at 50 %"),
+        ({"status_bits": 0b101}, "teach_button: somebody holds the freedrive button"),
+        ({"status_bits": np.inf}, "teach_button"),
+        ({"joint_modes": (253.0, 253.0, 255.0, 253.0, 253.0, 253.0)}, r"joints_running: joint 3 is in mode 255 \(idle\)"),
+        ({"joint_modes": (253.0,) * 5 + (np.nan,)}, "joints_running: joint 6"),
         ({"payload_kg": 0.9}, r"payload: the controller reckons with 0\.900 kg, the configuration says 1\.000 kg"),
         ({"accelerometer_m_s2": (0.0, 0.0, 5.0)}, r"gravity: the tool's accelerometer reads 5\.00 m/s²"),
     ],
@@ -217,9 +225,17 @@ def test_a_permit_that_is_given_is_enough(given):
 def test_what_a_generation_does_not_report_is_named_and_does_not_crash():
     """An old controller reports no payload, accelerometer, slider or inputs; its dashboard knows neither model nor remote control."""
     nan = float("nan")
-    silent = ready_state(speed_scaling=nan, payload_kg=nan, accelerometer_m_s2=(nan, nan, nan), digital_inputs=nan)
+    silent = ready_state(
+        speed_scaling=nan,
+        speed_fraction=nan,
+        payload_kg=nan,
+        accelerometer_m_s2=(nan, nan, nan),
+        digital_inputs=nan,
+        status_bits=nan,
+        joint_modes=(nan,) * 6,
+    )
     found = {c.name: c for c in conditions(inputs(silent, identity=Identity(None, None, "3.9", None)))}
-    for name in ("speed_scaling", "payload", "gravity", "robot_model", "serial", "remote_control"):
+    for name in ("speed_scaling", "payload", "gravity", "robot_model", "serial", "remote_control", "teach_button", "joints_running"):
         assert found[name].holds
         assert not found[name].checked
         assert "not reported" in found[name].text

@@ -34,6 +34,8 @@ CONDITIONS = (  # in the order in which a person would check them
     Condition("remote_control", "controller", of_controller.remote_control),
     Condition("safety_mode", "state", of_state.safety_mode),
     Condition("robot_mode", "state", of_state.robot_mode),
+    Condition("joints_running", "state", of_state.joints_running),
+    Condition("teach_button", "state", of_state.teach_button),
     Condition("no_other_program", "state", of_state.no_other_program),
     Condition("finite", "state", of_state.finite),
     Condition("stationary", "state", of_state.stationary),

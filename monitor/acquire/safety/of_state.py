@@ -7,6 +7,8 @@ import numpy as np
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.limits import clear_approach
 from monitor.acquire.state import (
+    JOINT_MODE_RUNNING,
+    JOINT_MODES,
     ROBOT_MODE_RUNNING,
     ROBOT_MODES,
     RUNTIME_STATES,
@@ -82,13 +84,36 @@ def stationary(inputs: ConditionInputs) -> str:
 
 
 def speed_scaling(inputs: ConditionInputs) -> str:
-    """The speed slider stands at 100 %."""
+    """The operator's slider stands at 100 %. The trajectory limiter says nothing while no program plays: a real arm's stands at 0 then."""
     state = _state(inputs)
-    if math.isnan(state.speed):
-        raise Unreported("not reported: a slider below 100 % would show as a following error")
-    if not state.at_full_speed:
-        raise MotionRefused(f"the speed slider is at {100.0 * state.speed:.0f} %; expected 100 %: at less the arm plays another trajectory")
+    if math.isnan(state.speed_fraction):
+        raise Unreported("the slider is not reported: one below 100 % ends the replay before the arm moves")
+    if not state.slider_full:
+        share = 100.0 * state.speed_fraction
+        raise MotionRefused(f"the speed slider is at {share:.0f} %; expected 100 %: at less the arm plays another trajectory")
     return "100 %"
+
+
+def joints_running(inputs: ConditionInputs) -> str:
+    """Every joint's drive is on and its brake is released."""
+    state = _state(inputs)
+    if not state.joint_modes or all(math.isnan(mode) for mode in state.joint_modes):
+        raise Unreported("not reported: a joint with a closed brake shows as a following error")
+    for j, mode in enumerate(state.joint_modes):
+        if mode != JOINT_MODE_RUNNING:
+            name = JOINT_MODES.get(int(mode), "unknown") if math.isfinite(mode) else "unknown"
+            raise MotionRefused(f"joint {j + 1} is in mode {mode:g} ({name}); expected {JOINT_MODE_RUNNING} (running, its brake released)")
+    return "every drive is on, every brake is released"
+
+
+def teach_button(inputs: ConditionInputs) -> str:
+    """Nobody holds the freedrive button."""
+    state = _state(inputs)
+    if math.isnan(state.status_bits):
+        raise Unreported("not reported: somebody who holds the freedrive button is not noticed")
+    if state.teach_button_held:
+        raise MotionRefused("somebody holds the freedrive button; expected nobody at the arm")
+    return "nobody holds the freedrive button"
 
 
 def payload(inputs: ConditionInputs) -> str:
