@@ -88,7 +88,8 @@ class Commands:
             return {"ok": False, "error": f"request: {wrong}", "kind": "BadInput"}
 
     async def _truth(self, _: dict[str, Any]) -> dict[str, Any]:
-        return {**truth(self._controller), "ticks": asdict(self._ticks), "stepping": self.stepping}
+        state = {"ticks": asdict(self._ticks), "stepping": self.stepping, "connections": self._robot.ports.connections()}
+        return {**truth(self._controller), **state}
 
     async def _advance(self, request: dict[str, Any]) -> dict[str, Any]:
         hours = _number(request, "hours", 0.0, HOURS_MAX)

@@ -11,6 +11,7 @@ from monitor.simulate.polyscope import Version
 
 SERVICES = ("rtde", "dashboard", "primary", "secondary", "realtime")
 STALL_MAX_S = 3600.0
+CONNECTIONS_MAX = 64  # per service
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,12 +73,13 @@ def parsed_version(text: str) -> Version:
 
 
 _SERVICE = Choice((*SERVICES, "all"), "rtde")
+_CONNECTION: dict[str, Kind] = {"service": _SERVICE, "connection": Number(0, CONNECTIONS_MAX, 0)}  # 0: all of them
 _JOINT = Number(1, 6)
 
 FAULTS: dict[str, Fault] = {
     "stall": Fault(about="no RTDE data for so long, then on as if nothing had been", arguments={"seconds": Number(1e-3, STALL_MAX_S)}),
-    "close": Fault(about="connections of a service end with FIN", arguments={"service": _SERVICE}),
-    "reset": Fault(about="connections of a service end with RST", arguments={"service": _SERVICE}),
+    "close": Fault(about="connections of a service end with FIN; one alone, if numbered from the oldest", arguments=_CONNECTION),
+    "reset": Fault(about="connections of a service end with RST; one alone, if numbered from the oldest", arguments=_CONNECTION),
     "listener_gone": Fault(
         about="connections refused; 0 s: until `clear`",
         arguments={"service": _SERVICE, "seconds": Number(0, 3600, 0)},

@@ -246,6 +246,36 @@ def test_a_listener_goes_away_and_comes_back(ur5):
         assert eventually(lambda: not refused(ur5.address, 30004), 2.0)
 
 
+def alive(wire: socket.socket) -> bool:
+    """Whether the other side has not ended the connection."""
+    wire.settimeout(0.2)
+    try:
+        return wire.recv(65536) != b""
+    except TimeoutError:
+        return True
+
+
+@pytest.mark.parametrize(("fault", "end"), [("close", "closed"), ("reset", "reset")])
+def test_one_connection_alone_ends_and_the_others_stay(ur5, fault, end):
+    """Connections are numbered from the oldest. The truth tells which of them control the arm."""
+    with ur5.remote() as remote, RawRtde(ur5.address) as receive, RawRtde(ur5.address) as control:
+        receive.stream("timestamp")
+        assert control.ask(b"I", b"input_int_register_0") == b"\x01INT32"
+        with socket.create_connection((ur5.address, 30003), timeout=5) as script:
+            assert eventually(lambda: len(remote.truth()["connections"]) == 3, 2.0)
+            connections = remote.truth()["connections"]
+            assert [(each["service"], each["controls"]) for each in connections] == [("rtde", False), ("rtde", True), ("realtime", False)]
+            assert connections[2]["client_port"] == script.getsockname()[1]
+            assert "1 connections" in remote.fault(fault, service="rtde", connection=2)
+            assert ended(control.wire) == end
+            assert alive(receive.wire)
+            assert alive(script)
+            assert "0 connections" in remote.fault(fault, service="rtde", connection=2)
+            assert "1 connections" in remote.fault(fault, service="realtime", connection=1)
+            assert ended(script) == end
+            assert alive(receive.wire)
+
+
 def test_a_restarted_controller_begins_its_clock_anew(ur5):
     """All connections are reset. Half a second later the controller is back with the same arm and without power."""
     with ur5.remote() as remote, RawRtde(ur5.address) as before:

@@ -1,18 +1,20 @@
 """The robot's own ports as asyncio protocols: RTDE, dashboard, state and scripts. Every buffer has a limit."""
 
 import asyncio
+import itertools
 import logging
 import socket
 import struct
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.program.scripts import Framer
-from monitor.simulate.faults import SERVICES
+from monitor.simulate.faults import CONNECTIONS_MAX, SERVICES
 from monitor.simulate.wire import dashboard, primary, realtime
 from monitor.simulate.wire.rtde import ProtocolError, RtdeSession, text_message
 from monitor.simulate.wire.variables import output_variables
@@ -21,7 +23,6 @@ log = logging.getLogger(__name__)
 
 BACKLOG_MAX_BYTES = 256 * 1024  # when a client has left so much unread, newer packets are skipped, as documented for a real controller
 DEAF_AFTER_S = 10.0  # a client that reads nothing for so long is disconnected
-CONNECTIONS_MAX = 64  # per service
 SEND_BUFFER_BYTES = 64 * 1024  # the kernel's buffer of a state port: a client that does not read must not collect old states
 LATE_MAX = 2500  # packets that the fault `late` holds back at most: 5 s at 500 Hz
 
@@ -49,7 +50,7 @@ class Ports:
         self._dice = np.random.default_rng(controller.settings.seed)
         self._delayed_until_s = 0.0
         self._state_every = max(1, round(primary.PERIOD_S / controller.clock.tick_s))
-        self._numbers = 0
+        self.numbers = itertools.count(1)  # of the connections, in the order in which they were accepted
         self.attach(controller)
 
     def attach(self, controller: Controller) -> None:
@@ -60,8 +61,7 @@ class Ports:
 
     def rtde_session(self) -> RtdeSession:
         """A session for a new RTDE connection."""
-        self._numbers += 1
-        return RtdeSession(self.controller, self._variables, self._numbers)
+        return RtdeSession(self.controller, self._variables, next(self.numbers))
 
     @property
     def streaming(self) -> bool:
@@ -100,6 +100,16 @@ class Ports:
         for port in tuple(self.open["rtde"]):
             port.publish(tick, now_s, made, hold=hold)
 
+    def in_order(self, service: str) -> "list[Port]":
+        """The open connections of one service or of `all`, the oldest first."""
+        return sorted(
+            (port for name, ports in self.open.items() if service in (name, "all") for port in ports), key=lambda port: port.number
+        )
+
+    def connections(self) -> list[dict[str, Any]]:
+        """The open connections, the oldest first: service, the client's port, and whether the client has claimed inputs."""
+        return [{"service": port.service, "client_port": port.client_port, "controls": port.controls} for port in self.in_order("all")]
+
     def kill(self) -> None:
         """Reset all connections, and refuse new ones until another controller is attached."""
         self.dead = True
@@ -109,9 +119,14 @@ class Ports:
         """End the faults of the wire."""
         self.faults = WireFaults()
 
-    def drop(self, service: str, *, reset: bool) -> int:
-        """Close the connections of one service or of `all`, with FIN or RST. Returns their number."""
-        dropped = [port for name, ports in self.open.items() if service in (name, "all") for port in ports]
+    def drop(self, service: str, *, reset: bool, connection: int = 0) -> int:
+        """Close connections of one service or of `all`, with FIN or RST: all, or the one of this number (1: the oldest that is open).
+
+        Returns how many were closed.
+        """
+        dropped = self.in_order(service)
+        if connection:
+            dropped = dropped[connection - 1 : connection]
         for port in dropped:
             port.drop(reset=reset)
         return len(dropped)
@@ -126,6 +141,7 @@ class Port(asyncio.Protocol):
     def __init__(self, ports: Ports, service: str | None = None) -> None:
         self.ports = ports
         self.service = service or self.service
+        self.number = next(ports.numbers)
         self.transport: asyncio.Transport | None = None
         self.full = False
         self.started = False
@@ -146,6 +162,17 @@ class Port(asyncio.Protocol):
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """Greet a new client."""
+
+    @property
+    def client_port(self) -> int:
+        """The TCP port of the client."""
+        peer = None if self.transport is None else self.transport.get_extra_info("peername")
+        return int(peer[1]) if peer else 0
+
+    @property
+    def controls(self) -> bool:
+        """Whether the client has claimed inputs. Only a client of RTDE can."""
+        return False
 
     def pause_writing(self) -> None:
         """Skip packets from now on: asyncio calls this when too much is unread."""
@@ -189,6 +216,11 @@ class RtdePort(Port):
         self._session = ports.rtde_session()
         self._deaf_since_s: float | None = None
         self._held: deque[bytes] = deque(maxlen=LATE_MAX)
+
+    @property
+    def controls(self) -> bool:
+        """Whether the client has claimed inputs."""
+        return self._session.has_inputs
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """Send nothing first, except if a fault asks for a text message."""

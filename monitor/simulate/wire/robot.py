@@ -61,10 +61,13 @@ class ServedRobot:
         return f"no RTDE data for {arguments['seconds']:g} s"
 
     def _close(self, arguments: dict[str, Any]) -> str:
-        return f"closed {self.ports.drop(arguments['service'], reset=False)} connections of {arguments['service']}"
+        return f"closed {self._dropped(arguments, reset=False)} connections of {arguments['service']}"
 
     def _reset(self, arguments: dict[str, Any]) -> str:
-        return f"reset {self.ports.drop(arguments['service'], reset=True)} connections of {arguments['service']}"
+        return f"reset {self._dropped(arguments, reset=True)} connections of {arguments['service']}"
+
+    def _dropped(self, arguments: dict[str, Any], *, reset: bool) -> int:
+        return self.ports.drop(arguments["service"], reset=reset, connection=int(arguments["connection"]))
 
     def _listener_gone(self, arguments: dict[str, Any]) -> str:
         service, seconds = arguments["service"], arguments["seconds"]

@@ -87,6 +87,11 @@ class RtdeSession:
             packet = made[self._output.names] = self._packet()
         return packet
 
+    @property
+    def has_inputs(self) -> bool:
+        """Whether the client has claimed inputs."""
+        return bool(self._inputs)
+
     def close(self) -> None:
         """End the connection: its inputs become free."""
         self._controller.registers.inputs.release(self._connection)
