@@ -46,6 +46,8 @@ class ReplayAborted(MonitorError):
         {
             "parent_asked_to_stop",
             "permit_withdrawn",
+            "motion_forbidden",
+            "local_control",
             "connection_lost",
             "stalled",
             "late",
@@ -61,14 +63,26 @@ class ReplayAborted(MonitorError):
         }
     )
 
-    def __init__(self, message: str, cause: str = "unknown") -> None:
+    # of these, the causes on this machine's side or on the network's: the same window may try again
+    TRANSIENT = frozenset({"late", "stalled", "timeout", "child_died", "connection_lost"})
+
+    def __init__(self, message: str, cause: str = "unknown", *, moved: bool = False, unknown: str | None = None) -> None:
+        """`moved`: a program of ours may have moved the arm. `unknown`: what is not known of the arm after the end; None: nothing is."""
         super().__init__(message)
-        self.cause = cause
+        self.cause, self.moved, self.unknown = cause, moved, unknown
 
     @property
     def needs_a_person(self) -> bool:
-        """Whether a person must check the arm before it moves again, as after a protective stop or an unexpected torque or path."""
-        return self.cause not in self.HARMLESS
+        """Whether a person must check the arm before it moves again.
+
+        So after a protective stop or an unexpected torque or path, and after any end that did not show an arm at rest and in order.
+        """
+        return self.cause not in self.HARMLESS or self.unknown is not None
+
+    def known(self, unknown: str | None) -> "ReplayAborted":
+        """The same end after a look at the arm; the message says what is `unknown` after it."""
+        message = str(self) if unknown is None else f"{self}; after it {unknown}"
+        return ReplayAborted(message, self.cause, moved=self.moved, unknown=unknown)
 
 
 class StoreError(MonitorError):

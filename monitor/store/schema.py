@@ -5,7 +5,7 @@ from pathlib import Path
 
 from monitor.errors import StoreError
 
-HISTORY_SCHEMA = 3
+HISTORY_SCHEMA = 4
 MIGRATIONS: dict[int, str] = {
     1: """
     CREATE TABLE ledger (
@@ -83,6 +83,28 @@ MIGRATIONS: dict[int, str] = {
     CREATE INDEX friction_of_joint ON friction (joint, ledger_id);
     CREATE INDEX ledger_by_state ON ledger (state);
     CREATE INDEX ledger_by_start ON ledger (started_at_unix_s);
+    """,
+    4: """
+    CREATE TABLE motion (                         -- one row a motion, written before the arm may move
+        id INTEGER PRIMARY KEY,
+        ledger_id INTEGER REFERENCES ledger (id), -- none: `joint-monitor replay`, beside the schedule
+        began_at_unix_s REAL NOT NULL,
+        host TEXT NOT NULL,
+        serial TEXT,                              -- as the controller said; none: it said none
+        first_pass INTEGER NOT NULL DEFAULT 0,
+        ended_at_unix_s REAL,                     -- none: it is under way, or nobody knows how it ended
+        ending TEXT,                              -- done, refused, a cause, or `stop`: a person must look
+        reason TEXT
+    ) STRICT;
+    CREATE INDEX motion_unended ON motion (id) WHERE ended_at_unix_s IS NULL;
+    CREATE INDEX motion_of_window ON motion (ledger_id);
+    ALTER TABLE stop ADD COLUMN serial TEXT;      -- of another arm than expected: expected from the day on which a person allows it
+    -- an older program left this window half-way: whether the arm moved, and how that ended, is not known
+    INSERT INTO motion (ledger_id, began_at_unix_s, host)
+        SELECT id, started_at_unix_s, '' FROM ledger WHERE state = 'started' AND kind <> 'imported';
+    -- the arm that an older program learnt from is the one that is expected
+    INSERT OR IGNORE INTO note (key, value)
+        SELECT 'arm_serial', json_extract(belief, '$.context.serial') FROM state WHERE json_extract(belief, '$.context.serial') IS NOT NULL;
     """,
 }
 

@@ -8,6 +8,9 @@ from typing import Any
 
 from monitor.store.database import Database, json_text
 
+SERIAL = "arm_serial"  # name of the note with the serial number of the arm that this history belongs to
+ANOTHER_ARM = "another_arm"  # the cause of the stop that another serial number than the expected one is
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop:
@@ -21,12 +24,19 @@ class Stop:
     allowed_at_unix_s: float | None = None  # None: nobody has allowed it yet
     allowed_by: str | None = None
     allowed_why: str | None = None
+    serial: str | None = None  # of another arm than expected; a person who allows motion accepts that arm
 
     @property
     def text(self) -> str:
         """As a sentence."""
+        if self.cause in STANDING_BY_THEMSELVES:
+            return self.reason
         which = "a replay by hand" if self.ledger_id is None else f"replay {self.ledger_id}"
         return f"{which} was ended by {self.cause}: {self.reason}"
+
+
+# causes that no replay ended by: their reason is the whole sentence
+STANDING_BY_THEMSELVES = frozenset({ANOTHER_ARM, "unknown_end", "history_restored"})
 
 
 class Stops:
@@ -40,24 +50,43 @@ class Stops:
         with self._db.transaction() as db:
             insert_stop(db, None, at_unix_s, cause, reason)
 
+    def add_another_arm(self, serial: str, reason: str, at_unix_s: float) -> None:
+        """Store that another arm than expected answers, once until a person allows it."""
+        with self._db.transaction() as db:
+            known = db.execute("SELECT 1 FROM stop WHERE serial = ? AND allowed_at_unix_s IS NULL", (serial,)).fetchone()
+            if known is None:
+                db.execute(
+                    "INSERT INTO stop (at_unix_s, cause, reason, serial) VALUES (?, ?, ?, ?)",
+                    (float(at_unix_s), ANOTHER_ARM, reason, serial),
+                )
+
     def waiting(self) -> list[Stop]:
         """Stops that nobody has acknowledged, oldest first."""
         return [stop for stop in self.rows() if stop.allowed_at_unix_s is None]
 
     def rows(self) -> list[Stop]:
         """All stops, oldest first, each with the person who allowed motion again."""
-        keys = ("id", "ledger_id", "at_unix_s", "cause", "reason", "allowed_at_unix_s", "allowed_by", "allowed_why")
+        keys = ("id", "ledger_id", "at_unix_s", "cause", "reason", "allowed_at_unix_s", "allowed_by", "allowed_why", "serial")
         rows = self._db.rows(f"SELECT {', '.join(keys)} FROM stop ORDER BY id")  # noqa: S608 - fixed names
         return [Stop(**dict(zip(keys, row, strict=True))) for row in rows]
 
     def allow(self, by: str, why: str, at_unix_s: float) -> list[Stop]:
-        """Allow motion again: stores the person and the reason with every waiting stop. Returns these stops."""
+        """Allow motion again: stores the person and the reason with every waiting stop. Returns these stops.
+
+        Where one of them is another arm than expected, that arm is expected from now on, and it must make its first pass slowly.
+        """
         with self._db.transaction() as db:
             waiting = self.waiting()
             db.execute(
                 "UPDATE stop SET allowed_at_unix_s = ?, allowed_by = ?, allowed_why = ? WHERE allowed_at_unix_s IS NULL",
                 (float(at_unix_s), by, why),
             )
+            others = [stop.serial for stop in waiting if stop.serial is not None]
+            if others:
+                db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", (SERIAL, others[-1]))
+                # a first pass of no provenance: the latest one is not of this arm, nor is the torque model of that time
+                note = json_text({"another_arm": others[-1]})
+                db.execute("INSERT INTO first_pass (at_unix_s, circumstances, document) VALUES (?, '', ?)", (float(at_unix_s), note))
         return waiting
 
 
@@ -90,6 +119,12 @@ class FirstPasses:
 
 
 def insert_stop(db: sqlite3.Connection, ledger_id: int | None, at_unix_s: float, cause: str, reason: str) -> None:
-    """Insert a stop inside a transaction."""
-    values = (ledger_id, float(at_unix_s), cause, reason)
-    db.execute("INSERT INTO stop (ledger_id, at_unix_s, cause, reason) VALUES (?, ?, ?, ?)", values)
+    """Insert a stop inside a transaction, once for a window and a cause. The window's motions without an end thereby have one."""
+    known = "SELECT 1 FROM stop WHERE ledger_id = ? AND cause = ? AND allowed_at_unix_s IS NULL"
+    if db.execute(known, (ledger_id, cause)).fetchone() is None:
+        values = (ledger_id, float(at_unix_s), cause, reason)
+        db.execute("INSERT INTO stop (ledger_id, at_unix_s, cause, reason) VALUES (?, ?, ?, ?)", values)
+    db.execute(
+        "UPDATE motion SET ended_at_unix_s = ?, ending = ?, reason = ? WHERE ended_at_unix_s IS NULL AND ledger_id IS ?",
+        (float(at_unix_s), cause, reason, ledger_id),
+    )

@@ -1,8 +1,8 @@
 """The store of one robot's history: SQLite, with the recordings as Parquet beside it. One process writes at a time. I/O.
 
-Order of durability of one replay: ledger row `started` → recording (temporary file, fsync, rename) → ledger row
-`recorded` → assessment, belief, health and events in one transaction → publication. `Ledger.repair` settles what
-a crash between two of these left behind; a window in which the arm moved is never started again.
+Order of durability of one replay: ledger row `started` → motion under way → its end → recording (temporary file, fsync, rename) →
+ledger row `recorded` → assessment, belief, health and events in one transaction → publication. `Ledger.repair` settles what a crash
+between two of these left behind; a window in which the arm moved is never started again. A motion without an end becomes a stop.
 """
 
 import fcntl
@@ -19,12 +19,14 @@ from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_ove
 from monitor.store.database import Database, Notes
 from monitor.store.events import Events
 from monitor.store.ledger import Ledger
+from monitor.store.motions import Motions
 from monitor.store.recordings import RecordingFolder
 from monitor.store.retention import Retention
 from monitor.store.schema import HISTORY_SCHEMA, check_version, migrate, schema_of
 from monitor.store.stops import FirstPasses, Stops
 
 RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
+HISTORY_RESTORED = "history_restored"  # cause of the stop that a restored history is
 MOST_BACKUPS = 365  # days of backups kept before a migration, where no configuration is known
 
 
@@ -41,6 +43,7 @@ class Store:
         self.recordings = RecordingFolder(directory / "recordings")
         self.ledger = Ledger(self.database, self.recordings)
         self.stops = Stops(self.database)
+        self.motions = Motions(self.database)
         self.first_passes = FirstPasses(self.database)
         self.assessments = Assessments(self.database)
         self.events = Events(self.database)
@@ -85,6 +88,8 @@ class Store:
             if store.restored is not None:
                 store.events.number_from(store.restored.at_unix_s)
                 store.notes.set(RESTORED, store.restored.text)
+                text = "a stop that waited for a person, or a motion under way, may be lost with it"
+                store.stops.add(HISTORY_RESTORED, f"{store.restored.text}; {text}", store.restored.at_unix_s)
             yield store
         finally:
             if connection is not None:

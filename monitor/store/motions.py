@@ -1,0 +1,169 @@
+"""Motions of the arm: each is entered before the arm may move, and ended once it is known how it ended. I/O.
+
+A motion that a crash, a power cut or a full disk left without an end becomes a stop, which waits for a person.
+"""
+
+import fcntl
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from monitor.errors import MotionRefused
+from monitor.store.backup import refused_by
+from monitor.store.database import Database
+from monitor.store.stops import SERIAL, insert_stop
+
+LOCK = "motion.lock"  # held by the process that moves the arm; the kernel lets go of it when that process ends, however it ends
+LOCK_PATIENCE_S = 1.0  # somebody who only looks whether the arm is moved holds the lock for less than a millisecond
+UNKNOWN_END = "unknown_end"  # the cause of the stop that a motion without a known end becomes
+_KEYS = ("id", "ledger_id", "began_at_unix_s", "host", "serial", "first_pass", "ended_at_unix_s", "ending", "reason")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """One motion: a replay or a first pass, also one that ended early."""
+
+    id: int
+    ledger_id: int | None
+    began_at_unix_s: float
+    host: str
+    serial: str | None
+    first_pass: bool
+    ended_at_unix_s: float | None
+    ending: str | None
+    reason: str | None
+
+    @property
+    def unknown_text(self) -> str:
+        """What is not known after this motion, which has no end, as a sentence."""
+        which = "a motion by hand" if self.ledger_id is None else f"a motion of replay {self.ledger_id}"
+        at = f" at {self.host}" if self.host else ""
+        return (
+            f"{which}{at} was under way when the monitor or its host ended; whether the arm came to rest, and whether its safety system "
+            "stopped it, is not known"
+        )
+
+
+class Motions:
+    """The motions of one arm. Only one process at a time may move it."""
+
+    def __init__(self, database: Database) -> None:
+        self._db = database
+        self._lock = database.directory / LOCK
+
+    @contextmanager
+    def turn(self, at_unix_s: float) -> Iterator[None]:
+        """Hold the right to move the arm. A motion of an earlier process that has no end becomes a stop first.
+
+        Raises MotionRefused where another process moves the arm, StoreError where the lock cannot be made.
+        """
+        try:
+            handle = os.open(self._lock, os.O_CREAT | os.O_RDONLY | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise refused_by(error, self._lock) from None
+        try:
+            until = time.monotonic() + LOCK_PATIENCE_S
+            while not _locked(handle, fcntl.LOCK_EX):
+                if time.monotonic() > until:
+                    raise MotionRefused(f"{self._lock.parent}: another joint-monitor moves this arm now")
+                time.sleep(0.005)
+            self._give_up_unended(at_unix_s)
+            yield
+        finally:
+            os.close(handle)
+
+    def begin(self, *, ledger_id: int | None, host: str, serial: str | None, configured: bool, first_pass: bool, at_unix_s: float) -> int:
+        """Enter a motion as under way; it is on the disk when this returns. The serial number that is met first is expected from now on.
+
+        configured : the configuration names this serial number; it then replaces another one. Raises MotionRefused where a stop waits for
+        a person, StoreError where the disk does not take it: the arm must not move then.
+        """
+        with self._db.transaction() as db:
+            if db.execute("SELECT 1 FROM stop WHERE allowed_at_unix_s IS NULL LIMIT 1").fetchone():
+                raise MotionRefused("a stop waits for a person; it came while this motion was prepared")
+            if serial is not None:
+                keep = "UPDATE SET value = excluded.value" if configured else "NOTHING"
+                db.execute(f"INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO {keep}", (SERIAL, serial))  # noqa: S608 - fixed words
+            cursor = db.execute(
+                "INSERT INTO motion (ledger_id, began_at_unix_s, host, serial, first_pass) VALUES (?, ?, ?, ?, ?)",
+                (ledger_id, float(at_unix_s), host, serial, int(first_pass)),
+            )
+            return int(cursor.lastrowid or 0)
+
+    def end(self, motion_id: int, ending: str, reason: str | None, at_unix_s: float) -> None:
+        """Note how a motion ended: well, or by a cause that needs no person. Raises StoreError; the motion then stays without an end."""
+        with self._db.transaction() as db:
+            db.execute(
+                "UPDATE motion SET ended_at_unix_s = ?, ending = ?, reason = ? WHERE id = ? AND ended_at_unix_s IS NULL",
+                (float(at_unix_s), ending, reason, motion_id),
+            )
+
+    def end_in_stop(self, motion_id: int, cause: str, reason: str, at_unix_s: float) -> None:
+        """Note that a person must look after a motion: its end and the stop are stored together. Raises StoreError."""
+        with self._db.transaction() as db:
+            ((ledger_id,),) = db.execute("SELECT ledger_id FROM motion WHERE id = ?", (motion_id,)).fetchall()
+            insert_stop(db, ledger_id, at_unix_s, cause, reason)
+
+    def left_over(self) -> list[Motion]:
+        """Motions without an end that no process carries out now, oldest first."""
+        before = {motion.id for motion in self._unended()}
+        if not before or self._under_way():
+            return []
+        return [motion for motion in self._unended() if motion.id in before]  # one may have ended meanwhile, and another begun
+
+    def give_up_left_over(self, at_unix_s: float) -> list[Motion]:
+        """Make a stop of each motion that is left over; returns these motions. Raises StoreError."""
+        found = self.left_over()
+        if found:
+            with self.turn(at_unix_s):
+                pass
+        return found
+
+    def rows(self, *, limit: int | None = None, ledger_id: int | None = None) -> list[Motion]:
+        """Motions, oldest first: the last `limit` of them, or those of one window."""
+        where, values = ("", ()) if ledger_id is None else ("WHERE ledger_id = ?", (ledger_id,))
+        rows = self._db.rows(
+            f"SELECT {', '.join(_KEYS)} FROM motion {where} ORDER BY id DESC LIMIT ?",  # noqa: S608 - fixed names
+            (*values, -1 if limit is None else limit),
+        )
+        return [_motion(row) for row in reversed(rows)]
+
+    def expected_serial(self) -> str | None:
+        """The serial number of the arm that this history belongs to; None before the first motion, and of an arm that says none."""
+        rows = self._db.rows("SELECT value FROM note WHERE key = ?", (SERIAL,))
+        return str(rows[0][0]) if rows else None
+
+    def _unended(self) -> list[Motion]:
+        return [_motion(row) for row in self._db.rows(f"SELECT {', '.join(_KEYS)} FROM motion WHERE ended_at_unix_s IS NULL ORDER BY id")]  # noqa: S608
+
+    def _under_way(self) -> bool:
+        """Whether a process holds the right to move the arm now."""
+        try:
+            handle = os.open(self._lock, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:  # nobody has made it, or this user may not read it: an end that is not known is not a motion under way
+            return False
+        try:
+            return not _locked(handle, fcntl.LOCK_SH)
+        finally:
+            os.close(handle)
+
+    def _give_up_unended(self, at_unix_s: float) -> None:
+        """The caller holds the right to move the arm, so nobody carries these motions out."""
+        for motion in self._unended():
+            self.end_in_stop(motion.id, UNKNOWN_END, motion.unknown_text, at_unix_s)
+
+
+def _motion(row: tuple[object, ...]) -> Motion:
+    known = dict(zip(_KEYS, row, strict=True))
+    return Motion(**{**known, "first_pass": bool(known["first_pass"])})  # type: ignore[arg-type]
+
+
+def _locked(handle: int, kind: int) -> bool:
+    """Whether the lock was got at once."""
+    try:
+        fcntl.flock(handle, kind | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
