@@ -21,7 +21,7 @@ from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
-from monitor.acquire.watch import ReplayProgress, Watch
+from monitor.acquire.watch import ReplayProgress, Watch, cause_of_death
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -111,9 +111,7 @@ def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *,
     elif watch.interruption is not None:
         cause, text = watch.interruption
     else:
-        cause = "child_died"
-        how = f"by signal {-exit_code}" if exit_code < 0 else f"with code {exit_code}"
-        text = f"the child process ended {how}"
+        cause, text = cause_of_death(exit_code, watch.silent_before_end_s)
         if printed:
             text += f"; its last words: {printed[-PRINTED_TAIL:]!r}"
     if not watch.in_control and cause == "timeout":

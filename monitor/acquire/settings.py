@@ -45,7 +45,7 @@ class ReplaySettings:
         12.0  # upload of the control program; ur-rtde waits up to 5 s for its start
     )
     phase_grace_s: Annotated[float, Interval(ge=0.5, le=60.0)] = 4.0  # a phase may last so much longer than planned
-    silence_timeout_s: Annotated[float, Interval(ge=0.2, le=1.5)] = 1.0  # while the arm moves something comes at least every 0.1 s
+    silence_timeout_s: Annotated[float, Interval(ge=0.03, le=1.5)] = 0.06  # while the arm moves something comes in every tick
     finish_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 6.0  # for the end of the control program
     cell: Cell | None = None  # what stands around the arm; None: it is unknown, and no clearance is checked
 

@@ -14,6 +14,7 @@ from monitor.recording import Array
 ROBOT_MODE_RUNNING = 7
 SAFETY_MODE_NORMAL = 1
 SAFETY_BITS_NORMAL = 0b1  # bit 0 alone; every other bit means reduced mode, a stop or a fault
+RUNTIME_STOPPING = 0
 RUNTIME_STOPPED = 1
 RUNTIME_PLAYING = 2
 JOINT_MODE_RUNNING = 253

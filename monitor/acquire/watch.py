@@ -1,5 +1,6 @@
 """The parent's view of one replay's session: what has come from it, for how long to wait for more, and when to say `go` or `stop`."""
 
+import signal
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -14,6 +15,11 @@ from monitor.acquire.state import ArmState, arm_state
 from monitor.recording import Array
 
 POLL_S = 0.05  # how often the caller is asked whether to stop
+MOVING_POLL_S = 0.02  # while the arm moves something comes in every tick, and a silence must be seen soon
+CALL_SILENCE_S = (
+    0.06  # a call that blocks ends the process 0.03 s after its last sign of life, a process without processor time after 0.1 s
+)
+LONGEST_SILENCE_S = 0.1  # a larger setting counts as this one: the controller's watchdog has stopped the arm by then
 PROGRESS_EVERY_S = 0.1  # how often the caller is shown the progress
 STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come to rest, end the program
 
@@ -32,6 +38,21 @@ class Interruption(NamedTuple):
 
     cause: str
     text: str
+
+
+def cause_of_death(exit_code: int, silent_s: float) -> Interruption:
+    """Why a session's process ended without a last message; it had been silent for silent_s before.
+
+    The process lets the kernel end it where it would open a new connection (SIGSYS), and where it does not report in time (SIGALRM).
+    """
+    if exit_code == -signal.SIGSYS:
+        return Interruption("connection_lost", "the RTDE connection broke off, and its library was kept from connecting again")
+    if exit_code == -signal.SIGALRM and silent_s < CALL_SILENCE_S:
+        return Interruption("stalled", "the controller did not take a target in time")
+    if exit_code == -signal.SIGALRM:
+        return Interruption("late", f"the streaming process got no processor time for {1000.0 * silent_s:.0f} ms")
+    how = f"by signal {-exit_code}" if exit_code < 0 else f"with code {exit_code}"
+    return Interruption("child_died", f"the child process ended {how}")
 
 
 class Watch:
@@ -55,6 +76,8 @@ class Watch:
         self.phase, self.duration_s = "start", 0.0
         self._gone = False  # the session was told `go`
         self._phase_at = self._received_at = time.monotonic()
+        self.silent_before_end_s = 0.0  # from the last that came until the session was seen to have ended
+        self._silent_s = 0.0  # for so long this process has waited for the session while the arm moves
         self._asked_at: float | None = None  # when a stop was asked for
 
     @property
@@ -75,9 +98,9 @@ class Watch:
         shown_at = 0.0
         while self.last_message is None:
             try:
-                for frame in session.frames(POLL_S):
-                    self._take(frame)
+                self._wait(session)
             except SessionEnded:
+                self.silent_before_end_s = time.monotonic() - self._received_at
                 return
             now = time.monotonic()
             if self.on_progress and now - shown_at >= PROGRESS_EVERY_S:
@@ -96,6 +119,20 @@ class Watch:
                     self._phase_at = time.monotonic()  # now the session proves its way to the start, and takes control
             if self.last_message is None and self._out_of_patience(now):
                 return
+
+    def _wait(self, session: Session) -> None:
+        """Take what comes, and count for how long nothing came. Raises SessionEnded.
+
+        Only time spent waiting at an empty pipe counts: what came while this process did something else is there at the next look.
+        """
+        timeout_s = MOVING_POLL_S if self._moving else POLL_S
+        began = time.monotonic()
+        came = False
+        for frame in session.frames(timeout_s):
+            came = True
+            self._take(frame)
+        waited_s = min(time.monotonic() - began, timeout_s)
+        self._silent_s = 0.0 if came or not self._moving else self._silent_s + waited_s
 
     def _take(self, frame: Array | dict[str, Any]) -> None:
         self._received_at = time.monotonic()
@@ -120,8 +157,8 @@ class Watch:
         settings = self.settings
         if now - self._phase_at > (limit_s := self._phase_limit_s()):
             self.interruption = Interruption("timeout", f"the phase {self.phase!r} took longer than {limit_s:.1f} s")
-        elif self._moving and now - self._received_at > settings.silence_timeout_s:
-            text = f"the child process said nothing for {now - self._received_at:.1f} s in the phase {self.phase!r}"
+        elif self._silent_s >= min(settings.silence_timeout_s, LONGEST_SILENCE_S):
+            text = f"the child process said nothing for {1000.0 * self._silent_s:.0f} ms in the phase {self.phase!r}"
             self.interruption = Interruption("timeout", text)
         elif self._asked_at is not None and now - self._asked_at > STOP_PATIENCE_S:
             text = f"the arm did not come to rest by itself within {STOP_PATIENCE_S:g} s of the request"

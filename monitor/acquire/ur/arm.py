@@ -4,16 +4,17 @@ A cycle takes one complete, new row, checks everything that may be wrong, and se
 `StreamFailure` with its cause; after that nobody may call ur-rtde again.
 """
 
+import math
 import time
 from collections import deque
 
 import numpy as np
-from rtde_control import RTDEControlInterface
 
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.state import arm_state
+from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
+from monitor.acquire.ur.control import STANDING_S, Control
 from monitor.acquire.ur.failures import StreamFailure, following_failure, state_failure
 from monitor.acquire.ur.gaps import CycleGaps
 from monitor.acquire.ur.pacing import POLL_S, PacketTiming
@@ -21,10 +22,17 @@ from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 from monitor.recording import Array
 
 RECENT_TARGETS = 25  # 0.2 s at 125 Hz: longer than servoJ's lookahead and the servo's lag together
-HEARTBEAT_S = 0.1  # the parent hears from this process at least so often while the arm moves
+DEAD_MAN_MARGIN_S = 0.01  # the dead-man timer is so much longer than the longest gap: this process reports a gap itself if it can
+SIGN_OF_LIFE_S = 0.01  # without a row for so long the parent gets another sign: it ends this process after 60 ms of silence
 SUSPECT_SHARE = 0.8  # of the largest age of a row: from here on a stall is suspected
 TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one before: a cycle advances by at most two ticks
-LONGEST_STEP_S = 10.0  # of the controller's clock between two rows; more means that the controller was restarted
+LONGEST_STEP_S = 10.0  # of the controller's clock between two rows of a standing arm; more means that the controller was restarted
+LATE_SHARE = 0.5  # of the longest gap: a process that slept so long without a check was late itself
+START_S = 5.0  # from the upload until the control program runs; a real controller needs some tenths of a second
+WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog says is not watched
+WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
+SPEED_RISE_S = 1.0  # after the start of a program the trajectory limiter reports 0 for 4 to 20 ms
+MOVED_RAD = 0.005  # an arm moved by more between the proof of its approach and its first target would take an unproved path
 REASON_READS, REASON_PAUSE_S = 4, 0.005  # how often and how far apart the state is read after a target was refused: two ticks and more
 
 
@@ -39,10 +47,12 @@ class Arm:
         self.tick_s = 1.0 / self.settings.rate_hz
         self.outbox, self.lifeline = outbox, lifeline
         self.receive, self.signals = connect_receiver(self.settings.host, self.settings.rate_hz)
-        self.control: RTDEControlInterface | None = None
+        self.control: Control | None = None
         self.seen_at = self._checked_at = time.monotonic()  # [s] when the last row was read, and when the next check for a row was due
         self.gaps = CycleGaps()
-        self._reported_at = 0.0
+        self._told_at = 0.0  # [s] when the parent last heard from this process
+        self._sent_at = 0.0  # [s] when the last target was sent
+        self._moving = False  # targets are sent: every gap counts
         self._timestamp_s = self.receive.getTimestamp()
         self._timing = PacketTiming(timestamp_s=self._timestamp_s, offset_s=self.seen_at - self._timestamp_s)
         self.step_s = 0.0  # controller's time between the last two rows
@@ -61,15 +71,112 @@ class Arm:
         self.proved_q = target_q.copy()
         self.note_busy()  # the proof takes longer than a row may be old
 
-    def upload_control(self) -> RTDEControlInterface:
-        """Upload the control program. Raises RuntimeError as ur-rtde does."""
-        self.control = RTDEControlInterface(self.settings.host, self.settings.rate_hz)
-        self.note_busy()  # the constructor returns when the program runs, which takes seconds
-        return self.control
+    def connect_control(self) -> None:
+        """Open the control connection. From now on this process opens no other.
 
-    def begin_from(self, target_q: Array) -> None:
-        """Take this position (J,) [rad] as the last target: the first step is measured from it."""
-        self.recent.append(target_q)
+        Raises RobotUnreachable, or MotionRefused where another client controls the arm.
+        """
+        self.control = Control(self.settings.host, self.settings.rate_hz)
+        self.note_busy()  # the constructor takes some tenths of a second
+        self.control.report()
+
+    def fresh_row(self) -> Array:
+        """A row (WIDTH,) that came while this process waited for it: at most one tick old."""
+        self.next_row()
+        return self.next_row()
+
+    def start_program(self) -> None:
+        """Send the control program over nothing that runs, and wait until it runs.
+
+        The rows from before the upload until then are looked through for a program of somebody else: what runs between the last of them
+        and the arrival of ours, at most two ticks later, cannot be seen. Raises StreamFailure.
+        """
+        control = self._control
+        runtime = arm_state(self.fresh_row()).runtime_state
+        if runtime != RUNTIME_STOPPED:
+            raise StreamFailure("no_control", f"somebody else's program is {RUNTIME_STATES.get(runtime, 'unknown')}; nothing was sent")
+        if not control.upload():
+            raise StreamFailure("no_control", "the control program could not be sent")
+        self.note_busy()
+        since_s = self.seen_at
+        while True:
+            state = arm_state(self.next_row())
+            if failure := state_failure(state, self.settings, self.payload_kg, playing=False, up_to_speed=False):
+                raise failure
+            if state.runtime_state == RUNTIME_PLAYING:
+                return
+            if state.runtime_state != RUNTIME_STOPPED:
+                raise StreamFailure("no_control", f"the program is {RUNTIME_STATES.get(state.runtime_state, 'unknown')} after its upload")
+            if self.seen_at - since_s > START_S:
+                raise StreamFailure("no_control", f"the control program did not start within {START_S:g} s")
+
+    def prove_watchdog(self) -> None:
+        """Set the watchdog, send nothing, and see the controller end the program in time; the arm stands meanwhile.
+
+        Raises StreamFailure where the program goes on, or ends for another reason.
+        """
+        if not self._control.set_watchdog(self.settings.watchdog_hz):
+            raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
+        self.note_busy()
+        period_s = 1.0 / self.settings.watchdog_hz
+        row = self.next_row()
+        since_s, state = float(row[0]), arm_state(row)
+        while state.runtime_state == RUNTIME_PLAYING:
+            if row[0] - since_s > period_s + WATCHDOG_LATE_S:
+                raise StreamFailure("no_watchdog", f"without targets the program went on for {row[0] - since_s:.2f} s")
+            if failure := state_failure(state, self.settings, self.payload_kg, up_to_speed=False):
+                raise failure
+            row = self.next_row()
+            state = arm_state(row)
+        took_s = row[0] - since_s
+        if took_s < WATCHDOG_EARLY_SHARE * period_s:
+            raise StreamFailure("program_stopped", f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s")
+        while state.runtime_state != RUNTIME_STOPPED:
+            if row[0] - since_s > period_s + START_S or state.runtime_state != RUNTIME_STOPPING:
+                name = RUNTIME_STATES.get(state.runtime_state, "unknown")
+                raise StreamFailure("no_watchdog", f"without targets the program is {name}; expected stopped")
+            row = self.next_row()
+            state = arm_state(row)
+
+    def wait_for_full_speed(self) -> None:
+        """Wait until the controller's own limiter lets the program play at full speed. Raises StreamFailure where it does not."""
+        since_s = self.seen_at
+        while True:
+            state = arm_state(self.next_row())
+            if failure := state_failure(state, self.settings, self.payload_kg, up_to_speed=self.seen_at - since_s > SPEED_RISE_S):
+                raise failure
+            if math.isnan(state.speed) or state.at_full_speed:
+                return
+
+    def begin(self) -> Array:
+        """Set the watchdog and begin to send targets. Returns the position (J,) in which the arm stands, as the controller's target.
+
+        Raises StreamFailure.
+        """
+        begin_q: Array = self.next_row()[COLUMN["target_q"]].copy()
+        assert self.proved_q is not None
+        moved = np.abs(begin_q - self.proved_q)  # (J,)
+        if not np.all(moved <= MOVED_RAD):
+            j = int(np.argmax(moved))
+            raise StreamFailure("no_control", f"joint {j + 1} was moved by {moved[j]:.3f} rad since the way to the start was proved")
+        if not self._control.set_watchdog(self.settings.watchdog_hz):
+            raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
+        self.recent.append(begin_q)
+        self.note_busy()
+        self.gaps.clear()  # proofs and the upload took their time before anything moved
+        self._moving, self._sent_at = True, self.seen_at
+        self._control.report_every(self.settings.max_timestamp_age_s + DEAD_MAN_MARGIN_S)
+        return begin_q
+
+    def rest(self) -> None:
+        """Note that the arm has come to rest for good: no more targets are sent."""
+        self._moving = False
+        self._control.report_every(STANDING_S)
+
+    @property
+    def _control(self) -> Control:
+        assert self.control is not None
+        return self.control
 
     def count_cycle(self, advance_s: float) -> None:
         """Count the ticks that this cycle missed, and the time by which the motion fell behind because it advanced by advance_s only."""
@@ -79,24 +186,29 @@ class Arm:
     def next_row(self) -> Array:
         """The next tick's row (WIDTH,), waiting for it.
 
-        Raises StreamFailure where none comes, or where the connection is lost. Leaves the process where the parent is gone.
+        Raises StreamFailure where none comes, where the connection is lost, and, while the arm moves, after every gap that is too long.
+        Leaves the process where the parent is gone.
         """
-        age_limit_s = self.settings.max_timestamp_age_s
-        suspected_at = None
+        before_s, longest_s, suspected_at = self.seen_at, 0.0, None
+        limit_s = self.settings.max_timestamp_age_s
         while True:
             now = time.monotonic()
+            longest_s = max(longest_s, now - self._checked_at)
             self.gaps.add(now, now - self._checked_at)
             self._checked_at = now
-            if not self.receive.isConnected() or (self.control is not None and not self.control.isConnected()):
+            if not self.receive.isConnected() or (self.control is not None and not self.control.connected):
                 raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
+            if self._moving and now - before_s >= limit_s:
+                raise _gap(now - before_s, longest_s, limit_s)
             if self.receive.getTimestamp() != self._timestamp_s:
                 break
-            if now - self.seen_at > SUSPECT_SHARE * age_limit_s:
+            if now - before_s > SUSPECT_SHARE * limit_s:
                 # perhaps this process slept: give ur-rtde's own thread a moment to decode what has arrived
                 suspected_at = suspected_at or now
-                if now - self.seen_at > age_limit_s and now - suspected_at > (1.0 - SUSPECT_SHARE) * age_limit_s:
-                    raise StreamFailure("stalled", f"no new data from the controller for {1000 * (now - self.seen_at):.0f} ms")
+                if now - before_s > limit_s and now - suspected_at > (1.0 - SUSPECT_SHARE) * limit_s:
+                    raise _gap(now - before_s, longest_s, limit_s)
             self._listen_to_parent()
+            self._tell_if_due(now)
             self._sleep()
         try:
             row, again = read_row(self.receive, self.signals)
@@ -109,8 +221,12 @@ class Arm:
         self.step_s = timestamp_s - self._timestamp_s
         self._timestamp_s = timestamp_s
         self.gaps.add(self.seen_at, self.step_s)
-        if not 0.0 < self.step_s < LONGEST_STEP_S:
+        if not 0.0 < self.step_s < LONGEST_STEP_S or (self._moving and self.step_s >= self.seen_at - before_s + limit_s):
             raise StreamFailure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
+        if self._moving and self.step_s >= limit_s:
+            raise StreamFailure("stalled", f"the controller's data has a gap of {1000 * self.step_s:.0f} ms")
+        if self.control is not None:
+            self.control.report()
         return row
 
     def _sleep(self) -> None:
@@ -140,9 +256,13 @@ class Arm:
             raise StreamFailure(
                 "bad_target", f"target {np.round(target, 4)} after {np.round(last, 4)}: not finite, too far, or out of range"
             )
-        assert self.control is not None
-        if not self.control.servoJ(target, 0.0, 0.0, self.tick_s, settings.lookahead_s, settings.gain):
+        gap_s = time.monotonic() - self._sent_at
+        if gap_s >= settings.max_timestamp_age_s:
+            raise StreamFailure("late", f"{1000 * gap_s:.0f} ms after the last target: this process got no processor time")
+        if not self._control.servo(target, self.tick_s, settings.lookahead_s, settings.gain):
             raise self.refusal()
+        self._sent_at = time.monotonic()
+        self.gaps.add(self._sent_at, gap_s)
         self.recent.append(target)
         row[COLUMN["commanded_q"]] = target
 
@@ -151,11 +271,19 @@ class Arm:
         number = self.settings.permit_input
         return number is None or bool(int(np.nan_to_num(row[COLUMN["actual_digital_input_bits"]][0])) >> number & 1)
 
-    def report_alive(self) -> None:
-        """Tell the parent every HEARTBEAT_S that this process lives; for phases that send no rows."""
-        if self.seen_at - self._reported_at > HEARTBEAT_S:
-            self._reported_at = self.seen_at
-            self.outbox.message("alive")
+    def tell(self, row: Array | None = None) -> None:
+        """Send the row (WIDTH,) to the parent, or a sign of life: the parent hears from this process in every tick while the arm moves."""
+        self._told_at = self.seen_at
+        if row is None:
+            self.outbox.alive()
+        else:
+            self.outbox.row(row)
+
+    def _tell_if_due(self, now: float) -> None:
+        """A sign of life where the next row is late."""
+        if self._moving and now - self._told_at > SIGN_OF_LIFE_S:
+            self._told_at = now
+            self.outbox.alive()
 
     def explained(self, failure: StreamFailure) -> StreamFailure:
         """The failure by its true cause: `late` where targets came late just before it, because of this process or the network."""
@@ -179,3 +307,10 @@ class Arm:
             self.asked_to_stop = "parent_asked_to_stop"
         elif word == "go":
             self.may_go = True
+
+
+def _gap(age_s: float, slept_s: float, limit_s: float) -> StreamFailure:
+    """The failure after so long without a row, where this process did not check for slept_s of it."""
+    if slept_s >= LATE_SHARE * limit_s:
+        return StreamFailure("late", f"this process got no processor time for {1000 * slept_s:.0f} ms")
+    return StreamFailure("stalled", f"no new data from the controller for {1000 * age_s:.0f} ms")

@@ -17,6 +17,8 @@ from monitor.recording import Array
 PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29  # options of prctl(2)
 REAL_TIME_PRIORITY = 10  # above every ordinary process, below the kernel's own real-time threads
 
+ALIVE = message_frame("alive", {})  # made once: it is sent in every tick
+
 EXIT_ORPHANED = 70  # the parent is gone
 EXIT_PIPE = 71  # the parent does not read, or its end of the pipe is closed
 
@@ -69,6 +71,10 @@ class Outbox:
     def message(self, kind: str, **content: Any) -> None:
         """Send one small message; leaves the process where the pipe is full or closed."""
         self._write(message_frame(kind, content))
+
+    def alive(self) -> None:
+        """Send a sign of life; leaves the process where the pipe is full or closed."""
+        self._write(ALIVE)
 
     def _write(self, frame: bytes) -> None:
         try:

@@ -23,12 +23,18 @@ class StreamFailure(Exception):
 
 
 def state_failure(
-    state: ArmState, settings: ReplaySettings, payload_kg: float | None = None, *, up_to_speed: bool = True
+    state: ArmState,
+    settings: ReplaySettings,
+    payload_kg: float | None = None,
+    *,
+    playing: bool = True,
+    up_to_speed: bool = True,
 ) -> StreamFailure | None:
     """Why the stream must end, as the controller's state says; None while everything is in order.
 
-    `payload_kg` is the configured payload; None skips its comparison. `up_to_speed` is False until the program has played at full speed
-    once: until then only the slider counts. The most specific cause comes first where several hold.
+    `payload_kg` is the configured payload; None skips its comparison. Without `playing` no program need run yet. `up_to_speed` is False
+    until the program has played at full speed once: until then only the slider counts. The most specific cause comes first where several
+    hold.
     """
     if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
         name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
@@ -39,7 +45,7 @@ def state_failure(
         return StreamFailure("robot_mode", f"robot mode {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})")
     if failure := joints_failure(state):
         return failure
-    if state.runtime_state != names.RUNTIME_PLAYING:
+    if playing and state.runtime_state != names.RUNTIME_PLAYING:
         name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
         return StreamFailure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
     if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):

@@ -23,7 +23,7 @@ from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.ur.failures import StreamFailure
 from monitor.acquire.ur.job import task_from_document
-from monitor.errors import MonitorError, MotionRefused, RobotUnreachable
+from monitor.errors import MonitorError, RobotUnreachable
 from monitor.recording import Array
 
 STATE_ROWS = 13  # the accelerometer is averaged over so many rows: 0.1 s at 125 Hz
@@ -34,7 +34,6 @@ SETTLE_S = 3.0  # an arm that does not come to rest within this time has a probl
 STOP_RAMP_S = 0.4  # when a stop is asked for, the arm slows down along its path within this time
 MOST_TICKS = 2.0  # a cycle advances along the path by at most so many ticks, so that a late cycle does not throw the arm forward
 TIME_ROUNDING_S = 1e-6  # the controller's timestamps carry rounding
-MOVED_RAD = 0.005  # an arm moved by more between the proof of its approach and the start of the program would take an unproved path
 SERVO_STOP_RAD_S2 = 5.0  # deceleration of servoStop; the arm is at rest already
 END_CHECKS, END_PAUSE_S = 100, 0.01  # a control program that was asked to end gets 1 s
 
@@ -44,7 +43,7 @@ class Stopped(Exception):
 
 
 def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: ConditionInputs) -> Arm:
-    """The arm, connected, in order and at rest for STATE_ROWS rows; then held until the parent says `go`. Nothing is sent to it yet.
+    """The arm in order and at rest for STATE_ROWS rows, held until the parent says `go`; then with both connections. No program runs yet.
 
     Raises RobotUnreachable or MotionRefused; Stopped where the parent withdraws the replay.
     """
@@ -64,6 +63,8 @@ def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: Conditi
         guard.check_state(replace(known, state=arm_state(last)))
         arm.approach_proved(last[COLUMN["target_q"]])
         guard.check_state(replace(known, state=arm_state(arm.next_row())), without=("approach_clear",))
+        arm.connect_control()
+        guard.check_state(replace(known, state=arm_state(arm.fresh_row())), without=("approach_clear",))
     except StreamFailure as failure:
         raise RobotUnreachable(f"{host}: {failure}") from None
     return arm
@@ -86,28 +87,20 @@ def _wait_for_go(arm: Arm, rows: list[Array]) -> Array:
 
 
 def take_control(arm: Arm) -> Array:
-    """Upload the control program and set its watchdog. Returns the position (J,) in which the arm stands, as the controller's target.
+    """Start the control program twice: the first shows that its watchdog ends it, the second gets the targets.
 
-    The constructor of ur-rtde would stop any program that runs; `connect` saw none one tick ago.
-    Raises MotionRefused where another client has the arm, StreamFailure where the program does not start.
+    Returns the position (J,) in which the arm stands, as the controller's target. Until then no target is sent.
+    Raises StreamFailure; Stopped where a stop was asked for before.
     """
+    assert arm.control is not None
+    _raise_if_asked_to_stop(arm)
     arm.outbox.message("phase", phase="control", duration_s=0.0)
-    try:
-        control = arm.upload_control()
-    except RuntimeError as error:
-        if "already in use" in str(error):  # ur-rtde reports this before it uploads anything
-            raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
-        raise StreamFailure("no_control", f"the control program did not start: {error}") from None
-    begin_q: Array = arm.next_row()[COLUMN["target_q"]].copy()
-    assert arm.proved_q is not None
-    moved = np.abs(begin_q - arm.proved_q)  # (J,)
-    if not np.all(moved <= MOVED_RAD):
-        j = int(np.argmax(moved))
-        raise StreamFailure("no_control", f"joint {j + 1} was moved by {moved[j]:.3f} rad since the way to the start was proved")
-    arm.begin_from(begin_q)
-    if not control.setWatchdog(arm.settings.watchdog_hz):
-        raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
-    return begin_q
+    arm.start_program()
+    arm.prove_watchdog()
+    arm.start_program()
+    arm.control.end_uploads()
+    arm.wait_for_full_speed()
+    return arm.begin()
 
 
 def _raise_if_asked_to_stop(arm: Arm) -> None:
@@ -138,9 +131,9 @@ def stream(arm: Arm, phase: str, duration_s: float, position: Callable[[float], 
         tau_s = min(tau_s, duration_s) if tau_s < duration_s - TIME_ROUNDING_S else duration_s
         arm.cycle(position(tau_s), row)
         if keep:
-            arm.outbox.row(row)
+            arm.tell(row)
         else:
-            arm.report_alive()
+            arm.tell()
         if pace == 0.0:
             raise Stopped
         if tau_s == duration_s:
@@ -158,7 +151,7 @@ def settle(arm: Arm) -> None:
     while still_s < STILL_S:
         row = arm.next_row()
         arm.cycle(target, row)
-        arm.report_alive()
+        arm.tell()
         waited_s += arm.step_s
         slow = np.max(np.abs(row[COLUMN["actual_qd"]])) < STANDSTILL_RAD_S and np.max(np.abs(row[COLUMN["target_qd"]])) < STILL_TARGET_RAD_S
         still_s = still_s + arm.step_s if slow else 0.0
@@ -170,9 +163,10 @@ def finish(arm: Arm) -> None:
     """End the control program; the arm is at rest. Raises StreamFailure where the program goes on."""
     assert arm.control is not None
     arm.outbox.message("phase", phase="finish", duration_s=0.0)
-    if not arm.control.servoStop(SERVO_STOP_RAD_S2):
+    arm.rest()
+    if not arm.control.stop_servo(SERVO_STOP_RAD_S2):
         raise arm.refusal()
-    arm.control.stopScript()
+    arm.control.end_program()
     for _ in range(END_CHECKS):
         if arm.receive.getRuntimeState() != RUNTIME_PLAYING:
             return
@@ -186,7 +180,6 @@ def play(arm: Arm, known: ConditionInputs, begin_q: Array) -> None:
     Raises StreamFailure; Stopped where a stop was asked for, with the arm at rest and the control program ended.
     """
     settings, excitation = arm.settings, known.excitation
-    arm.gaps.clear()  # proofs and the upload took their time before anything moved
     start_q = excitation.at(np.zeros(1)).q[0]  # (J,)
     gently = {"speed_rad_s": settings.approach_speed_rad_s, "acceleration_rad_s2": settings.approach_acceleration_rad_s2}
     there, back = joint_path(begin_q, start_q, **gently), joint_path(start_q, begin_q, **gently)

@@ -1,0 +1,98 @@
+"""ur-rtde's control connection: without upload, without a second connection, and with a time limit for every call.
+
+ur-rtde would stop a program that runs, upload its own when it connects, and do both again whenever a connection breaks off. Here it is
+constructed without upload, its dashboard connection is ended, and the kernel forbids it new connections. What is left is what it is
+asked for: the control program when `upload` is called, and commands to that program.
+"""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from rtde_control import RTDEControlInterface
+
+from monitor.acquire.ur import dead_man, sockets
+from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.no_new_sockets import forbid_new_sockets
+from monitor.errors import MotionRefused, RobotUnreachable
+from monitor.recording import Array
+
+TARGET_CALL_S = 0.03  # a call of servoJ takes 0.05 ms; one that blocks waits for a connection that is gone
+STANDING_CALL_S = 0.5  # uploading and commands to a program whose arm stands take one to three ticks
+ENDING_CALL_S = 2.0  # the end of the program, with the arm at rest
+STANDING_S = 1.0  # between two reports of this process while the arm stands
+
+Result = TypeVar("Result")
+
+
+class Control:
+    """The control connection. After construction no thread of this process can open another socket."""
+
+    def __init__(self, host: str, rate_hz: float) -> None:
+        """Connect; nothing is uploaded, and no program is stopped.
+
+        Raises RobotUnreachable; MotionRefused where another client controls the arm, or where new connections cannot be forbidden.
+        """
+        self._host = host
+        self._pause_s = STANDING_S  # from one call to the next, at most
+        try:
+            self._rtde = RTDEControlInterface(host, rate_hz, int(RTDEControlInterface.Flags.FLAG_NO_WAIT))
+        except RuntimeError as error:
+            if "already in use" in str(error):
+                raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
+            raise RobotUnreachable(f"{host}: RTDE control: {error}") from None
+        sockets.send_at_once(host)
+        sockets.end_dashboard(host)
+        if why := forbid_new_sockets():
+            raise MotionRefused(f"this machine cannot keep ur-rtde from reconnecting and moving the arm again: {why}")
+        dead_man.watch()
+
+    @property
+    def connected(self) -> bool:
+        """Whether the connection stands, as far as ur-rtde knows."""
+        return bool(self._rtde.isConnected())
+
+    def report(self) -> None:
+        """Tell the kernel that this process is on time; between two calls of this method it ends the process."""
+        dead_man.report_within(self._pause_s)
+
+    def report_every(self, pause_s: float) -> None:
+        """From now on this process must report at least so often."""
+        self._pause_s = pause_s
+        self.report()
+
+    def upload(self) -> bool:
+        """Send the control program; False where it could not be sent. The caller knows that no program runs."""
+        return self._call(lambda: bool(self._rtde.reuploadScript()), STANDING_CALL_S)
+
+    def end_uploads(self) -> None:
+        """Make it impossible to send a program from here again."""
+        sockets.end_scripts(self._host)
+
+    def set_watchdog(self, lowest_hz: float) -> bool:
+        """Let the controller stop the program when it receives fewer targets; False where it does not accept that."""
+        return self._call(lambda: bool(self._rtde.setWatchdog(lowest_hz)), STANDING_CALL_S)
+
+    def servo(self, target: Array, tick_s: float, lookahead_s: float, gain: float) -> bool:
+        """Send one target (J,) [rad]; False where the program does not take it."""
+        return self._call(lambda: bool(self._rtde.servoJ(target, 0.0, 0.0, tick_s, lookahead_s, gain)), TARGET_CALL_S)
+
+    def stop_servo(self, deceleration_rad_s2: float) -> bool:
+        """End the stream of targets; False where the program does not answer."""
+        return self._call(lambda: bool(self._rtde.servoStop(deceleration_rad_s2)), ENDING_CALL_S)
+
+    def end_program(self) -> None:
+        """Ask the program to end; returns when it has ended, or when it does not."""
+        self._call(self._rtde.stopScript, ENDING_CALL_S)
+
+    def _call(self, function: Callable[[], Result], limit_s: float) -> Result:
+        """The function's result. The kernel ends the process where it takes longer than limit_s.
+
+        Raises StreamFailure where ur-rtde reports that the connection is lost.
+        """
+        dead_man.report_within(limit_s)
+        try:
+            result = function()
+        except RuntimeError as error:  # whatever the sockets below report arrives as this one type
+            raise StreamFailure("connection_lost", f"the RTDE connection broke off: {error}") from None
+        dead_man.report_within(self._pause_s)
+        return result
