@@ -21,6 +21,7 @@ from monitor.simulate.controller.faults import FaultTarget, inject
 from monitor.simulate.controller.identity import Identity
 from monitor.simulate.controller.installation import Installation
 from monitor.simulate.controller.journal import Journal
+from monitor.simulate.controller.logbook import CLIENT
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.modes import Modes, RobotMode
 from monitor.simulate.controller.moves import Moves
@@ -136,6 +137,7 @@ class Controller:
     def _take_over(self, before: "Controller") -> None:
         """Keep what a restart does not change: faults of sensors, wiring, installation and the arm's joints. The power is off."""
         self.identity.take_over(before.identity)
+        self.journal.logbook.take_over(before.journal.logbook)
         self.registers.digital_inputs = before.registers.digital_inputs
         self.measurements.take_over(before.measurements)
         self.installation.take_over(before.installation)
@@ -157,6 +159,7 @@ class Controller:
         self._move()
         self.arm.settle(self.clock.tick_s)
         self.measurements.record()
+        self.journal.logbook.watch(self.arm.qd, None if self.arm.contact is None else self.arm.contact.torque_nm(self.arm.q))
         self.safety.supervise()
 
     def _move(self) -> None:
@@ -190,11 +193,11 @@ class Controller:
         elif "unlock" in script.line:
             self.safety.unlock()
         else:
-            self.programs.stop(f"script: {script.line}")
+            self.programs.stop(f"script: {script.line}", by=CLIENT)
 
     def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
         """End the program; the arm decelerates to standstill. Returns False if no program was running."""
-        return self.programs.stop(reason, kind=kind)
+        return self.programs.stop(reason, kind=kind, by="itself" if reason.startswith("runtime exception") else "controller")
 
     def protective_stop(self, reason: str) -> None:
         """Halt the arm; the settings say what becomes of the program."""

@@ -13,6 +13,7 @@ from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import SensorFaults
 from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.logbook import SOMEBODY_ELSE
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.program.runner import Programs
 from monitor.simulate.controller.registers import INPUT_TYPES, Registers
@@ -83,7 +84,7 @@ def _digital_input(target: FaultTarget, arguments: dict[str, Any]) -> str:
 
 
 def _program_stop(target: FaultTarget, _: dict[str, Any]) -> str:
-    return "program stopped" if target.programs.stop("fault: stopped by somebody else") else "no program was running"
+    return "program stopped" if target.programs.stop("fault: stopped by somebody else", by=SOMEBODY_ELSE) else "no program was running"
 
 
 def _protective_stop(target: FaultTarget, arguments: dict[str, Any]) -> str:

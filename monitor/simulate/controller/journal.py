@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from monitor.simulate.controller.clock import Clock
+from monitor.simulate.controller.logbook import Logbook
 from monitor.simulate.controller.modes import SafetyMode
 
 log = logging.getLogger(__name__)
@@ -61,6 +62,7 @@ class Journal:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
+        self.logbook = Logbook(clock)
         self.stops: deque[Stop] = deque(maxlen=LENGTH)
         self.messages: deque[Message] = deque(maxlen=LENGTH)  # not yet sent
         self.refused_commands: deque[int] = deque(maxlen=LENGTH)

@@ -45,7 +45,7 @@ class Safety:
         if self._programs.current is not None:
             runtime = runtime or machine.settings.protective_runtime
             if runtime == "stopped":
-                self._programs.stop(reason, kind="protective_stop")
+                self._programs.stop(reason, kind="protective_stop", by="safety")
             else:
                 machine.moves.interrupt()
                 if runtime == "paused":
@@ -69,7 +69,7 @@ class Safety:
         machine, modes = self._machine, self._machine.modes
         if modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
             return
-        self._programs.stop("emergency stop", kind="emergency_stop")
+        self._programs.stop("emergency stop", kind="emergency_stop", by="safety")
         machine.journal.stop("emergency_stop", "the button was pressed")
         modes.enter_stop(SafetyMode.ROBOT_EMERGENCY_STOP)
         machine.journal.safety_message(modes.safety)
@@ -86,7 +86,7 @@ class Safety:
         """Do what the dashboard's "power on" (IDLE), "brake release" (RUNNING) or "power off" (POWER_OFF) asks; False if impossible."""
         modes = self._machine.modes
         if mode == RobotMode.POWER_OFF:
-            self._programs.stop("power off")
+            self._programs.stop("power off", by="power")
             self._power_off()
         elif modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
             return False

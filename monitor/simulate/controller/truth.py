@@ -41,6 +41,7 @@ def truth(controller: Controller) -> dict[str, Any]:
         "program": type(program).__name__ if program else None,
         "scripts_started": journal.scripts_started,
         "stops": [asdict(stop) for stop in journal.stops],
+        **journal.logbook.document(),
         "watchdog_trips": journal.watchdog_trips,
         "watchdog_s": None if watchdog.variable is None else watchdog.limit_s,
         "refused_commands": list(journal.refused_commands),

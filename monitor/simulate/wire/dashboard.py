@@ -103,7 +103,7 @@ def _about_programs(controller: DashboardController, word: str) -> str:
         case "isprogramsaved":
             return f"true {PROGRAM}"
         case "stop":
-            programs.stop("dashboard: stop")
+            programs.stop("dashboard: stop", by="dashboard")
             return "Stopped"  # also when no program ran: ur-rtde's constructor asks for exactly this reply
         case "play":
             return "Starting program" if programs.play() else "Failed to execute: play"

@@ -2,6 +2,7 @@
 
 import logging
 
+from monitor.simulate.controller.logbook import CLIENT, SIMULATOR
 from monitor.simulate.controller.modes import Runtime
 from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2
 from monitor.simulate.controller.program.control import ControlProgram
@@ -30,9 +31,9 @@ class Programs:
         machine = self._machine
         if machine.watchdog.expired:
             machine.journal.watchdog_trips += 1
-            self.stop(f"{machine.watchdog.variable} was not received for {machine.watchdog.limit_s:.3g} s", kind="watchdog")
+            self.stop(f"{machine.watchdog.variable} was not received for {machine.watchdog.limit_s:.3g} s", kind="watchdog", by="watchdog")
         if self.current is not None and machine.modes.runtime == Runtime.PLAYING and not self.current.step():
-            self.stop("the program ended", kind="program_end")
+            self.stop("the program ended", kind="program_end", by="itself")
 
     def received(self, written: Recipe) -> None:
         """Note that a packet of inputs arrived."""
@@ -51,8 +52,9 @@ class Programs:
         if isinstance(script, Steps) and script.secondary:
             StepsProgram(script, machine).step()
             return
-        self.stop("replaced by another script")
+        self.stop("replaced by another script", by=CLIENT)
         machine.journal.scripts_started += 1
+        machine.journal.logbook.program_began(CLIENT)
         self.current = ControlProgram(script, machine) if isinstance(script, ControlScript) else StepsProgram(script, machine)
         machine.modes.play()
         self._full_speed_at_s = machine.clock.now_s + machine.personality.start_s()
@@ -73,15 +75,17 @@ class Programs:
         obstacle = self._machine.modes.obstacle or ("a program is running" if self.current is not None else "")
         if not obstacle:
             self.current = SteppedProgram()
+            self._machine.journal.logbook.program_began(SIMULATOR)
             self._machine.modes.play()
         return obstacle
 
-    def stop(self, reason: str, *, kind: str = "program_stop") -> bool:
-        """End the program; the arm decelerates to standstill. Returns False if no program was running."""
+    def stop(self, reason: str, *, kind: str = "program_stop", by: str = "controller") -> bool:
+        """End the program; the arm decelerates to standstill. `by` is for the logbook. Returns False if no program was running."""
         machine, reference = self._machine, self._machine.reference
         if self.current is None:
             return False
         machine.journal.stop(kind, reason)
+        machine.journal.logbook.program_ended(kind, by, reason)
         if reason.startswith("runtime exception"):
             machine.journal.exception_message(reason)
         else:
