@@ -6,7 +6,7 @@ from monitor.acquire.driver import Driver
 from monitor.acquire.safety.conditions import conditions
 from monitor.acquire.safety.gate import AskPermit
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Permit
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.errors import RobotUnreachable
 from monitor.model.fourier import Excitation
@@ -20,6 +20,7 @@ def check(
     robot: Robot,
     context: Context,
     *,
+    installation: Installation | None = None,
     stopped_before: str | None = None,
     ask: AskPermit | None = None,
     driver: Driver = UNIVERSAL_ROBOTS,
@@ -48,5 +49,6 @@ def check(
             state=driver.state(settings.host, settings.rate_hz, settings.startup_timeout_s),
             stopped_before=stopped_before,
             permit=permit,
+            installation=installation or Installation(),
         )
     )

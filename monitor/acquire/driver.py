@@ -5,10 +5,10 @@ the libraries of the makers may crash or hang; the session's process may be kill
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.errors import MonitorError
 from monitor.model.fourier import Excitation
@@ -35,6 +35,7 @@ class ReplayTask:
     excitation: Excitation
     robot: Robot
     context: Context
+    installation: Installation = field(default_factory=Installation)
 
 
 class Session(Protocol):

@@ -18,7 +18,7 @@ from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, n
 from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.torque_band import TorqueBand
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.watch import ReplayProgress, Watch, cause_of_death
@@ -37,6 +37,7 @@ def replay(
     settings: ReplaySettings,
     *,
     context: Context | None = None,
+    installation: Installation | None = None,
     on_progress: Callable[[ReplayProgress], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
     stopped_before: str | None = None,
@@ -47,7 +48,8 @@ def replay(
 ) -> Recording:
     """Move to the start, play every repetition once, and come back; the recording has the rows of the play alone, one a tick.
 
-    `context` is what the caller knows of the arm; what the controller says of itself is added to it. `should_stop` is called about
+    `context` is what the caller knows of the arm; what the controller says of itself is added to it. `installation` is what the
+    configuration says of the controller's installation and of the drives. `should_stop` is called about
     every 50 ms. `stopped_before` describes a stop that nobody has acknowledged. `ask` asks for somebody else's permit; `announce` tells
     whoever must know. Torque outside `band` ends the play. The calling thread blocks until the arm is back, and must not end before.
 
@@ -62,11 +64,12 @@ def replay(
         identity=None,
         state=None,
         stopped_before=stopped_before,
+        installation=installation or Installation(),
     )
     refuse_unless(named_conditions(inputs, OF_CONFIGURATION))
     inputs = dataclasses.replace(inputs, identity=driver.identity(settings.host))
     refuse_unless(named_conditions(inputs, OF_CONTROLLER))
-    task = ReplayTask(settings=settings, excitation=excitation, robot=robot, context=inputs.context)
+    task = ReplayTask(settings=settings, excitation=excitation, robot=robot, context=inputs.context, installation=inputs.installation)
     watch = Watch(settings, Gate(inputs, ask=ask, announce=announce), on_progress, should_stop, band)
     session = driver.stream(task)
     try:

@@ -6,13 +6,32 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated
 
+import numpy as np
 from annotated_types import Interval
 
 from monitor.design.cell import Cell
 from monitor.errors import BadInput
+from monitor.model.robot import Robot
+from monitor.recording import Array
 
 _WINDOW = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-(([01]\d|2[0-3]):([0-5]\d)|24:00)\Z")
 _INPUT = re.compile(r"digital_input:([0-9]|1[0-7])\Z")  # 0–7 standard, 8–15 configurable, 16–17 tool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Installation:
+    """What the configuration says of the controller's installation and of the drives, beyond `Context`. An empty tuple: nothing is said."""
+
+    gains_nm_per_a: tuple[float, ...] = ()  # (J,) joint torque per ampere; empty: the published ones hold, where there are any
+    payload_cog_m: tuple[float, ...] = ()  # (3,) centre of gravity of the payload, in the flange's frame
+    tcp_offset: tuple[float, ...] = ()  # (6,) tool centre point in the flange's frame: position [m], rotation vector [rad]
+    tcp_speed_limit_m_s: float = 0.0  # of the installation's safety settings; 0: nothing is said
+    safety_planes: tuple[tuple[float, ...], ...] = ()  # (a, b, c, d) each: a·x + b·y + c·z ≤ d is free, base's frame [m]
+
+    def drive_gains(self, robot: Robot) -> Array | None:
+        """(J,) joint torque per ampere [N·m/A]: the configured, else the published; None where a joint's gain is in neither."""
+        gains = np.array(self.gains_nm_per_a) if self.gains_nm_per_a else robot.drive_gain_nm_per_a
+        return gains if np.all(np.isfinite(gains)) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,6 +44,7 @@ class ReplaySettings:
     permit: str = "none"  # who else must agree: none; zenoh: `permit/replay` is asked; digital_input:N: this input must be on
     permit_timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 5.0  # a permit that has not come by then counts as refused
     announce_s: Annotated[float, Interval(ge=0.0, le=600.0)] = 0.0  # from the announcement to the first motion
+    allow_untested_software: bool = False  # whether an arm moves whose software is not in the table of tested versions
     first_pass: bool = True  # after a change of trajectory, cell, tool or payload, play slowly and within a torque band first
     first_pass_time_scale: Annotated[float, Interval(ge=0.05, le=0.5)] = 0.25  # speed of a first pass, as a share of the replay's own
     first_pass_band: Annotated[float, Interval(ge=0.02, le=0.5)] = 0.25  # share of a joint's largest torque, where no model is known

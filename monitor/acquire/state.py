@@ -92,6 +92,7 @@ class ArmState:
     speed_scaling: float = math.nan  # share of full speed that the controller's trajectory limiter allows
     speed_fraction: float = math.nan  # share of full speed at which the operator's slider stands
     payload_kg: float = math.nan
+    payload_cog_m: tuple[float, ...] = ()  # (3,) its centre of gravity in the flange's frame; empty where none was read
     accelerometer_m_s2: tuple[float, float, float] = (math.nan, math.nan, math.nan)  # of the flange, in the flange's frame
     digital_inputs: float = math.nan  # a bit for each input, as a number
     status_bits: float = math.nan  # robot_status_bits, as a number
@@ -142,6 +143,7 @@ def arm_state(row: Array) -> ArmState:
         speed_scaling=float(of["speed_scaling"][0]),
         speed_fraction=float(of["target_speed_fraction"][0]),
         payload_kg=float(of["payload"][0]),
+        payload_cog_m=tuple(of["payload_cog"].tolist()),
         accelerometer_m_s2=(float(x), float(y), float(z)),
         digital_inputs=float(of["actual_digital_input_bits"][0]),
         status_bits=float(of["robot_status_bits"][0]),

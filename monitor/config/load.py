@@ -1,6 +1,7 @@
 """Loading a configuration: one TOML file becomes the settings that each room owns, and all mistakes are named at once. I/O."""
 
 import dataclasses
+import math
 import os
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -146,6 +147,13 @@ def _check_robot(robot: RobotSettings, mistakes: list[str]) -> None:
     _checked(mistakes, "robot", lambda: prefix(robot.site, robot.id))
     if robot.gains_nm_per_a and (len(robot.gains_nm_per_a) != 6 or min(robot.gains_nm_per_a) <= 0):
         mistakes.append("robot.gains_nm_per_a: expected one positive figure for each of 6 joints")
+    if len(robot.payload_cog_m) not in (0, 3):
+        mistakes.append(f"robot.payload_cog_m = {list(robot.payload_cog_m)}: expected x, y, z in metres")
+    if len(robot.tcp_offset) not in (0, 6):
+        mistakes.append(f"robot.tcp_offset = {list(robot.tcp_offset)}: expected x, y, z in metres and rx, ry, rz in radians")
+    for plane in robot.safety_planes:
+        if len(plane) != 4 or not abs(math.hypot(*plane[:3]) - 1.0) <= 1e-3:
+            mistakes.append(f"robot.safety_planes: {list(plane)}: expected a, b, c, d with a² + b² + c² = 1; a·x + b·y + c·z ≤ d is free")
 
 
 def _adapted(excitation: Excitation, chosen: _Trajectory, mistakes: list[str]) -> Excitation:

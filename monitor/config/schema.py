@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Interval
 
 from monitor.acquire.schedule.settings import ScheduleSettings
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.assess import AssessSettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
@@ -35,6 +35,10 @@ class RobotSettings:
     joint_serials: tuple[str, ...] = ()  # base to wrist, as on the type plates; a changed one means a new joint without wear
     maintenance: str = ""  # the last work that may have changed friction, as text; a change of it starts a new baseline
     gains_nm_per_a: tuple[float, ...] = ()  # [N·m/A] joint torque per ampere; empty: the published torque constants
+    payload_cog_m: tuple[float, ...] = ()  # [m] as set in the controller; empty: it is not compared
+    tcp_offset: tuple[float, ...] = ()  # [m, m, m, rad, rad, rad] as set in the controller; empty: it is not compared
+    tcp_speed_limit_m_s: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.0  # [m/s] of the controller's safety settings; 0: not checked
+    safety_planes: tuple[tuple[float, ...], ...] = ()  # of the controller's safety settings; empty: not checked
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +91,18 @@ class Configuration:
     def gains_nm_per_a(self) -> Array | None:
         """(J,) joint torque per ampere [N·m/A]; None where the published torque constants hold."""
         return np.array(self.robot.gains_nm_per_a) if self.robot.gains_nm_per_a else None
+
+    @property
+    def installation(self) -> Installation:
+        """What the file says of the controller's installation and of the drives."""
+        robot = self.robot
+        return Installation(
+            gains_nm_per_a=robot.gains_nm_per_a,
+            payload_cog_m=robot.payload_cog_m,
+            tcp_offset=robot.tcp_offset,
+            tcp_speed_limit_m_s=robot.tcp_speed_limit_m_s,
+            safety_planes=robot.safety_planes,
+        )
 
     @property
     def key_prefix(self) -> str:

@@ -65,6 +65,7 @@ def move(
             robot,
             settings,
             context=context,
+            installation=configuration.installation,
             on_progress=on_progress,
             should_stop=should_stop,
             stopped_before=stop_text,
@@ -99,6 +100,7 @@ def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = No
         configuration.excitation,
         configuration.robot_description,
         configuration.context,
+        installation=configuration.installation,
         stopped_before=stop_text,
         ask=None if ask is None else _permit(ask),
     )

@@ -5,6 +5,15 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from monitor.acquire.settings import Installation
+from monitor.model.robot import load_robot
+from monitor.simulate.arm.physics import drive_gain
+
+
+def known_gains(robot: str) -> Installation:
+    """An installation with the gains of the simulated arm, which no manufacturer publishes for an e-Series."""
+    return Installation(gains_nm_per_a=tuple(drive_gain(load_robot(robot)).tolist()))
+
 
 @contextmanager
 def simulated_arm(host: str, *options: str) -> Iterator[str]:

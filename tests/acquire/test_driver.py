@@ -85,7 +85,7 @@ class ScriptedDriver:
 
     def __init__(self, session, *, identity=None, stop=None):
         self.session, self.stop = session, stop
-        self._identity = identity or Identity(model="UR5", serial="7", firmware="1.2.3", remote_control=True)
+        self._identity = identity or Identity(model="UR5", serial="7", firmware="3.15.8", remote_control=True)
         self.programs_stopped = 0
 
     def identity(self, host):
@@ -123,7 +123,7 @@ def test_a_replay_needs_nothing_but_its_driver():
     assert driver.task.robot.name == "ur5"
     assert recording.samples == 3
     assert recording.quality["missed_ticks"] == 1
-    assert (recording.context.serial, recording.context.firmware) == ("7", "1.2.3")
+    assert (recording.context.serial, recording.context.firmware) == ("7", "3.15.8")
 
 
 def test_a_session_that_dies_in_control_leaves_a_stopped_robot_and_its_safety_stop_is_the_cause():

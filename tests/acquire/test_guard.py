@@ -14,7 +14,7 @@ from monitor.acquire.safety import guard
 from monitor.acquire.safety.conditions import CONDITIONS, conditions
 from monitor.acquire.safety.inputs import ConditionInputs, Permit
 from monitor.acquire.safety.of_state import tilt_deg
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
@@ -40,23 +40,23 @@ def test_motion_is_off_by_default():
 def test_only_true_itself_allows_motion(truthy):
     """A text or number that counts as true in Python, such as "false", does not move an arm."""
     with pytest.raises(MotionRefused, match="allow_motion"):
-        guard.check_quick(ReplaySettings(host="127.0.0.1", allow_motion=truthy), short(), load_robot("ur5"))
+        guard.check_quick(inputs(settings=ReplaySettings(host="127.0.0.1", allow_motion=truthy)))
 
 
 @pytest.mark.parametrize("host", ["localhost", "ur5.local", "0.0.0.0", "8.8.8.8", "127.0.0.1.example.org", "::1", "127.1", "", "224.0.0.1"])
 def test_motion_is_allowed_only_at_a_literal_address_of_the_local_network(host):
     """A name may come to mean another machine, so even localhost is refused; public addresses are refused too."""
     with pytest.raises(MotionRefused, match=r"address: .*address"):
-        guard.check_quick(replace(SIMULATED, host=host, cell=plain_cell(Mounting())), short(), load_robot("ur5"))
+        guard.check_quick(inputs(settings=replace(SIMULATED, host=host, cell=plain_cell(Mounting()))))
 
 
 def test_a_real_arm_moves_only_with_every_guard_on():
     """An address of another machine needs a described cell and slow first passes."""
     real = replace(SIMULATED, host="192.168.0.10", cell=plain_cell(Mounting()))
-    guard.check_quick(real, short(), load_robot("ur5"))
+    guard.check_quick(inputs(settings=real))
     for changes, word in (({"first_pass": False}, "first_pass"), ({"cell": None}, "unchecked"), ({"allow_motion": False}, "allow_motion")):
         with pytest.raises(MotionRefused, match=word):
-            guard.check_quick(replace(real, **changes), short(), load_robot("ur5"))
+            guard.check_quick(inputs(settings=replace(real, **changes)))
 
 
 def test_an_excitation_of_another_robot_is_refused_by_name():
@@ -97,6 +97,15 @@ def upright(q, mounting=None):
     return tuple(-flange.T @ (mounting or Mounting()).gravity_in_base)
 
 
+def tcp_of(q, offset_m=(0.0, 0.0, 0.1)):
+    """The TCP pose (6,) that a controller reports for a tool without rotation, computed with pinocchio's kinematics."""
+    model = load_robot("ur5").pinocchio_model()
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    flange = data.oMf[model.getFrameId("dh_6")]
+    return (*(flange.translation + flange.rotation @ np.array(offset_m)), *pin.log3(flange.rotation))
+
+
 def ready_state(**changes) -> ArmState:
     """The state of an arm that is in order and at rest at the start of `short()`."""
     start = short().at(np.zeros(1)).q[0]
@@ -113,6 +122,8 @@ def ready_state(**changes) -> ArmState:
         speed_scaling=0.0,  # as a real arm reports while no program plays
         speed_fraction=1.0,
         payload_kg=1.0,
+        payload_cog_m=(0.0, 0.0, 0.05),
+        tcp_pose=tcp_of(start),
         accelerometer_m_s2=upright(start),
         digital_inputs=0.0,
         status_bits=1.0,
@@ -131,6 +142,12 @@ def inputs(state: ArmState | None = None, **changes) -> ConditionInputs:
         now_unix_s=NOON,
         identity=Identity(model="UR5", serial="2016331234", firmware="3.15.8.106339", remote_control=True),
         state=state,
+        installation=Installation(
+            payload_cog_m=(0.0, 0.0, 0.05),
+            tcp_offset=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0),
+            tcp_speed_limit_m_s=4.0,
+            safety_planes=((0.0, 0.0, -1.0, 1.0),),  # not deeper than 1 m below the base
+        ),
     )
     return replace(known, **changes)
 
@@ -160,7 +177,7 @@ def test_an_arm_in_order_and_at_rest_may_begin():
         ({"q": displaced(1, np.nan)}, "not finite"),
         ({"q": displaced(1, 0.2)}, "joint 2 is 0.200 rad from the controller's own target"),
         (
-            {"q": displaced(5, 2.6), "target_q": displaced(5, 2.6), "accelerometer_m_s2": (np.nan,) * 3},
+            {"q": displaced(5, 2.6), "target_q": displaced(5, 2.6), "accelerometer_m_s2": (np.nan,) * 3, "tcp_pose": ()},
             "joint 6 is 2.60 rad from the start",
         ),
         ({"temperature_c": np.array([25, 25, 25, 90, 25, 25.0])}, "joint 4 is at 90.0 °C"),
@@ -233,9 +250,14 @@ def test_what_a_generation_does_not_report_is_named_and_does_not_crash():
         digital_inputs=nan,
         status_bits=nan,
         joint_modes=(nan,) * 6,
+        payload_cog_m=(nan,) * 3,
+        tcp_pose=(nan,) * 6,
     )
-    found = {c.name: c for c in conditions(inputs(silent, identity=Identity(None, None, "3.9", None)))}
-    for name in ("speed_scaling", "payload", "gravity", "robot_model", "serial", "remote_control", "teach_button", "joints_running"):
+    found = {c.name: c for c in conditions(inputs(silent, identity=Identity(None, None, "3.10", None)))}
+    for name in (
+        *("speed_scaling", "payload", "payload_cog", "tcp_offset", "gravity", "teach_button", "joints_running"),
+        *("robot_model", "serial", "remote_control"),
+    ):
         assert found[name].holds
         assert not found[name].checked
         assert "not reported" in found[name].text

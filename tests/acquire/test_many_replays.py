@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fault_cases import wrong_rows
-from simulated_arm import simulated_arm
+from simulated_arm import known_gains, simulated_arm
 
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
@@ -29,7 +29,7 @@ def many(host, robot, rate_hz, count):
     )
     with simulated_arm(host, "--robot", robot):
         for _ in range(count):
-            yield replay(ten_seconds(robot), load_robot(robot), settings)
+            yield replay(ten_seconds(robot), load_robot(robot), settings, installation=known_gains(robot))
 
 
 def figures(recordings):

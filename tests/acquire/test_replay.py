@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from excitations import short
 from processes import children
+from simulated_arm import known_gains
 
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
@@ -144,7 +145,7 @@ def test_an_e_series_arm_is_recorded_at_125_hz_too():
     """Its controller runs at 500 Hz; every fourth tick is asked for."""
     simulated = Simulated("127.0.2.21", robot="ur5e")
     try:
-        recording = replay(short(robot="ur5e"), load_robot("ur5e"), simulated.settings())
+        recording = replay(short(robot="ur5e"), load_robot("ur5e"), simulated.settings(), installation=known_gains("ur5e"))
     finally:
         simulated.close()
     assert recording.quality["duplicated_ticks"] == 0

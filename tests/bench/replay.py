@@ -22,7 +22,7 @@ from monitor.config.load import find_excitation
 from monitor.errors import ReplayAborted
 from monitor.model.robot import load_robot
 from tests.acquire.processes import children
-from tests.acquire.simulated_arm import simulated_arm
+from tests.acquire.simulated_arm import known_gains, simulated_arm
 
 ADDRESS = "127.0.89.93"
 CASES = {"125 Hz": ("ur5", 125.0), "500 Hz": ("ur5e", 500.0)}
@@ -72,7 +72,8 @@ def run(rounds: int) -> dict[str, list[dict[str, float]]]:
             meter = Meter()
             with simulated_arm(ADDRESS, "--robot", robot):
                 try:
-                    recording = replay(excitation, load_robot(robot), settings, on_progress=meter)
+                    gains = known_gains(robot)
+                    recording = replay(excitation, load_robot(robot), settings, installation=gains, on_progress=meter)
                 except ReplayAborted as error:
                     found.setdefault(title, []).append({"ended": 1.0})
                     print(f"{title}: {error.cause}")

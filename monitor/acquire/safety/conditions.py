@@ -8,7 +8,7 @@ and is not known speaks against it. A new condition is one line of CONDITIONS.
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
-from monitor.acquire.safety import of_configuration, of_controller, of_state
+from monitor.acquire.safety import of_configuration, of_controller, of_installation, of_state
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Unreported
 from monitor.errors import MotionRefused
 
@@ -28,8 +28,12 @@ CONDITIONS = (  # in the order in which a person would check them
     Condition("time_window", "configuration", of_configuration.time_window),
     Condition("trajectory", "configuration", of_configuration.trajectory),
     Condition("trajectory_clear", "configuration", of_configuration.trajectory_clear, at_the_last=False),  # nothing can change it meanwhile
+    Condition("drive_gains", "configuration", of_installation.drive_gains),
+    Condition("tcp_speed", "configuration", of_installation.tcp_speed),
+    Condition("safety_planes", "configuration", of_installation.safety_planes),
     Condition("previous_stop", "configuration", of_configuration.previous_stop),
     Condition("robot_model", "controller", of_controller.robot_model),
+    Condition("software", "controller", of_controller.software),
     Condition("serial", "controller", of_controller.serial),
     Condition("remote_control", "controller", of_controller.remote_control),
     Condition("safety_mode", "state", of_state.safety_mode),
@@ -41,6 +45,8 @@ CONDITIONS = (  # in the order in which a person would check them
     Condition("stationary", "state", of_state.stationary),
     Condition("speed_scaling", "state", of_state.speed_scaling),
     Condition("payload", "state", of_state.payload),
+    Condition("payload_cog", "state", of_installation.payload_cog),
+    Condition("tcp_offset", "state", of_installation.tcp_offset),
     Condition("gravity", "state", of_state.gravity),
     Condition("approach_near", "state", of_state.approach_near),
     Condition("approach_clear", "state", of_state.approach_clear, at_the_last=False),  # the streaming process proves it once more

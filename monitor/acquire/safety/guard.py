@@ -5,16 +5,29 @@
 
 from monitor.acquire.safety.conditions import OF_STATE, named_conditions, refuse_unless
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
 from monitor.recording import Context
 
 
-def inputs(settings: ReplaySettings, excitation: Excitation, robot: Robot, context: Context | None = None) -> ConditionInputs:
+def inputs(
+    settings: ReplaySettings,
+    excitation: Excitation,
+    robot: Robot,
+    context: Context | None = None,
+    installation: Installation | None = None,
+) -> ConditionInputs:
     """What is known before the controller is asked, at no particular time."""
     return ConditionInputs(
-        settings=settings, excitation=excitation, robot=robot, context=context or Context(), now_unix_s=0.0, identity=None, state=None
+        settings=settings,
+        excitation=excitation,
+        robot=robot,
+        context=context or Context(),
+        now_unix_s=0.0,
+        identity=None,
+        state=None,
+        installation=installation or Installation(),
     )
 
 
@@ -28,12 +41,12 @@ def check_all(settings: ReplaySettings, excitation: Excitation, robot: Robot, co
     )
 
 
-def check_quick(settings: ReplaySettings, excitation: Excitation, robot: Robot) -> None:
+def check_quick(known: ConditionInputs) -> None:
     """The same without the proof of clearance, which takes a second.
 
     Raises MotionRefused.
     """
-    refuse_unless(named_conditions(inputs(settings, excitation, robot), ("motion_allowed", "address", "trajectory")))
+    refuse_unless(named_conditions(known, ("motion_allowed", "address", "trajectory", "drive_gains")))
 
 
 def check_state(known: ConditionInputs, *, without: tuple[str, ...] = ()) -> tuple[ConditionResult, ...]:

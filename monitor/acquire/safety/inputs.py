@@ -1,9 +1,9 @@
 """What a condition is checked against, and what a check finds. Values only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -30,6 +30,7 @@ class ConditionInputs:
     state: ArmState | None  # None: no data has come from the robot
     stopped_before: str | None = None  # description of a stop that nobody has acknowledged
     permit: Permit | None = None  # the answer over Zenoh; None: nobody was asked
+    installation: Installation = field(default_factory=Installation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,8 +1,34 @@
 """Conditions on who the controller says it is."""
 
+import re
+from typing import NamedTuple
+
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
+
+
+class Software(NamedTuple):
+    """A span of versions of the controller's software, both ends included, by major and minor number."""
+
+    first: tuple[int, int]
+    last: tuple[int, int]
+    reason: str  # of its bounds
+    drives: bool = True  # ur-rtde can drive it, and replays on it are tested
+
+
+SOFTWARE = (  # what is in none of these spans moves only where the configuration allows untested software
+    Software((3, 0), (3, 9), "RTDE's protocol 2, which ur-rtde speaks, came with 3.10", drives=False),
+    Software((3, 10), (3, 15), "CB3: from RTDE's protocol 2 to the generation's last version; 3.15 is what the tests play against"),
+    Software((5, 0), (5, 3), "ur-rtde asks a minor version of 4 or more for its registers, and crashes in its constructor", drives=False),
+    Software((5, 4), (5, 23), "e-Series: from ur-rtde's registers to the newest version for which it has a recipe"),
+    Software(
+        (10, 0),
+        (99, 99),
+        "PolyScope X has no such dashboard to stop a program, and ur-rtde crashes where it uploads its program again",
+        drives=False,
+    ),
+)
 
 
 def _identity(inputs: ConditionInputs) -> Identity:
@@ -22,6 +48,29 @@ def robot_model(inputs: ConditionInputs) -> str:
     if identity.model.lower().removesuffix("e") != inputs.robot.name.lower().removesuffix("e"):
         raise MotionRefused(f"the controller says it is a {identity.model}, the configuration says {inputs.robot.name}")
     return f"{identity.model}, software {identity.firmware or 'not reported'}"
+
+
+def software(inputs: ConditionInputs) -> str:
+    """The controller's software is one that ur-rtde can drive, and with which replays are tested."""
+    firmware = _identity(inputs).firmware
+    allowed = inputs.settings.allow_untested_software
+    match = re.match(r"(\d+)\.(\d+)", firmware or "")
+    version = (int(match[1]), int(match[2])) if match else None
+    span = next((each for each in SOFTWARE if version is not None and each.first <= version <= each.last), None)
+    if span is not None and not span.drives:
+        raise MotionRefused(f"software {firmware}: {span.reason}; expected {_tested()}")
+    if span is not None:
+        return f"{firmware}, among the tested {_tested()}"
+    what = f"software {firmware}" if firmware else "the software's version is not reported"
+    if allowed:
+        return f"{what}: untested, and replay.allow_untested_software is true"
+    raise MotionRefused(f"{what}; tested are {_tested()}; replay.allow_untested_software = true lets another one move the arm")
+
+
+def _tested() -> str:
+    """The spans of tested versions, as text."""
+    spans = [f"{span.first[0]}.{span.first[1]} to {span.last[0]}.{span.last[1]}" for span in SOFTWARE if span.drives]
+    return " and ".join(spans)
 
 
 def serial(inputs: ConditionInputs) -> str:

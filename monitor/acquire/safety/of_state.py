@@ -7,6 +7,7 @@ import numpy as np
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.limits import clear_approach
 from monitor.acquire.state import (
+    FULL_SPEED,
     JOINT_MODE_RUNNING,
     JOINT_MODES,
     ROBOT_MODE_RUNNING,
@@ -88,6 +89,8 @@ def speed_scaling(inputs: ConditionInputs) -> str:
     state = _state(inputs)
     if math.isnan(state.speed_fraction):
         raise Unreported("the slider is not reported: one below 100 % ends the replay before the arm moves")
+    if not (math.isnan(state.speed_scaling) or 0.0 <= state.speed_scaling <= 2.0 - FULL_SPEED):
+        raise MotionRefused(f"the controller's speed scaling is {state.speed_scaling:g}; expected a share of 0 to 1")
     if not state.slider_full:
         share = 100.0 * state.speed_fraction
         raise MotionRefused(f"the speed slider is at {share:.0f} %; expected 100 %: at less the arm plays another trajectory")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.acquire.driver import ReplayTask
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.design.cell import cell_from_document
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
@@ -21,6 +21,7 @@ def job_document(task: ReplayTask) -> dict[str, Any]:
         "cell": None if settings.cell is None else settings.cell.as_document(),
         "excitation": task.excitation.as_document(),
         "context": dataclasses.asdict(task.context),
+        "installation": dataclasses.asdict(task.installation),
         "max_position_rad": task.robot.max_position_rad.tolist(),
         "max_speed_rad_s": task.robot.max_speed_rad_s.tolist(),
     }
@@ -39,4 +40,12 @@ def task_from_document(job: dict[str, Any]) -> ReplayTask:
             max_speed_rad_s=np.array(job["max_speed_rad_s"]),
         ),
         context=Context(**job["context"]),
+        installation=_installation(job["installation"]),
     )
+
+
+def _installation(document: dict[str, Any]) -> Installation:
+    """The installation from JSON, whose lists were tuples."""
+    lists = {name: tuple(value) for name, value in document.items() if isinstance(value, list)}
+    planes = tuple(tuple(plane) for plane in document["safety_planes"])
+    return Installation(**{**document, **lists, "safety_planes": planes})

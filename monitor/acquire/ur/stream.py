@@ -205,8 +205,8 @@ def main() -> None:
     arm: Arm | None = None
     try:
         task = task_from_document(job)
-        known = guard.inputs(task.settings, task.excitation, task.robot, task.context)
-        guard.check_quick(task.settings, task.excitation, task.robot)
+        known = guard.inputs(task.settings, task.excitation, task.robot, task.context, task.installation)
+        guard.check_quick(known)
         arm = connect(task, outbox, lifeline, known)
         play(arm, known, take_control(arm))
         outbox.message(

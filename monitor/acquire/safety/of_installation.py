@@ -1,0 +1,178 @@
+"""Conditions on the drives and on the controller's installation: gains, tool, payload's centre, its limits of speed and space.
+
+What the configuration says of the installation is compared with what the controller reports, where it reports it. Limits that it does
+not report are those of the configuration; where that says nothing, they are not checked.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.acquire.safety.inputs import ConditionInputs, Unreported
+from monitor.design.clearance import frames
+from monitor.errors import MotionRefused
+from monitor.model.robot import Mounting, Robot
+from monitor.recording import Array
+
+COG_ERROR_M = 0.01  # between two centres of gravity: with 5 kg it is 0.5 N·m at the wrist, a tenth of its friction
+LIGHT_KG = 0.05  # the centre of a lighter payload does not matter
+TCP_ERROR_M, TCP_ERROR_DEG = 0.01, 2.0  # a controller's calibrated kinematics differ from the published ones by a few millimetres
+SPEED_SHARE = 0.95  # of the installation's limit: a servo overshoots a little
+PLANE_MARGIN_M = 0.01  # for the calibration, too
+CHECK_RATE_HZ = 125.0  # between two samples a point at 2 m/s moves by 16 mm, along a curve that bends far less
+WAY_SAMPLES = 101  # of the way to the start: at most 0.025 rad between two
+
+
+class _Points(NamedTuple):
+    """Places (N, K, 3) [m] and speeds (N, K) [m/s] of the elbow, the flange and the TCP, in the base's frame."""
+
+    place: Array
+    speed: Array
+
+
+NAMES = ("elbow", "flange", "TCP")
+
+
+def drive_gains(inputs: ConditionInputs) -> str:
+    """The torque per ampere of every joint is known: without it no collision is noticed."""
+    if inputs.installation.drive_gains(inputs.robot) is None:
+        raise MotionRefused(
+            f"robot.gains_nm_per_a is empty, and the torque per ampere of a {inputs.robot.name} is not published: without it no collision "
+            "is noticed; give robot.gains_nm_per_a"
+        )
+    return "as configured" if inputs.installation.gains_nm_per_a else f"published for the {inputs.robot.name}"
+
+
+def tcp_speed(inputs: ConditionInputs) -> str:
+    """Elbow, flange and TCP stay below the speed limit of the installation, on the trajectory and on the way to its start."""
+    limit = inputs.installation.tcp_speed_limit_m_s
+    if limit == 0.0:
+        raise Unreported("robot.tcp_speed_limit_m_s names none: a limit of the installation would show as a protective stop")
+    speed = np.max(_points(inputs).speed, axis=0)  # (K,)
+    k = int(np.argmax(speed))
+    if not speed[k] <= SPEED_SHARE * limit:
+        raise MotionRefused(
+            f"the {NAMES[k]} moves at {speed[k]:.2f} m/s; at most {100 * SPEED_SHARE:g} % of robot.tcp_speed_limit_m_s = {limit:g}"
+        )
+    return f"at most {speed[k]:.2f} m/s ({NAMES[k]}), the limit is {limit:g} m/s"
+
+
+def safety_planes(inputs: ConditionInputs) -> str:
+    """Elbow, flange and TCP stay on the free side of the installation's safety planes, on the trajectory and on the way to its start."""
+    planes = inputs.installation.safety_planes
+    if not planes:
+        raise Unreported("robot.safety_planes names none: a plane of the installation would show as a protective stop")
+    place = _points(inputs).place  # (N, K, 3)
+    nearest = math.inf
+    for number, (a, b, c, d) in enumerate(planes, start=1):
+        left = np.min(d - place @ np.array([a, b, c]), axis=0)  # (K,) [m]
+        k = int(np.argmin(left))
+        if not left[k] >= PLANE_MARGIN_M:
+            raise MotionRefused(
+                f"the {NAMES[k]} comes within {1000.0 * left[k]:.0f} mm of plane {number} of robot.safety_planes; "
+                f"at least {1000.0 * PLANE_MARGIN_M:g} mm"
+            )
+        nearest = min(nearest, float(left[k]))
+    return f"{len(planes)} planes, at least {1000.0 * nearest:.0f} mm left"
+
+
+def payload_cog(inputs: ConditionInputs) -> str:
+    """The controller reckons with the configured centre of gravity of the payload."""
+    expected, state = inputs.installation.payload_cog_m, inputs.state
+    if state is None:
+        raise MotionRefused("unknown: no RTDE data")
+    if not _reported(state.payload_cog_m):
+        raise Unreported("not reported: a payload whose centre is elsewhere would be taken for friction")
+    reported = ", ".join(f"{value:.3f}" for value in state.payload_cog_m)
+    if state.payload_kg < LIGHT_KG:
+        return f"{reported} m, of no payload"
+    if not expected:
+        raise Unreported(f"the controller reckons with {reported} m, robot.payload_cog_m names none")
+    apart = math.dist(expected, state.payload_cog_m)
+    if not apart <= COG_ERROR_M:
+        wanted = ", ".join(f"{value:.3f}" for value in expected)
+        raise MotionRefused(
+            f"the controller reckons with {reported} m, robot.payload_cog_m is {wanted}: {1000.0 * apart:.0f} mm apart, "
+            f"at most {1000.0 * COG_ERROR_M:g}"
+        )
+    return f"{reported} m, as configured"
+
+
+def tcp_offset(inputs: ConditionInputs) -> str:
+    """The controller's tool centre point is the configured one. It follows from the TCP pose and the flange's, by forward kinematics."""
+    expected, state = inputs.installation.tcp_offset, inputs.state
+    if state is None:
+        raise MotionRefused("unknown: no RTDE data")
+    if not _reported(state.tcp_pose):
+        raise Unreported("not reported: a tool that nobody told the monitor is not noticed")
+    place, turn = offset_of(inputs.robot, state.q, np.array(state.tcp_pose))
+    reported = ", ".join(f"{1000.0 * value:.0f}" for value in place) + " mm"
+    if not expected:
+        raise Unreported(f"the controller's TCP is at {reported}, robot.tcp_offset names none")
+    apart_m = float(np.linalg.norm(place - np.array(expected[:3])))
+    apart_deg = angle_deg(turn.T @ rotation(np.array(expected[3:])))
+    if not (apart_m <= TCP_ERROR_M and apart_deg <= TCP_ERROR_DEG):
+        raise MotionRefused(
+            f"the controller's TCP is at {reported}: {1000.0 * apart_m:.0f} mm and {apart_deg:.1f}° from robot.tcp_offset; "
+            f"at most {1000.0 * TCP_ERROR_M:g} mm and {TCP_ERROR_DEG:g}°"
+        )
+    return f"{reported}, as configured"
+
+
+def offset_of(robot: Robot, q: Array, tcp_pose: Array) -> tuple[Array, Array]:
+    """Position (3,) [m] and attitude (3, 3) of the TCP in the flange's frame, from its pose (6,) in the base's frame at q (J,)."""
+    attitudes, origins = frames(robot, Mounting(), q[None])
+    flange, at = attitudes[0, -1], origins[0, -1]
+    return flange.T @ (tcp_pose[:3] - at), flange.T @ rotation(tcp_pose[3:])
+
+
+def rotation(vector: Array) -> Array:
+    """The rotation matrix (3, 3) of a rotation vector (3,) [rad]: Rodrigues' formula."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:  # a smaller angle is lost in rounding
+        return np.eye(3)
+    x, y, z = vector / angle
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: Array = np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * K @ K
+    return turned
+
+
+def angle_deg(turn: Array) -> float:
+    """The angle [°] of a rotation matrix (3, 3)."""
+    return math.degrees(math.acos(min(max(0.5 * (float(np.trace(turn)) - 1.0), -1.0), 1.0)))
+
+
+def _reported(values: tuple[float, ...]) -> bool:
+    """Whether a controller reports these; a value that is not finite is refused where it is compared."""
+    return bool(values) and not any(math.isnan(value) for value in values)
+
+
+def _points(inputs: ConditionInputs) -> _Points:
+    """Elbow, flange and TCP along one pass of the trajectory, and along the way to its start where the arm's position is known."""
+    excitation, robot, state = inputs.excitation, inputs.robot, inputs.state
+    curve = excitation.at(np.linspace(0.0, excitation.pass_s, max(2, round(excitation.pass_s * CHECK_RATE_HZ) + 1)))
+    q, qd = curve.q, curve.qd
+    if state is not None and np.all(np.isfinite(state.target_q)):
+        way = q[0] - state.target_q  # (J,)
+        farthest = float(np.max(np.abs(way)))
+        if farthest > 0.0:
+            share = np.linspace(0.0, 1.0, WAY_SAMPLES)[:, None]
+            q = np.vstack([state.target_q + share * way, q])
+            qd = np.vstack([np.tile(inputs.settings.approach_speed_rad_s * way / farthest, (WAY_SAMPLES, 1)), qd])
+    tool = np.array(inputs.installation.tcp_offset[:3] or (0.0, 0.0, 0.0))
+    return points(robot, q, qd, tool)
+
+
+def points(robot: Robot, q: Array, qd: Array, tool_m: Array) -> _Points:
+    """Elbow, flange and TCP at positions q (N, J) and speeds qd (N, J), the TCP at tool_m (3,) in the flange's frame."""
+    attitudes, origins = frames(robot, Mounting(), q)
+    J = robot.joints
+    axes, at = attitudes[:, :-1, :, 2], origins[:, :-1]  # (N, J, 3) joint i turns about z of frame i − 1
+    tcp = origins[:, -1] + attitudes[:, -1] @ tool_m
+    placed, fast = [], []
+    for place, moved_by in ((origins[:, min(2, J)], min(2, J)), (origins[:, -1], J), (tcp, J)):
+        velocity = sum(qd[:, i, None] * np.cross(axes[:, i], place - at[:, i]) for i in range(moved_by))  # (N, 3)
+        placed.append(place)
+        fast.append(np.linalg.norm(velocity, axis=1))
+    return _Points(np.stack(placed, axis=1), np.stack(fast, axis=1))
