@@ -66,10 +66,15 @@ class ReplayAborted(MonitorError):
     # of these, the causes on this machine's side or on the network's: the same window may try again
     TRANSIENT = frozenset({"late", "stalled", "timeout", "child_died", "connection_lost"})
 
-    def __init__(self, message: str, cause: str = "unknown", *, moved: bool = False, unknown: str | None = None) -> None:
-        """`moved`: a program of ours may have moved the arm. `unknown`: what is not known of the arm after the end; None: nothing is."""
+    def __init__(
+        self, message: str, cause: str = "unknown", *, moved: bool = False, at_rest: bool = False, unknown: str | None = None
+    ) -> None:
+        """`moved`: a program of ours may have moved the arm. `at_rest`: it was seen at rest, and our program has ended.
+
+        `unknown`: what is not known of the arm after this end; None: all that must be known is.
+        """
         super().__init__(message)
-        self.cause, self.moved, self.unknown = cause, moved, unknown
+        self.cause, self.moved, self.at_rest, self.unknown = cause, moved, at_rest, unknown
 
     @property
     def needs_a_person(self) -> bool:
@@ -82,7 +87,7 @@ class ReplayAborted(MonitorError):
     def known(self, unknown: str | None) -> "ReplayAborted":
         """The same end after a look at the arm; the message says what is `unknown` after it."""
         message = str(self) if unknown is None else f"{self}; after it {unknown}"
-        return ReplayAborted(message, self.cause, moved=self.moved, unknown=unknown)
+        return ReplayAborted(message, self.cause, moved=self.moved, at_rest=self.at_rest, unknown=unknown)
 
 
 class StoreError(MonitorError):

@@ -22,13 +22,14 @@ def check(
     *,
     installation: Installation | None = None,
     stopped_before: str | None = None,
+    expected_serial: str | None = None,
     ask: AskPermit | None = None,
     driver: Driver = UNIVERSAL_ROBOTS,
 ) -> tuple[ConditionResult, ...]:
     """Every condition as it is now.
 
-    `stopped_before` describes a stop that nobody has acknowledged; `ask` asks for somebody else's permit. An arm that does not answer
-    fails the conditions that need its answer; nothing is raised for it.
+    `stopped_before` describes a stop that nobody has acknowledged; `expected_serial` is the number of the arm that was moved before; `ask`
+    asks for somebody else's permit. An arm that does not answer fails the conditions that need its answer; nothing is raised for it.
     """
     try:
         identity = driver.identity(settings.host)
@@ -48,6 +49,7 @@ def check(
             identity=identity,
             state=driver.state(settings.host, settings.rate_hz, settings.startup_timeout_s),
             stopped_before=stopped_before,
+            expected_serial=expected_serial,
             permit=permit,
             installation=installation or Installation(),
         )

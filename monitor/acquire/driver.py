@@ -4,9 +4,10 @@ Everything that depends on the make of the robot lies behind `Driver`. A connect
 the libraries of the makers may crash or hang; the session's process may be killed at any moment.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
@@ -25,6 +26,13 @@ class SafetyStop(NamedTuple):
 
     cause: str  # protective_stop, safeguard_stop, emergency_stop or safety
     text: str
+
+
+class OurProgram(NamedTuple):
+    """What is known of the program that a session has left on the robot."""
+
+    at_s: float | None  # when the program that runs was last known to be ours (monotonic [s]); None: it is not known
+    state: Literal["running", "paused", "starting"] = "running"  # starting: it was being sent, and may begin to run only now
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,11 +86,18 @@ class Driver(Protocol):
 
         It sends the rows of the play, and these messages: `phase` with `phase` and `duration_s`; `state` with a `row` while it waits in
         the phase `ready`; `alive`; and a last one: `done`, `failed` with `cause` and `text`, `refused` or `unreachable` with a `text`.
+        A `failed` with `ended` true means that the session has ended its program and the arm stands.
         It takes the words `go`, without which nothing moves, and `stop`. Raises SessionEnded where no process can be started.
         """
 
     def safety_stop(self, host: str) -> SafetyStop | None:
         """The stop that the robot's safety system holds; None where there is none, or where the robot does not answer."""
 
-    def stop_program(self, host: str) -> bool:
-        """Stop whatever program runs on the robot, without any session. False where the robot did not confirm that none runs."""
+    def remote_control(self, host: str) -> AbstractContextManager[Callable[[], bool | None]]:
+        """A conversation in which can be asked, often, whether the robot takes commands over the network; None: it does not say.
+
+        Raises RobotUnreachable, as each question does.
+        """
+
+    def stop_program(self, host: str, ours: OurProgram) -> bool:
+        """End our program and no other, without any session. False where the robot did not show that our program has ended."""

@@ -17,11 +17,12 @@ from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, named_conditions, refuse_unless
 from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.safety.oversight import Oversight, Question, permit_kept, remote_control_kept
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.acquire.state import ArmState
+from monitor.acquire.state import ArmState, Identity
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
-from monitor.acquire.watch import ReplayProgress, Watch, cause_of_death
+from monitor.acquire.watch import Caller, ReplayProgress, Watch, cause_of_death
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -40,7 +41,11 @@ def replay(
     installation: Installation | None = None,
     on_progress: Callable[[ReplayProgress], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
+    forbidden: Callable[[], str | None] | None = None,
     stopped_before: str | None = None,
+    expected_serial: str | None = None,
+    met: Callable[[Identity], None] | None = None,
+    begin: Callable[[Identity], None] | None = None,
     ask: AskPermit | None = None,
     announce: Announce | None = None,
     band: TorqueBand | None = None,
@@ -48,10 +53,13 @@ def replay(
 ) -> Recording:
     """Move to the start, play every repetition once, and come back; the recording has the rows of the play alone, one a tick.
 
-    `context` is what the caller knows of the arm; what the controller says of itself is added to it. `installation` is what the
-    configuration says of the controller's installation and of the drives. `should_stop` is called about
-    every 50 ms. `stopped_before` describes a stop that nobody has acknowledged. `ask` asks for somebody else's permit; `announce` tells
-    whoever must know. Torque outside `band` ends the play. The calling thread blocks until the arm is back, and must not end before.
+    `context` is what the caller knows of the arm; what the controller says of itself is added to it. `installation` is what
+    the configuration says of the controller's installation and of the drives. `should_stop` and `forbidden` are
+    called about every 50 ms; `forbidden` gives the reason why the arm may not move any longer. `stopped_before` describes a stop that
+    nobody has acknowledged, `expected_serial` is the number of the arm that was moved before. `met` is called with who answers, before
+    anything is refused for it; `begin` just before the arm may move: what it raises ends the replay, and nothing moves. `ask` asks for
+    somebody else's permit, again and again while the arm moves; `announce` tells whoever must know. Torque outside `band` ends the play.
+    The calling thread blocks until the arm is back, and must not end before.
 
     Raises MotionRefused (nothing was moved), RobotUnreachable (nothing was moved), ReplayAborted with its `cause`.
     """
@@ -65,19 +73,35 @@ def replay(
         state=None,
         stopped_before=stopped_before,
         installation=installation or Installation(),
+        expected_serial=expected_serial,
     )
     refuse_unless(named_conditions(inputs, OF_CONFIGURATION))
-    inputs = dataclasses.replace(inputs, identity=driver.identity(settings.host))
+    identity = driver.identity(settings.host)
+    inputs = dataclasses.replace(inputs, identity=identity)
+    if met is not None:
+        met(identity)
     refuse_unless(named_conditions(inputs, OF_CONTROLLER))
     task = ReplayTask(settings=settings, excitation=excitation, robot=robot, context=inputs.context, installation=inputs.installation)
-    watch = Watch(settings, Gate(inputs, ask=ask, announce=announce), on_progress, should_stop, band)
+    gate = Gate(inputs, ask=ask, announce=announce)
+    questions: tuple[Question, ...] = (permit_kept(gate.ask_again),) if gate.asks_over_zenoh else ()
+    if identity.remote_control is not None:
+        questions += (remote_control_kept(lambda: driver.remote_control(settings.host)),)
+    caller = Caller(
+        begin=lambda: None if begin is None else begin(identity),
+        should_stop=should_stop or (lambda: False),
+        forbidden=forbidden or (lambda: None),
+        on_progress=on_progress,
+    )
+    watch = Watch(settings, gate, caller, Oversight(questions), band)
     session = driver.stream(task)
     try:
         watch.follow(session)
     finally:
         # also when a callback raised: first the session, then the arm, then the exception
+        watch.oversight.cancel()
         exit_code = session.end(LEAVING_S if watch.last_message else 0.0)
-        stopped = not watch.may_move or driver.stop_program(settings.host)
+        stopped = not watch.may_move or driver.stop_program(settings.host, watch.our_program)
+        watch.oversight.join()
     if not watch.done:
         _raise_ending(watch, driver, exit_code, session.printed, stopped=stopped)
     return _recording(watch, _full_context(inputs, watch.state), excitation)
@@ -119,12 +143,16 @@ def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *,
             text += f"; its last words: {printed[-PRINTED_TAIL:]!r}"
     if not watch.in_control and cause == "timeout":
         raise RobotUnreachable(f"{host}: no RTDE connection: {text}")
+    if watch.asked is not None and cause == "parent_asked_to_stop" != watch.asked.cause:  # the session knows only that it was asked
+        cause, text = watch.asked.cause, f"{watch.asked.text}; {text}"
     if cause in ReplayAborted.HARMLESS and watch.may_move and stopped and (stop := driver.safety_stop(host)):
         # the session did not live to see this stop, or saw only that the program stopped
         cause, text = stop.cause, f"{stop.text}; {cause}: {text}"
     where = f"in the phase {watch.phase!r}" if watch.in_control else "before anything moved"
     outcome = "" if stopped else "; THE CONTROLLER DID NOT CONFIRM THE STOP: look at the arm"
-    raise ReplayAborted(f"{host}: {cause} {where}: {text}{outcome}", cause)
+    unknown = None if stopped else "it is not known whether our program has ended"
+    at_rest = message is not None and message.get("ended", False)
+    raise ReplayAborted(f"{host}: {cause} {where}: {text}{outcome}", cause, moved=watch.in_control, at_rest=at_rest, unknown=unknown)
 
 
 def _recording(watch: Watch, context: Context, excitation: Excitation) -> Recording:

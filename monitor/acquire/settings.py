@@ -67,6 +67,9 @@ class ReplaySettings:
     phase_grace_s: Annotated[float, Interval(ge=0.5, le=60.0)] = 4.0  # a phase may last so much longer than planned
     silence_timeout_s: Annotated[float, Interval(ge=0.03, le=1.5)] = 0.06  # while the arm moves something comes in every tick
     finish_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 6.0  # for the end of the control program
+    confirm_timeout_s: Annotated[float, Interval(ge=1.0, le=120.0)] = (
+        10.0  # after a motion the arm must be seen in order within this time, or a person must look at it
+    )
     cell: Cell | None = None  # what stands around the arm; None: it is unknown, and no clearance is checked
 
     def __post_init__(self) -> None:

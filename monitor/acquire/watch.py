@@ -3,12 +3,15 @@
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.acquire.driver import Session, SessionEnded
+from monitor.acquire.driver import OurProgram, Session, SessionEnded
+from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.gate import Gate
+from monitor.acquire.safety.oversight import Interruption, Oversight
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
@@ -33,11 +36,14 @@ class ReplayProgress(NamedTuple):
     rows: int
 
 
-class Interruption(NamedTuple):
-    """Why the parent gave the session up."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Caller:
+    """What the caller of a replay wants to be asked and told, in the thread that follows the session."""
 
-    cause: str
-    text: str
+    begin: Callable[[], None] = lambda: None  # called just before the arm may move; what it raises ends the replay, and nothing moves
+    should_stop: Callable[[], bool] = lambda: False
+    forbidden: Callable[[], str | None] = lambda: None  # why the arm may not move any longer
+    on_progress: Callable[[ReplayProgress], None] | None = None
 
 
 def cause_of_death(exit_code: int, silent_s: float) -> Interruption:
@@ -62,23 +68,24 @@ class Watch:
         self,
         settings: ReplaySettings,
         gate: Gate,
-        on_progress: Callable[[ReplayProgress], None] | None,
-        should_stop: Callable[[], bool] | None,
+        caller: Caller,
+        oversight: Oversight,
         band: TorqueBand | None,
     ) -> None:
-        self.settings, self.gate, self.on_progress, self.should_stop, self.band = settings, gate, on_progress, should_stop, band
+        """`oversight` begins once the arm may move; the caller of this ends it."""
+        self.settings, self.gate, self.caller, self.oversight, self.band = settings, gate, caller, oversight, band
         self.state: ArmState | None = None  # the latest before the arm moved
         self.rows: list[Array] = []
         self.first_row_unix_s: float | None = None
-        self.in_control = False  # the session may have a program of ours running
+        self.asked: Interruption | None = None  # why a stop was asked for
         self.last_message: dict[str, Any] | None = None  # the message after which the session ends
         self.interruption: Interruption | None = None
         self.phase, self.duration_s = "start", 0.0
         self._gone = False  # the session was told `go`
-        self._phase_at = self._received_at = time.monotonic()
+        self._phase_at = self._received_at = self._asked_at = time.monotonic()
+        self._read_at = self._alive_at = time.monotonic()  # when the pipe was empty; when the session is known to have sent something
         self.silent_before_end_s = 0.0  # from the last that came until the session was seen to have ended
         self._silent_s = 0.0  # for so long this process has waited for the session while the arm moves
-        self._asked_at: float | None = None  # when a stop was asked for
 
     @property
     def done(self) -> bool:
@@ -86,9 +93,27 @@ class Watch:
         return self.last_message is not None and self.last_message["kind"] == "done"
 
     @property
+    def in_control(self) -> bool:
+        """The session was told `go`: from then on it may have a program of ours running."""
+        return self._gone
+
+    @property
     def may_move(self) -> bool:
-        """A program of ours may still run: control was taken, and the session has neither ended the program nor been refused control."""
-        return self.in_control and (self.last_message is None or self.last_message["kind"] == "failed")
+        """A program of ours may still run: the session was told `go`, and has neither ended its program nor been refused control."""
+        message = self.last_message
+        return self._gone and (message is None or (message["kind"] == "failed" and not message.get("ended", False)))
+
+    @property
+    def our_program(self) -> OurProgram:
+        """What is known of our program at the end of the session: it was ours when the session was last in control."""
+        message = self.last_message
+        if self.phase == "ready":  # it had not begun to send a program
+            return OurProgram(None)
+        if self.phase == "control":
+            return OurProgram(self._alive_at, "starting")
+        if message is not None and message["kind"] == "failed" and message["cause"] == "program_stopped":
+            return OurProgram(self._alive_at, "paused")  # what plays now is another program
+        return OurProgram(self._alive_at)
 
     def follow(self, session: Session) -> None:
         """Follow the session until its last message, its death, or a reason to give it up.
@@ -102,21 +127,18 @@ class Watch:
             except SessionEnded:
                 self.silent_before_end_s = time.monotonic() - self._received_at
                 return
-            now = time.monotonic()
-            if self.on_progress and now - shown_at >= PROGRESS_EVERY_S:
+            self._read_at = now = time.monotonic()
+            if self.caller.on_progress and now - shown_at >= PROGRESS_EVERY_S:
                 shown_at = now
-                self.on_progress(ReplayProgress(self.phase, now - self._phase_at, self.duration_s, len(self.rows)))
-            if self._asked_at is None and self.should_stop and self.should_stop():
-                self._asked_at = now
-                if not self.in_control:  # nothing moves yet
-                    self.interruption = Interruption("parent_asked_to_stop", "stopped on request before the arm moved")
+                self.caller.on_progress(ReplayProgress(self.phase, now - self._phase_at, self.duration_s, len(self.rows)))
+            if self.asked is None and (reason := self._reason_to_stop()) is not None:
+                self.asked, self._asked_at = reason, now
+                if not self._gone:  # nothing moves yet
+                    self.interruption = Interruption(reason.cause, f"{reason.text} before the arm moved")
                     return
                 session.send("stop")
             if self.last_message is None and self.phase == "ready" and self.state is not None and not self._gone:
-                self._gone = self.gate.step(self.state, now)
-                if self._gone:
-                    session.send("go")
-                    self._phase_at = time.monotonic()  # now the session proves its way to the start, and takes control
+                self._go_if_allowed(session, now)
             if self.last_message is None and self._out_of_patience(now):
                 return
 
@@ -134,8 +156,28 @@ class Watch:
         waited_s = min(time.monotonic() - began, timeout_s)
         self._silent_s = 0.0 if came or not self._moving else self._silent_s + waited_s
 
+    def _go_if_allowed(self, session: Session, now: float) -> None:
+        assert self.state is not None
+        if not self.gate.step(self.state, now):
+            return
+        self.caller.begin()
+        self._gone = True
+        session.send("go")
+        self.oversight.start()
+        self._phase_at = self._alive_at = time.monotonic()  # now the session proves its way to the start, and takes control
+
+    def _reason_to_stop(self) -> Interruption | None:
+        """Why the arm must come to rest, along its path."""
+        if self.caller.should_stop():
+            return Interruption("parent_asked_to_stop", "stopped on request")
+        if (why := self.caller.forbidden()) is not None:
+            return Interruption("motion_forbidden", why)
+        return self.oversight.finding
+
     def _take(self, frame: Array | dict[str, Any]) -> None:
         self._received_at = time.monotonic()
+        # a frame may have waited while this process slept: it came after the pipe was last empty, and a row has its own time
+        self._alive_at = self._read_at if isinstance(frame, dict) else float(frame[COLUMN["host_monotonic_s"]][0])
         if not isinstance(frame, dict):
             if self.first_row_unix_s is None:
                 self.first_row_unix_s = time.time()
@@ -144,7 +186,6 @@ class Watch:
                 self.interruption = Interruption(*outside)
         elif frame["kind"] == "phase":
             self.phase, self.duration_s, self._phase_at = frame["phase"], frame["duration_s"], self._received_at
-            self.in_control = self.in_control or self.phase == "control"
         elif frame["kind"] == "state":
             self.state = arm_state(np.array(frame["row"], dtype=float))
         elif frame["kind"] != "alive":
@@ -160,9 +201,9 @@ class Watch:
         elif self._silent_s >= min(settings.silence_timeout_s, LONGEST_SILENCE_S):
             text = f"the child process said nothing for {1000.0 * self._silent_s:.0f} ms in the phase {self.phase!r}"
             self.interruption = Interruption("timeout", text)
-        elif self._asked_at is not None and now - self._asked_at > STOP_PATIENCE_S:
-            text = f"the arm did not come to rest by itself within {STOP_PATIENCE_S:g} s of the request"
-            self.interruption = Interruption("parent_asked_to_stop", text)
+        elif self.asked is not None and now - self._asked_at > STOP_PATIENCE_S:
+            text = f"{self.asked.text}; the arm did not come to rest by itself within {STOP_PATIENCE_S:g} s of the request"
+            self.interruption = Interruption(self.asked.cause, text)
         return self.interruption is not None
 
     @property

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from monitor.cli.options import Commands, ConfigOption, JsonOption, RecordingOutputOption, load_configuration, print_json, stop_on
-from monitor.errors import BadInput, ReplayAborted, StoreError
+from monitor.errors import BadInput, StoreError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -84,22 +84,17 @@ def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOpt
                 typer.echo(f"the arm moves in {in_s:.1f} s", err=True)
 
         before = store.first_passes.latest()
-        try:
-            recording = move(
-                configuration,
-                store,
-                configuration.excitation,
-                configuration.context,
-                should_stop=stopping.is_set,
-                first_pass_path=first,
-                on_progress=on_progress,
-                ask=ask,
-                announce=announce,
-            )
-        except ReplayAborted as error:
-            if error.needs_a_person:
-                store.stops.add(error.cause, str(error), time.time())
-            raise
+        recording = move(
+            configuration,
+            store,
+            configuration.excitation,
+            configuration.context,
+            should_stop=stopping.is_set,
+            first_pass_path=first,
+            on_progress=on_progress,
+            ask=ask,
+            announce=announce,
+        )
         slowly = store.first_passes.latest() != before
     write_recording(output, recording)
     facts = _recording_document(output, recording)
@@ -159,15 +154,20 @@ def allow(
         if not text.strip():
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
     with Store.beside(configuration.state_directory) as store:
+        store.motions.give_up_left_over(time.time())  # a motion without a known end waits for a person too
         waiting = store.stops.allow(by.strip(), why.strip(), time.time())
-    stops = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.text} for stop in waiting]
+    stops = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.text, "serial": stop.serial} for stop in waiting]
+    others = [stop.serial for stop in waiting if stop.serial is not None]
     if as_json:
-        print_json({"robot": configuration.robot.id, "allowed": stops, "by": by.strip(), "why": why.strip()})
+        expected = others[-1] if others else None
+        print_json({"robot": configuration.robot.id, "allowed": stops, "by": by.strip(), "why": why.strip(), "serial": expected})
         return
     if not waiting:
         typer.echo(f"{configuration.robot.id}: no stop is waiting for a person")
     for stop in stops:
         typer.echo(f"{configuration.robot.id}: {stop['at']}  {stop['told']}")
+    if others:
+        typer.echo(f"{configuration.robot.id}: from now on the arm with the serial number {others[-1]} is expected; its first pass is slow")
     if waiting:
         typer.echo(f"allowed by {by.strip()}: {why.strip()}")
 

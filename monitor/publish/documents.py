@@ -332,6 +332,7 @@ class Permit(Document):
     trajectory_digest: str
     duration_s: Number
     time_scale: Number
+    moving: bool = Field(default=False, description="the arm moves already, and goes on only where the answer is still yes")
 
 
 class PermitAnswer(Document):

@@ -92,6 +92,8 @@ class Monitor:
         at_most : recordings that are assessed now; the others wait for the next call.
         """
         with self._state.replaying:
+            for motion in self._store.motions.give_up_left_over(self._now()):
+                log.warning("%s; a person must look at the arm", motion.unknown_text)
             before = {row.id for row in self._store.ledger.rows(states=("started",))}
             waiting = self._store.ledger.repair(self._now())
             for row in self._store.ledger.rows(states=("aborted",), limit=len(before) + 1) if before else ():

@@ -11,25 +11,70 @@ from pathlib import Path
 from typing import Any
 
 from monitor.acquire.check import check
+from monitor.acquire.driver import Driver
+from monitor.acquire.ending import judged_end, look
 from monitor.acquire.replay import replay
 from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.safety.gate import Announce, AskPermit
 from monitor.acquire.safety.inputs import ConditionResult, Permit
+from monitor.acquire.state import Identity
+from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.watch import ReplayProgress
 from monitor.config.schema import Configuration
-from monitor.errors import ReplayAborted, StoreError
+from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.fourier import Excitation
 from monitor.publish.permit import PermitReply
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
 from monitor.store.backup import present
+from monitor.store.motions import UNKNOWN_END
 from monitor.store.recordings import write_recording
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
 AskAnswer = Callable[[Mapping[str, Any], float], PermitReply | None]
+
+
+class MotionLog:
+    """One motion in the history: entered before the arm may move, ended once it is known how it ended."""
+
+    def __init__(self, store: Store, context: Context, host: str, ledger_id: int | None, *, first_pass: bool) -> None:
+        self._store, self._host, self._ledger_id, self._first_pass = store, host, ledger_id, first_pass
+        self._configured = context.serial
+        self.expected_serial = store.motions.expected_serial()
+        self._id: int | None = None  # None: the arm was not allowed to move yet
+
+    def met(self, identity: Identity) -> None:
+        """Another arm than the expected one answers: that waits for a person, because nobody has said that it may move."""
+        serial, expected = identity.serial, self.expected_serial
+        if self._configured is None and None not in {serial, expected} and serial != expected:
+            text = f"{self._host}: the controller's serial number is {serial}, expected {expected}, the arm that was moved before"
+            self._store.stops.add_another_arm(str(serial), text, time.time())
+
+    def begin(self, identity: Identity) -> None:
+        """Enter the motion. Raises StoreError, MotionRefused: the arm must not move then."""
+        self._id = self._store.motions.begin(
+            ledger_id=self._ledger_id,
+            host=self._host,
+            serial=identity.serial,
+            configured=self._configured is not None,
+            first_pass=self._first_pass,
+            at_unix_s=time.time(),
+        )
+
+    def end(self, cause: str, reason: str | None, *, needs_a_person: bool) -> None:
+        """Note how the motion ended. Where the disk refuses, it stays without an end, which waits for a person too."""
+        if self._id is None:
+            return
+        try:
+            if needs_a_person:
+                self._store.motions.end_in_stop(self._id, cause, reason or cause, time.time())
+            else:
+                self._store.motions.end(self._id, cause, reason, time.time())
+        except StoreError as error:
+            log.error("the end of a motion cannot be stored, a person must look at the arm before the next one: %s", error)
 
 
 def move(
@@ -40,58 +85,89 @@ def move(
     *,
     should_stop: Callable[[], bool],
     first_pass_path: Path,
+    ledger_id: int | None = None,
+    forbidden: Callable[[], str | None] | None = None,
     on_progress: Callable[[ReplayProgress], None] | None = None,
     ask: AskAnswer | None = None,
     announce: Announce | None = None,
     model: CompensatedModel | None = None,
+    driver: Driver = UNIVERSAL_ROBOTS,
 ) -> Recording:
     """One replay. A slow first pass precedes it where something has changed since the last one; its recording goes to `first_pass_path`.
 
-    Raises as `acquire.replay.replay`, and StoreError where the first pass cannot be kept.
+    ledger_id : of the window; None: a replay by hand. forbidden : the reason why the arm may not move any longer, asked while it moves.
+
+    Each motion is in the history before the arm moves. An end after which the arm was not seen at rest and in order is stored as a stop.
+
+    Raises as `acquire.replay.replay`, and StoreError where the motion or the first pass cannot be stored.
     """
     settings, robot = configuration.replay, configuration.robot_description
 
     def play(played: Excitation, *, slowly: bool) -> Recording:
-        waiting = store.stops.waiting()
-        stop_text = waiting[-1].text if waiting else None
         band = None
         if slowly:
             band = band_for(
                 robot, played, settings, context, gains=configuration.gains_nm_per_a, model=model if _same_load(store, context) else None
             )
             log.info("first pass at %g of the pace, torque within %s", played.time_scale, band.description)
-        return replay(
-            played,
-            robot,
-            settings,
-            context=context,
-            installation=configuration.installation,
-            on_progress=on_progress,
-            should_stop=should_stop,
-            stopped_before=stop_text,
-            ask=None if ask is None else _permit(ask),
-            announce=announce,
-            band=band,
-        )
+        motion = MotionLog(store, context, settings.host, ledger_id, first_pass=slowly)
+        try:
+            recording = replay(
+                played,
+                robot,
+                settings,
+                context=context,
+                installation=configuration.installation,
+                on_progress=on_progress,
+                should_stop=should_stop,
+                forbidden=forbidden,
+                stopped_before=_waiting_text(store),
+                expected_serial=motion.expected_serial,
+                met=motion.met,
+                begin=motion.begin,
+                ask=None if ask is None else _permit(ask),
+                announce=announce,
+                band=band,
+                driver=driver,
+            )
+        except ReplayAborted as error:
+            ended = error
+            if error.moved and error.cause in ReplayAborted.HARMLESS:
+                ended = judged_end(error, look(driver, settings, clean=error.at_rest, should_stop=should_stop))
+            motion.end(ended.cause, str(ended), needs_a_person=ended.needs_a_person)
+            raise ended from error
+        except (MotionRefused, RobotUnreachable) as error:
+            motion.end("refused", str(error), needs_a_person=False)  # it was told to go, and found a reason not to move
+            raise
+        except BaseException as error:
+            motion.end("internal", f"internal: {type(error).__name__}: {error}", needs_a_person=True)
+            raise
+        after = look(driver, settings, clean=True, should_stop=should_stop)
+        if after.unknown is None:
+            motion.end("done", None, needs_a_person=False)
+        else:
+            cause = UNKNOWN_END if after.stop is None else after.stop.cause
+            motion.end(cause, f"{settings.host}: the replay was complete; after it {after.unknown}", needs_a_person=True)
+        return recording
 
-    digest = first_pass_key(excitation, settings, context)
-    if settings.first_pass and not store.first_passes.is_latest(digest):
-        slow = play(slowed(excitation, settings), slowly=True)
-        note = "first pass, slow: not assessed"
-        write_recording(first_pass_path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
-        store.first_passes.add(digest, _load(context) | {"recording": first_pass_path.name, "quality": dict(slow.quality)}, time.time())
-        if should_stop():
-            raise ReplayAborted("stopped on request after the first pass; the arm stands", "parent_asked_to_stop")
-    return play(excitation, slowly=False)
+    with store.motions.turn(time.time()):
+        digest = first_pass_key(excitation, settings, context)
+        if settings.first_pass and not store.first_passes.is_latest(digest):
+            slow = play(slowed(excitation, settings), slowly=True)
+            note = "first pass, slow: not assessed"
+            write_recording(first_pass_path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
+            store.first_passes.add(digest, _load(context) | {"recording": first_pass_path.name, "quality": dict(slow.quality)}, time.time())
+            if should_stop():
+                raise ReplayAborted("stopped on request after the first pass; the arm stands", "parent_asked_to_stop")
+        return play(excitation, slowly=False)
 
 
 def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[ConditionResult, ...]:
     """Every condition as it is now. Nothing is sent to the arm but requests for its state; the history adds its stops."""
-    stop_text = None
+    stop_text = serial = None
     try:
         with Store.reader(configuration.state_directory) as store:
-            waiting = store.stops.waiting()
-            stop_text = waiting[-1].text if waiting else None
+            stop_text, serial = _waiting_text(store), store.motions.expected_serial()
     except StoreError:
         if present(configuration.state_directory):
             raise  # a history that cannot be read is not an empty one
@@ -102,8 +178,15 @@ def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = No
         configuration.context,
         installation=configuration.installation,
         stopped_before=stop_text,
+        expected_serial=serial,
         ask=None if ask is None else _permit(ask),
     )
+
+
+def _waiting_text(store: Store) -> str | None:
+    """What waits for a person, as a sentence: the newest stop, or a motion whose end nobody knows."""
+    texts = [stop.text for stop in store.stops.waiting()] + [motion.unknown_text for motion in store.motions.left_over()]
+    return texts[-1] if texts else None
 
 
 def _permit(ask: AskAnswer) -> AskPermit:

@@ -108,6 +108,8 @@ def _replay_over_rtde(daemon: Daemon, store: Store, excitation: Excitation, cont
         excitation,
         context,
         should_stop=should_stop,
+        ledger_id=row.id,
+        forbidden=lambda: None if daemon.state.configuration.replay.allow_motion is True else "allow_motion is no longer true",
         first_pass_path=store.recordings.first_pass_path(row.id),
         ask=daemon.bus.ask_permit,
         announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": row.id, **about}),

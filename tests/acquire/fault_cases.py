@@ -70,6 +70,8 @@ STOPPING = (
     Case(
         "temperature_glitch", {"joint": 4, "value": 200.0}, frozenset({"joint_temperature"}), shows_within_s=32 * TICK_S
     ),  # one tick of 32
+    # asked five times a second; then the arm slows down along its path, settles, and ends its program
+    Case("remote", {"state": "off"}, frozenset({"local_control"}), shows_within_s=1.0),
     _case("encoder_offset", "following_error", "protective_stop", joint=2, value=0.2),
 )
 HARMLESS = (
@@ -81,7 +83,6 @@ HARMLESS = (
     _case("registers_in_use"),
     _case("version", version="5.3.0"),
     _case("not_found", names="payload"),
-    _case("remote", state="off"),
     _case("digital_input", number=3, state="on"),
     _case("emergency_release"),
     _case("temperatures_frozen"),

@@ -1,6 +1,8 @@
 """A replay on a driver that is handed in: no process, no socket, no clock of a robot."""
 
 import math
+import time
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +16,11 @@ from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.record import record
 from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN, WIDTH
+from monitor.acquire.safety import oversight
+from monitor.acquire.safety.inputs import Permit
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity
-from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
+from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreUnavailable
 from monitor.model.robot import load_robot
 from monitor.recording import Context
 
@@ -106,9 +110,14 @@ class ScriptedDriver:
     def safety_stop(self, host):
         return self.stop
 
-    def stop_program(self, host):
+    @contextmanager
+    def remote_control(self, host):
+        yield lambda: True
+
+    def stop_program(self, host, ours):
         assert self.session.ended  # first the session, then the robot
         self.programs_stopped += 1
+        self.ours = ours
         return True
 
 
@@ -149,6 +158,132 @@ def test_a_refusal_before_control_stops_no_program_of_somebody_else():
         assert driver.programs_stopped == 0
     with pytest.raises(MotionRefused, match="robot_model"):
         replay(short(), UR5, SETTINGS, driver=ScriptedDriver(None, identity=Identity("UR10", "7", None, None)))
+
+
+def test_after_a_clean_end_no_program_is_stopped():
+    """The session ended its own program, at the end of the replay or on request: what runs now is somebody else's."""
+    done = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), row(1), row(2), DONE]))
+    replay(short(), UR5, SETTINGS, driver=done)
+    ended = {"kind": "failed", "cause": "parent_asked_to_stop", "text": "the arm stands", "ended": True}
+    asked = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), row(1), ended]))
+    with pytest.raises(ReplayAborted) as aborted:
+        replay(short(), UR5, SETTINGS, driver=asked)
+    assert (done.programs_stopped, asked.programs_stopped) == (0, 0)
+    assert aborted.value.moved
+
+
+@pytest.mark.parametrize(
+    ("frames", "state"),
+    [
+        ([], None),
+        ([phase("control")], "starting"),
+        ([phase("control"), phase("play"), row(1)], "running"),
+        ([phase("control"), phase("play"), row(1), {"kind": "failed", "cause": "program_stopped", "text": "stopped"}], "paused"),
+    ],
+)
+def test_the_robot_is_told_what_is_known_of_our_program(frames, state):
+    """Before control nothing is ours; a row says when it was; after a stop by somebody else only a paused program can be ours."""
+    driver = ScriptedDriver(ScriptedSession(WAITING, frames, exit_code=-9))
+    with pytest.raises(ReplayAborted):
+        replay(short(), UR5, SETTINGS, driver=driver)
+    assert driver.ours.state == (state or "running")
+    if state is None:
+        assert driver.ours.at_s is None
+    if state == "running":
+        assert driver.ours.at_s == pytest.approx(20.008)  # the row's own time, not that of its reading
+
+
+def test_the_motion_is_entered_before_the_session_is_told_to_go():
+    """What `begin` raises ends the replay, and nothing has moved. Who answers is told before anything is refused for it."""
+    session, met = ScriptedSession(WAITING, [DONE]), []
+    driver = ScriptedDriver(session)
+
+    def begin(identity):
+        assert session.sent == []
+        raise StoreUnavailable("no space is left")
+
+    with pytest.raises(StoreUnavailable):
+        replay(short(), UR5, SETTINGS, driver=driver, begin=begin, met=met.append)
+    assert session.sent == []
+    assert session.ended
+    assert [identity.serial for identity in met] == ["7"]
+    assert driver.programs_stopped == 0
+    other = ScriptedDriver(ScriptedSession(WAITING, [DONE]))
+    with pytest.raises(MotionRefused, match=r"serial: .* is 7, expected 6, the arm that was moved before"):
+        replay(short(), UR5, SETTINGS, driver=other, expected_serial="6", met=met.append)
+    assert [identity.serial for identity in met] == ["7", "7"]
+
+
+class MovingSession(ScriptedSession):
+    """Moves until it is told to stop; then it comes to rest, and ends its program."""
+
+    def __init__(self):
+        super().__init__(WAITING, [phase("control"), phase("play")])
+        self.tick = 0
+
+    def frames(self, timeout_s):
+        if "stop" in self.sent:
+            yield {"kind": "failed", "cause": "parent_asked_to_stop", "text": "stopped on request; the arm stands", "ended": True}
+            return
+        if not self.before and not self.after and "go" in self.sent:
+            time.sleep(0.008)
+            self.tick += 1
+            yield row(self.tick)
+            return
+        yield from super().frames(timeout_s)
+
+
+def test_local_control_taken_while_the_arm_moves_stops_it_within_a_second():
+    """The controller is asked again and again; a dashboard that does not answer any more counts as a loss after two seconds."""
+    for lost, within_s in ((lambda: False, 0.5), (lambda: (_ for _ in ()).throw(RobotUnreachable("gone")), 2.7)):
+        driver = ScriptedDriver(MovingSession())
+        answers = [lambda: True, lambda: True, lost]
+
+        @contextmanager
+        def conversation(host, answers=answers):
+            yield lambda: answers.pop(0)() if len(answers) > 1 else answers[0]()
+
+        driver.remote_control = conversation
+        began = time.monotonic()
+        with pytest.raises(ReplayAborted) as aborted:
+            replay(short(), UR5, SETTINGS, driver=driver)
+        assert aborted.value.cause == "local_control"
+        assert time.monotonic() - began < within_s + 0.5  # a busy machine
+        assert driver.session.sent == ["go", "stop"]
+        assert driver.programs_stopped == 0
+
+
+def test_motion_that_is_forbidden_while_the_arm_moves_stops_it():
+    """As by a reload with `allow_motion = false`; before the arm moves it never begins."""
+    answers = iter([None] * 20)
+    driver = ScriptedDriver(MovingSession())
+    with pytest.raises(ReplayAborted, match="allow_motion is false now") as aborted:
+        replay(short(), UR5, SETTINGS, driver=driver, forbidden=lambda: next(answers, "allow_motion is false now"))
+    assert aborted.value.cause == "motion_forbidden"
+    assert driver.session.sent == ["go", "stop"]
+    driver = ScriptedDriver(ScriptedSession(WAITING, [DONE]))
+    with pytest.raises(ReplayAborted, match="before the arm moved") as aborted:
+        replay(short(), UR5, SETTINGS, driver=driver, forbidden=lambda: "allow_motion is false now")
+    assert not aborted.value.moved
+    assert driver.session.sent == []
+
+
+@pytest.mark.parametrize(("later", "text"), [(Permit(False, "the door is open"), "the door is open"), (None, "nobody has answered")])
+def test_a_permit_is_asked_again_while_the_arm_moves(later, text, monkeypatch):
+    """Its withdrawal stops the arm, and so does silence."""
+    monkeypatch.setattr(oversight, "PERMIT_EVERY_S", 0.05)
+    monkeypatch.setattr(oversight, "PERMIT_SILENCE_S", 0.09)
+    asked = []
+
+    def ask(about, timeout_s):
+        asked.append(about)
+        return later if len(asked) > 3 else Permit(True, "yes")
+
+    driver = ScriptedDriver(MovingSession())
+    with pytest.raises(ReplayAborted, match=text) as aborted:
+        replay(short(), UR5, replace(SETTINGS, permit="zenoh"), driver=driver, ask=ask)
+    assert aborted.value.cause == "permit_withdrawn"
+    assert [about.get("moving", False) for about in asked[:3]] == [False, True, True]
 
 
 def test_torque_outside_its_band_ends_the_session_and_stops_the_robot():

@@ -61,7 +61,8 @@ class Gate:
         if now < self._moves_at:
             return False
         in_time = now - self._moves_at < settings.permit_timeout_s
-        if settings.permit == "zenoh" and self._ask is not None:
+        if self.asks_over_zenoh:
+            assert self._ask is not None
             answer = self._ask(self._about(0.0), min(ASK_S, settings.permit_timeout_s))
             if answer is None and in_time:
                 return False
@@ -72,6 +73,16 @@ class Gate:
         self._log_or_refuse(found)
         refuse_unless(named_conditions(inputs, AT_THE_LAST))  # minutes may have passed with the announcement and the permit
         return True
+
+    def ask_again(self, timeout_s: float) -> Permit | None:
+        """The permit for an arm that moves already; None where nobody answered within timeout_s."""
+        assert self._ask is not None
+        return self._ask({**self._about(0.0), "moving": True}, timeout_s)
+
+    @property
+    def asks_over_zenoh(self) -> bool:
+        """Whether somebody is asked for a permit over the bus."""
+        return self._inputs.settings.permit == "zenoh" and self._ask is not None
 
     def _log_or_refuse(self, results: tuple[ConditionResult, ...]) -> None:
         for result in results:

@@ -74,13 +74,22 @@ def _tested() -> str:
 
 
 def serial(inputs: ConditionInputs) -> str:
-    """The controller has the configured serial number."""
-    identity, expected = _identity(inputs), inputs.context.serial
+    """The controller has the configured serial number, or else that of the arm that was moved before."""
+    identity, configured, before = _identity(inputs), inputs.context.serial, inputs.expected_serial
+    if identity.serial is None and configured is None and before is not None:
+        raise MotionRefused(f"not reported; expected {before}, the arm that was moved before")
     if identity.serial is None:
         raise Unreported("not reported: this arm cannot be told from another of its model")
-    if expected is not None and identity.serial != expected:
-        raise MotionRefused(f"the controller's serial number is {identity.serial}, expected {expected}")
-    return identity.serial if expected is not None else f"{identity.serial}; the configuration names none"
+    if configured is not None and identity.serial != configured:
+        raise MotionRefused(f"the controller's serial number is {identity.serial}, expected {configured}")
+    if configured is None and before is not None and identity.serial != before:
+        raise MotionRefused(
+            f"the controller's serial number is {identity.serial}, expected {before}, the arm that was moved before; a person must say "
+            "that this is another arm on purpose: joint-monitor allow"
+        )
+    if configured is None and before is None:
+        return f"{identity.serial}; the configuration names none, and from the first motion on it is expected"
+    return identity.serial if configured is not None else f"{identity.serial}, the arm that was moved before"
 
 
 def remote_control(inputs: ConditionInputs) -> str:

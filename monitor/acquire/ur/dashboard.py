@@ -3,19 +3,21 @@
 ur-rtde has a dashboard client too, but it lives in the process that may be killed; this one works also after that.
 """
 
+import math
 import re
 import socket
 import time
 from typing import Self
 
-from monitor.acquire.driver import SafetyStop
+from monitor.acquire.driver import OurProgram, SafetyStop
 from monitor.acquire.state import Identity
 from monitor.errors import RobotUnreachable
 
 PORT = 29999
 LONGEST_LINE = 4096  # bytes; a dashboard's answer is far shorter
 STOP_WITHIN_S = 1.6  # a replay must report its end within 2 s, also where the controller is gone; the controller's watchdog stops the arm
-QUIET_PAUSE_S = 0.15  # between two checks that no program runs: a script that ur-rtde sent just before it was killed may arrive late
+OURS_S = 0.1  # so long after it was known to be ours a running program is taken for ours: a cell needs longer to start one of its own
+LOOK_PAUSE_S = 0.02  # between two looks at a program that is not stopped by us
 
 
 class Dashboard:
@@ -51,6 +53,18 @@ class Dashboard:
             raise RobotUnreachable(f"{self._host}: the dashboard closed the connection ({error})") from None
         return self._line()
 
+    def program_state(self) -> str:
+        """PLAYING, PAUSED or STOPPED. Software that does not know the question is asked whether a program runs."""
+        answer = self.ask("programState").upper()
+        for state in ("PLAYING", "PAUSED", "STOPPED"):
+            if answer.startswith(state):
+                return state
+        return "STOPPED" if self.ask("running").lower() == "program running: false" else "PLAYING"
+
+    def remote_control(self) -> bool | None:
+        """Whether the controller takes commands over the network; None where it does not say."""
+        return {"true": True, "false": False}.get(self.ask("is in remote control").lower())
+
     def _line(self) -> str:
         deadline = time.monotonic() + self._timeout_s
         while b"\n" not in self._waiting:
@@ -73,7 +87,7 @@ def identity(host: str, timeout_s: float = 2.0) -> Identity:
         model = re.fullmatch(r"UR\d+e?", dashboard.ask("get robot model"), re.IGNORECASE)
         serial = re.fullmatch(r"\d+", dashboard.ask("get serial number"))
         firmware = re.search(r"\d+\.\d+\.\d+(\.\d+)?", dashboard.ask("PolyscopeVersion"))
-        remote = {"true": True, "false": False}.get(dashboard.ask("is in remote control").lower())
+        remote = dashboard.remote_control()
     return Identity(
         model=model.group() if model else None,
         serial=serial.group() if serial else None,
@@ -102,23 +116,31 @@ def safety_stop(host: str, timeout_s: float = 0.4) -> SafetyStop | None:
     return None if mode == "NORMAL" else SafetyStop(SAFETY_CAUSES.get(mode, "safety"), f"the controller's safety mode is {mode}")
 
 
-def stop_program(host: str, within_s: float = STOP_WITHIN_S) -> bool:
-    """Stop whatever program runs, until two checks one after the other, QUIET_PAUSE_S apart, find that none runs.
+def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S) -> bool:
+    """End our program and no other: True once the controller has shown that no program runs, so that ours has ended.
 
-    Returns False where the controller could not be reached, or where a program still runs after within_s.
+    A `stop` is sent only where the controller has just shown a program that runs, and that program was known to be ours at most OURS_S
+    before. Each such look makes the next one possible, so a program that ignores a stop is stopped again; after a longer pause, or once
+    no program has run, whatever runs may be somebody else's.
+
+    Returns False where the controller did not show the end within within_s.
     """
     until = time.monotonic() + within_s
-    quiet = 0
+    ours_at_s = -math.inf if ours.at_s is None else ours.at_s
     while time.monotonic() < until:
         try:
             with Dashboard(host, timeout_s=0.8) as dashboard:
                 while time.monotonic() < until:
-                    dashboard.ask("stop")
-                    quiet = quiet + 1 if dashboard.ask("running").lower() == "program running: false" else 0
-                    if quiet == 2:
+                    looked_at = time.monotonic()
+                    state = dashboard.program_state()
+                    is_ours = time.monotonic() - ours_at_s <= OURS_S
+                    if state == "STOPPED" and not (is_ours and ours.state == "starting"):
                         return True
-                    time.sleep(QUIET_PAUSE_S)
+                    if is_ours and state != "STOPPED" and (state == "PAUSED" or ours.state != "paused"):
+                        dashboard.ask("stop")
+                        ours_at_s = looked_at
+                    else:
+                        time.sleep(LOOK_PAUSE_S)
         except RobotUnreachable:
-            quiet = 0
-            time.sleep(0.1)
+            time.sleep(LOOK_PAUSE_S)
     return False

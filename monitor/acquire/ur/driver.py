@@ -1,13 +1,16 @@
 """Universal Robots behind the room's `Driver`: ur-rtde in child processes, and the dashboard server over a plain socket."""
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
-from monitor.acquire.driver import ReplayTask, SafetyStop, Session, SessionEnded
+from monitor.acquire.driver import OurProgram, ReplayTask, SafetyStop, Session, SessionEnded
 from monitor.acquire.state import ArmState, Identity, arm_state
 from monitor.acquire.ur import dashboard
 from monitor.acquire.ur.job import job_document
 from monitor.acquire.ur.process import Child
 
+REMOTE_TIMEOUT_S = 0.5  # for one answer whether remote control is on; a controller answers within some milliseconds
 ANSWER_POLL_S = 0.05  # between two checks for the observing process's answer
 
 
@@ -44,9 +47,15 @@ class UniversalRobots:
         """The stop that the controller's safety system holds; None where there is none, or where the controller does not answer."""
         return dashboard.safety_stop(host)
 
-    def stop_program(self, host: str) -> bool:
-        """Stop whatever program runs. False where the controller did not confirm that none runs."""
-        return dashboard.stop_program(host)
+    @contextmanager
+    def remote_control(self, host: str) -> Iterator[Callable[[], bool | None]]:
+        """A conversation with the dashboard, in which each call asks whether the controller takes commands over the network."""
+        with dashboard.Dashboard(host, timeout_s=REMOTE_TIMEOUT_S) as conversation:
+            yield conversation.remote_control
+
+    def stop_program(self, host: str, ours: OurProgram) -> bool:
+        """End our program and no other. False where the controller did not show that it has ended."""
+        return dashboard.stop_program(host, ours)
 
 
 UNIVERSAL_ROBOTS = UniversalRobots()

@@ -223,7 +223,7 @@ def main() -> None:
         outbox.message("failed", cause=explained.cause, text=str(explained))
     except Stopped:
         cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
-        outbox.message("failed", cause=cause, text="stopped on request; the arm stands")
+        outbox.message("failed", cause=cause, text="stopped on request; the arm stands", ended=True)
     except RobotUnreachable as error:
         outbox.message("unreachable", text=str(error))
     except MonitorError as error:

@@ -1,0 +1,109 @@
+"""What is asked of others while the arm moves, in threads of their own: whether remote control is still on, and the permit still given.
+
+The thread that follows the session only reads what they found, so that a slow answer delays nothing.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import NamedTuple
+
+from monitor.acquire.safety.inputs import Permit
+from monitor.errors import RobotUnreachable
+
+CONTROL_EVERY_S = 0.2  # between two questions whether remote control is on: the arm stands within 1 s of its loss
+CONTROL_SILENCE_S = 2.0  # a dashboard that was closed and opened again answers within that time
+PERMIT_EVERY_S = 1.0  # between two questions for the permit
+PERMIT_ANSWER_S = 0.5  # one question waits so long for its answer
+PERMIT_SILENCE_S = 1.9  # two questions in a row without an answer: the permit is gone
+LEAVE_S = 0.6  # a question that is under way when the motion ends has its answer by then
+
+
+class Interruption(NamedTuple):
+    """Why a motion must end."""
+
+    cause: str
+    text: str
+
+
+Question = Callable[[threading.Event], Interruption | None]  # returns where it finds a reason, or once the event is set
+
+
+class Oversight:
+    """Runs questions while the arm moves; `finding` is the first reason to stop that one of them found."""
+
+    def __init__(self, questions: tuple[Question, ...]) -> None:
+        self._questions = questions
+        self._over = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self.finding: Interruption | None = None
+
+    def start(self) -> None:
+        """Begin to ask."""
+        for question in self._questions:
+            self._threads.append(threading.Thread(target=self._run, args=(question,), name="oversight", daemon=True))
+            self._threads[-1].start()
+
+    def cancel(self) -> None:
+        """Ask no more; what is found from now on does not count."""
+        self._over.set()
+
+    def join(self) -> None:
+        """Wait for the questions that were under way."""
+        until = time.monotonic() + LEAVE_S
+        for thread in self._threads:
+            thread.join(max(0.0, until - time.monotonic()))
+
+    def _run(self, question: Question) -> None:
+        try:
+            found = question(self._over)
+        except Exception as error:  # a question that cannot be asked any more is no answer
+            found = Interruption("internal", f"the supervision of the motion failed: {type(error).__name__}: {error}")
+        if found is not None and self.finding is None and not self._over.is_set():
+            self.finding = found
+
+
+def remote_control_kept(converse: Callable[[], AbstractContextManager[Callable[[], bool | None]]]) -> Question:
+    """The robot is in remote control, and says so again and again."""
+
+    def question(over: threading.Event) -> Interruption | None:
+        heard_at, reason = time.monotonic(), ""
+        while not over.is_set():
+            try:
+                with converse() as ask:
+                    while not over.is_set():
+                        remote = ask()
+                        if remote is False:
+                            return Interruption("local_control", "the controller was taken into local control")
+                        if remote is None:
+                            reason = "the dashboard says neither true nor false"
+                            break
+                        heard_at = time.monotonic()
+                        over.wait(CONTROL_EVERY_S)
+            except RobotUnreachable as error:
+                reason = str(error)
+            if (silent_s := time.monotonic() - heard_at) > CONTROL_SILENCE_S:
+                return Interruption("local_control", f"whether remote control is on is not known for {silent_s:.1f} s: {reason}")
+            over.wait(CONTROL_EVERY_S)
+        return None
+
+    return question
+
+
+def permit_kept(ask: Callable[[float], Permit | None]) -> Question:
+    """The permit is still given. `ask` waits for an answer at most so long [s]."""
+
+    def question(over: threading.Event) -> Interruption | None:
+        heard_at = time.monotonic()
+        while not over.wait(PERMIT_EVERY_S):
+            answer = ask(PERMIT_ANSWER_S)
+            if answer is not None and not answer.given:
+                return Interruption("permit_withdrawn", answer.reason)
+            if answer is not None:
+                heard_at = time.monotonic()
+            elif (silent_s := time.monotonic() - heard_at) > PERMIT_SILENCE_S:
+                return Interruption("permit_withdrawn", f"nobody has answered permit/replay for {silent_s:.1f} s")
+        return None
+
+    return question

@@ -1,0 +1,120 @@
+"""Only what is known to be ours is stopped: the dashboard's part, against a dashboard whose program starts and ends by the clock."""
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from monitor.acquire.driver import OurProgram
+from monitor.acquire.ur.dashboard import PORT, stop_program
+
+HOST = "127.0.2.61"
+
+
+class ScriptedDashboard:
+    """Serves PolyScope's lines. `state` gives the program's state by the seconds since the start; a stop is obeyed from the n-th one on."""
+
+    def __init__(self, state: Callable[[float], str], obeys: int = 1, answers_after_s: float = 0.0) -> None:
+        self.state, self.obeys, self.answers_after_s = state, obeys, answers_after_s
+        self.stops: list[tuple[float, str]] = []  # when, and the state in which it met the program
+        self.began = time.monotonic()
+        self._server = socket.create_server((HOST, PORT))
+        self._server.settimeout(0.05)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._over.set()
+        self._thread.join()
+        self._server.close()
+
+    @property
+    def now_s(self) -> float:
+        return time.monotonic() - self.began
+
+    def _present(self) -> str:
+        return "STOPPED" if len(self.stops) >= self.obeys else self.state(self.now_s)
+
+    def _serve(self):
+        while not self._over.is_set():
+            try:
+                peer, _ = self._server.accept()
+            except TimeoutError:
+                continue
+            with peer:
+                peer.settimeout(0.05)
+                peer.sendall(b"Connected: Universal Robots Dashboard Server\n")
+                self._answer(peer)
+
+    def _answer(self, peer: socket.socket):
+        while not self._over.is_set():
+            try:
+                line = peer.recv(200)
+            except TimeoutError:
+                continue
+            if not line:
+                return
+            time.sleep(self.answers_after_s)
+            if line == b"stop\n":
+                self.stops.append((self.now_s, self._present()))
+                peer.sendall(b"Stopped\n")
+            elif line == b"programState\n":
+                peer.sendall(f"{self._present()} cell.urp\n".encode())
+
+
+@pytest.mark.parametrize(
+    ("state", "obeys", "stops"),
+    [
+        (lambda _: "PLAYING", 1, 1),
+        (lambda _: "PLAYING", 3, 3),  # it ignores two: our program has run without an interruption, so it is told again
+        (lambda _: "PAUSED", 1, 1),  # by a protective stop
+        (lambda _: "STOPPED", 1, 0),
+        (lambda t: "STOPPED" if t < 0.15 else "PLAYING", 1, 0),  # the cell's own program comes after ours
+    ],
+)
+def test_our_program_is_stopped_and_no_program_after_it(state, obeys, stops):
+    """Until the controller has shown once that no program runs."""
+    with ScriptedDashboard(state, obeys) as dashboard:
+        assert stop_program(HOST, OurProgram(time.monotonic()), within_s=0.5)
+        time.sleep(0.2)
+        assert len(dashboard.stops) == stops
+
+
+@pytest.mark.parametrize("ours", [OurProgram(None), OurProgram(time.monotonic() - 0.2), OurProgram(time.monotonic() + 1e6, "paused")])
+def test_a_program_that_is_not_known_to_be_ours_is_never_stopped(ours):
+    """Nothing was ours, or too long ago, or ours was seen to end: what plays is somebody else's, and our end was not shown."""
+    with ScriptedDashboard(lambda _: "PLAYING") as dashboard:
+        assert not stop_program(HOST, ours, within_s=0.3)
+        assert dashboard.stops == []
+
+
+def test_a_controller_that_answers_late_gets_no_stop():
+    """Its answer is older than the time in which a cell may start a program of its own."""
+    with ScriptedDashboard(lambda _: "PLAYING", answers_after_s=0.15) as dashboard:
+        assert not stop_program(HOST, OurProgram(time.monotonic()), within_s=0.5)
+        assert dashboard.stops == []
+
+
+@pytest.mark.parametrize(("starts_s", "stops"), [(0.04, 1), (0.25, 0)])
+def test_a_program_that_was_being_sent_is_stopped_where_it_starts_at_once(starts_s, stops):
+    """Later it may be somebody else's."""
+    with ScriptedDashboard(lambda t: "STOPPED" if t < starts_s else "PLAYING") as dashboard:
+        assert stop_program(HOST, OurProgram(time.monotonic(), "starting"), within_s=1.0)
+        assert len(dashboard.stops) == stops
+
+
+def test_the_cells_program_lives_in_a_hundred_handovers():
+    """Ours ends 0 to 100 ms after the session, the cell's starts 0.15 s after ours: no stop ever meets the cell's program."""
+    met = []
+    for number in range(100):
+        ends_s = 0.1 * number / 100.0
+        with ScriptedDashboard(lambda t, end=ends_s: "PLAYING" if t < end or t > end + 0.15 else "STOPPED", obeys=99) as dashboard:
+            stop_program(HOST, OurProgram(time.monotonic()), within_s=0.3)
+            met += [at for at, state in dashboard.stops if state == "PLAYING" and at > ends_s]
+    assert met == []

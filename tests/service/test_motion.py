@@ -1,0 +1,212 @@
+"""Motions in the history: every ending that is not known to be good waits for a person, whatever ended it."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from excitations import short
+from test_driver import DONE, WAITING, MovingSession, ScriptedDriver, ScriptedSession, phase, row
+from test_guard import ready_state
+
+from monitor.acquire.state import Identity
+from monitor.config.load import load
+from monitor.config.schema import Configuration
+from monitor.errors import MotionRefused, ReplayAborted, StoreError, StoreUnavailable
+from monitor.service.motion import check_conditions, move
+from monitor.store.store import Store
+
+PLAY = [phase("control"), phase("play"), row(1), row(2)]
+LATE = {"kind": "failed", "cause": "late", "text": "a target came late"}
+
+
+@pytest.fixture
+def configuration(tmp_path: Path, free_port: int) -> Configuration:
+    """Of an arm that needs no first pass."""
+    (tmp_path / "cell.toml").write_text(
+        '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[store]\ndirectory = "history"\n'
+        '[replay]\nallow_motion = true\nfirst_pass = false\ncell = "unchecked"\nconfirm_timeout_s = 1.0\n'
+        f'[bus]\nlisten = ["tcp/127.0.0.1:{free_port}"]\n'
+    )
+    return load(tmp_path / "cell.toml")
+
+
+def arm(*frames, after: Callable[[], object] = ready_state, identity: Identity | None = None) -> ScriptedDriver:
+    """A driver whose session sends these frames after `go`; `after` is the arm's state after the motion, None: it does not answer."""
+    driver = ScriptedDriver(ScriptedSession(WAITING, [*PLAY, *frames], exit_code=-9), identity=identity)
+    driver.state = lambda *_: after()
+    return driver
+
+
+def moved(configuration: Configuration, store: Store, driver: ScriptedDriver, **more) -> ReplayAborted | None:
+    """The abort with which a motion ended; None where it was complete."""
+    try:
+        move(
+            configuration,
+            store,
+            short(),
+            configuration.context,
+            should_stop=lambda: False,
+            first_pass_path=configuration.state_directory / "first.parquet",
+            driver=driver,
+            **more,
+        )
+    except ReplayAborted as error:
+        return error
+    return None
+
+
+def causes(store: Store) -> list[str]:
+    return [stop.cause for stop in store.stops.waiting()]
+
+
+def test_a_harmless_end_is_harmless_only_where_the_arm_was_seen_in_order_after_it(configuration: Configuration):
+    """At rest, powered, normal, without a program: the next window moves. Anything else, or no answer at all, asks for a person."""
+    state = ready_state()
+    cases = [
+        (lambda: state, None, ""),
+        (lambda: None, "late", "whether it has power"),  # the main switch
+        (lambda: replace(state, safety_mode=3, safety_bits=0b100_0000_0100), "protective_stop", "safety mode is 3"),
+        (lambda: replace(state, robot_mode=3), "robot_mode", "power off"),
+        (lambda: replace(state, runtime_state=2), "late", "a program is playing"),
+        (lambda: replace(state, qd=state.qd + 0.1), "late", "does not stand still"),
+        (lambda: replace(state, qd=state.qd * float("nan")), "late", "does not stand still"),
+    ]
+    for after, cause, text in cases:
+        with Store.open(configuration.state_directory) as store:
+            error = moved(configuration, store, arm(LATE, after=after))
+            assert error is not None
+            assert error.needs_a_person == (cause is not None)
+            assert text in str(error)
+            assert causes(store) == ([] if cause is None else [cause])
+            assert store.motions.left_over() == []
+            store.stops.allow("Ada", "looked", 1.0)
+
+
+def test_a_stop_that_was_not_confirmed_waits_for_a_person_unless_the_arm_is_seen_at_rest(configuration: Configuration):
+    """The dashboard was away for a moment: what RTDE shows afterwards counts."""
+    for after, waits in ((ready_state, False), (lambda: None, True)):
+        with Store.open(configuration.state_directory) as store:
+            driver = arm(after=after)
+            driver.stop_program = lambda host, ours: False
+            error = moved(configuration, store, driver)
+            assert error is not None
+            assert "DID NOT CONFIRM" in str(error)
+            assert bool(causes(store)) == waits == error.needs_a_person
+
+
+def test_a_complete_replay_leaves_nothing_and_a_stop_after_it_waits(configuration: Configuration):
+    """A program of the cell that runs already is no fault. An emergency stop in the last moment keeps the recording, and waits."""
+    state = ready_state()
+    with Store.open(configuration.state_directory) as store:
+        assert moved(configuration, store, arm(DONE, after=lambda: replace(state, runtime_state=2, qd=state.qd + 0.3))) is None
+        assert [motion.ending for motion in store.motions.rows()] == ["done"]
+        assert causes(store) == []
+        assert moved(configuration, store, arm(DONE, after=lambda: replace(state, safety_mode=7))) is None
+        assert causes(store) == ["emergency_stop"]
+        with pytest.raises(MotionRefused, match="previous_stop"):
+            moved(configuration, store, arm(DONE))
+
+
+def test_a_full_disk_keeps_the_arm_where_it_is_or_asks_for_a_person(configuration: Configuration, monkeypatch: pytest.MonkeyPatch):
+    """Before the motion: nothing moves. At its end: the motion keeps no end, and the next one is refused."""
+
+    def full(*_: object, **__: object) -> None:
+        raise StoreUnavailable("no space is left")
+
+    with Store.open(configuration.state_directory) as store:
+        driver = arm(DONE)
+        with monkeypatch.context() as patched:
+            patched.setattr(store.motions, "begin", full)
+            with pytest.raises(StoreError, match="no space"):
+                moved(configuration, store, driver)
+        assert driver.session.sent == []
+        with monkeypatch.context() as patched:
+            patched.setattr(store.motions, "end", full)
+            assert moved(configuration, store, arm(DONE)) is None
+        with pytest.raises(MotionRefused, match="was under way"):
+            moved(configuration, store, arm(DONE))
+        assert causes(store) == ["unknown_end"]
+
+
+DYING = """
+import os, signal, sys
+from pathlib import Path
+from test_motion import *
+configuration = load(Path(sys.argv[1]))
+class Dying(MovingSession):
+    def frames(self, timeout_s):
+        if self.tick == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().frames(timeout_s)
+with Store.open(configuration.state_directory) as store:
+    moved(configuration, store, ScriptedDriver(Dying()), ledger_id=store.ledger.claim(1.0, "scheduled", 1.0))
+"""
+
+
+def test_sigkill_or_a_power_cut_in_mid_motion_waits_for_a_person(configuration: Configuration):
+    """A protective stop 20 ms before would be unknown to everybody: so any such end counts as one. `check` says it at once."""
+    path = ":".join(sys.path)
+    done = subprocess.run([sys.executable, "-c", DYING, str(configuration.path)], env={**os.environ, "PYTHONPATH": path}, check=False)
+    assert done.returncode == -signal.SIGKILL
+    found = {each.name: each for each in check_conditions(configuration)}
+    assert not found["previous_stop"].holds
+    assert "whether the arm came to rest" in found["previous_stop"].text
+    with Store.open(configuration.state_directory) as store:
+        with pytest.raises(MotionRefused, match="previous_stop"):
+            moved(configuration, store, ScriptedDriver(MovingSession()))
+        (stop,) = store.stops.waiting()
+        assert (stop.cause, stop.ledger_id) == ("unknown_end", 1)
+
+
+def test_an_error_of_this_program_in_mid_motion_waits_for_a_person(configuration: Configuration):
+    """Also in a replay by hand, where no window has it."""
+    session = MovingSession()
+
+    def forbidden() -> str | None:
+        if session.tick > 3:
+            raise ZeroDivisionError
+        return None
+
+    with Store.open(configuration.state_directory) as store:
+        with pytest.raises(ZeroDivisionError):
+            moved(configuration, store, ScriptedDriver(session), forbidden=forbidden)
+        assert causes(store) == ["internal"]
+
+
+def test_another_arm_at_the_address_waits_for_a_person_and_begins_slowly(configuration: Configuration):
+    """The serial number met first is expected. The other one is named, once; a person allows it, and it must begin with a first pass."""
+    other = Identity("UR5", "8", "3.15.8", True)
+    with Store.open(configuration.state_directory) as store:
+        assert moved(configuration, store, arm(DONE)) is None
+        assert store.motions.expected_serial() == "7"
+        store.first_passes.add("digest", {}, 1.0)
+        for refusal in ("expected 7", "previous_stop"):
+            with pytest.raises(MotionRefused, match=refusal):
+                moved(configuration, store, arm(DONE, identity=other))
+        (stop,) = store.stops.waiting()
+        assert (stop.cause, stop.serial) == ("another_arm", "8")
+        assert "serial number is 8, expected 7" in stop.text
+        store.stops.allow("Ada", "the arm was replaced", 1.0)
+        assert not store.first_passes.is_latest("digest")
+        assert moved(configuration, store, arm(DONE, identity=other)) is None
+        with pytest.raises(MotionRefused, match="expected 8"):
+            moved(configuration, store, arm(DONE))
+        with pytest.raises(MotionRefused, match="previous_stop"):
+            moved(configuration, store, arm(DONE, identity=Identity("UR5", None, "3.15.8", True)))
+
+
+def test_a_serial_number_in_the_configuration_is_what_a_person_says(configuration: Configuration):
+    """It replaces the one met before, and another one is refused without a stop: the file says what is right."""
+    named = replace(configuration, robot=replace(configuration.robot, serial="8"))
+    with Store.open(configuration.state_directory) as store:
+        assert moved(configuration, store, arm(DONE)) is None
+        with pytest.raises(MotionRefused, match="is 7, expected 8"):
+            moved(named, store, arm(DONE))
+        assert causes(store) == []
+        assert moved(named, store, arm(DONE, identity=Identity("UR5", "8", "3.15.8", True))) is None
+        assert store.motions.expected_serial() == "8"
