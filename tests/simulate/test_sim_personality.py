@@ -56,6 +56,17 @@ def test_speed_scaling_is_zero_while_no_program_plays_and_for_up_to_20_ms_after_
     assert max(waits) <= 0.020 + c.clock.tick_s
 
 
+def test_with_ideal_values_speed_scaling_is_zero_until_a_program_plays_and_full_from_then_on():
+    """In all recordings, of CB3, e-Series and the manufacturer's simulator, it is 0 while no program plays."""
+    pendant = Pendant()
+    pendant.controller.stop_program("the test")
+    assert read(pendant.controller, "speed_scaling")[0] == 0.0
+    pendant.controller.run_script("movej([0,-1.5,0,-1.5,0,0])")
+    assert read(pendant.controller, "speed_scaling")[0] == 1.0
+    pendant.controller.inject("protective_stop", {"runtime": "paused"})
+    assert read(pendant.controller, "speed_scaling")[0] == 0.0
+
+
 def test_an_arm_as_recorded_stands_as_the_recorded_ones_did():
     """The accelerometer is 9.28 m/s² long, the voltages are 47.3–47.8 V, the tool feels half a newton, the joints pull against friction."""
     made = controller()

@@ -40,8 +40,6 @@ HELD_SHARE = np.array([-0.013, -0.014, -0.015, -0.009, 0.0, -0.008])
 class Personality(Protocol):
     """What an arm publishes beside its motion."""
 
-    idle_scaling_zero: bool  # whether `speed_scaling` is 0 while no program plays
-
     def start_s(self) -> float:
         """For how long `speed_scaling` stays 0 after a program's start [s]."""
 
@@ -69,8 +67,6 @@ class Personality(Protocol):
 
 class Ideal:
     """An arm without idiosyncrasies: forces at the tool are zero, voltages constant, and the accelerometer shows gravity."""
-
-    idle_scaling_zero = False
 
     def __init__(self, robot: Robot) -> None:
         self._nothing = np.zeros(robot.joints)
@@ -112,8 +108,6 @@ class Ideal:
 
 class Recorded:
     """An arm as recorded. The numbers are drawn from the seed, apart from the noise of the sensors."""
-
-    idle_scaling_zero = True
 
     def __init__(self, robot: Robot, seed: int) -> None:
         self._max_nm = robot.max_torque_nm

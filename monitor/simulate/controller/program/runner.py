@@ -64,9 +64,7 @@ class Programs:
     def speed_scaling(self) -> float:
         """The share of full speed at which a program plays, 0 … 1: 0 while none plays, and at first after a program's start."""
         machine = self._machine
-        if machine.personality.idle_scaling_zero and (
-            machine.modes.runtime != Runtime.PLAYING or machine.clock.now_s < self._full_speed_at_s
-        ):
+        if machine.modes.runtime != Runtime.PLAYING or machine.clock.now_s < self._full_speed_at_s:
             return 0.0
         return machine.registers.speed_fraction
 
