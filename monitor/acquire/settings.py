@@ -59,6 +59,7 @@ class ReplaySettings:
     max_approach_rad: float = 2.5  # an arm with a joint farther from the start than this was parked elsewhere on purpose
     max_timestamp_age_s: float = 0.1  # without a new row for so long the replay ends
     max_following_error_rad: float = 0.05  # largest distance of a joint from the range of the targets of the last 0.2 s
+    max_tracking_error_rad: float = 0.005  # largest distance of a joint from the controller's own target, beyond a lag of 40 ms
     joint_temperature_range_c: tuple[float, float] = (0.0, 75.0)  # lowest and highest temperature with which a joint may move
     startup_timeout_s: Annotated[float, Interval(ge=1.0, le=60.0)] = 10.0  # for interpreter, imports, connections and checks together
     control_timeout_s: Annotated[float, Interval(ge=6.0, le=60.0)] = (
@@ -84,6 +85,7 @@ class ReplaySettings:
             "max_approach_rad": (0.0, 2.0 * math.pi),
             "max_timestamp_age_s": (0.02, 0.1),
             "max_following_error_rad": (0.005, 0.5),
+            "max_tracking_error_rad": (0.002, 0.05),  # real arms stay within 0.001
         }
         for name, (low, high) in within.items():
             value = getattr(self, name)

@@ -15,10 +15,11 @@ from monitor.acquire.rows import COLUMN
 from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
 from monitor.acquire.ur.control import STANDING_S, Control
-from monitor.acquire.ur.failures import StreamFailure, following_failure, state_failure
+from monitor.acquire.ur.failures import StreamFailure, state_failure
 from monitor.acquire.ur.gaps import CycleGaps
 from monitor.acquire.ur.pacing import POLL_S, PacketTiming
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
+from monitor.acquire.ur.tracking import Tracking
 from monitor.recording import Array
 
 RECENT_TARGETS = 25  # 0.2 s at 125 Hz: longer than servoJ's lookahead and the servo's lag together
@@ -55,6 +56,9 @@ class Arm:
         self._moving = False  # targets are sent: every gap counts
         self._timestamp_s = self.receive.getTimestamp()
         self._timing = PacketTiming(timestamp_s=self._timestamp_s, offset_s=self.seen_at - self._timestamp_s)
+        self._tracking = Tracking(
+            self.tick_s, largest_rad=self.settings.max_following_error_rad, lasting_rad=self.settings.max_tracking_error_rad
+        )
         self.step_s = 0.0  # controller's time between the last two rows
         self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
         self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
@@ -245,7 +249,13 @@ class Arm:
         self._listen_to_parent()
         settings = self.settings
         failure = state_failure(arm_state(row), settings, self.payload_kg)
-        failure = failure or following_failure(row[COLUMN["actual_q"]], np.array(self.recent), settings.max_following_error_rad)
+        failure = failure or self._tracking.failure(
+            row[COLUMN["actual_q"]],
+            row[COLUMN["target_q"]],
+            row[COLUMN["target_qd"]],
+            np.array(self.recent),
+            late=self.gaps.were_late(self.seen_at, self.tick_s),
+        )
         if failure:
             raise failure
         if self.asked_to_stop is None and not self._permitted(row):

@@ -7,7 +7,6 @@ import numpy as np
 from monitor.acquire import state as names
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.recording import Array
 
 EMERGENCY_MODES = {6, 7}  # safety modes: system and robot emergency stop
 PROTECTIVE_MODE, SAFEGUARD_MODE = 3, 5
@@ -101,15 +100,3 @@ def _safety_cause(state: ArmState) -> str:
     if state.safety_mode == SAFEGUARD_MODE or state.safety_bits & SAFEGUARD_BIT:
         return "safeguard_stop"
     return "safety"
-
-
-def following_failure(q: Array, targets: Array, limit_rad: float) -> StreamFailure | None:
-    """The failure where a joint of q (J,) is outside the range of the last targets (n, J) by more than limit_rad; else None.
-
-    A servo that lags stays within the range; an arm that stands while its targets go on leaves it.
-    """
-    outside = np.maximum(targets.min(axis=0) - q, q - targets.max(axis=0))  # (J,)
-    j = int(np.argmax(outside))
-    if outside[j] <= limit_rad:
-        return None
-    return StreamFailure("following_error", f"joint {j + 1} is {outside[j]:.3f} rad from where it was sent")

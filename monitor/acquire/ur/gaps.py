@@ -24,13 +24,16 @@ class CycleGaps:
         """Forget every gap: what took long before the arm moved explains nothing."""
         self.longest_s = self._recent_s = 0.0
 
+    def were_late(self, now_s: float, tick_s: float) -> bool:
+        """Whether the stream of targets was interrupted within the last half second."""
+        return self._recent_s >= MOST_TICKS * tick_s and now_s - self._recent_at_s <= RECENT_S
+
     def explain(self, failure: StreamFailure, now_s: float, *, tick_s: float, watchdog_s: float) -> StreamFailure:
         """The failure by its true cause: `late` where late targets just before it can have caused it, else the failure itself.
 
         `watchdog_s` is the time after which the controller's watchdog stops a program that receives no target.
         """
         enough_s = {
-            "following_error": MOST_TICKS * tick_s,
             "bad_target": MOST_TICKS * tick_s,
             "program_stopped": WATCHDOG_SHARE * watchdog_s,
             "servo_refused": WATCHDOG_SHARE * watchdog_s,

@@ -1,0 +1,55 @@
+"""Whether the arm follows its controller, and whether the controller follows us. Values only, no clock.
+
+An arm that leaves the controller's own target was held up or pushed: a person must look. A controller whose target is elsewhere than what
+was sent got its targets late, or does not take them. The first is told apart from the second, because a busy host delays targets
+now and then, and a servo that gets its targets late stays near its own target all the same.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from monitor.acquire.ur.failures import StreamFailure
+from monitor.recording import Array
+
+LAG_S = 0.04  # an arm may be so far behind the controller's target; real ones are 1 to 10 ms behind it
+SPEED_SHARE_S = 0.01  # per rad/s of the target, for the servo's error in fast motions; real ones have less than a tenth of it
+ROWS = 3  # successive rows before a small distance counts: one row may be torn between two ticks of the controller
+
+
+class Tracking:
+    """Compares each row with the rows before and with what was sent."""
+
+    def __init__(self, tick_s: float, *, largest_rad: float, lasting_rad: float) -> None:
+        """A joint ends the motion at a distance of largest_rad, or of lasting_rad in successive rows."""
+        self._largest_rad, self._lasting_rad = largest_rad, lasting_rad
+        self._own: deque[Array] = deque(maxlen=max(2, round(LAG_S / tick_s) + 1))  # the controller's targets, (J,) each
+        self._outside = 0  # successive rows
+
+    def failure(self, q: Array, own_q: Array, own_qd: Array, sent: Array, *, late: bool) -> StreamFailure | None:
+        """Why the motion must end after this row; None while everything is where it should be.
+
+        q, own_q, own_qd : (J,) the measured position [rad], and the controller's own target with its speed [rad/s].
+        sent : (n, J) the targets of the last 0.2 s. late : whether the stream of targets was interrupted just before.
+        """
+        self._own.append(own_q)
+        j, far = _farthest(q, np.array(self._own))
+        allowed = self._lasting_rad + SPEED_SHARE_S * abs(float(own_qd[j]))
+        # a servo whose targets were late may shake for a moment; it stays within largest_rad
+        self._outside = self._outside + 1 if far > allowed and not late else 0
+        if far > self._largest_rad or self._outside >= ROWS:
+            return StreamFailure("following_error", f"joint {j + 1} is {far:.3f} rad from the controller's own target: something holds it")
+        j, far = _farthest(own_q, sent)
+        if far <= self._largest_rad:
+            return None
+        if late:
+            return StreamFailure("late", f"targets came late: the controller's own target of joint {j + 1} is {far:.3f} rad from them")
+        return StreamFailure("following_error", f"the controller's own target of joint {j + 1} is {far:.3f} rad from where it was sent")
+
+
+def _farthest(q: Array, targets: Array) -> tuple[int, float]:
+    """The joint of q (J,) that is farthest outside the range of targets (n, J), and its distance [rad]; inf where it is no number."""
+    outside = np.maximum(targets.min(axis=0) - q, q - targets.max(axis=0))  # (J,)
+    outside = np.where(np.isfinite(outside), outside, np.inf)
+    j = int(np.argmax(outside))
+    return j, float(outside[j])

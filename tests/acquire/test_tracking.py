@@ -1,0 +1,106 @@
+"""The arm against the controller's own target, and that target against what was sent. Values only."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.acquire.path import joint_path
+from monitor.acquire.ur.tracking import Tracking
+
+TICK_S = 0.008
+RECENT = 25
+
+
+def ended(q, own, sent, *, late=lambda n: False):
+    """(cause, text, number of the row) of the first failure in rows (N, J); None where there is none."""
+    tracking = Tracking(TICK_S, largest_rad=0.05, lasting_rad=0.005)
+    speeds = np.gradient(own, TICK_S, axis=0)
+    for n in range(1, len(q)):
+        failure = tracking.failure(q[n], own[n], speeds[n], sent[max(0, n - RECENT) : n], late=late(n))
+        if failure:
+            return failure.cause, str(failure), n
+    return None
+
+
+def sweep(speeds, seconds=1.0):
+    t = np.arange(0.0, seconds, TICK_S)
+    return np.outer(t, speeds)
+
+
+def delayed(rows, ticks):
+    return rows[np.maximum(np.arange(len(rows)) - ticks, 0)]
+
+
+@pytest.mark.parametrize("speed_rad_s", [0.033, 0.1, 0.5, 2.5])
+def test_a_joint_that_sticks_is_seen_within_a_quarter_of_a_second(speed_rad_s):
+    """Also a slow one: beside a joint that has far to go, another moves at 0.03 rad/s; it took 1.7 s to be seen before."""
+    sent = sweep([2.5, speed_rad_s, 0.0, 0.0, 0.0, 0.0])
+    own = delayed(sent, 2)
+    q = delayed(own, 1)
+    stuck_at = 40
+    q[stuck_at:, 1] = q[stuck_at, 1]
+    cause, text, n = ended(q, own, sent)
+    assert cause == "following_error"
+    assert "joint 2" in text
+    assert "own target" in text
+    assert (n - stuck_at) * TICK_S <= 0.25
+
+
+def test_every_joint_that_sticks_anywhere_in_an_approach_is_seen_before_it_is_1_degree_behind():
+    """From the first moment on, where the path is slow: what counts is how far the arm is from its target."""
+    there = joint_path(np.zeros(6), np.array([1.5, 0.05, -0.6, 0.3, 0.02, -1.0]), speed_rad_s=0.5, acceleration_rad_s2=1.5)
+    t = np.arange(0.0, there.duration_s, TICK_S)
+    sent = np.array([there.at(each) for each in t])
+    own = delayed(sent, 2)
+    for joint in (0, 2, 3, 5):
+        for stuck_at in (1, 20, 60, 150):
+            q = delayed(own, 1)
+            q[stuck_at:, joint] = q[stuck_at, joint]
+            _, text, n = ended(q, own, sent)
+            assert f"joint {joint + 1}" in text
+            assert abs(own[n, joint] - q[n, joint]) < np.radians(1.0) + 0.06 * 0.5
+
+
+@given(speeds=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6), lag=st.integers(0, 4), seed=st.integers(0, 100))
+def test_a_servo_that_lags_by_up_to_four_ticks_is_no_failure(speeds, lag, seed):
+    """Ten times the lag of real arms, with the noise of encoders."""
+    sent = sweep(speeds)
+    own = delayed(sent, 3)
+    q = delayed(own, lag) + np.random.default_rng(seed).normal(0.0, 1e-4, own.shape)
+    assert ended(q, own, sent) is None
+
+
+def test_late_targets_are_no_deviation_of_the_arm():
+    """A gap of 60 ms: the controller's target waits, the arm waits with it, and both go on. Nothing ends, and nobody is asked."""
+    sent = sweep([2.5, -1.0, 0.0, 0.0, 0.0, 0.0])
+    sent[60:68] = sent[60]  # nothing came
+    sent[68:] = sent[60] + sweep([2.5, -1.0, 0.0, 0.0, 0.0, 0.0])[: len(sent) - 68]
+    own = delayed(sent, 2)
+    assert ended(delayed(own, 1), own, sent, late=lambda n: 60 <= n <= 125) is None
+
+
+@pytest.mark.parametrize(("late", "cause"), [(True, "late"), (False, "following_error")])
+def test_a_controller_that_is_elsewhere_than_it_was_sent_is_late_targets_or_a_deviation(late, cause):
+    """The arm is where its controller wants it, 0.1 rad from what was sent."""
+    sent = sweep([0.5] * 6)
+    own = sent + 0.1
+    found, text, _ = ended(own, own, sent, late=lambda n: late)
+    assert found == cause
+    assert "was sent" in text or "late" in text
+
+
+def test_an_arm_that_leaves_its_controllers_target_is_no_host_that_is_late():
+    """Also where the host was late just before: a person must look."""
+    sent = sweep([0.5] * 6)
+    q = sent.copy()
+    q[50:, 2] -= 0.2
+    assert ended(q, sent, sent, late=lambda n: True)[0] == "following_error"
+
+
+def test_a_position_that_is_no_number_is_a_failure():
+    """Also for a single row."""
+    q = sweep([0.1] * 6)
+    broken = q.copy()
+    broken[30, 4] = np.nan
+    assert ended(broken, q, q)[2] == 30
