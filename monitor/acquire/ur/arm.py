@@ -99,6 +99,8 @@ class Arm:
         runtime = arm_state(self.fresh_row()).runtime_state
         if runtime != RUNTIME_STOPPED:
             raise StreamFailure("no_control", f"somebody else's program is {RUNTIME_STATES.get(runtime, 'unknown')}; nothing was sent")
+        if control.program_runs():
+            raise StreamFailure("no_control", "somebody else's program has started; nothing was sent")
         if not control.upload():
             raise StreamFailure("no_control", "the control program could not be sent")
         self.note_busy()
@@ -107,9 +109,9 @@ class Arm:
             state = arm_state(self.next_row())
             if failure := state_failure(state, self.settings, self.payload_kg, playing=False, up_to_speed=False):
                 raise failure
-            if state.runtime_state == RUNTIME_PLAYING:
+            if state.runtime_state == RUNTIME_PLAYING and control.program_runs():
                 return
-            if state.runtime_state != RUNTIME_STOPPED:
+            if state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_PLAYING}:
                 raise StreamFailure("no_control", f"the program is {RUNTIME_STATES.get(state.runtime_state, 'unknown')} after its upload")
             if self.seen_at - since_s > START_S:
                 raise StreamFailure("no_control", f"the control program did not start within {START_S:g} s")
@@ -135,8 +137,8 @@ class Arm:
         took_s = row[0] - since_s
         if took_s < WATCHDOG_EARLY_SHARE * period_s:
             raise StreamFailure("program_stopped", f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s")
-        while state.runtime_state != RUNTIME_STOPPED:
-            if row[0] - since_s > period_s + START_S or state.runtime_state != RUNTIME_STOPPING:
+        while state.runtime_state != RUNTIME_STOPPED or self._control.program_runs():
+            if row[0] - since_s > period_s + START_S or state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
                 name = RUNTIME_STATES.get(state.runtime_state, "unknown")
                 raise StreamFailure("no_watchdog", f"without targets the program is {name}; expected stopped")
             row = self.next_row()

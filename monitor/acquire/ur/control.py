@@ -51,6 +51,10 @@ class Control:
         """Whether the connection stands, as far as ur-rtde knows."""
         return bool(self._rtde.isConnected())
 
+    def program_runs(self) -> bool:
+        """Whether a program runs, as the control connection reports; the rows come on another one, a tick earlier or later."""
+        return bool(self._rtde.isProgramRunning())
+
     def report(self) -> None:
         """Tell the kernel that this process is on time; between two calls of this method it ends the process."""
         dead_man.report_within(self._pause_s)
@@ -61,7 +65,10 @@ class Control:
         self.report()
 
     def upload(self) -> bool:
-        """Send the control program; False where it could not be sent. The caller knows that no program runs."""
+        """Send the control program; False where it could not be sent.
+
+        The caller knows that no program runs, on this connection too: ur-rtde would try to stop it.
+        """
         return self._call(lambda: bool(self._rtde.reuploadScript()), STANDING_CALL_S)
 
     def end_uploads(self) -> None:
