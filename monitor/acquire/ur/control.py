@@ -16,7 +16,7 @@ from monitor.acquire.ur.no_new_sockets import forbid_new_sockets
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.recording import Array
 
-TARGET_CALL_S = 0.03  # a call of servoJ takes 0.05 ms; one that blocks waits for a connection that is gone
+TARGET_CALL_S = 0.05  # a call of servoJ takes 0.05 ms; a busy machine adds 30 ms now and then; one that blocks waits for a lost connection
 STANDING_CALL_S = 0.5  # uploading and commands to a program whose arm stands take one to three ticks
 ENDING_CALL_S = 2.0  # the end of the program, with the arm at rest
 STANDING_S = 1.0  # between two reports of this process while the arm stands
