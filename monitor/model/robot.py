@@ -104,10 +104,11 @@ class Robot:
     zero_rad: Array = field(default_factory=lambda: np.zeros(0))  # (J,) DH angle where the joint reads zero; default: 0
     y_m: Array = field(default_factory=lambda: np.zeros(0))  # (J,) offset along y after Rot(z), beside aᵢ and dᵢ: Hayati (1983); default: 0
     base_rotation: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) DH frame 0 → the robot's base
+    endless: Array = field(default_factory=lambda: np.zeros(0))  # (J,) 1: it turns without end, and max_position_rad is for design
 
     def __post_init__(self) -> None:
         """Sets offsets that were not given to zero."""
-        for name in ("zero_rad", "y_m"):
+        for name in ("zero_rad", "y_m", "endless"):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros(self.joints))
 
@@ -115,6 +116,12 @@ class Robot:
     def joints(self) -> int:
         """J."""
         return len(self.link_names)
+
+    @property
+    def reach_rad(self) -> Array:
+        """(J,) largest |q| that a joint can have [rad]; infinite where it turns without end."""
+        reach: Array = np.where(self.endless > 0.0, np.inf, self.max_position_rad)
+        return reach
 
     @property
     def drive_gain_nm_per_a(self) -> Array:
@@ -215,6 +222,7 @@ def robot_from_document(document: dict[str, Any]) -> Robot:
         zero_rad=np.array([link.get("zero_rad", 0.0) for link in links], dtype=float),
         y_m=np.array([link.get("y_m", 0.0) for link in links], dtype=float),
         base_rotation=np.array(document.get("base_rotation", np.eye(3)), dtype=float),
+        endless=np.array([link["name"] in document.get("endless", ()) for link in links], dtype=float),
     )
     _refuse_impossible(robot)
     return robot

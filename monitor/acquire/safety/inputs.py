@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from monitor.acquire.safety.turns import turned
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.model.fourier import Excitation
@@ -32,6 +33,11 @@ class ConditionInputs:
     expected_serial: str | None = None  # of the arm that was moved before; None: none was moved yet, or it says none
     permit: Permit | None = None  # the answer over Zenoh; None: nobody was asked
     installation: Installation = field(default_factory=Installation)
+
+    @property
+    def played(self) -> Excitation:
+        """The trajectory as it will be played from where the arm stands: around the nearest turn of each joint."""
+        return self.excitation if self.state is None else turned(self.excitation, self.robot, self.state.target_q)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

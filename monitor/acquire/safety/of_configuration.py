@@ -54,7 +54,7 @@ def _there_and_back_s(inputs: ConditionInputs) -> float:
     """Duration of the way to the start and back; 0 where it is not known where the arm stands."""
     if inputs.state is None or not np.all(np.isfinite(inputs.state.target_q)):
         return 0.0
-    settings, start_q = inputs.settings, inputs.excitation.at(np.zeros(1)).q[0]
+    settings, start_q = inputs.settings, inputs.played.at(np.zeros(1)).q[0]
     way = joint_path(
         inputs.state.target_q, start_q, speed_rad_s=settings.approach_speed_rad_s, acceleration_rad_s2=settings.approach_acceleration_rad_s2
     )

@@ -150,7 +150,7 @@ def _reported(values: tuple[float, ...]) -> bool:
 
 def _points(inputs: ConditionInputs) -> _Points:
     """Elbow, flange and TCP along one pass of the trajectory, and along the way to its start where the arm's position is known."""
-    excitation, robot, state = inputs.excitation, inputs.robot, inputs.state
+    excitation, robot, state = inputs.played, inputs.robot, inputs.state
     curve = excitation.at(np.linspace(0.0, excitation.pass_s, max(2, round(excitation.pass_s * CHECK_RATE_HZ) + 1)))
     q, qd = curve.q, curve.qd
     if state is not None and np.all(np.isfinite(state.target_q)):

@@ -167,7 +167,7 @@ def tilt_deg(robot: Robot, mounting: Mounting, q: Array, accelerometer_m_s2: Arr
 def approach_near(inputs: ConditionInputs) -> str:
     """The start of the trajectory is near enough to where the arm stands."""
     state, settings = _state(inputs), inputs.settings
-    far = np.abs(state.q - inputs.excitation.at(np.zeros(1)).q[0])  # (J,)
+    far = np.abs(state.q - inputs.played.at(np.zeros(1)).q[0])  # (J,)
     j = int(np.argmax(far))
     if not far[j] <= settings.max_approach_rad:
         raise MotionRefused(f"joint {j + 1} is {far[j]:.2f} rad from the start of the excitation; at most {settings.max_approach_rad:g}")
@@ -181,7 +181,7 @@ def approach_clear(inputs: ConditionInputs) -> str:
         raise Unreported("the configuration says unchecked: the way to the start is not proved")
     if not np.all(np.isfinite(state.target_q)):
         raise MotionRefused("unknown: where the arm stands is not finite")
-    line = clear_approach(cell, inputs.excitation, inputs.robot, state.target_q)
+    line = clear_approach(cell, inputs.played, inputs.robot, state.target_q)
     gaps = [1000.0 * line.itself.gap_m] + ([] if line.cell is None else [1000.0 * line.cell.gap_m])
     return f"the straight way to the start keeps {min(gaps):.0f} mm clear"
 

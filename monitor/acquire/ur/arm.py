@@ -264,7 +264,7 @@ class Arm:
             self.asked_to_stop = "permit_withdrawn"
         last = self.recent[-1]
         allowed = self.robot.max_speed_rad_s * TARGET_TICKS * self.tick_s + 1e-6  # (J,) [rad], with rounding
-        if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.robot.max_position_rad)):
+        if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.robot.reach_rad)):
             raise StreamFailure(
                 "bad_target", f"target {np.round(target, 4)} after {np.round(last, 4)}: not finite, too far, or out of range"
             )

@@ -18,6 +18,7 @@ from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety import guard
 from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.safety.turns import turned
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
@@ -179,7 +180,7 @@ def play(arm: Arm, known: ConditionInputs, begin_q: Array) -> None:
 
     Raises StreamFailure; Stopped where a stop was asked for, with the arm at rest and the control program ended.
     """
-    settings, excitation = arm.settings, known.excitation
+    settings, excitation = arm.settings, turned(known.excitation, arm.robot, begin_q)
     start_q = excitation.at(np.zeros(1)).q[0]  # (J,)
     gently = {"speed_rad_s": settings.approach_speed_rad_s, "acceleration_rad_s2": settings.approach_acceleration_rad_s2}
     there, back = joint_path(begin_q, start_q, **gently), joint_path(start_q, begin_q, **gently)
