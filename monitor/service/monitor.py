@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import time
 from collections.abc import Callable
 from typing import Protocol
 
@@ -61,8 +62,11 @@ class Monitor:
             return None
         return f"{health.state} (STALE)" if any(stale_joints(health, self._now(), self.configuration.assess.health)) else health.state
 
-    def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
+    def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
         """One window: claim it, replay, record, assess, publish. Returns its row; None where the ledger has the window already.
+
+        A replay that this machine or the network ended is tried again while the window is open, until `closes_unix_s`; None: for as long
+        as a scheduled window is open.
 
         Raises nothing for what a robot may do: the row says how the window ended, and why. Raises StoreError.
         """
@@ -72,7 +76,8 @@ class Monitor:
                 return None
             for waiting in self._store.ledger.repair(self._now(), but=ledger_id):
                 self._assess_stored(waiting.id)  # in time order: an older one could not be learned from afterwards
-            self._perform(ledger_id)
+            grace_s = self.configuration.schedule.grace_s
+            self._perform(ledger_id, self._now() + grace_s if closes_unix_s is None else closes_unix_s)
             row = self._store.ledger.row(ledger_id)
             self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
             self._log_end(row)
@@ -135,9 +140,9 @@ class Monitor:
         else:
             log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason, extra=fields)
 
-    def _perform(self, ledger_id: int) -> None:
+    def _perform(self, ledger_id: int, closes_unix_s: float) -> None:
         try:
-            recording = self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
+            recording = self._replayed(ledger_id, closes_unix_s)
         except (MotionRefused, RobotUnreachable) as error:
             self._store.ledger.end(ledger_id, "skipped", str(error), self._now())
             return
@@ -161,6 +166,36 @@ class Monitor:
             return
         self._store.ledger.mark_recorded(ledger_id)
         self._assess_stored(ledger_id)  # what was written, not what was measured: so a recomputation sees the very same
+
+    def _replayed(self, ledger_id: int, closes_unix_s: float) -> Recording:
+        """The recording, at one of several tries. Raises as `_play`, for the last of them."""
+        settings = self.configuration.schedule
+        aborted: ReplayAborted | None = None
+        for number in range(1, settings.tries + 1):
+            try:
+                return self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
+            except ReplayAborted as error:
+                aborted = error
+                opens_again = self._now() + settings.try_again_after_s
+                if error.needs_a_person or error.cause not in error.TRANSIENT or number == settings.tries or opens_again >= closes_unix_s:
+                    raise
+                self._store.ledger.add_try(ledger_id, error.cause, str(error), self._now())
+                log.warning("replay=%d try=%d ended early, again in %g s: %s", ledger_id, number, settings.try_again_after_s, error)
+                if self._stopped_within(settings.try_again_after_s):
+                    raise
+            except (MotionRefused, RobotUnreachable) as error:
+                if aborted is None:
+                    raise
+                raise ReplayAborted(f"{aborted}; the next try was refused: {error}", aborted.cause) from error
+        raise AssertionError("the last try returns or raises")
+
+    def _stopped_within(self, pause_s: float) -> bool:
+        """Wait before the next try; whether the monitor was asked to stop meanwhile."""
+        until = time.monotonic() + pause_s
+        while (left_s := until - time.monotonic()) > 0.0:
+            if self._should_stop() or self._state.stopping.wait(min(left_s, 1.0)):
+                return True
+        return False
 
     def _assess_stored(self, ledger_id: int) -> None:
         with self._state.revising:

@@ -44,7 +44,7 @@ class Performer(Protocol):
     def configuration(self) -> Configuration:
         """The settings in force."""
 
-    def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
+    def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
         """Perform one window with all that follows; None where the ledger has it already."""
 
     def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
@@ -214,7 +214,7 @@ class Scheduler:
         log.info(
             "window=%s opens a replay: %s", rfc3339(found.due.key_unix_s), found.due.why, extra={"window": rfc3339(found.due.key_unix_s)}
         )
-        self._monitor.perform(found.due.key_unix_s)
+        self._monitor.perform(found.due.key_unix_s, closes_unix_s=found.due.closes_unix_s)
 
     def _why_missed(self, window: Window) -> str:
         if self._monitor.configuration.schedule.after_warm_up and self._last_seen_before(window):

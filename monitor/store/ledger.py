@@ -26,6 +26,16 @@ class LedgerRow:
     removed_at_unix_s: float | None = None  # when the recording was pruned
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Try:
+    """A replay that ended early and was tried again in the same window."""
+
+    number: int  # within its window, from 1
+    ended_at_unix_s: float
+    cause: str
+    reason: str
+
+
 class Ledger:
     """The rows of the ledger, and the recordings that belong to them."""
 
@@ -72,6 +82,32 @@ class Ledger:
             )
             if stop is not None:
                 insert_stop(db, ledger_id, at_unix_s, stop, reason)
+
+    def add_try(self, ledger_id: int, cause: str, reason: str, at_unix_s: float) -> None:
+        """Enter a replay that ended early; the window stays started, because it is tried again."""
+        with self._db.transaction() as db:
+            db.execute(
+                "INSERT INTO try (ledger_id, number, ended_at_unix_s, cause, reason) "
+                "SELECT ?, count(*) + 1, ?, ?, ? FROM try WHERE ledger_id = ?",
+                (ledger_id, float(at_unix_s), cause, reason, ledger_id),
+            )
+
+    def tries(self, rows: Sequence[LedgerRow]) -> dict[int, list[Try]]:
+        """The replays of these windows that ended early and were tried again, by the number of the window."""
+        found: dict[int, list[Try]] = {row.id: [] for row in rows}
+        marks = ", ".join("?" * len(found))
+        for ledger_id, *values in self._db.rows(
+            f"SELECT ledger_id, number, ended_at_unix_s, cause, reason FROM try WHERE ledger_id IN ({marks}) ORDER BY number",  # noqa: S608
+            tuple(found),
+        ):
+            number, at, cause, reason = values
+            found[ledger_id].append(Try(number=number, ended_at_unix_s=at, cause=cause, reason=reason))
+        return found
+
+    def learnt_at_unix_s(self) -> float | None:
+        """The start of the newest window that taught something; None where none did."""
+        ((at,),) = self._db.rows("SELECT max(started_at_unix_s) FROM ledger WHERE state = 'assessed'")
+        return None if at is None else float(at)
 
     def rows(self, *, limit: int | None = None, states: Sequence[str] = ()) -> list[LedgerRow]:
         """Windows, oldest first: the last `limit` of them, and only those in `states`, where given."""

@@ -87,7 +87,7 @@ MIGRATIONS: dict[int, str] = {
     4: """
     CREATE TABLE motion (                         -- one row a motion, written before the arm may move
         id INTEGER PRIMARY KEY,
-        ledger_id INTEGER REFERENCES ledger (id), -- none: `joint-monitor replay`, beside the schedule
+        ledger_id INTEGER REFERENCES ledger (id) ON DELETE SET NULL,  -- none: `joint-monitor replay`, beside the schedule
         began_at_unix_s REAL NOT NULL,
         host TEXT NOT NULL,
         serial TEXT,                              -- as the controller said; none: it said none
@@ -98,6 +98,14 @@ MIGRATIONS: dict[int, str] = {
     ) STRICT;
     CREATE INDEX motion_unended ON motion (id) WHERE ended_at_unix_s IS NULL;
     CREATE INDEX motion_of_window ON motion (ledger_id);
+    CREATE TABLE try (                            -- a replay that ended early and was tried again in the same window
+        ledger_id INTEGER NOT NULL REFERENCES ledger (id) ON DELETE CASCADE,
+        number INTEGER NOT NULL CHECK (number >= 1),
+        ended_at_unix_s REAL NOT NULL,
+        cause TEXT NOT NULL,
+        reason TEXT NOT NULL,
+        PRIMARY KEY (ledger_id, number)
+    ) STRICT;
     ALTER TABLE stop ADD COLUMN serial TEXT;      -- of another arm than expected: expected from the day on which a person allows it
     -- an older program left this window half-way: whether the arm moved, and how that ended, is not known
     INSERT INTO motion (ledger_id, began_at_unix_s, host)

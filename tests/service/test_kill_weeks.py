@@ -43,7 +43,7 @@ def live():
         configuration = from_document({"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}, "store": {"directory": str(folder)},
                                        "schedule": {"cron": "0 */6 * * *", "grace_s": 7200.0, "every_h": 8.0}}, folder / "cell.toml")
         def __init__(self, store): self.store = store
-        def perform(self, window, kind="scheduled"):
+        def perform(self, window, kind="scheduled", closes_unix_s=None):
             number = self.store.ledger.claim(window, kind, now())
             if number is None: return None
             os.write(moved, f"{window!r}\\n".encode()); os.fsync(moved)

@@ -42,7 +42,7 @@ class Arm:
     def started(self) -> Scheduler:
         return Scheduler(self, self.store, self.problems, self.requests, Clocks(now=lambda: self.clock[0], monotonic=lambda: self.clock[1]))
 
-    def perform(self, window_unix_s: float, kind: str = "scheduled") -> LedgerRow | None:
+    def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
         if self.fails is not None:
             raise self.fails
         ledger_id = self.store.ledger.claim(window_unix_s, kind, self.clock[0])

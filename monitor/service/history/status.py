@@ -1,5 +1,6 @@
 """The documents of the commands `status`, `schedule` and `predict --local`, made from the history without a daemon."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import datetime
 from typing import Any
@@ -21,7 +22,7 @@ from monitor.recording import DAY_S
 from monitor.service.monitor_document import read_monitor_document, silent_s
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present
-from monitor.store.ledger import LedgerRow
+from monitor.store.ledger import LedgerRow, Try
 from monitor.store.store import Store
 
 LEDGER_ROWS = 10  # newest windows that `status` shows
@@ -37,6 +38,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
+        tries = store.ledger.tries(ledger)
     monitor = read_monitor_document(configuration.state_directory)
     document = {
         "robot": configuration.robot.id,
@@ -45,7 +47,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "friction": outside(newest),
         "monitor": monitor,
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
-        "ledger": [_window(row) for row in ledger],
+        "ledger": [_window(row, tries[row.id]) for row in ledger],
     }
     if why_joint is not None:
         document["not_alerting"] = {"joint": why_joint, "reasons": _reasons(state, why_joint, configuration)}
@@ -59,6 +61,7 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
         directory = configuration.state_directory
         store = stack.enter_context(Store.reader(directory)) if present(directory) else None
         began, last = (None, []) if store is None else (store.ledger.began_unix_s(), store.ledger.rows(limit=WINDOWS_SHOWN))
+        tries = {} if store is None else store.ledger.tries(last)
         windows = expected(settings, now_unix_s, count, None if store is None else store.ledger, configuration.key_prefix)
     zone = settings.zone()
     learning = settings.learning_every_h > 0 and settings.learning_days > 0
@@ -78,7 +81,7 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
             for window in windows
         ],
         "blackout": list(settings.blackout),
-        "last": [_window(row) for row in last],
+        "last": [_window(row, tries[row.id]) for row in last],
     }
 
 
@@ -98,8 +101,10 @@ def torque_from_history(configuration: Configuration, request: dict[str, Any]) -
     return answer
 
 
-def _window(row: LedgerRow) -> dict[str, Any]:
-    return {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
+def _window(row: LedgerRow, tries: Sequence[Try]) -> dict[str, Any]:
+    """One window; `tries` are the replays before the last one in it."""
+    document = {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
+    return document | {"tries": [{"at": rfc3339(each.ended_at_unix_s), "cause": each.cause, "reason": each.reason} for each in tries]}
 
 
 def _reasons(state: StoredState | None, joint: int, configuration: Configuration) -> list[str]:

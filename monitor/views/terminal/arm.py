@@ -61,6 +61,8 @@ def print_status(document: dict[str, Any]) -> None:
         console.print(
             f"  replay {row['replay']}  {row['window']}  {row['state']}{'  ' + row['reason'] if row['reason'] else ''}", highlight=False
         )
+        for nth, each in enumerate(row.get("tries", []), start=1):
+            console.print(f"    try {nth} ended {each['at']}: {each['reason']}", highlight=False, markup=False)
 
 
 def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]]) -> Table:

@@ -67,9 +67,18 @@ class Content:
 
     def schedule(self) -> dict[str, Any]:
         """The next windows; the last windows and transitions of alerts, newest first."""
+        past = self.store.ledger.rows(limit=PAST_WINDOWS)
+        tries = self.store.ledger.tries(past)
         rows = [
-            {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
-            for row in reversed(self.store.ledger.rows(limit=PAST_WINDOWS))
+            {
+                "replay": row.id,
+                "window": rfc3339(row.window_unix_s),
+                "kind": row.kind,
+                "state": row.state,
+                "reason": row.reason,
+                "tries": [f"{rfc3339(each.ended_at_unix_s)}: {each.reason}" for each in tries[row.id]],
+            }
+            for row in reversed(past)
         ]
         events = [
             {

@@ -245,7 +245,7 @@ async function history() {
   $("cron").textContent = `To come: ${next || "none"}. ${past.replays} assessed${past.shown < past.replays ? `, ${past.shown} of them drawn` : ""}.`;
   $("windows").tBodies[0].replaceChildren(...rows.windows.map((window_) => {
     const row = make("tr");
-    row.append(timed("td", window_.window), make("td", window_.kind), make("td", window_.reason ? `${window_.state}: ${window_.reason}` : window_.state));
+    row.append(timed("td", window_.window), make("td", window_.kind), make("td", [window_.reason ? `${window_.state}: ${window_.reason}` : window_.state, ...(window_.tries || []).map((text, i) => `try ${i + 1} ended ${text}`)].join("; ")));
     return row;
   }));
   $("events").tBodies[0].replaceChildren(...rows.events.map((event) => {
