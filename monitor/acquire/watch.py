@@ -19,11 +19,10 @@ from monitor.recording import Array
 
 POLL_S = 0.05  # how often the caller is asked whether to stop
 MOVING_POLL_S = 0.02  # while the arm moves something comes in every tick, and a silence must be seen soon
-CALL_SILENCE_S = (
-    0.06  # a call that blocks ends the process 0.03 s after its last sign of life, a process without processor time after 0.1 s
-)
+CALL_SILENCE_S = 0.08  # a call that blocks ends the process 0.06 s after its last sign of life, a lack of processor time after 0.1 s
 LONGEST_SILENCE_S = 0.1  # a larger setting counts as this one: the controller's watchdog has stopped the arm by then
 PROGRESS_EVERY_S = 0.1  # how often the caller is shown the progress
+TIME_ROUNDING_S = 1e-6  # of the sum of several waits
 STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come to rest, end the program
 
 
@@ -198,7 +197,7 @@ class Watch:
         settings = self.settings
         if now - self._phase_at > (limit_s := self._phase_limit_s()):
             self.interruption = Interruption("timeout", f"the phase {self.phase!r} took longer than {limit_s:.1f} s")
-        elif self._silent_s >= min(settings.silence_timeout_s, LONGEST_SILENCE_S):
+        elif self._silent_s >= min(settings.silence_timeout_s, LONGEST_SILENCE_S) - TIME_ROUNDING_S:
             text = f"the child process said nothing for {1000.0 * self._silent_s:.0f} ms in the phase {self.phase!r}"
             self.interruption = Interruption("timeout", text)
         elif self.asked is not None and now - self._asked_at > STOP_PATIENCE_S:

@@ -1,0 +1,194 @@
+"""One connection alone is cut, by FIN or RST, in each phase: the arm stops in time and never goes on by itself.
+
+What happened is judged by the simulated controller's own logbook: programs, motions and stops on its clock.
+"""
+
+import random
+import statistics
+import threading
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+import pytest
+from cutting_proxy import CONNECTIONS, CONTROL, RECEIVE, CuttingProxy, cutting_proxy
+from excitations import short
+from processes import children
+from simulated_arm import simulated_arm
+
+from monitor.acquire.replay import replay
+from monitor.acquire.settings import ReplaySettings
+from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
+from monitor.model.robot import load_robot
+from monitor.recording import Context
+from monitor.simulate.remote import Remote
+
+UR5 = load_robot("ur5")
+PHASES = {"control": 0.15, "approach": 0.5, "settle": 0.1, "play": 0.9, "return": 0.4, "finish": 0.02}  # within: the cut, at the latest
+NEEDED = {RECEIVE, CONTROL}  # without these the motion must end; the others are not needed once the program runs
+STOP_WITHIN_S = 0.25
+LOST = {
+    "connection_lost",
+    "no_control",
+    "no_watchdog",
+}  # how a cut may be named: before the arm moves it may show as either of the last two
+BUSY = {"late", "stalled", "timeout"}  # causes by which other work of the machine ends a replay
+IN_FLIGHT_S = 0.1  # a program that was sent just before the cut may begin so much later; nothing moves then
+DONE = "done"
+
+
+@dataclass
+class Cut:
+    """One cut, and what followed."""
+
+    connection: str
+    reset: bool
+    phase: str
+    after_s: float
+    at_s: float | None = None  # the controller's clock
+    hit: int = 0  # connections that were there to be cut
+    cause: str = ""
+    stop_s: float | None = None  # from the cut to the stop in force
+    programs_after: int = 0
+    motions_after: int = 0
+    wrong: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        stop = "" if self.stop_s is None else f" stop {self.stop_s:.3f} s"
+        kind = "RST" if self.reset else "FIN"
+        return f"{self.connection} {kind} {self.after_s:.2f} s into {self.phase}: {self.cause}, {self.hit} cut{stop} {self.wrong}"
+
+
+def run_cut(cut: Cut, host: str, controller: str, proxy: CuttingProxy) -> Cut:
+    """One replay with its cut. Other ends than by the cut are left to the caller."""
+    stop = threading.Event()
+    timer: list[threading.Timer] = []
+
+    def act() -> None:
+        with Remote(controller) as remote:
+            cut.at_s = remote.truth()["clock_s"]
+        cut.hit = proxy.cut(cut.connection, reset=cut.reset)
+        if cut.connection not in NEEDED or not cut.hit:
+            time.sleep(0.3)
+            stop.set()  # the replay goes on; the rest of it would show nothing more
+
+    def on_progress(progress) -> None:
+        if progress.phase == cut.phase and not timer:
+            timer.append(threading.Timer(max(cut.after_s - progress.elapsed_s, 0.0), act))
+            timer[0].start()
+
+    settings = ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0)
+    try:
+        replay(short(), UR5, settings, context=Context(payload_kg=0.0), on_progress=on_progress, should_stop=stop.is_set)
+        cut.cause = DONE
+    except ReplayAborted as error:
+        cut.cause = error.cause
+    except (MotionRefused, RobotUnreachable) as error:
+        cut.cause = type(error).__name__
+    if timer:
+        timer[0].join()
+    judge(cut, controller)
+    return cut
+
+
+def judge(cut: Cut, controller: str) -> None:
+    """What the controller's own logbook says of the time after the cut."""
+    time.sleep(0.2)
+    with Remote(controller) as remote:
+        truth = remote.truth()
+    if children():
+        cut.wrong.append(f"processes left: {children()}")
+    if not truth["standing"] or truth["program"] is not None:
+        cut.wrong.append("it moves, or a program runs")
+    if cut.at_s is None or cut.connection not in NEEDED or not cut.hit:
+        return
+    programs = [run for run in truth["logbook"]["programs"] if run["began_s"] > cut.at_s + IN_FLIGHT_S]
+    motions = [motion for motion in truth["logbook"]["motions"] if motion["began_s"] > cut.at_s]
+    cut.programs_after, cut.motions_after = len(programs), len(motions)
+    if programs:
+        cut.wrong.append("a program began again")
+    if motions and motions[0]["began_s"] > cut.at_s + 0.02:  # a tick or two: the motion may begin while the cut is under way
+        cut.wrong.append("the arm moved again")
+    stops = [each["at_s"] - cut.at_s for each in truth["stops"] if each["at_s"] >= cut.at_s]
+    if stops:
+        cut.stop_s = min(stops)
+        if cut.stop_s > STOP_WITHIN_S:
+            cut.wrong.append(f"stopped after {cut.stop_s:.3f} s")
+    if cut.cause not in LOST and not (cut.phase == "finish" and cut.cause == DONE):
+        cut.wrong.append(f"cause {cut.cause}")
+
+
+def run_cuts(cases: list[Cut], host: str, controller: str) -> list[Cut]:
+    """Every case on one arm, each again where other work of the machine ended its replay before the cut."""
+    made = []
+    with simulated_arm(controller, "--personality", "recorded"), cutting_proxy(host, controller) as proxy:
+        for case in cases:
+            for _ in range(4):
+                cut = run_cut(Cut(case.connection, case.reset, case.phase, case.after_s), host, controller, proxy)
+                if cut.at_s is not None or cut.cause not in BUSY:
+                    break
+            made.append(cut)
+    return made
+
+
+def cases(per_connection: int, seed: int) -> list[Cut]:
+    """So many cuts of each connection: every phase, FIN and RST in turn, at seeded moments, in a seeded order."""
+    rng = random.Random(seed)
+    made = [
+        Cut(connection, reset=bool(n // len(PHASES) % 2), phase=phase, after_s=rng.uniform(0.0, PHASES[phase]))
+        for connection in CONNECTIONS
+        for n, phase in ((n, list(PHASES)[n % len(PHASES)]) for n in range(per_connection))
+    ]
+    rng.shuffle(made)
+    return made
+
+
+def table(cuts: list[Cut]) -> str:
+    """Counts by connection, kind and phase; times; causes."""
+    lines = [f"{'connection':<12}{'kind':<5}{'phase':<10}{'cuts':>5}{'hit':>5}{'again':>6}{'stop p50':>10}{'max':>8}  causes"]
+    for connection in CONNECTIONS:
+        for reset in (False, True):
+            for phase in PHASES:
+                some = [cut for cut in cuts if (cut.connection, cut.reset, cut.phase) == (connection, reset, phase)]
+                if not some:
+                    continue
+                stops = [cut.stop_s for cut in some if cut.stop_s is not None]
+                times = f"{statistics.median(stops):>10.3f}{max(stops):>8.3f}" if stops else f"{'–':>10}{'–':>8}"
+                again = sum(cut.programs_after + cut.motions_after for cut in some)
+                causes = ", ".join(f"{cause} {count}" for cause, count in Counter(cut.cause for cut in some).items())
+                line = f"{connection:<12}{'RST' if reset else 'FIN':<5}{phase:<10}{len(some):>5}{sum(c.hit > 0 for c in some):>5}{again:>6}"
+                lines.append(f"{line}{times}  {causes}")
+    return "\n".join(lines)
+
+
+def test_a_sample_of_cuts_of_single_connections_stops_the_arm_for_good():
+    """The control and the receiving connection, by FIN and by RST, in the approach and in the play; `make soak` cuts each 500 times."""
+    sample = [Cut(RECEIVE, reset=True, phase="approach", after_s=0.3), Cut(CONTROL, reset=False, phase="play", after_s=0.8)]
+    sample += [Cut(CONTROL, reset=True, phase="play", after_s=0.5), Cut(RECEIVE, reset=False, phase="play", after_s=0.7)]
+    cuts = run_cuts(sample, "127.0.71.1", "127.0.72.1")
+    assert not any(cut.wrong for cut in cuts), "\n" + "\n".join(map(str, cuts))
+    assert [cut.hit for cut in cuts] == [1, 1, 1, 1], "\n" + "\n".join(map(str, cuts))
+    assert {cut.cause for cut in cuts} == {"connection_lost"}
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(12_000)
+def test_five_hundred_cuts_of_each_connection_never_make_an_arm_go_on(soak_row, capsys):
+    """Receiving, control, script and dashboard; FIN and RST; in each phase. About two hours."""
+    begun = time.monotonic()
+    cuts = run_cuts(cases(500, seed=20), "127.0.71.2", "127.0.72.2")
+    stops = [cut.stop_s for cut in cuts if cut.stop_s is not None]
+    with capsys.disabled():
+        print("\n" + table(cuts))
+    again = sum(cut.programs_after + cut.motions_after for cut in cuts)
+    soak_row(f"{len(cuts)} cuts of single connections, {(time.monotonic() - begun) / 60:.0f} min", f"{again} resumptions", "0")
+    soak_row("  slowest stop in force, arm's clock", f"{max(stops):.3f} s", f"{STOP_WITHIN_S} s")
+    assert not any(cut.wrong for cut in cuts), "\n" + "\n".join(str(cut) for cut in cuts if cut.wrong)
+
+
+if __name__ == "__main__":
+    import sys
+
+    made = run_cuts(cases(int(sys.argv[1]), seed=int(sys.argv[2])), "127.0.71.3", "127.0.72.3")
+    print("\n".join(str(cut) for cut in made if cut.wrong or cut.at_s is None))
+    print(table(made))

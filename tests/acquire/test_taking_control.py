@@ -1,0 +1,301 @@
+"""From the upload to the first target, and the gaps that end a motion: the streaming process on scripted rows, without ur-rtde."""
+
+import math
+
+import pytest
+from excitations import short
+from test_driver import row
+
+from monitor.acquire.driver import ReplayTask
+from monitor.acquire.rows import COLUMN
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur import arm as arm_module
+from monitor.acquire.ur import control as control_module
+from monitor.acquire.ur.arm import SPEED_RISE_S, START_S, Arm
+from monitor.acquire.ur.failures import StreamFailure
+from monitor.model.robot import load_robot
+from monitor.recording import Context
+
+STOPPED, PLAYING, PAUSED, STOPPING = 1, 2, 4, 0
+SETTINGS = ReplaySettings(host="127.0.0.1", allow_motion=True)
+TICK_S = 0.008
+
+
+class Clock:
+    """The host's clock; only `sleep` lets time pass."""
+
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def monotonic(self):
+        return self.now_s
+
+    def sleep(self, seconds):
+        self.now_s += seconds
+
+
+class ScriptedReceiver:
+    """A receiving connection that shows the rows one after the other, each at its time of the host's clock."""
+
+    def __init__(self, clock, rows):
+        self.clock, self.rows, self.connected = clock, rows, True
+
+    def isConnected(self):
+        return self.connected
+
+    @property
+    def present(self):
+        return next(made for at_s, made in reversed(self.rows) if at_s <= self.clock.now_s)
+
+    def getTimestamp(self):
+        return float(self.present[0])
+
+
+class FakeControl:
+    """A control connection that takes everything; it notes what it was asked for."""
+
+    def __init__(self, receiver):
+        self.receiver, self.asked, self.runs, self.takes = receiver, [], None, True
+        self.connected = True
+
+    def program_runs(self):
+        runtime = int(self.receiver.present[COLUMN["runtime_state"]][0])
+        return runtime == PLAYING if self.runs is None else self.runs
+
+    def report(self):
+        pass
+
+    def report_every(self, pause_s):
+        self.asked.append("report_every")
+
+    def upload(self):
+        self.asked.append("upload")
+        return True
+
+    def set_watchdog(self, lowest_hz):
+        self.asked.append("watchdog")
+        return self.takes
+
+    def servo(self, target, tick_s, lookahead_s, gain):
+        self.asked.append("servo")
+        return True
+
+
+class Silent:
+    """Parent's words and the pipe to it."""
+
+    def word(self):
+        return None
+
+    def __getattr__(self, name):
+        return lambda *_, **__: None
+
+
+@pytest.fixture
+def scripted(monkeypatch):
+    """A function: rows, as (host's time, row) or as rows in every tick → an arm whose control connection is `FakeControl`."""
+
+    def make(rows):
+        clock = Clock()
+        if not isinstance(rows[0], tuple):
+            rows = [(1000.0 + TICK_S * n, made) for n, made in enumerate(rows)]
+        receiver = ScriptedReceiver(clock, rows)
+        monkeypatch.setattr(arm_module, "time", clock)
+        monkeypatch.setattr(arm_module, "connect_receiver", lambda *_: (receiver, ()))
+        monkeypatch.setattr(arm_module, "read_row", lambda *_: (receiver.present.copy(), 0))
+        task = ReplayTask(settings=SETTINGS, excitation=short(), robot=load_robot("ur5"), context=Context())
+        arm = Arm(task, Silent(), Silent())
+        arm.control = FakeControl(receiver)
+        arm.approach_proved(rows[0][1][COLUMN["target_q"]])
+        return arm
+
+    return make
+
+
+def rows(*spans, **values):
+    """Rows in every tick: spans of (runtime state, ticks)."""
+    states = [state for state, ticks in spans for _ in range(ticks)]
+    return [row(tick, runtime_state=state, **values) for tick, state in enumerate(states)]
+
+
+def cause_of(act):
+    with pytest.raises(StreamFailure) as failure:
+        act()
+    return failure.value.cause
+
+
+# --- the upload --------------------------------------------------------------------------------------------------
+
+
+def test_the_program_is_sent_over_nothing_that_runs_and_awaited_on_both_connections(scripted):
+    arm = scripted(rows((STOPPED, 10), (PLAYING, 10)))
+    arm.start_program()
+    assert arm.control.asked == ["upload"]
+    assert arm.control.program_runs()
+
+
+@pytest.mark.parametrize("state", [PLAYING, PAUSED, STOPPING])
+def test_nothing_is_sent_while_somebody_elses_program_is_there(scripted, state):
+    """It began after the conditions were checked; before, ur-rtde stopped it."""
+    arm = scripted(rows((STOPPED, 1), (state, 10)))
+    assert cause_of(arm.start_program) == "no_control"
+    assert arm.control.asked == []
+
+
+def test_nothing_is_sent_while_only_the_control_connection_shows_a_program(scripted):
+    """ur-rtde judges by that connection whether to stop a program."""
+    arm = scripted(rows((STOPPED, 10)))
+    arm.control.runs = True
+    assert cause_of(arm.start_program) == "no_control"
+    assert arm.control.asked == []
+
+
+def test_a_program_that_does_not_start_is_given_up(scripted):
+    arm = scripted(rows((STOPPED, int((START_S + 1.0) / TICK_S))))
+    assert cause_of(arm.start_program) == "no_control"
+
+
+def test_a_safety_stop_before_the_program_starts_is_named(scripted):
+    made = rows((STOPPED, 20))
+    for each in made[8:]:
+        each[COLUMN["safety_mode"]] = 3
+    assert cause_of(scripted(made).start_program) == "protective_stop"
+
+
+# --- the watchdog ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("spans", "cause"),
+    [
+        ([(PLAYING, 14), (STOPPED, 10)], None),
+        ([(PLAYING, 14), (STOPPING, 3), (STOPPED, 10)], None),
+        ([(PLAYING, 100)], "no_watchdog"),  # acknowledged, and not there
+        ([(PLAYING, 3), (STOPPED, 10)], "program_stopped"),  # somebody else stopped it: that proves nothing
+        ([(PLAYING, 14), (PAUSED, 10)], "no_watchdog"),  # a paused program may go on
+    ],
+)
+def test_the_watchdog_must_end_a_program_without_targets_in_time(scripted, spans, cause):
+    """Its acknowledgement alone was believed before. The arm stands meanwhile, and gets no target."""
+    arm = scripted(rows(*spans))
+    if cause is None:
+        arm.prove_watchdog()
+    else:
+        assert cause_of(arm.prove_watchdog) == cause
+    assert arm.control.asked == ["watchdog"]
+
+
+# --- the trajectory limiter ----------------------------------------------------------------------------------------
+
+
+def limited(shares):
+    made = rows((PLAYING, len(shares)), target_speed_fraction=1.0)
+    for each, share in zip(made, shares, strict=True):
+        each[COLUMN["speed_scaling"]] = share
+    return made
+
+
+def test_a_limiter_that_stands_at_zero_for_some_ticks_after_the_start_is_awaited(scripted):
+    """As recorded from real arms: it aborted every approach before."""
+    arm = scripted(limited([0.0, 0.0, 0.3, 1.0, 1.0]))
+    arm.wait_for_full_speed()
+    assert arm.receive.present[COLUMN["speed_scaling"]][0] == 1.0
+    assert arm.control.asked == []
+
+
+def test_a_limiter_that_stays_below_full_speed_ends_the_motion_before_it_begins(scripted):
+    arm = scripted(limited([0.5] * int((SPEED_RISE_S + 1.0) / TICK_S)))
+    assert cause_of(arm.wait_for_full_speed) == "speed_scaling"
+
+
+def test_a_limiter_that_is_not_reported_is_not_awaited(scripted):
+    made = limited([math.nan] * 5)
+    for each in made:
+        each[COLUMN["target_speed_fraction"]] = math.nan
+    scripted(made).wait_for_full_speed()
+
+
+# --- while the arm moves -----------------------------------------------------------------------------------------
+
+
+def moving(scripted, made):
+    arm = scripted(made)
+    arm.begin()
+    return arm
+
+
+def test_an_arm_that_was_moved_since_its_way_was_proved_gets_no_target(scripted):
+    made = rows((PLAYING, 5))
+    arm = scripted(made)
+    for each in made[1:]:
+        each[COLUMN["target_q"]] = each[COLUMN["target_q"]] + 0.01
+    assert cause_of(arm.begin) == "no_control"
+
+
+@pytest.mark.parametrize("jump_s", [5.0, 0.3, -5.0])
+def test_a_jump_of_the_controllers_clock_ends_the_motion(scripted, jump_s):
+    """RTDE's clock went on by 5 s while the host's went on by a tick, and the arm played on."""
+    made = rows((PLAYING, 20))
+    for each in made[8:]:
+        each[0] += jump_s
+    arm = moving(scripted, made)
+    assert cause_of(lambda: [arm.next_row() for _ in range(15)]) == "controller_restarted"
+
+
+def test_a_gap_between_two_rows_ends_the_motion_although_the_data_goes_on(scripted):
+    """0.12 s without a row: by then the controller's watchdog has stopped the arm, and nobody would expect it to go on."""
+    made = rows((PLAYING, 60))
+    timed = [(1000.0 + TICK_S * n + (0.112 if n >= 10 else 0.0), each) for n, each in enumerate(made)]
+    arm = moving(scripted, timed)
+    assert cause_of(lambda: [arm.next_row() for _ in range(50)]) == "stalled"
+
+
+def test_a_process_that_slept_too_long_sends_no_target_when_it_comes_back(scripted):
+    """SIGSTOP, a suspended machine, no processor time: named as what it is."""
+    arm = moving(scripted, rows((PLAYING, 100)))
+    arm.next_row()
+    arm_module.time.sleep(0.15)
+    assert cause_of(arm.next_row) == "late"
+
+
+def test_a_process_that_slept_between_row_and_target_does_not_send_it(scripted):
+    arm = moving(scripted, rows((PLAYING, 100)))
+    made = arm.next_row()
+    arm_module.time.sleep(0.15)
+    assert cause_of(lambda: arm.cycle(arm.recent[-1], made)) == "late"
+    assert "servo" not in arm.control.asked
+
+
+def test_a_freedrive_button_that_is_pressed_ends_the_motion(scripted):
+    """Somebody stands at the arm."""
+    arm = moving(scripted, rows((PLAYING, 5), robot_status_bits=3.0 + 4.0))
+    assert cause_of(lambda: arm.cycle(arm.recent[-1], arm.next_row())) == "teach_button"
+
+
+def test_every_cycle_in_order_sends_one_target(scripted):
+    """Without this, a check that always fails would pass the tests above."""
+    arm = moving(scripted, rows((PLAYING, 30), robot_status_bits=3.0))
+    for _ in range(20):
+        arm.cycle(arm.recent[-1], arm.next_row())
+    assert arm.control.asked.count("servo") == 20
+
+
+@pytest.mark.parametrize("call", ["upload", "end_program", "set_watchdog", "servo", "stop_servo"])
+def test_whatever_ur_rtde_raises_on_a_lost_connection_is_named_so(monkeypatch, call):
+    """It was `internal` before, which asks for a person. Around each call the dead-man timer is short, and longer again after it."""
+    reports = []
+    monkeypatch.setattr(control_module.dead_man, "report_within", reports.append)
+
+    class Broken:
+        def __getattr__(self, name):
+            def fail(*_):
+                raise RuntimeError("write: Broken pipe [system:32]")
+
+            return fail
+
+    control = object.__new__(control_module.Control)
+    control._rtde, control._pause_s = Broken(), 0.11
+    arguments = {"set_watchdog": (10.0,), "servo": ([0.0] * 6, 0.008, 0.03, 500.0), "stop_servo": (5.0,)}.get(call, ())
+    assert cause_of(lambda: getattr(control, call)(*arguments)) == "connection_lost"
+    assert reports[0] == (control_module.TARGET_CALL_S if call == "servo" else reports[0])
+    assert 0.0 < reports[0] <= control_module.ENDING_CALL_S

@@ -1,0 +1,110 @@
+"""How the parent names the death of its child, and when it gives up on a silent one. No process, no clock of a robot."""
+
+import signal
+
+import pytest
+from excitations import short
+from test_driver import DONE, UR5, WAITING, ScriptedDriver, ScriptedSession, phase
+
+from monitor.acquire import watch as watch_module
+from monitor.acquire.replay import replay
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.watch import cause_of_death
+from monitor.errors import ReplayAborted
+
+ALIVE = {"kind": "alive"}
+
+
+@pytest.mark.parametrize(
+    ("exit_code", "silent_s", "cause"),
+    [
+        (-signal.SIGSYS, 0.01, "connection_lost"),  # the kernel refused it a new connection
+        (-signal.SIGALRM, 0.06, "stalled"),  # a call did not return
+        (-signal.SIGALRM, 0.12, "late"),  # it got no processor time
+        (-signal.SIGKILL, 0.01, "child_died"),
+        (71, 0.01, "child_died"),
+    ],
+)
+def test_each_way_to_die_has_its_cause(exit_code, silent_s, cause):
+    """None of them asks for a person."""
+    found = cause_of_death(exit_code, silent_s)
+    assert found.cause == cause
+    assert cause in ReplayAborted.HARMLESS
+    assert found.text
+
+
+class Clock:
+    def __init__(self):
+        self.now_s = 0.0
+
+    def monotonic(self):
+        return self.now_s
+
+    def time(self):
+        return self.now_s
+
+
+class TimedSession(ScriptedSession):
+    """After `go` its frames come at given times; None stands for a look that finds an empty pipe."""
+
+    def __init__(self, clock, frames):
+        super().__init__(WAITING, [DONE])
+        self.clock, self.timed, self.looks = clock, list(frames), 0
+
+    def frames(self, timeout_s):
+        if self.before or "go" not in self.sent:
+            yield from super().frames(timeout_s)
+            return
+        self.looks += 1
+        frame = self.timed.pop(0) if self.timed else None
+        if frame is None:
+            self.clock.now_s += timeout_s
+            return
+        self.clock.now_s += 0.008
+        yield frame
+
+
+def played(monkeypatch, frames, **replayed):
+    clock = Clock()
+    monkeypatch.setattr(watch_module, "time", clock)
+    session = TimedSession(clock, [phase("control"), phase("play"), *frames])
+    settings = ReplaySettings(host="127.0.0.1", allow_motion=True)
+    with pytest.raises(ReplayAborted) as aborted:
+        replay(short(), UR5, settings, driver=ScriptedDriver(session), **{name: make(clock) for name, make in replayed.items()})
+    return aborted.value, clock
+
+
+def test_a_child_that_is_silent_for_60_ms_while_the_arm_moves_is_ended(monkeypatch):
+    """It took 1 s before; the child says something in every tick."""
+    error, clock = played(monkeypatch, [ALIVE] * 10)
+    assert error.cause == "timeout"
+    assert "said nothing for 60 ms" in str(error)
+    assert clock.now_s < 0.3
+
+
+def test_a_parent_that_was_busy_itself_does_not_blame_its_child(monkeypatch):
+    """Its callback takes 0.2 s; meanwhile the child went on, and what it sent is there at the next look."""
+
+    def make(clock):
+        def on_progress(_):
+            clock.now_s += 0.2
+
+        return on_progress
+
+    error, _ = played(monkeypatch, [ALIVE, None, ALIVE, None, None, ALIVE] * 2, on_progress=make)
+    assert error.cause == "timeout"
+    assert "said nothing for 60 ms" in str(error)  # three empty looks at the very end, none before
+
+
+def test_an_old_setting_of_one_second_counts_as_a_tenth(monkeypatch):
+    """Configurations of earlier versions hold 1.0; they are read, and do not bring the old second back."""
+    clock = Clock()
+    monkeypatch.setattr(watch_module, "time", clock)
+    session = TimedSession(clock, [phase("control"), phase("play"), ALIVE])
+    with pytest.raises(ReplayAborted, match="said nothing for 100 ms"):
+        replay(
+            short(),
+            UR5,
+            ReplaySettings(host="127.0.0.1", allow_motion=True, silence_timeout_s=1.0),
+            driver=ScriptedDriver(session),
+        )
