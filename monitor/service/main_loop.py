@@ -73,6 +73,7 @@ class MainLoop:
 
     def _publish_health(self) -> None:
         try:
+            self._workers.problems.update("nothing_learnt", self._daemon.alerts.look_at_learning())
             self._daemon.alerts.clear_own()
         except StoreError as error:  # the next round tries again
             self._workers.problems.report("store", str(error))

@@ -31,6 +31,7 @@ class SharedState:
         self.live_torque: LiveTorque | None = None
         self.temperature_c: Array | None = None  # (J,) the newest known, from a replay or from the arm's state
         self.next_due_unix_s: float | None = None
+        self.nothing_learnt: str | None = None  # for how long, where that is too long
         self.stopping = threading.Event()
         self.replaying = threading.Lock()
         self.revising = threading.Lock()
@@ -65,6 +66,10 @@ class SharedState:
     def take_next_due(self, unix_s: float | None) -> None:
         """Take the time of the next replay; None where none is due."""
         self.next_due_unix_s = unix_s
+
+    def take_nothing_learnt(self, text: str | None) -> None:
+        """Take for how long nothing was learnt; None where that is not too long."""
+        self.nothing_learnt = text
 
     def prepare_live(self, recording: Recording | None) -> None:
         """Prepare live predictions for the present model, so that no query waits for that."""

@@ -21,7 +21,7 @@ from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQU
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
 
-WEAR_RISING, SUDDEN_STEP, STORE_RESTORED = "wear_rising", "sudden_step", "store_restored"
+WEAR_RISING, SUDDEN_STEP, STORE_RESTORED, NOTHING_LEARNT = "wear_rising", "sudden_step", "store_restored", "nothing_learnt"
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
 SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are unreliable
 HAS_RISEN = "has risen by more than the tier's rise"
@@ -303,6 +303,16 @@ CONDITIONS: dict[str, AlertCondition] = {
                     CHECK_FUNCTION,
                     "Look at the disk, and at what set-aside file and backups say; then acknowledge this.",
                     "the history was damaged and the newest good backup replaced it, or it lost its newest entries",
+                )
+            },
+        ),
+        AlertCondition(
+            name=NOTHING_LEARNT,
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Look why the last windows failed (joint-monitor status): until one succeeds, wear goes unnoticed.",
+                    "no replay was learned from for schedule.learn_within_days",
                 )
             },
         ),

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.conditions import CONDITIONS, STORE_RESTORED
+from monitor.judge.alerts.conditions import CONDITIONS, NOTHING_LEARNT, STORE_RESTORED
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert, Health
 from monitor.judge.alerts.life_cycle import service_alert
 from monitor.publish.documents import AckRequest
 from monitor.publish.timestamps import outside
 from monitor.service.bus.publisher import Publisher
+from monitor.service.learning import nothing_learnt
 from monitor.service.shared_state import SharedState
 from monitor.store.store import RESTORED, Store
 
@@ -58,8 +59,21 @@ class AlertChanges:
             at = self._now()
             raised_by_service = {name for name, condition in CONDITIONS.items() if condition.raised_by_service}
             for alert in self._state.health.active_alerts if self._state.health else ():
-                if alert.condition in raised_by_service and alert.acknowledged_at_unix_s is not None:
+                lasts = alert.condition == NOTHING_LEARNT and self._state.nothing_learnt is not None
+                if alert.condition in raised_by_service and alert.acknowledged_at_unix_s is not None and not lasts:
                     self._revise_own("cleared", dataclasses.replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at), at)
+
+    def look_at_learning(self) -> str | None:
+        """For how long nothing was learnt, where that is too long; the alert about it is raised once. Raises StoreError.
+
+        The alert stands beside an assessment: before the first one the text stands in `health` and among the problems alone.
+        """
+        text = nothing_learnt(self._state.configuration.schedule, self._store, self._now())
+        self._state.take_nothing_learnt(text)
+        health = self._state.health
+        if text is not None and health is not None and all(alert.condition != NOTHING_LEARNT for alert in health.active_alerts):
+            self._raise_own(NOTHING_LEARNT, text)
+        return text
 
     def keep(self, health: Health, kind: str, alert: Alert, at: float) -> None:
         """Make a changed alert durable with its health, then publish both. The caller holds `revising`. Raises StoreError."""

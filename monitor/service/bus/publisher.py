@@ -52,6 +52,7 @@ class Publisher:
                 **published_health(self._state.health, now, self._state.configuration.assess.health),
                 "production": [plain(each) for each in self._production.evidence()],
                 "next_replay_due_unix_s": self._state.next_due_unix_s,
+                "nothing_learnt": self._state.nothing_learnt,
                 "said_at_unix_s": now,
             },
         )
