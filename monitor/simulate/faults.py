@@ -88,6 +88,10 @@ FAULTS: dict[str, Fault] = {
         about="controller killed and started again: all connections reset, clock at zero",
         arguments={"seconds": Number(0, 600, 2), "power": Choice(("on", "off"), "off")},
     ),
+    "power_cut": Fault(
+        about="the main switch: arm braked, controller gone, connections silent or reset; it comes back without power",
+        arguments={"seconds": Number(0.1, 600, 5), "connections": Choice(("silent", "reset"), "silent")},
+    ),
     "freeze": Fault(about="the controller hangs, connections stay open", arguments={"seconds": Number(1e-3, 60)}),
     "late": Fault(about="packets held back and then in a bunch", arguments={"seconds": Number(0, 5), "share": Number(0, 1, 0.05)}),
     "skip": Fault(about="packets never sent", arguments={"share": Number(0, 1, 0.05)}),
@@ -101,6 +105,31 @@ FAULTS: dict[str, Fault] = {
         about="somebody switches a digital input",
         arguments={"number": Number(0, 17), "state": Choice(("on", "off"), "on")},
     ),
+    "foreign_program": Fault(
+        about="somebody else starts a program: now, after ours has ended, or while ours uploads, which then starts late by the delay",
+        arguments={
+            "when": Choice(("now", "after_ours", "during_upload"), "now"),
+            "delay": Number(0, 3600, 0),
+            "seconds": Number(0.01, 3600, 5),
+            "moves": Choice(("on", "off"), "on"),
+        },
+    ),
+    "teach_button": Fault(about="the freedrive button is held", arguments={"state": Choice(("on", "off"), "on")}),
+    "speed_slider": Fault(about="somebody moves the speed slider", arguments={"fraction": Number(0, 1)}),
+    "tcp_changed": Fault(
+        about="the tool centre point is changed at the pendant [m, rad]",
+        arguments={name: Number(-5, 5, 0) for name in ("x", "y", "z", "rx", "ry", "rz")},
+    ),
+    "payload_changed": Fault(
+        about="mass and centre of the payload are changed at the pendant [kg, m]",
+        arguments={"kg": Number(0, 100, 0), **{name: Number(-2, 2, 0) for name in ("x", "y", "z")}},
+    ),
+    "wrist_turned": Fault(about="a joint is turned by whole turns", arguments={"joint": Number(1, 6, 6), "turns": Number(-4, 4, 1)}),
+    "reduced": Fault(about="the safety mode is reduced; the arm moves on", arguments={"state": Choice(("on", "off"), "on")}),
+    "stuck": Fault(about="a joint sticks mechanically", arguments={"joint": _JOINT}),
+    "brake": Fault(about="the brake of one joint closes", arguments={"joint": _JOINT}),
+    "watchdog_dead": Fault(about="the watchdog is acknowledged and does nothing"),
+    "clock_jump": Fault(about="the published clock jumps", arguments={"seconds": Number(-1e6, 1e6)}),
     "program_stop": Fault(about="somebody else stops the program"),
     "protective_stop": Fault(
         about="protective stop; the program pauses, stops or plays on",

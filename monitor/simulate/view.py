@@ -19,7 +19,7 @@ from monitor.simulate.remote import Remote
 PERIOD_S = 0.25  # between two pictures
 PRINT_PERIOD_S = 2.0  # where the output is no terminal
 START_S = 30.0  # time that a simulator may need to report why it does not start
-SAFETY = {1: "normal", 3: "PROTECTIVE STOP", 7: "EMERGENCY STOP"}
+SAFETY = {1: "normal", 2: "reduced", 3: "PROTECTIVE STOP", 7: "EMERGENCY STOP"}
 MODE = {3: "power off", 4: "power on", 5: "idle", 7: "running"}
 RUNTIME = {1: "stopped", 2: "playing", 4: "paused"}
 

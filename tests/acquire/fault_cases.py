@@ -72,6 +72,22 @@ STOPPING = (
     ),  # one tick of 32
     # asked five times a second; then the arm slows down along its path, settles, and ends its program
     Case("remote", {"state": "off"}, frozenset({"local_control"}), shows_within_s=1.0),
+    # one connection alone, in the order in which the session opens them
+    *(_case(fault, "connection_lost", service="rtde", connection=number) for fault in ("close", "reset") for number in (1, 2)),
+    *(_case(fault, "connection_lost", service="realtime", connection=1) for fault in ("close", "reset")),
+    _case("power_cut", *LOST, seconds=1.0, connections="silent"),
+    _case("power_cut", *LOST, seconds=1.0, connections="reset"),
+    _case("clock_jump", "controller_restarted", "stalled", seconds=5.0),
+    _case("clock_jump", "controller_restarted", "stalled", seconds=-5.0),
+    _case("foreign_program", "program_stopped", "following_error", "no_control", when="now", seconds=1.0),
+    _case("teach_button", "teach_button"),
+    _case("speed_slider", "speed_scaling", fraction=0.5),
+    _case("payload_changed", "payload", kg=2.0),
+    _case("payload_changed", "payload", kg=0.0, x=0.1),
+    _case("tcp_changed", "tcp", z=0.1),
+    _case("reduced", "safety"),
+    _case("stuck", "following_error", "protective_stop", "unexpected_torque", joint=2),
+    _case("brake", "robot_mode", "following_error", "protective_stop", joint=3),
     _case("encoder_offset", "following_error", "protective_stop", joint=2, value=0.2),
 )
 HARMLESS = (
@@ -90,6 +106,8 @@ HARMLESS = (
     _case("current_noise", factor=10.0),
     _case("skip", share=0.02),
     _case("obstacle", joint=2, torque=1.0),  # less than friction varies
+    _case("watchdog_dead"),  # it was tested before the motion, and nothing asks it to act
+    _case("foreign_program", when="after_ours", delay=0.15, seconds=1.0),  # theirs is not ours to stop
     _case("clear"),
 )
 FAULTS = (*STOPPING, *HARMLESS)

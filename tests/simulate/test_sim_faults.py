@@ -84,7 +84,16 @@ def test_every_fault_names_its_arguments_and_refuses_others(controller):
 
 def test_the_controller_makes_every_fault_happen_that_the_wire_does_not():
     """Without a wire, each fault of the catalogue happens or is refused because it belongs to the wire."""
-    examples = {"joint": 1, "value": 0.1, "seconds": 1.0, "names": "actual_q", "version": "5.11", "factor": 1.0, "number": 1}
+    examples = {
+        "joint": 1,
+        "value": 0.1,
+        "seconds": 1.0,
+        "names": "actual_q",
+        "version": "5.11",
+        "factor": 1.0,
+        "number": 1,
+        "fraction": 0.5,
+    }
     refused = set()
     for name, fault in FAULTS.items():
         controller = Controller(SimulateSettings())
@@ -92,7 +101,19 @@ def test_the_controller_makes_every_fault_happen_that_the_wire_does_not():
             assert controller.inject(name, {key: value for key, value in examples.items() if key in fault.arguments})
         except BadInput as wrong:
             refused.add(name if "of the wire" in str(wrong) else str(wrong))
-    assert refused == {"stall", "close", "reset", "listener_gone", "restart", "freeze", "late", "skip", "mute", "text_at_connect"}
+    assert refused == {
+        "stall",
+        "close",
+        "reset",
+        "listener_gone",
+        "restart",
+        "power_cut",
+        "freeze",
+        "late",
+        "skip",
+        "mute",
+        "text_at_connect",
+    }
 
 
 def test_frozen_temperatures_stay_until_clear(controller):
@@ -300,6 +321,45 @@ def test_a_restarted_controller_begins_its_clock_anew(ur5):
                 assert file.readline().strip() == answer
         assert remote.truth()["robot_mode"] == 7
         remote.wear(2, coulomb_factor=1.0)
+
+
+@pytest.mark.parametrize("connections", ["silent", "reset"])
+def test_a_controller_without_power_is_gone_and_comes_back_without_power(spawn, connections):
+    """Silent connections stay open without a word until the controller is back; new ones get no word either. The arm is braked at once."""
+    simulator = spawn("--robot", "ur5")
+    with simulator.remote() as remote, RawRtde(simulator.address) as rtde:
+        rtde.stream("timestamp")
+        rtde.timestamps(5)
+        remote.fault("power_cut", seconds=1.5, connections=connections)
+        truth = remote.truth()
+        assert (truth["robot_mode"], truth["boot"]) == (3, 1)
+        if connections == "reset":
+            assert ended(rtde.wire) == "reset"
+            assert refused(simulator.address, 29999)
+        else:
+            rtde.wire.settimeout(0.3)
+            with pytest.raises(TimeoutError):
+                rtde.timestamps(50)
+            with socket.create_connection((simulator.address, 29999), timeout=0.3) as wire, pytest.raises(TimeoutError):
+                wire.recv(100)
+            assert ended(rtde.wire) == "reset"
+        assert eventually(lambda: remote.truth()["boot"] == 2, 3.0)
+        assert remote.truth()["robot_mode"] == 3
+        assert eventually(lambda: not refused(simulator.address, 30004), 2.0)
+
+
+def test_the_dashboard_ends_its_connections_when_local_control_is_taken(spawn):
+    """A new connection is served, and refuses what acts."""
+    simulator = spawn("--robot", "ur5e")
+    with simulator.remote() as remote, socket.create_connection((simulator.address, 29999), timeout=5) as wire:
+        wire.recv(100)
+        remote.fault("remote", state="off")
+        assert ended(wire) == "closed"
+        with socket.create_connection((simulator.address, 29999), timeout=5) as again, again.makefile("rw") as file:
+            file.readline()
+            file.write("stop\n")
+            file.flush()
+            assert "Remote Control" in file.readline()
 
 
 def test_late_packets_come_in_a_bunch_and_in_order(ur5):

@@ -28,6 +28,7 @@ SERVO_INTEGRAL_PER_S = 25.0  # rate of the integral term: it removes the rest of
 SERVO_INTEGRAL_MAX_RAD_S2 = 40.0  # limit of the integral term: what friction can need at most
 # the same limit for the integral of the error
 SERVO_INTEGRAL_MAX_RAD_S = SERVO_INTEGRAL_MAX_RAD_S2 / (SERVO_RAD_S**2 * SERVO_INTEGRAL_PER_S)
+JAM_NM = 1e6  # friction of a joint that is stuck: far beyond any drive and any impact
 STRAIN_SHARE = 0.8  # of dry friction: the servo of a standing arm pulls at most with this
 ROTOR_KG_M2_PER_NM = 0.0075  # rotor inertia at the joint per maximum torque; it gives 1.1 kg·m² for size 3
 # Kt·G of arms whose torque constants are not published: maximum torque of the joint [N·m], gain [N·m/A]. The figures are assumptions
@@ -87,6 +88,7 @@ class Arm:
         self._slide = np.zeros(J)  # sign of each joint's motion in the last step; 0 where friction held it
         self._sliding = False  # whether all joints moved
         self.contact: Contact | None = None  # what presses against the arm
+        self._jam_nm = np.zeros(J)  # friction of joints that are stuck
         self.powered = True  # without power, a joint at rest has no losses
         self.mounting, self.payload_kg, self.payload_com_m = mounting or Mounting(), payload_kg, tuple(payload_com_m)
         self.carry()
@@ -179,6 +181,11 @@ class Arm:
         M, n, q_m, _ = self._middle(h)
         self._integrate(h, torque_nm, M, n, q_m)
 
+    def jam(self, joint: int, *, jammed: bool) -> None:
+        """Let one joint (0 … J−1) stick mechanically, or let it go: no drive can turn it."""
+        self._jam_nm[joint] = JAM_NM if jammed else 0.0
+        self._update_friction()
+
     def brake(self) -> None:
         """Close the brakes and switch the drives off: the arm stands."""
         self.qd = np.zeros_like(self.qd)
@@ -245,7 +252,7 @@ class Arm:
     def _update_friction(self) -> None:
         """Compute the terms of friction that depend on temperature and wear only. Both are constant within a control period."""
         none = np.zeros_like(self.qd)
-        self._dry_nm = self.law.dry(none, self.temperatures.grease_c, self.wear.coulomb)
+        self._dry_nm = self.law.dry(none, self.temperatures.grease_c, self.wear.coulomb) + self._jam_nm
         self._dry_load = self.wear.coulomb * self.law.load_factor
         thin = self.wear.viscous * np.exp(-self.law.viscous_per_k * (self.temperatures.grease_c - REFERENCE_C))
         self._half_concave, self._half_linear = 0.5 * thin * self.law.concave_nm, 0.5 * thin * self.law.linear_nm_s_per_rad

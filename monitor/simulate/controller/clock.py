@@ -10,6 +10,7 @@ class Clock:
         self.ticks = 0
         self._lived_before_s = lived_before_s
         self._leapt_s = 0.0  # time that has passed without control periods
+        self._jumped_s = 0.0  # a fault of the published clock
 
     def tick(self) -> None:
         """Advance by one control period."""
@@ -19,9 +20,18 @@ class Clock:
         """Advance without control periods."""
         self._leapt_s += seconds
 
+    def jump(self, seconds: float) -> None:
+        """Shift the clock that is published, and nothing else."""
+        self._jumped_s += seconds
+
+    @property
+    def published_s(self) -> float:
+        """What RTDE publishes as `timestamp` [s]: the time since the controller started, and the jumps of the published clock."""
+        return self.now_s + self._jumped_s
+
     @property
     def now_s(self) -> float:
-        """Time since the controller started [s]. RTDE publishes it as `timestamp`."""
+        """Time since the controller started [s]."""
         return self.ticks * self.tick_s + self._leapt_s
 
     @property

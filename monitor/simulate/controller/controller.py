@@ -17,7 +17,9 @@ from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import Sensors
 from monitor.simulate.arm.thermal import Temperatures
 from monitor.simulate.controller.clock import Clock
-from monitor.simulate.controller.faults import FaultTarget, inject
+from monitor.simulate.controller.fault_target import FaultTarget
+from monitor.simulate.controller.faults import inject
+from monitor.simulate.controller.foreign import ForeignPrograms
 from monitor.simulate.controller.identity import Identity
 from monitor.simulate.controller.installation import Installation
 from monitor.simulate.controller.journal import Journal
@@ -76,6 +78,7 @@ class Controller:
         self.machine = self._assembled()
         self.programs = Programs(self.machine)
         self.safety = Safety(self.machine, self.programs)
+        self.foreign = ForeignPrograms(self.machine, self.programs)
         self._fault_target = FaultTarget(
             settings=settings,
             identity=self.identity,
@@ -83,7 +86,9 @@ class Controller:
             measurements=self.measurements,
             arm=self.arm,
             reference=self.reference,
+            machine=self.machine,
             programs=self.programs,
+            foreign=self.foreign,
             safety=self.safety,
             wire=wire,
         )
@@ -155,6 +160,8 @@ class Controller:
         self.clock.tick()
         if self.clock.ticks % self._scenario_every == 0 or self.clock.ticks == 1:
             self.scenario.advance(self.clock.lived_s, self._scenario_target)
+        for script in self.foreign.step():
+            self._run(script)
         self.programs.step()
         self._move()
         self.arm.settle(self.clock.tick_s)
@@ -187,6 +194,12 @@ class Controller:
 
     def run_script(self, text: str) -> None:
         """Run one complete script. A script that is not understood is refused and recorded in the journal."""
+        if self.identity.local:
+            self.journal.refused_scripts.append("the robot is in local control")
+        elif not self.foreign.holds(text):
+            self._run(text)
+
+    def _run(self, text: str) -> None:
         script = parse(text)
         if not isinstance(script, Immediate):
             self.programs.start(script)

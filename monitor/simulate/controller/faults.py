@@ -2,41 +2,20 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from monitor.errors import BadInput
 from monitor.simulate.arm.contact import Contact
-from monitor.simulate.arm.physics import Arm
-from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import SensorFaults
-from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller import interference
+from monitor.simulate.controller.fault_target import FaultTarget
 from monitor.simulate.controller.logbook import SOMEBODY_ELSE
-from monitor.simulate.controller.measurements import Measurements
-from monitor.simulate.controller.program.runner import Programs
-from monitor.simulate.controller.registers import INPUT_TYPES, Registers
-from monitor.simulate.controller.safety import Safety
-from monitor.simulate.faults import FaultyWire, checked, parsed_version
-from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.controller.registers import INPUT_TYPES
+from monitor.simulate.faults import checked, parsed_version
 
 NOBODY = -1  # the connection that owns occupied inputs
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FaultTarget:
-    """What faults act on: parts of a controller, and its wire if it has one."""
-
-    settings: SimulateSettings
-    identity: Identity
-    registers: Registers
-    measurements: Measurements
-    arm: Arm
-    reference: Reference
-    programs: Programs
-    safety: Safety
-    wire: FaultyWire | None
 
 
 def inject(name: str, given: dict[str, Any], target: FaultTarget) -> str:
@@ -159,6 +138,7 @@ def _obstacle(target: FaultTarget, arguments: dict[str, Any]) -> str:
 def _clear(target: FaultTarget, _: dict[str, Any]) -> str:
     if target.wire is not None:
         target.wire.clear()
+    target.clear()
     target.registers.inputs.release(NOBODY)
     target.identity.restore()
     target.registers.digital_inputs = 0
@@ -189,4 +169,5 @@ ACTIONS: dict[str, Callable[[FaultTarget, dict[str, Any]], str]] = {  # the othe
     "current_noise": _current_noise,
     "obstacle": _obstacle,
     "clear": _clear,
+    **interference.ACTIONS,
 }

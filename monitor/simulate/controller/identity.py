@@ -30,6 +30,11 @@ class Identity:
         """Switch between remote and local control."""
         self.remote_control = on
 
+    @property
+    def local(self) -> bool:
+        """Whether the pendant has taken control: an e-Series then refuses commands over the network. A CB3 has no such mode."""
+        return not self.remote_control and self._polyscope.major >= 5
+
     def clear_operational_mode(self) -> None:
         """The dashboard no longer sets the operational mode."""
         self.operational_mode = "NONE"

@@ -18,6 +18,7 @@ class SafetyMode(IntEnum):
     """The safety mode, with RTDE's numbers."""
 
     NORMAL = 1
+    REDUCED = 2
     PROTECTIVE_STOP = 3
     ROBOT_EMERGENCY_STOP = 7
 
@@ -37,6 +38,8 @@ class Modes:
     robot: RobotMode = RobotMode.RUNNING
     safety: SafetyMode = SafetyMode.NORMAL
     runtime: Runtime = Runtime.STOPPED
+    teach_button: bool = False  # the freedrive button is held
+    braked: frozenset[int] = frozenset()  # joints 0 … J−1 whose brakes are closed although the arm is running
 
     @property
     def powered(self) -> bool:
@@ -44,9 +47,14 @@ class Modes:
         return self.robot > RobotMode.POWER_OFF
 
     @property
+    def unstopped(self) -> bool:
+        """Whether no safety stop is active."""
+        return self.safety in (SafetyMode.NORMAL, SafetyMode.REDUCED)
+
+    @property
     def obstacle(self) -> str:
         """The mode that keeps the arm from moving; an empty text if the arm may move."""
-        if self.safety != SafetyMode.NORMAL:
+        if not self.unstopped:
             return f"safety mode is {self.safety.name}"
         return "" if self.robot == RobotMode.RUNNING else f"robot mode is {self.robot.name}"
 
@@ -74,6 +82,15 @@ class Modes:
     def end_stop(self) -> None:
         """No safety stop is active."""
         self.safety = SafetyMode.NORMAL
+
+    def end_reduced(self) -> None:
+        """The safety mode is normal again, unless a stop is active."""
+        if self.safety == SafetyMode.REDUCED:
+            self.safety = SafetyMode.NORMAL
+
+    def release_teach_button(self) -> None:
+        """The freedrive button is not held."""
+        self.teach_button = False
 
     def set_power(self, mode: RobotMode) -> None:
         """The drives are off, on with closed brakes, or running."""

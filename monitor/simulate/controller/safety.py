@@ -18,7 +18,7 @@ class Safety:
     def supervise(self) -> None:
         """Check the arm after a control period, and note when it has come to rest after a stop."""
         machine, modes = self._machine, self._machine.modes
-        if modes.robot == RobotMode.RUNNING and modes.safety == SafetyMode.NORMAL:
+        if modes.robot == RobotMode.RUNNING and modes.unstopped:
             reason = machine.limits.broken(machine.reference.q, machine.measurements.encoder_q, machine.arm.torque_nm)
             if reason:
                 self.protective_stop(reason)
@@ -35,7 +35,7 @@ class Safety:
     def protective_stop(self, reason: str, *, runtime: str | None = None) -> None:
         """Halt the arm. `runtime` says what becomes of the program: "paused", "stopped" or "playing"; None means as in the settings."""
         machine, modes = self._machine, self._machine.modes
-        if modes.safety != SafetyMode.NORMAL:
+        if not modes.unstopped:
             return
         modes.enter_stop(SafetyMode.PROTECTIVE_STOP)
         self._protected_at_s = machine.clock.now_s
@@ -101,6 +101,12 @@ class Safety:
             modes.set_power(RobotMode.IDLE)
             self._machine.arm.powered = True
         return True
+
+    def lose_power(self) -> None:
+        """The main switch is off: the brakes close, and the program is gone without a word."""
+        self._power_off()
+        self._machine.journal.logbook.cut()
+        self._machine.modes.end_program()
 
     def start_without_power(self) -> None:
         """Begin as a controller does that has just been started: brakes closed, power off."""

@@ -13,6 +13,14 @@ from monitor.simulate.settings import SimulateSettings
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX_BYTES = 4096
 QUIT, SHUTDOWN = "Disconnected", "Shutting down"  # replies after which the connection, or the whole controller, ends
+LOCAL = "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and reconnect to port 29999"
+ACTS = frozenset(  # commands that are refused in local control
+    (
+        *("play", "stop", "pause", "power on", "power off", "brake release", "unlock protective stop"),
+        *("close safety popup", "restart safety", "shutdown"),
+    )
+)
+ACTS_ON = ("load ", "set operational mode ")
 USER_ROLES, OPERATIONAL_MODES = {"PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"}, {"MANUAL", "AUTOMATIC"}
 PROGRAM = "rtde_control.urp"  # the file name that the dashboard reports for programs that came over a script port
 
@@ -45,6 +53,8 @@ def reply(controller: DashboardController, line: str) -> str:
     """The reply to one line, without a newline."""
     command = line.strip()
     word = command.lower()
+    if controller.identity.local and (word in ACTS or word.startswith(ACTS_ON)):
+        return LOCAL
     answer = _about_the_robot(controller, word) or _about_programs(controller, word) or _about_safety(controller, word)
     answer = answer or SIMPLE.get(word, "") or _of_generation(controller, command)
     if answer:

@@ -55,8 +55,9 @@ class Ports:
 
     def attach(self, controller: Controller) -> None:
         """Serve this controller from now on."""
-        self.controller, self.dead = controller, False
+        self.controller, self.dead, self.silent = controller, False, False
         self._variables = output_variables(controller)
+        self._local = controller.identity.local
         self._realtime = realtime.packing(controller, self._variables, controller.settings.polyscope)
 
     def rtde_session(self) -> RtdeSession:
@@ -74,6 +75,9 @@ class Ports:
     def publish(self, now_s: float) -> None:
         """Send what is due in this control period to all clients that read."""
         controller, opened = self.controller, self.open
+        if controller.identity.local != self._local:
+            self._local = controller.identity.local
+            self.drop("dashboard", reset=False)  # the dashboard ends its connections when the control mode is switched
         tick = controller.clock.ticks
         if opened["rtde"]:
             self._publish_rtde(tick, now_s)
@@ -115,6 +119,12 @@ class Ports:
         self.dead = True
         self.drop("all", reset=True)
 
+    def cut_power(self, *, reset: bool) -> None:
+        """The controller is gone: its connections are reset, or stay open without a word, and new ones get none either."""
+        self.dead, self.silent = True, not reset
+        if reset:
+            self.drop("all", reset=True)
+
     def clear_faults(self) -> None:
         """End the faults of the wire."""
         self.faults = WireFaults()
@@ -150,7 +160,7 @@ class Port(asyncio.Protocol):
         """Accept the connection, unless there are too many."""
         assert isinstance(transport, asyncio.Transport)
         mine = self.ports.open[self.service]
-        if len(mine) >= CONNECTIONS_MAX or self.ports.dead:
+        if len(mine) >= CONNECTIONS_MAX or (self.ports.dead and not self.ports.silent):
             transport.abort()
             return
         wire = transport.get_extra_info("socket")
@@ -158,7 +168,8 @@ class Port(asyncio.Protocol):
         transport.set_write_buffer_limits(self.backlog_bytes, self.backlog_bytes)
         self.transport = transport
         mine.add(self)
-        self.accepted(transport)
+        if not self.ports.dead:
+            self.accepted(transport)
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """Greet a new client."""
@@ -224,18 +235,17 @@ class RtdePort(Port):
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """Send nothing first, except if a fault asks for a text message."""
-        self._wire = transport.get_extra_info("socket")
         if self.ports.faults.text_at_connect:
             transport.write(text_message("Safety setup has not been confirmed yet", "SafetySetup", 2))
 
     def data_received(self, data: bytes) -> None:
         """Handle requests and inputs."""
         transport = self.writable
-        if transport is None:
+        if transport is None or self.ports.dead:
             return
         # Acknowledge at once: ur-rtde's small writes wait for the acknowledgement (its TCP_NODELAY is lost) and would come in bunches.
         # The kernel forgets this option after a while, so it is set again for every packet.
-        self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         if self.ports.faults.mute:
             return
         try:
@@ -295,7 +305,7 @@ class DashboardPort(Port):
     def data_received(self, data: bytes) -> None:
         """Reply to each line."""
         transport = self.writable
-        if transport is None or self.ports.faults.mute:
+        if transport is None or self.ports.faults.mute or self.ports.dead:
             return
         self._buffer += data
         *lines, self._buffer = self._buffer.split(b"\n")
@@ -331,7 +341,7 @@ class StatePort(Port):
 
     def data_received(self, data: bytes) -> None:
         """Run the scripts that are complete."""
-        for text in self._framer.feed(data):
+        for text in [] if self.ports.dead else self._framer.feed(data):
             self.ports.controller.run_script(text)
 
 

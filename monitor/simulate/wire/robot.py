@@ -30,6 +30,7 @@ class ServedRobot:
             "reset": self._reset,
             "listener_gone": self._listener_gone,
             "restart": self._restart,
+            "power_cut": self._power_cut,
             "freeze": self._freeze,
             "late": self._late,
             "skip": self._skip,
@@ -101,12 +102,26 @@ class ServedRobot:
         seconds, power = arguments["seconds"], arguments["power"]
         self.ports.kill()
         self.listeners.away("all", 0.0)
-        if self._rebirth is not None:
-            self._rebirth.cancel()  # the controller was killed again before it was back
-        self._rebirth = self.listeners.later(seconds, lambda: self._start_again(with_power=power == "on"))
+        self._come_back(seconds, with_power=power == "on")
         return f"the controller was killed and comes back in {seconds:g} s, its clock at zero, power {power}"
 
+    def _power_cut(self, arguments: dict[str, Any]) -> str:
+        """Switch everything off at once: the brakes stop the arm. A new controller with the same arm answers later."""
+        seconds, connections = arguments["seconds"], arguments["connections"]
+        self.controller.safety.lose_power()
+        self.ports.cut_power(reset=connections == "reset")
+        if connections == "reset":
+            self.listeners.away("all", 0.0)
+        self._come_back(seconds, with_power=False)
+        return f"the main switch is off, every connection {connections}; the controller is back in {seconds:g} s, without power"
+
+    def _come_back(self, seconds: float, *, with_power: bool) -> None:
+        if self._rebirth is not None:
+            self._rebirth.cancel()  # the controller was killed again before it was back
+        self._rebirth = self.listeners.later(seconds, lambda: self._start_again(with_power=with_power))
+
     def _start_again(self, *, with_power: bool) -> None:
+        self.ports.drop("all", reset=True)  # a controller that was switched off knows nothing of its connections
         controller = Controller(self._settings, before=self.controller, wire=self)
         if with_power:
             controller.safety.power(RobotMode.IDLE)

@@ -19,12 +19,14 @@ JOINT_MODES = {
     RobotMode.IDLE: 255,
     RobotMode.RUNNING: 253,
 }  # off, booting, idle, running
+JOINT_BRAKED = 255  # of a joint whose brake is closed
 TOOL_RUNNING, TOOL_OFF = 253, 239
 NOTHING = (0.0,) * 6
-POWER_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1  # robot_status_bits
-NORMAL, PROTECTIVE, ROBOT_EMERGENCY, EMERGENCY, STOPPED = 1 << 0, 1 << 2, 1 << 6, 1 << 7, 1 << 10  # safety_status_bits
+POWER_ON, PROGRAM_RUNNING, TEACH_BUTTON = 1 << 0, 1 << 1, 1 << 2  # robot_status_bits
+NORMAL, REDUCED, PROTECTIVE, ROBOT_EMERGENCY, EMERGENCY, STOPPED = 1 << 0, 1 << 1, 1 << 2, 1 << 6, 1 << 7, 1 << 10  # safety_status_bits
 SAFETY_BITS = {
     SafetyMode.NORMAL: NORMAL,
+    SafetyMode.REDUCED: REDUCED,
     SafetyMode.PROTECTIVE_STOP: PROTECTIVE | STOPPED,
     SafetyMode.ROBOT_EMERGENCY_STOP: ROBOT_EMERGENCY | EMERGENCY | STOPPED,
 }
@@ -38,7 +40,7 @@ def output_variables(controller: Controller) -> dict[str, Variable]:
     zero = constant(0.0)
     analog = listed(2, controller.registers.outputs.analog.copy)
     places: dict[str, Source | tuple[Source, int]] = {
-        "timestamp": number(controller, "clock.now_s"),
+        "timestamp": number(controller, "clock.published_s"),
         **_motion(controller),
         **_modes(controller.modes),
         **_electric(controller),
@@ -153,17 +155,18 @@ class ModeState:
 
     def __init__(self, modes: Modes) -> None:
         self._modes = modes
-        self._last: tuple[int, ...] = ()
+        self._last: tuple[object, ...] = ()
         self._values: tuple[int, ...] = ()
 
     def read(self) -> tuple[int, ...]:
         """Robot mode, safety mode, program state, robot status bits, safety status bits, six joint modes, tool mode: 12 numbers."""
         modes = self._modes
-        now = modes.robot, modes.safety, modes.runtime
+        now = modes.robot, modes.safety, modes.runtime, modes.teach_button, modes.braked
         if now != self._last:
             self._last = now
             tool = TOOL_RUNNING if modes.powered else TOOL_OFF
-            self._values = (*map(int, now), robot_status_bits(modes), SAFETY_BITS[modes.safety], *[joint_mode(modes)] * 6, tool)
+            joints = [JOINT_BRAKED if joint in modes.braked else joint_mode(modes) for joint in range(6)]
+            self._values = (*map(int, now[:3]), robot_status_bits(modes), SAFETY_BITS[modes.safety], *joints, tool)
         return self._values
 
 
@@ -220,8 +223,9 @@ def joint_mode(modes: Modes) -> int:
 
 
 def robot_status_bits(modes: Modes) -> int:
-    """The bits "power on" and "program running"."""
-    return (POWER_ON if modes.powered else 0) | (PROGRAM_RUNNING if modes.runtime == Runtime.PLAYING else 0)
+    """The bits "power on", "program running" and "teach button pressed"."""
+    program = PROGRAM_RUNNING if modes.runtime == Runtime.PLAYING else 0
+    return (POWER_ON if modes.powered else 0) | program | (TEACH_BUTTON if modes.teach_button else 0)
 
 
 def supply_current(arm: Arm, personality: Personality) -> float:

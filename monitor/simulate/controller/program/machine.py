@@ -31,6 +31,7 @@ class Watchdog:
         self._clock = clock
         self.variable: str | None = None  # the watched input; None if nothing is watched
         self.limit_s, self._fed_at_s = math.inf, 0.0
+        self.dead = False  # a watchdog that is acknowledged and never expires
 
     def watch(self, variable: str, min_frequency_hz: float) -> None:
         """Expire when this input has not arrived for one period of this frequency."""
@@ -46,6 +47,10 @@ class Watchdog:
         if self.variable in names:
             self.feed()
 
+    def revive(self) -> None:
+        """Expire again as asked."""
+        self.dead = False
+
     def clear(self) -> None:
         """Watch nothing."""
         self.variable, self.limit_s = None, math.inf
@@ -53,7 +58,7 @@ class Watchdog:
     @property
     def expired(self) -> bool:
         """Whether the watched input is overdue."""
-        return self.variable is not None and self._clock.now_s - self._fed_at_s > self.limit_s
+        return not self.dead and self.variable is not None and self._clock.now_s - self._fed_at_s > self.limit_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,10 +2,11 @@
 
 import logging
 
-from monitor.simulate.controller.logbook import CLIENT, SIMULATOR
+from monitor.simulate.controller.logbook import CLIENT, SIMULATOR, SOMEBODY_ELSE
 from monitor.simulate.controller.modes import Runtime
 from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2
 from monitor.simulate.controller.program.control import ControlProgram
+from monitor.simulate.controller.program.foreign import ForeignProgram
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.player import SteppedProgram, StepsProgram
 from monitor.simulate.controller.program.scripts import ControlScript, Refused, Steps
@@ -15,7 +16,9 @@ log = logging.getLogger(__name__)
 
 PROGRAM_NAME = "rtde_control"
 
-Program = ControlProgram | StepsProgram | SteppedProgram
+FOREIGN_NAME = "cell"  # of a program that somebody else starts
+
+Program = ControlProgram | StepsProgram | SteppedProgram | ForeignProgram
 
 
 class Programs:
@@ -67,6 +70,18 @@ class Programs:
         if machine.modes.runtime != Runtime.PLAYING or machine.clock.now_s < self._full_speed_at_s:
             return 0.0
         return machine.registers.speed_fraction
+
+    def start_foreign(self, seconds: float, *, moves: bool) -> None:
+        """Start a program of somebody else in place of the one that runs, unless the arm may not move."""
+        machine = self._machine
+        if machine.modes.obstacle:
+            return
+        self.stop("replaced by somebody else's program", by=SOMEBODY_ELSE)
+        machine.journal.logbook.program_began(SOMEBODY_ELSE)
+        self.current = ForeignProgram(machine, seconds, moves=moves)
+        machine.modes.play()
+        self._full_speed_at_s = machine.clock.now_s + machine.personality.start_s()
+        machine.journal.program_message("PROGRAM_XXX_STARTED", FOREIGN_NAME)
 
     def start_stepped(self) -> str:
         """Reserve the arm for a stepped replay. Returns why this is not possible, or an empty text."""
