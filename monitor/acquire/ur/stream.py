@@ -171,6 +171,7 @@ def finish(arm: Arm) -> None:
     for _ in range(END_CHECKS):
         if arm.receive.getRuntimeState() != RUNTIME_PLAYING:
             return
+        arm.control.report()
         time.sleep(END_PAUSE_S)
     raise StreamFailure("program_stopped", "the control program still runs although it was asked to end")
 
