@@ -67,6 +67,14 @@ JOINT_MODES = {
 }
 
 
+class JointLimits(NamedTuple):
+    """The limits of each joint that a controller's installation sets."""
+
+    lowest_rad: tuple[float, ...]  # (J,)
+    highest_rad: tuple[float, ...]  # (J,)
+    speed_rad_s: tuple[float, ...]  # (J,)
+
+
 class Identity(NamedTuple):
     """Who the controller says it is; None where it does not say."""
 
@@ -74,6 +82,7 @@ class Identity(NamedTuple):
     serial: str | None
     firmware: str | None  # for example "3.15.8.106339"
     remote_control: bool | None  # whether the controller takes commands over the network
+    joint_limits: JointLimits | None = None  # of its installation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

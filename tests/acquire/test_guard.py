@@ -15,7 +15,7 @@ from monitor.acquire.safety.conditions import CONDITIONS, conditions
 from monitor.acquire.safety.inputs import ConditionInputs, Permit
 from monitor.acquire.safety.of_state import tilt_deg
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.acquire.state import ArmState, Identity
+from monitor.acquire.state import ArmState, Identity, JointLimits
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.robot import Mounting, load_robot
@@ -140,7 +140,7 @@ def inputs(state: ArmState | None = None, **changes) -> ConditionInputs:
         robot=load_robot("ur5"),
         context=Context(robot="ur5", payload_kg=1.0, mounting_rad=(0.0, 0.0, 0.0)),
         now_unix_s=NOON,
-        identity=Identity(model="UR5", serial="2016331234", firmware="3.15.8.106339", remote_control=True),
+        identity=Identity("UR5", "2016331234", "3.15.8.106339", True, JointLimits((-6.3,) * 6, (6.3,) * 6, (3.4,) * 6)),
         state=state,
         installation=Installation(
             payload_cog_m=(0.0, 0.0, 0.05),

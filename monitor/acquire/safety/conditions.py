@@ -35,6 +35,7 @@ CONDITIONS = (  # in the order in which a person would check them
     Condition("robot_model", "controller", of_controller.robot_model),
     Condition("software", "controller", of_controller.software),
     Condition("serial", "controller", of_controller.serial),
+    Condition("joint_limits", "controller", of_controller.joint_limits),
     Condition("remote_control", "controller", of_controller.remote_control),
     Condition("safety_mode", "state", of_state.safety_mode),
     Condition("robot_mode", "state", of_state.robot_mode),

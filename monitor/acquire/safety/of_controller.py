@@ -3,7 +3,10 @@
 import re
 from typing import NamedTuple
 
+import numpy as np
+
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
+from monitor.acquire.safety.limits import CHECK_RATE_HZ
 from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
 
@@ -71,6 +74,28 @@ def _tested() -> str:
     """The spans of tested versions, as text."""
     spans = [f"{span.first[0]}.{span.first[1]} to {span.last[0]}.{span.last[1]}" for span in SOFTWARE if span.drives]
     return " and ".join(spans)
+
+
+def joint_limits(inputs: ConditionInputs) -> str:
+    """The trajectory keeps the joint limits of the controller's installation, where it reports them."""
+    limits, state = _identity(inputs).joint_limits, inputs.state
+    if limits is None:
+        raise Unreported("not reported: a joint limit of the installation below the published one would show as a protective stop")
+    played = inputs.played
+    curve = played.at(np.linspace(0.0, played.pass_s, max(2, round(played.pass_s * CHECK_RATE_HZ) + 1)))
+    low, high, speed = (np.array(each) for each in limits)
+    if state is not None:  # an endless joint that stands beyond its limits shows that they are not in force
+        beyond = (inputs.robot.endless > 0.0) & ~((state.q >= low) & (state.q <= high))
+        low, high = np.where(beyond, -np.inf, low), np.where(beyond, np.inf, high)
+    for j in range(inputs.robot.joints):
+        least, most, fastest = float(np.min(curve.q[:, j])), float(np.max(curve.q[:, j])), float(np.max(np.abs(curve.qd[:, j])))
+        if not (least >= low[j] and most <= high[j]):
+            raise MotionRefused(
+                f"joint {j + 1} moves from {least:.2f} to {most:.2f} rad; the installation allows {low[j]:.2f} to {high[j]:.2f}"
+            )
+        if not fastest <= speed[j]:
+            raise MotionRefused(f"joint {j + 1} moves at {fastest:.2f} rad/s; the controller's installation allows {speed[j]:.2f}")
+    return "the trajectory is within those of the controller's installation"
 
 
 def serial(inputs: ConditionInputs) -> str:

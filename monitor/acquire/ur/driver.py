@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from monitor.acquire.driver import OurProgram, ReplayTask, SafetyStop, Session, SessionEnded
 from monitor.acquire.state import ArmState, Identity, arm_state
-from monitor.acquire.ur import dashboard
+from monitor.acquire.ur import dashboard, primary
 from monitor.acquire.ur.job import job_document
 from monitor.acquire.ur.process import Child
 
@@ -18,8 +18,8 @@ class UniversalRobots:
     """Arms of the CB3 and e-Series generations. It holds no state: every method names the arm by its host."""
 
     def identity(self, host: str) -> Identity:
-        """Who the controller says it is, from its dashboard server. Raises RobotUnreachable."""
-        return dashboard.identity(host)
+        """Who the controller says it is, from its dashboard server, and its joints' limits. Raises RobotUnreachable."""
+        return dashboard.identity(host)._replace(joint_limits=primary.joint_limits(host))
 
     def state(self, host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
         """The arm's state now, by receiving only; None where no RTDE data comes within timeout_s."""
