@@ -40,6 +40,8 @@ class Case:
     arguments: dict[str, Any] = field(default_factory=dict)
     causes: frozenset[str] = frozenset()
     shows_within_s: float = 0.0  # from the command until the fault is there
+    person: bool | None = None  # whether a person must allow the next motion; None where it depends on what was seen
+    theirs: bool = False  # somebody else's program plays after ours, which nobody of us may stop
 
     @property
     def description(self) -> str:
@@ -48,6 +50,11 @@ class Case:
 
 def _case(name: str, *causes: str, **arguments: Any) -> Case:
     return Case(name, arguments, frozenset(causes))
+
+
+def _person(name: str, *causes: str, **arguments: Any) -> Case:
+    """A fault after which a person must look at the arm."""
+    return Case(name, arguments, frozenset(causes), person=True)
 
 
 STOPPING = (
@@ -63,10 +70,10 @@ STOPPING = (
     _case("skip", "stalled", share=1.0),
     _case("program_stop", "program_stopped"),
     _case("mute", "program_stopped", "servo_refused"),  # targets do not arrive: the arm's watchdog stops it
-    _case("protective_stop", "protective_stop", runtime="paused"),
-    _case("protective_stop", "protective_stop", runtime="stopped"),
-    _case("protective_stop", "protective_stop", runtime="playing"),
-    _case("emergency_stop", "emergency_stop"),
+    _person("protective_stop", "protective_stop", runtime="paused"),
+    _person("protective_stop", "protective_stop", runtime="stopped"),
+    _person("protective_stop", "protective_stop", runtime="playing"),
+    _person("emergency_stop", "emergency_stop"),
     Case(
         "temperature_glitch", {"joint": 4, "value": 200.0}, frozenset({"joint_temperature"}), shows_within_s=32 * TICK_S
     ),  # one tick of 32
@@ -75,19 +82,23 @@ STOPPING = (
     # one connection alone, in the order in which the session opens them
     *(_case(fault, "connection_lost", service="rtde", connection=number) for fault in ("close", "reset") for number in (1, 2)),
     *(_case(fault, "connection_lost", service="realtime", connection=1) for fault in ("close", "reset")),
-    _case("power_cut", *LOST, seconds=1.0, connections="silent"),
-    _case("power_cut", *LOST, seconds=1.0, connections="reset"),
+    _person("power_cut", *LOST, seconds=1.0, connections="silent"),
+    _person("power_cut", *LOST, seconds=1.0, connections="reset"),
     _case("clock_jump", "controller_restarted", "stalled", seconds=5.0),
     _case("clock_jump", "controller_restarted", "stalled", seconds=-5.0),
-    _case("foreign_program", "program_stopped", "following_error", "no_control", when="now", seconds=1.0),
-    _case("teach_button", "teach_button"),
+    Case(
+        "foreign_program",
+        {"when": "now", "seconds": 4.0},
+        frozenset({"program_stopped", "following_error", "no_control", "unexpected_torque"}),
+        theirs=True,
+    ),
+    _person("teach_button", "teach_button"),
     _case("speed_slider", "speed_scaling", fraction=0.5),
     _case("payload_changed", "payload", kg=2.0),
-    _case("payload_changed", "payload", kg=0.0, x=0.1),
-    _case("tcp_changed", "tcp", z=0.1),
-    _case("reduced", "safety"),
-    _case("stuck", "following_error", "protective_stop", "unexpected_torque", joint=2),
-    _case("brake", "robot_mode", "following_error", "protective_stop", joint=3),
+    _person("reduced", "safety"),
+    _person("stuck", "following_error", "protective_stop", "unexpected_torque", joint=2),
+    _person("obstacle", "unexpected_torque", "following_error", "protective_stop", joint=2, torque=120.0),
+    _person("brake", "robot_mode", "following_error", "protective_stop", joint=3),
     _case("encoder_offset", "following_error", "protective_stop", joint=2, value=0.2),
 )
 HARMLESS = (
@@ -107,7 +118,10 @@ HARMLESS = (
     _case("skip", share=0.02),
     _case("obstacle", joint=2, torque=1.0),  # less than friction varies
     _case("watchdog_dead"),  # it was tested before the motion, and nothing asks it to act
-    _case("foreign_program", when="after_ours", delay=0.15, seconds=1.0),  # theirs is not ours to stop
+    Case("foreign_program", {"when": "after_ours", "delay": 0.15, "seconds": 1.0}, theirs=True),
+    _case("payload_changed", kg=0.0, x=0.1),  # conditions before a motion compare it, and the motion itself is the same
+    _case("tcp_changed", z=0.1),
+    _case("wrist_turned", turns=0),  # by no turn: an arm in motion cannot be turned by hand
     _case("clear"),
 )
 FAULTS = (*STOPPING, *HARMLESS)
@@ -124,6 +138,7 @@ class Outcome:
     stand_s: float | None  # from there to standstill
     reported_s: float | None  # until the parent raised, the host's clock
     wrong: tuple[str, ...]
+    person: bool | None = None  # whether a person must allow the next motion
     disturbed: int = 0  # replays before this one that ended before any fault, because of the machine's other work
 
 
@@ -133,6 +148,7 @@ def restore(host: str) -> None:
     with Remote(host) as remote:
         remote.fault("clear")
         remote.fault("emergency_release")
+        remote.fault("program_stop")  # somebody else may end their own
     while time.monotonic() < deadline:
         with Remote(host) as remote:
             truth = remote.truth()
@@ -173,14 +189,14 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
                 fault["at"] = time.monotonic()
                 remote.fault(case.name, **case.arguments)
 
-    cause, recording = None, None
+    cause, recording, person = None, None, False
     try:
         recording = replay(excitation, robot, settings, context=Context(payload_kg=0.0), on_progress=on_progress)
     except RobotUnreachable:
         cause = "stalled"  # before it moved
     except ReplayAborted as error:
-        cause = error.cause
-        if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute"}:
+        cause, person = error.cause, error.needs_a_person
+        if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute", "power_cut", "foreign_program"}:
             wrong.append("the stop was not confirmed")
     reported_s = time.monotonic() - fault["at"] if fault else None
     if children():
@@ -192,6 +208,8 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
             wrong.append(f"aborted by {cause}, expected none the worse")
         else:
             wrong += wrong_rows(recording, excitation)
+        if case.theirs:
+            wrong += stopped_by_us(host)
         return Outcome(case, at_s, cause, None, None, None, tuple(wrong))
     if cause not in case.causes:
         wrong.append(f"cause {cause}, expected {' or '.join(sorted(case.causes))}")
@@ -199,8 +217,35 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
         wrong.append(f"told after {reported_s:.2f} s")
     if rows[0] > excitation.duration_s / TICK_S + 1:
         wrong.append(f"{rows[0]} rows in {excitation.duration_s:g} s")
+    if case.person is not None and person != case.person:
+        wrong.append(f"a person is {'' if person else 'not '}asked")
+    if case.theirs:
+        wrong += stopped_by_us(host)
+        return Outcome(case, at_s, cause, None, None, reported_s, tuple(wrong), person)
     stop_s, stand_s = standstill(case, host, fault["clock_s"], wrong)
-    return Outcome(case, at_s, cause, stop_s, stand_s, reported_s, tuple(wrong))
+    return Outcome(case, at_s, cause, stop_s, stand_s, reported_s, tuple(wrong), person)
+
+
+def stopped_by_us(host: str) -> list[str]:
+    """What is wrong where somebody else's program plays after ours: it was stopped, or never came."""
+    time.sleep(1.0)  # it may begin only now, and we may do something late
+    with Remote(host) as remote:
+        theirs = [run for run in remote.truth()["programs"] if run["owner"] == "somebody else"]
+    if not theirs:
+        return ["somebody else's program never began"]
+    by = theirs[-1]["stopped_by"]
+    return [] if by in ("", "itself") else [f"somebody else's program was stopped by {by}"]
+
+
+def moved_again(truth: dict[str, Any], since_clock_s: float) -> list[str]:
+    """What began after the first stop at or after this time: another program of ours, or another stretch of motion."""
+    ends = [run["ended_s"] for run in truth["programs"] if run["ended_s"] is not None and run["ended_s"] >= since_clock_s - TICK_S]
+    if not ends:
+        return []
+    began = [f"program {run['number']}" for run in truth["programs"] if run["began_s"] >= ends[0]]
+    stood = [motion["stood_s"] for motion in truth["motions"] if motion["stood_s"] is not None and motion["stood_s"] >= ends[0]]
+    began += [f"motion at {motion['began_s']:.2f} s" for motion in truth["motions"] if stood and motion["began_s"] > stood[0]]
+    return [f"began again: {', '.join(began)}"] if began else []
 
 
 def standstill(case: Case, host: str, since_clock_s: float, wrong: list[str]) -> tuple[float | None, float | None]:
@@ -226,9 +271,10 @@ def standstill(case: Case, host: str, since_clock_s: float, wrong: list[str]) ->
         wrong.append("moves again")
     if again["program"] is not None and again["runtime_state"] == 2:
         wrong.append("a program runs")
-    if case.name == "restart":
+    if case.name in {"restart", "power_cut"}:
         return None, None  # the controller that could tell is gone; its successor found the arm braked
     stops = [stop for stop in truth["stops"] if stop["at_s"] >= since_clock_s - TICK_S]
+    wrong += moved_again(again, since_clock_s)
     if not stops:
         wrong.append("no stop was noted")
         return None, None
@@ -265,6 +311,7 @@ def table(outcomes: list[Outcome]) -> str:
     for o in outcomes:
         line = f"{o.case.description:<42}{o.at_s:6.1f} {o.cause or '–':<22}"
         line += f"{number(o.stop_s):>7}{number(o.stand_s):>8}{number(o.reported_s):>7}"
+        line += "  person" if o.person else ""
         line += f"  (played {o.disturbed + 1} times)" if o.disturbed else ""
         lines.append(line + (f"  WRONG: {'; '.join(o.wrong)}" if o.wrong else ""))
     return "\n".join(lines)

@@ -30,13 +30,13 @@ def test_every_fault_of_the_simulator_is_among_the_cases():
 
 
 def test_a_sample_of_faults_in_the_middle_of_a_replay_stops_the_arm_and_is_named():
-    """One fault of each kind, one after the other on one arm: the arm stops, the cause is named, and the next replay works."""
+    """One fault of each kind, one after the other on an arm as recorded: it stops, the cause is named, and the next replay works."""
     once = {"stall", "reset", "program_stop", "protective_stop", "emergency_stop"}
     rng = random.Random(6)
     cases = [rng.choice([case for case in STOPPING if case.name == name]) for name in sorted(once)]
     cases.append(rng.choice(HARMLESS))
     outcomes = []
-    with simulated_arm("127.0.2.24") as host:
+    with simulated_arm("127.0.2.24", "--personality", "recorded") as host:
         for case in cases:
             outcomes.append(run_case(case, 1.4, short(), UR5, settings(host)))
     assert not any(outcome.wrong for outcome in outcomes), "\n" + table(outcomes)
@@ -51,13 +51,15 @@ def ten_seconds():
 @pytest.mark.timeout(2400)
 @pytest.mark.parametrize("moment", [("start", 0.3), ("middle", 5.0), ("end", 9.5)], ids=lambda moment: moment[0])
 @pytest.mark.parametrize("turn", [1, 2, 3])
-def test_every_fault_at_every_moment_of_a_replay_is_survived(turn, moment, soak_row, capsys):
+@pytest.mark.parametrize("personality", ["ideal", "recorded"])
+def test_every_fault_at_every_moment_of_a_replay_is_survived(personality, turn, moment, soak_row, capsys):
     """Replays of 10 s with the faults in a seeded order; the replay after the last fault works."""
     name, at_s = moment
     order = list(FAULTS)
     random.Random(turn).shuffle(order)
     excitation, outcomes = ten_seconds(), []
-    with simulated_arm(f"127.0.7.{10 * turn + int(at_s)}", "--seed", str(turn)) as host:
+    address = f"127.0.{7 if personality == 'ideal' else 8}.{10 * turn + int(at_s)}"
+    with simulated_arm(address, "--seed", str(turn), "--personality", personality) as host:
         for case in order:
             outcomes.append(run_case(case, at_s, excitation, UR5, settings(host)))
             with capsys.disabled():
@@ -65,11 +67,11 @@ def test_every_fault_at_every_moment_of_a_replay_is_survived(turn, moment, soak_
         last = run_case(LAST, at_s, excitation, UR5, settings(host))
     assert last.wrong == ()
     with capsys.disabled():
-        print(f"\nround {turn}, fault at the {name} of the play\n{table([*outcomes, last])}")
+        print(f"\n{personality}, round {turn}, fault at the {name} of the play\n{table([*outcomes, last])}")
     stops = [outcome.stop_s for outcome in outcomes if outcome.stop_s is not None]
     reported = [outcome.reported_s for outcome in outcomes if outcome.reported_s is not None]
     wrong = [outcome for outcome in outcomes if outcome.wrong]
-    soak_row(f"faults, round {turn}, {name}: {len(outcomes)} cases", f"{len(wrong)} wrong", "0 wrong")
+    soak_row(f"faults, {personality}, round {turn}, {name}: {len(outcomes)} cases", f"{len(wrong)} wrong", "0 wrong")
     soak_row("  slowest stop in force, arm's clock", f"{max(stops):.3f} s", "0.25 s")
     soak_row("  slowest right cause told", f"{max(reported):.2f} s", "2 s")
     assert not wrong, "\n" + table(wrong)

@@ -56,7 +56,7 @@ def _wrist_turned(target: FaultTarget, arguments: dict[str, Any]) -> str:
     joint, machine = arguments["joint"] - 1, target.machine
     way = np.zeros(target.settings.arm.joints)
     way[joint] = 2.0 * np.pi * round(arguments["turns"])
-    obstacle = "the arm is moving" if not machine.standing else machine.limits.outside(target.measurements.encoder_q + way)
+    obstacle = "the arm is moving" if way.any() and not machine.standing else machine.limits.outside(target.measurements.encoder_q + way)
     if obstacle:
         raise BadInput(f"fault wrist_turned: {obstacle}")
     target.arm.q = target.arm.q + way

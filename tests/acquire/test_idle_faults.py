@@ -1,0 +1,63 @@
+"""What stands against a motion before it begins: every such fault of the simulator refuses it by its condition, and nothing starts."""
+
+from typing import Any
+
+import pytest
+from excitations import short
+from fault_cases import restore
+from simulated_arm import simulated_arm
+
+from monitor.acquire.replay import replay
+from monitor.acquire.settings import Installation, ReplaySettings
+from monitor.errors import MotionRefused, ReplayAborted
+from monitor.model.robot import load_robot
+from monitor.recording import Context
+from monitor.simulate.remote import Remote
+
+UR5 = load_robot("ur5")
+PAYLOAD_KG, PAYLOAD_COG_M = 1.0, (0.0, 0.0, 0.05)  # the simulator's own centre of a payload
+BEFORE: tuple[tuple[str, str, dict[str, Any]], ...] = (  # the condition, and the fault that is there before the motion
+    ("teach_button", "teach_button", {}),
+    ("speed_scaling", "speed_slider", {"fraction": 0.5}),
+    ("payload", "payload_changed", {"kg": 2.0, "z": 0.05}),
+    ("payload_cog", "payload_changed", {"kg": 1.0, "x": 0.1, "z": 0.05}),
+    ("tcp_offset", "tcp_changed", {"z": 0.1}),
+    ("safety_mode", "reduced", {}),
+    ("joints_running", "brake", {"joint": 3}),
+    ("remote_control", "remote", {"state": "off"}),
+    ("no_other_program", "foreign_program", {"seconds": 60.0, "moves": "off"}),
+    ("software", "version", {"version": "3.3.4"}),
+    ("safety_mode", "protective_stop", {}),
+    ("safety_mode", "emergency_stop", {}),
+)
+
+
+def try_to_move(host: str) -> None:
+    settings = ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0)
+    installation = Installation(tcp_offset=(0.0,) * 6, payload_cog_m=PAYLOAD_COG_M)
+    replay(short(), UR5, settings, context=Context(payload_kg=PAYLOAD_KG), installation=installation)
+
+
+def test_what_stands_against_a_motion_refuses_it_by_its_condition_and_nothing_starts():
+    """One after the other on an arm as recorded. No program of ours is started, nobody's program is stopped, and the arm stands."""
+    with simulated_arm("127.0.2.61", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host:
+        for condition, fault, arguments in BEFORE:
+            restore(host)
+            with Remote(host) as remote:
+                remote.fault(fault, **arguments)
+                with pytest.raises(MotionRefused, match=f"{condition}:"):
+                    try_to_move(host)
+                truth = remote.truth()
+            assert not [run for run in truth["programs"] if run["owner"] == "client"], fault
+            assert not [motion for motion in truth["motions"] if motion["fastest_rad_s"] > 0.05], fault
+            assert {run["stopped_by"] for run in truth["programs"]} <= {"", "itself", "somebody else", "safety"}, fault
+
+
+def test_a_watchdog_that_only_says_yes_is_found_out_at_standstill():
+    """It is acknowledged and never acts: the arm does not move."""
+    with simulated_arm("127.0.2.62", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host, Remote(host) as remote:
+        remote.fault("watchdog_dead")
+        with pytest.raises(ReplayAborted) as aborted:
+            try_to_move(host)
+        assert aborted.value.cause == "no_watchdog"
+        assert not remote.truth()["motions"]
