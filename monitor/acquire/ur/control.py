@@ -40,8 +40,11 @@ class Control:
             if "already in use" in str(error):
                 raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
             raise RobotUnreachable(f"{host}: RTDE control: {error}") from None
-        sockets.send_at_once(host)
-        sockets.end_dashboard(host)
+        try:
+            sockets.send_at_once(host)
+            sockets.end_dashboard(host)
+        except OSError as error:  # /proc is not there
+            raise MotionRefused(f"this machine does not show this process's connections: {error}") from None
         if why := forbid_new_sockets():
             raise MotionRefused(f"this machine cannot keep ur-rtde from reconnecting and moving the arm again: {why}")
         dead_man.watch()
