@@ -102,8 +102,8 @@ def judge(cut: Cut, controller: str) -> None:
         cut.wrong.append("it moves, or a program runs")
     if cut.at_s is None or cut.connection not in NEEDED or not cut.hit:
         return
-    programs = [run for run in truth["logbook"]["programs"] if run["began_s"] > cut.at_s + IN_FLIGHT_S]
-    motions = [motion for motion in truth["logbook"]["motions"] if motion["began_s"] > cut.at_s]
+    programs = [run for run in truth["programs"] if run["began_s"] > cut.at_s + IN_FLIGHT_S]
+    motions = [motion for motion in truth["motions"] if motion["began_s"] > cut.at_s]
     cut.programs_after, cut.motions_after = len(programs), len(motions)
     if programs:
         cut.wrong.append("a program began again")
@@ -118,7 +118,7 @@ def judge(cut: Cut, controller: str) -> None:
         cut.wrong.append(f"cause {cut.cause}")
 
 
-def run_cuts(cases: list[Cut], host: str, controller: str) -> list[Cut]:
+def run_cuts(cases: list[Cut], host: str, controller: str, observe=None) -> list[Cut]:
     """Every case on one arm, each again where other work of the machine ended its replay before the cut."""
     made = []
     with simulated_arm(controller, "--personality", "recorded"), cutting_proxy(host, controller) as proxy:
@@ -128,6 +128,8 @@ def run_cuts(cases: list[Cut], host: str, controller: str) -> list[Cut]:
                 if cut.at_s is not None or cut.cause not in BUSY:
                     break
             made.append(cut)
+            if observe:
+                observe(cut)
     return made
 
 
@@ -184,11 +186,3 @@ def test_five_hundred_cuts_of_each_connection_never_make_an_arm_go_on(soak_row, 
     soak_row(f"{len(cuts)} cuts of single connections, {(time.monotonic() - begun) / 60:.0f} min", f"{again} resumptions", "0")
     soak_row("  slowest stop in force, arm's clock", f"{max(stops):.3f} s", f"{STOP_WITHIN_S} s")
     assert not any(cut.wrong for cut in cuts), "\n" + "\n".join(str(cut) for cut in cuts if cut.wrong)
-
-
-if __name__ == "__main__":
-    import sys
-
-    made = run_cuts(cases(int(sys.argv[1]), seed=int(sys.argv[2])), "127.0.71.3", "127.0.72.3")
-    print("\n".join(str(cut) for cut in made if cut.wrong or cut.at_s is None))
-    print(table(made))
