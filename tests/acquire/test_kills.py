@@ -15,6 +15,7 @@ from simulated_arm import simulated_arm
 from monitor.acquire.ur.dashboard import Dashboard
 from monitor.simulate.remote import Remote
 
+TOO_EARLY, ATTEMPTS = "before the kill", 4  # a replay that the machine's other work ended says nothing of kills
 ROOT = Path(__file__).parent.parent.parent
 PARENT = """
 import sys
@@ -56,7 +57,7 @@ def killed(host: str, whom: str, phase: str, at_s: float) -> str:
         for line in parent.stdout:
             now, elapsed = line.split()
             if now == "aborted":
-                return f"ended by {elapsed} before the kill"
+                return f"ended by {elapsed} {TOO_EARLY}"
             if now == phase and float(elapsed) >= at_s:
                 break
         else:
@@ -87,4 +88,8 @@ def test_three_kills_at_random_moments_leave_a_standing_arm():
         for whom in ("child", "parent", "both"):
             phase, longest = rng.choice([("approach", 0.5), ("play", 2.5), ("play", 2.5)])
             at_s = rng.uniform(0.0, longest)
-            assert killed(host, whom, phase, at_s) == "", f"{whom} killed {at_s:.2f} s into the {phase}"
+            for _ in range(ATTEMPTS):
+                wrong = killed(host, whom, phase, at_s)
+                if not wrong.endswith(TOO_EARLY):
+                    break
+            assert wrong == "", f"{whom} killed {at_s:.2f} s into the {phase}"
