@@ -135,6 +135,10 @@ FAULTS: dict[str, Fault] = {
         about="protective stop; the program pauses, stops or plays on",
         arguments={"runtime": Choice(("", "paused", "stopped", "playing"), "")},
     ),
+    "safeguard_stop": Fault(
+        about="somebody opens the guard: halt and pause; when it closes, the program plays on; 0 s: at `clear`",
+        arguments={"seconds": Number(0, 3600, 0)},
+    ),
     "emergency_stop": Fault(about="the button: halt, then power off"),
     "emergency_release": Fault(about="the button is pulled out; power stays off"),
     "temperatures_frozen": Fault(about="temperatures stay as they are"),

@@ -19,7 +19,7 @@ from monitor.simulate.remote import Remote
 PERIOD_S = 0.25  # between two pictures
 PRINT_PERIOD_S = 2.0  # where the output is no terminal
 START_S = 30.0  # time that a simulator may need to report why it does not start
-SAFETY = {1: "normal", 2: "reduced", 3: "PROTECTIVE STOP", 7: "EMERGENCY STOP"}
+SAFETY = {1: "normal", 2: "reduced", 3: "PROTECTIVE STOP", 5: "SAFEGUARD STOP", 7: "EMERGENCY STOP"}
 MODE = {3: "power off", 4: "power on", 5: "idle", 7: "running"}
 RUNTIME = {1: "stopped", 2: "playing", 4: "paused"}
 
@@ -45,14 +45,21 @@ def screen(truth: dict[str, Any]) -> Group:
     life = f"day {truth['lived_days']:.3f} of {truth['scenario']}, room {truth['ambient_c']:.1f} °C, controller up {truth['clock_s']:.1f} s"
     ticks = truth["ticks"]
     timing = f"{ticks['run']} ticks, {ticks['late']} late, {ticks['dropped']} dropped"
+    runs = [_program(run) for run in truth["programs"][-2:]]
     stops = [f"{stop['at_s']:.2f} s  {stop['kind']}: {stop['reason']}" for stop in truth["stops"][-3:]]
     return Group(
         Text(f"{truth['robot']}: {modes}", style="" if safety == "normal" else "bold red"),
         Text(life),
         table,
         Text(timing, style="dim"),
-        *(Text(line, style="dim") for line in [*truth["happened"][-3:], *stops]),
+        *(Text(line, style="dim") for line in [*truth["happened"][-3:], *runs, *stops]),
     )
+
+
+def _program(run: dict[str, Any]) -> str:
+    """A line on one program of the logbook."""
+    begin = f"{run['began_s']:.2f} s  program {run['number']} of {'the ' if run['owner'] == 'client' else ''}{run['owner']}"
+    return begin if run["ended_s"] is None else f"{begin}, ended at {run['ended_s']:.2f} s by {run['stopped_by']}"
 
 
 def watch(host: str, port: int, seconds: float | None = None) -> None:

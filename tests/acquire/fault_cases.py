@@ -73,6 +73,8 @@ STOPPING = (
     _person("protective_stop", "protective_stop", runtime="paused"),
     _person("protective_stop", "protective_stop", runtime="stopped"),
     _person("protective_stop", "protective_stop", runtime="playing"),
+    _person("safeguard_stop", "safeguard_stop", seconds=0.15),  # the program would play on, were it not stopped by then
+    _person("safeguard_stop", "safeguard_stop", seconds=0.0),
     _person("emergency_stop", "emergency_stop"),
     Case(
         "temperature_glitch", {"joint": 4, "value": 200.0}, frozenset({"joint_temperature"}), shows_within_s=32 * TICK_S

@@ -138,6 +138,35 @@ def test_in_the_reduced_safety_mode_the_arm_moves_on():
     assert read(pendant, "safety_mode") == [3]
 
 
+def test_when_the_guard_is_closed_again_the_program_plays_on_by_itself():
+    """Open, the arm stands and its program is paused, with safety mode 5 and bits 4 and 10; closed, the move goes on to its end."""
+    pendant = Pendant()
+    pendant.controller.write_inputs(MOVE, [1, 0, -1.0, 0, -1.6, 0, 0, 0.5, 2.0, 0])
+    pendant.run(0.6)
+    pendant.controller.inject("safeguard_stop", {"seconds": 1.0})
+    pendant.run(0.5)
+    assert read(pendant, "safety_mode") == [5]
+    assert read(pendant, "safety_status_bits") == [1 << 4 | 1 << 10]
+    assert read(pendant, "runtime_state") == [4]
+    assert pendant.standing
+    pendant.run(2.5)
+    assert pendant.controller.arm.q[1] == pytest.approx(-1.0, abs=2e-3)
+    first, second = pendant.controller.journal.logbook.motions
+    assert first.program == second.program == 1
+
+
+def test_an_open_guard_does_not_keep_the_watchdog_from_ending_the_program():
+    """A client that is gone by then: the program does not play on when the guard is closed."""
+    pendant = Pendant()
+    pendant.controller.machine.watchdog.watch("input_int_register_0", 10.0)
+    pendant.stream(0.4)
+    pendant.controller.inject("safeguard_stop", {"seconds": 0.5})
+    pendant.run(1.0)
+    assert pendant.controller.modes.safety == 1
+    assert programs(pendant)[-1].stopped_by == "watchdog"
+    assert len(pendant.controller.journal.logbook.motions) == 1
+
+
 def test_a_stuck_joint_stands_at_once_and_the_others_go_on_until_the_protective_stop():
     """No drive turns it: its following error grows with the target. After `clear` it turns again."""
     pendant = Pendant()

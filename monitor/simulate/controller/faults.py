@@ -71,6 +71,13 @@ def _protective_stop(target: FaultTarget, arguments: dict[str, Any]) -> str:
     return "protective stop"
 
 
+def _safeguard_stop(target: FaultTarget, arguments: dict[str, Any]) -> str:
+    seconds = arguments["seconds"]
+    target.safety.open_safeguard(seconds)
+    target.lasts("safeguard_stop", target.safety.close_safeguard)
+    return "the safeguard is open" + (f" for {seconds:g} s; then the program plays on" if seconds else " until `clear`")
+
+
 def _emergency_stop(target: FaultTarget, _: dict[str, Any]) -> str:
     target.safety.emergency_stop()
     return "emergency stop"
@@ -160,6 +167,7 @@ ACTIONS: dict[str, Callable[[FaultTarget, dict[str, Any]], str]] = {  # the othe
     "digital_input": _digital_input,
     "program_stop": _program_stop,
     "protective_stop": _protective_stop,
+    "safeguard_stop": _safeguard_stop,
     "emergency_stop": _emergency_stop,
     "emergency_release": _emergency_release,
     "temperatures_frozen": _temperatures_frozen,

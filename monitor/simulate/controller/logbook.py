@@ -11,8 +11,8 @@ from monitor.recording import Array
 from monitor.simulate.controller.clock import Clock
 
 LENGTH = 200  # entries of each kind; older entries are dropped
-MOVING_RAD_S = 0.01  # an arm moves while a joint is faster; the servo settles by microradians
-STOOD_S = 0.05  # after so long without motion a stretch of motion has ended
+MOVING_RAD_S = 0.02  # an arm moves while a joint is faster; after a hard stop the servo settles at up to 0.015 rad/s
+STOOD_S = 0.1  # after so long without motion a stretch of motion has ended
 TOUCH_NM = 1e-6  # a smaller contact torque is rounding
 
 CLIENT, SOMEBODY_ELSE, SIMULATOR = "client", "somebody else", "simulator"  # whose a program is: that of a script that came over a port, …

@@ -20,6 +20,7 @@ class SafetyMode(IntEnum):
     NORMAL = 1
     REDUCED = 2
     PROTECTIVE_STOP = 3
+    SAFEGUARD_STOP = 5
     ROBOT_EMERGENCY_STOP = 7
 
 

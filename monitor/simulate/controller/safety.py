@@ -14,10 +14,14 @@ class Safety:
     def __init__(self, machine: Machine, programs: Programs) -> None:
         self._machine, self._programs = machine, programs
         self._protected_at_s = 0.0  # when the last protective stop began
+        self._resume_at_s: float | None = None  # when the safeguard is closed again; None while it is not open, or for good
+        self._resumes = False  # whether the safeguard paused a program
 
     def supervise(self) -> None:
         """Check the arm after a control period, and note when it has come to rest after a stop."""
         machine, modes = self._machine, self._machine.modes
+        if self._resume_at_s is not None and machine.clock.now_s >= self._resume_at_s:
+            self.close_safeguard()
         if modes.robot == RobotMode.RUNNING and modes.unstopped:
             reason = machine.limits.broken(machine.reference.q, machine.measurements.encoder_q, machine.arm.torque_nm)
             if reason:
@@ -63,6 +67,33 @@ class Safety:
         if modes.runtime == Runtime.PLAYING:
             machine.moves.resume()
         return True
+
+    def open_safeguard(self, seconds: float) -> None:
+        """Halt the arm and pause its program, because somebody opened the guard; closed after this time, 0 s: by `close_safeguard`."""
+        machine, modes = self._machine, self._machine.modes
+        if not modes.unstopped:
+            return
+        modes.enter_stop(SafetyMode.SAFEGUARD_STOP)
+        machine.journal.stop("safeguard_stop", "the safeguard is open")
+        machine.journal.safety_message(modes.safety)
+        self._resume_at_s = machine.clock.now_s + seconds if seconds > 0.0 else None
+        self._resumes = modes.runtime == Runtime.PLAYING
+        if self._resumes:
+            machine.moves.interrupt()
+            modes.pause()
+        machine.reference.stop(SAFETY_STOP_RAD_S2)
+
+    def close_safeguard(self) -> None:
+        """Go on by itself, as with an automatic reset: a program that the safeguard paused plays on."""
+        machine, modes = self._machine, self._machine.modes
+        self._resume_at_s = None
+        if modes.safety != SafetyMode.SAFEGUARD_STOP:
+            return
+        modes.end_stop()
+        machine.journal.safety_message(modes.safety)
+        if self._resumes and modes.runtime == Runtime.PAUSED:
+            modes.play()
+            machine.moves.resume()
 
     def emergency_stop(self) -> None:
         """Halt the arm; the power goes off when it stands."""

@@ -23,11 +23,20 @@ JOINT_BRAKED = 255  # of a joint whose brake is closed
 TOOL_RUNNING, TOOL_OFF = 253, 239
 NOTHING = (0.0,) * 6
 POWER_ON, PROGRAM_RUNNING, TEACH_BUTTON = 1 << 0, 1 << 1, 1 << 2  # robot_status_bits
-NORMAL, REDUCED, PROTECTIVE, ROBOT_EMERGENCY, EMERGENCY, STOPPED = 1 << 0, 1 << 1, 1 << 2, 1 << 6, 1 << 7, 1 << 10  # safety_status_bits
+NORMAL, REDUCED, PROTECTIVE, SAFEGUARD, ROBOT_EMERGENCY, EMERGENCY, STOPPED = (
+    1 << 0,
+    1 << 1,
+    1 << 2,
+    1 << 4,
+    1 << 6,
+    1 << 7,
+    1 << 10,
+)  # safety_status_bits
 SAFETY_BITS = {
     SafetyMode.NORMAL: NORMAL,
     SafetyMode.REDUCED: REDUCED,
     SafetyMode.PROTECTIVE_STOP: PROTECTIVE | STOPPED,
+    SafetyMode.SAFEGUARD_STOP: SAFEGUARD | STOPPED,
     SafetyMode.ROBOT_EMERGENCY_STOP: ROBOT_EMERGENCY | EMERGENCY | STOPPED,
 }
 
