@@ -56,7 +56,7 @@ class FakeControl:
 
     def __init__(self, receiver):
         self.receiver, self.asked, self.runs, self.takes = receiver, [], None, True
-        self.connected = True
+        self.connected, self.answers_after_s = True, 0.016
 
     def program_runs(self):
         runtime = int(self.receiver.present[COLUMN["runtime_state"]][0])
@@ -74,6 +74,7 @@ class FakeControl:
 
     def set_watchdog(self, lowest_hz):
         self.asked.append("watchdog")
+        self.receiver.clock.now_s += self.answers_after_s
         return self.takes
 
     def servo(self, target, tick_s, lookahead_s, gain):
@@ -168,10 +169,10 @@ def test_a_safety_stop_before_the_program_starts_is_named(scripted):
 @pytest.mark.parametrize(
     ("spans", "cause"),
     [
-        ([(PLAYING, 14), (STOPPED, 10)], None),
-        ([(PLAYING, 14), (STOPPING, 3), (STOPPED, 10)], None),
+        ([(PLAYING, 16), (STOPPED, 10)], None),
+        ([(PLAYING, 16), (STOPPING, 3), (STOPPED, 10)], None),
         ([(PLAYING, 100)], "no_watchdog"),  # acknowledged, and not there
-        ([(PLAYING, 3), (STOPPED, 10)], "program_stopped"),  # somebody else stopped it: that proves nothing
+        ([(PLAYING, 6), (STOPPED, 10)], "program_stopped"),  # somebody else stopped it: that proves nothing
         ([(PLAYING, 14), (PAUSED, 10)], "no_watchdog"),  # a paused program may go on
     ],
 )
@@ -183,6 +184,21 @@ def test_the_watchdog_must_end_a_program_without_targets_in_time(scripted, spans
     else:
         assert cause_of(arm.prove_watchdog) == cause
     assert arm.control.asked == ["watchdog"]
+
+
+def test_a_program_that_answers_late_was_not_alone(scripted):
+    """Somebody else's began while ours was on its way; ours replaced it, and the arm moved for 17 s before."""
+    for act in ("prove_watchdog", "begin"):
+        arm = scripted(rows((PLAYING, 100)))
+        arm.control.answers_after_s = 0.15
+        assert cause_of(getattr(arm, act)) == "no_control"
+        assert "servo" not in arm.control.asked
+
+
+def test_a_watchdog_that_is_refused_is_named(scripted):
+    arm = scripted(rows((PLAYING, 100)))
+    arm.control.takes = False
+    assert cause_of(arm.prove_watchdog) == "no_watchdog"
 
 
 # --- the trajectory limiter ----------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ SUSPECT_SHARE = 0.8  # of the largest age of a row: from here on a stall is susp
 TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one before: a cycle advances by at most two ticks
 LONGEST_STEP_S = 10.0  # of the controller's clock between two rows of a standing arm; more means that the controller was restarted
 LATE_SHARE = 0.5  # of the longest gap: a process that slept so long without a check was late itself
+ANSWER_S = 0.1  # from the start of our program to its first answer, which takes two to four ticks
 START_S = 5.0  # from the upload until the control program runs; a real controller needs some tenths of a second
 WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog says is not watched
 WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
@@ -116,16 +117,29 @@ class Arm:
             if self.seen_at - since_s > START_S:
                 raise StreamFailure("no_control", f"the control program did not start within {START_S:g} s")
 
+    def _set_watchdog(self) -> Array:
+        """Set the watchdog; the first row (WIDTH,) after its acknowledgement, which only our program gives.
+
+        Raises StreamFailure where it is not acknowledged, or so late that somebody else's program must have run until then.
+        """
+        since_s = self._timestamp_s
+        if not self._control.set_watchdog(self.settings.watchdog_hz):
+            raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
+        self.note_busy()
+        row = self.next_row()
+        took_s = row[0] - since_s
+        if took_s > ANSWER_S:
+            text = f"the program answered only after {1000 * took_s:.0f} ms: somebody else's may have run until ours replaced it"
+            raise StreamFailure("no_control", text)
+        return row
+
     def prove_watchdog(self) -> None:
         """Set the watchdog, send nothing, and see the controller end the program in time; the arm stands meanwhile.
 
         Raises StreamFailure where the program goes on, or ends for another reason.
         """
-        if not self._control.set_watchdog(self.settings.watchdog_hz):
-            raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
-        self.note_busy()
+        row = self._set_watchdog()
         period_s = 1.0 / self.settings.watchdog_hz
-        row = self.next_row()
         since_s, state = float(row[0]), arm_state(row)
         while state.runtime_state == RUNTIME_PLAYING:
             if row[0] - since_s > period_s + WATCHDOG_LATE_S:
@@ -165,8 +179,7 @@ class Arm:
         if not np.all(moved <= MOVED_RAD):
             j = int(np.argmax(moved))
             raise StreamFailure("no_control", f"joint {j + 1} was moved by {moved[j]:.3f} rad since the way to the start was proved")
-        if not self._control.set_watchdog(self.settings.watchdog_hz):
-            raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
+        self._set_watchdog()
         self.recent.append(begin_q)
         self.note_busy()
         self.gaps.clear()  # proofs and the upload took their time before anything moved
