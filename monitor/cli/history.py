@@ -45,7 +45,7 @@ def schedule(
         typer.echo("  nothing moves: [replay] allow_motion is not true, and every window is skipped")
     for row in document["last"]:
         typer.echo(f"  {row['window']}  {row['state']}{': ' + row['reason'] if row['reason'] else ''}")
-        for number, each in enumerate(row["tries"], start=1):
+        for number, each in enumerate(row.get("tries", ()), start=1):
             typer.echo(f"    try {number} ended {each['at']}: {each['reason']}")
     for window in document["windows"]:
         typer.echo(f"  {window['local']}  opens {window['opens']}  {window['why']}")

@@ -115,7 +115,7 @@ class Health(Document):
     said_at: datetime
     stale: bool = Field(default=False, description="of the arm: of any of its joints")
     stale_why: str | None = Field(default=None, description="of which joints nothing was learnt, and for how long")
-    nothing_learnt: str | None = Field(default=None, description="for how long no replay was learnt from, and why; null where not too long")
+    nothing_learnt: str | None = Field(default=None, description="for how long no replay was learnt from, and why, where that is too long")
     production: list[ProductionEvidence] = Field(default_factory=list, description="joints that normal work has told enough of")
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import math
 import time
 from collections.abc import Callable
 from typing import Protocol
@@ -65,8 +66,7 @@ class Monitor:
     def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
         """One window: claim it, replay, record, assess, publish. Returns its row; None where the ledger has the window already.
 
-        A replay that this machine or the network ended is tried again while the window is open, until `closes_unix_s`; None: for as long
-        as a scheduled window is open.
+        A replay that this machine or the network ended is tried again while the window is open, until `closes_unix_s`; None: it is not.
 
         Raises nothing for what a robot may do: the row says how the window ended, and why. Raises StoreError.
         """
@@ -76,8 +76,7 @@ class Monitor:
                 return None
             for waiting in self._store.ledger.repair(self._now(), but=ledger_id):
                 self._assess_stored(waiting.id)  # in time order: an older one could not be learned from afterwards
-            grace_s = self.configuration.schedule.grace_s
-            self._perform(ledger_id, self._now() + grace_s if closes_unix_s is None else closes_unix_s)
+            self._perform(ledger_id, -math.inf if closes_unix_s is None else closes_unix_s)
             row = self._store.ledger.row(ledger_id)
             self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
             self._log_end(row)

@@ -168,7 +168,8 @@ class Scheduler:
     def _requested(self) -> None:
         short = too_little_room(self._store, self._monitor.configuration.store.least_free_mb)
         if short is None:
-            self._monitor.perform(self._clocks.now(), "requested")
+            now = self._clocks.now()
+            self._monitor.perform(now, "requested", now + self._monitor.configuration.schedule.grace_s)
         else:
             self._monitor.skip(self._clocks.now(), short, "requested")
 

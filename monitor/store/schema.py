@@ -117,11 +117,12 @@ MIGRATIONS: dict[int, str] = {
 }
 
 
-def check_version(connection: sqlite3.Connection, directory: Path) -> None:
-    """Raises StoreError where the file is no history, or an older or newer one than this program's: a reader must not migrate it."""
-    version = schema_of(connection, directory)
-    if version < HISTORY_SCHEMA:
-        raise StoreError(f"{directory}: written by an older joint-monitor (schema {version}); start `joint-monitor run` once to renew it")
+def renewed_copy(connection: sqlite3.Connection, directory: Path) -> sqlite3.Connection:
+    """A copy in memory of an older file's tables, migrated: a reader must not change the file, and reads it all the same."""
+    copy = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+    connection.backup(copy)
+    migrate(copy, directory)
+    return copy
 
 
 def migrate(connection: sqlite3.Connection, directory: Path) -> None:

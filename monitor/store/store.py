@@ -10,7 +10,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from monitor.errors import StoreError
@@ -22,7 +22,7 @@ from monitor.store.ledger import Ledger
 from monitor.store.motions import Motions
 from monitor.store.recordings import RecordingFolder
 from monitor.store.retention import Retention
-from monitor.store.schema import HISTORY_SCHEMA, check_version, migrate, schema_of
+from monitor.store.schema import HISTORY_SCHEMA, migrate, renewed_copy, schema_of
 from monitor.store.stops import FirstPasses, Stops
 
 RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
@@ -100,16 +100,18 @@ class Store:
     @classmethod
     @contextmanager
     def reader(cls, directory: Path) -> Iterator["Store"]:
-        """Open the store for reading, also while the daemon writes.
+        """Open the store for reading, also while the daemon writes. A history of an older program is read as it is at this moment.
 
-        Raises StoreError where there is no history yet.
+        Raises StoreError where there is no history yet, or the file is newer or another program's.
         """
         path = directory / HISTORY
         if not present(directory):
             raise StoreError(f"{path}: no history yet; it is made by the first `joint-monitor run` with this configuration")
         connection = connected(path, "ro", isolation_level=None)
         try:
-            check_version(connection, directory)
+            if 0 < schema_of(connection, directory) < HISTORY_SCHEMA:
+                with closing(connection):
+                    connection = renewed_copy(connection, directory)
             yield cls(directory, connection)
         except sqlite3.DatabaseError as error:
             raise refused_by(error, path) from None

@@ -91,7 +91,7 @@ def test_tries_are_bounded_in_number_and_by_the_windows_end(daemon):
 def test_what_a_person_must_see_or_has_done_is_never_tried_again(daemon, ending):
     """A stop, an end that is not known to be good, and the will of somebody else."""
     made = daemon(ending, LATE)
-    made.monitor.perform(NOON)
+    made.monitor.perform(NOON, closes_unix_s=NOON + 60.0)
     assert made.waiting == [LATE]
     assert states(made) == [("aborted", [])]
 

@@ -45,15 +45,15 @@ class Publisher:
 
     def health(self) -> None:
         """Publish the states of arm and joints and whether they are too old; also before the first assessment."""
-        now = self._now()
+        now, nothing_learnt = self._now(), self._state.nothing_learnt
         self.say(
             "health",
             {
                 **published_health(self._state.health, now, self._state.configuration.assess.health),
                 "production": [plain(each) for each in self._production.evidence()],
                 "next_replay_due_unix_s": self._state.next_due_unix_s,
-                "nothing_learnt": self._state.nothing_learnt,
                 "said_at_unix_s": now,
+                **({} if nothing_learnt is None else {"nothing_learnt": nothing_learnt}),
             },
         )
 

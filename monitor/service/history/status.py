@@ -102,9 +102,10 @@ def torque_from_history(configuration: Configuration, request: dict[str, Any]) -
 
 
 def _window(row: LedgerRow, tries: Sequence[Try]) -> dict[str, Any]:
-    """One window; `tries` are the replays before the last one in it."""
+    """One window; `tries`, where there are any, are the replays before the last one in it."""
     document = {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
-    return document | {"tries": [{"at": rfc3339(each.ended_at_unix_s), "cause": each.cause, "reason": each.reason} for each in tries]}
+    earlier = [{"at": rfc3339(each.ended_at_unix_s), "cause": each.cause, "reason": each.reason} for each in tries]
+    return document | ({"tries": earlier} if earlier else {})
 
 
 def _reasons(state: StoredState | None, joint: int, configuration: Configuration) -> list[str]:
