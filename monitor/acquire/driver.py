@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
 
+from monitor.acquire.safety.band_basis import BandBasis
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.errors import MonitorError
@@ -44,6 +45,7 @@ class ReplayTask:
     robot: Robot
     context: Context
     installation: Installation = field(default_factory=Installation)
+    basis: BandBasis = field(default_factory=BandBasis)  # what was learnt for the torque band
 
 
 class Session(Protocol):

@@ -14,11 +14,11 @@ import numpy as np
 from monitor import __version__
 from monitor.acquire.driver import Driver, ReplayTask
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
+from monitor.acquire.safety.band_basis import BandBasis
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, named_conditions, refuse_unless
 from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.oversight import Oversight, Question, permit_kept, remote_control_kept
-from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
@@ -48,7 +48,7 @@ def replay(
     begin: Callable[[Identity], None] | None = None,
     ask: AskPermit | None = None,
     announce: Announce | None = None,
-    band: TorqueBand | None = None,
+    basis: BandBasis | None = None,
     driver: Driver = UNIVERSAL_ROBOTS,
 ) -> Recording:
     """Move to the start, play every repetition once, and come back; the recording has the rows of the play alone, one a tick.
@@ -58,8 +58,9 @@ def replay(
     called about every 50 ms; `forbidden` gives the reason why the arm may not move any longer. `stopped_before` describes a stop that
     nobody has acknowledged, `expected_serial` is the number of the arm that was moved before. `met` is called with who answers, before
     anything is refused for it; `begin` just before the arm may move: what it raises ends the replay, and nothing moves. `ask` asks for
-    somebody else's permit, again and again while the arm moves; `announce` tells whoever must know. Torque outside `band` ends the play.
-    The calling thread blocks until the arm is back, and must not end before.
+    somebody else's permit, again and again while the arm moves; `announce` tells whoever must know. `basis` is what was
+    learnt for the torque band, which ends the motion; None: nothing was. The calling thread blocks until the arm is back, and must not end
+    before.
 
     Raises MotionRefused (nothing was moved), RobotUnreachable (nothing was moved), ReplayAborted with its `cause`.
     """
@@ -81,7 +82,14 @@ def replay(
     if met is not None:
         met(identity)
     refuse_unless(named_conditions(inputs, OF_CONTROLLER))
-    task = ReplayTask(settings=settings, excitation=excitation, robot=robot, context=inputs.context, installation=inputs.installation)
+    task = ReplayTask(
+        settings=settings,
+        excitation=excitation,
+        robot=robot,
+        context=inputs.context,
+        installation=inputs.installation,
+        basis=basis or BandBasis(),
+    )
     gate = Gate(inputs, ask=ask, announce=announce)
     questions: tuple[Question, ...] = (permit_kept(gate.ask_again),) if gate.asks_over_zenoh else ()
     if identity.remote_control is not None:
@@ -92,7 +100,7 @@ def replay(
         forbidden=forbidden or (lambda: None),
         on_progress=on_progress,
     )
-    watch = Watch(settings, gate, caller, Oversight(questions), band)
+    watch = Watch(settings, gate, caller, Oversight(questions))
     session = driver.stream(task)
     try:
         watch.follow(session)

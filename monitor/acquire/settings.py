@@ -45,9 +45,11 @@ class ReplaySettings:
     permit_timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 5.0  # a permit that has not come by then counts as refused
     announce_s: Annotated[float, Interval(ge=0.0, le=600.0)] = 0.0  # from the announcement to the first motion
     allow_untested_software: bool = False  # whether an arm moves whose software is not in the table of tested versions
-    first_pass: bool = True  # after a change of trajectory, cell, tool or payload, play slowly and within a torque band first
+    first_pass: bool = True  # after a change of trajectory, cell, tool or payload, play slowly first
     first_pass_time_scale: Annotated[float, Interval(ge=0.05, le=0.5)] = 0.25  # speed of a first pass, as a share of the replay's own
-    first_pass_band: Annotated[float, Interval(ge=0.02, le=0.5)] = 0.25  # share of a joint's largest torque, where no model is known
+    first_pass_band: Annotated[float, Interval(ge=0.02, le=0.5)] = (
+        0.25  # share of a joint's largest torque that the band allows without a model
+    )
     max_payload_error_kg: Annotated[float, Interval(ge=0.0, le=5.0)] = 0.05  # between the controller's payload and the configuration's
     max_gravity_error_deg: Annotated[float, Interval(ge=1.0, le=45.0)] = 5.0  # between the tool's accelerometer and the configured mounting
     rate_hz: float = 125.0  # [Hz] of rows and of targets; an e-Series controller, which runs at 500 Hz, is asked for every fourth tick

@@ -12,7 +12,6 @@ from monitor.acquire.driver import OurProgram, Session, SessionEnded
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.oversight import Interruption, Oversight
-from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
 from monitor.recording import Array
@@ -69,10 +68,9 @@ class Watch:
         gate: Gate,
         caller: Caller,
         oversight: Oversight,
-        band: TorqueBand | None,
     ) -> None:
         """`oversight` begins once the arm may move; the caller of this ends it."""
-        self.settings, self.gate, self.caller, self.oversight, self.band = settings, gate, caller, oversight, band
+        self.settings, self.gate, self.caller, self.oversight = settings, gate, caller, oversight
         self.state: ArmState | None = None  # the latest before the arm moved
         self.rows: list[Array] = []
         self.first_row_unix_s: float | None = None
@@ -181,8 +179,6 @@ class Watch:
             if self.first_row_unix_s is None:
                 self.first_row_unix_s = time.time()
             self.rows.append(frame)
-            if self.band is not None and self.interruption is None and (outside := self.band.outside(frame)):
-                self.interruption = Interruption(*outside)
         elif frame["kind"] == "phase":
             self.phase, self.duration_s, self._phase_at = frame["phase"], frame["duration_s"], self._received_at
         elif frame["kind"] == "state":

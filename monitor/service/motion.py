@@ -14,7 +14,7 @@ from monitor.acquire.check import check
 from monitor.acquire.driver import Driver
 from monitor.acquire.ending import judged_end, look
 from monitor.acquire.replay import replay
-from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
+from monitor.acquire.safety.first_pass import first_pass_key, slowed
 from monitor.acquire.safety.gate import Announce, AskPermit
 from monitor.acquire.safety.inputs import ConditionResult, Permit
 from monitor.acquire.state import Identity
@@ -27,6 +27,7 @@ from monitor.model.fourier import Excitation
 from monitor.publish.permit import PermitReply
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
+from monitor.service.torque_basis import torque_basis
 from monitor.store.backup import present
 from monitor.store.motions import UNKNOWN_END
 from monitor.store.recordings import write_recording
@@ -104,12 +105,10 @@ def move(
     settings, robot = configuration.replay, configuration.robot_description
 
     def play(played: Excitation, *, slowly: bool) -> Recording:
-        band = None
-        if slowly:
-            band = band_for(
-                robot, played, settings, context, gains=configuration.gains_nm_per_a, model=model if _same_load(store, context) else None
-            )
-            log.info("first pass at %g of the pace, torque within %s", played.time_scale, band.description)
+        basis = torque_basis(store, configuration, played, context, model)
+        log.info(
+            "%s at %g of the pace, torque within the band of %s", "first pass" if slowly else "replay", played.time_scale, basis.description
+        )
         motion = MotionLog(store, context, settings.host, ledger_id, first_pass=slowly)
         try:
             recording = replay(
@@ -127,7 +126,7 @@ def move(
                 begin=motion.begin,
                 ask=None if ask is None else _permit(ask),
                 announce=announce,
-                band=band,
+                basis=basis,
                 driver=driver,
             )
         except ReplayAborted as error:
@@ -203,8 +202,3 @@ def _load(context: Context) -> dict[str, Any]:
     """The load and mounting that a torque model holds for: with another load the torque is another."""
     mounting = None if context.mounting_rad is None else list(context.mounting_rad)
     return {"payload_kg": context.payload_kg, "tool": context.tool, "mounting_rad": mounting}
-
-
-def _same_load(store: Store, context: Context) -> bool:
-    latest = store.first_passes.latest()
-    return latest is not None and {key: latest.get(key) for key in _load(context)} == _load(context)

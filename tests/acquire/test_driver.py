@@ -17,6 +17,7 @@ from monitor.acquire.record import record
 from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety import oversight
+from monitor.acquire.safety.band_basis import BandBasis
 from monitor.acquire.safety.inputs import Permit
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity
@@ -286,18 +287,12 @@ def test_a_permit_is_asked_again_while_the_arm_moves(later, text, monkeypatch):
     assert [about.get("moving", False) for about in asked[:3]] == [False, True, True]
 
 
-def test_torque_outside_its_band_ends_the_session_and_stops_the_robot():
-    """The band is the parent's own reason to give the session up."""
-
-    class Narrow:
-        def outside(self, row):
-            return "torque_band", "joint 2 needs 9 N·m"
-
-    driver = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), row(1), row(2)]))
-    with pytest.raises(ReplayAborted, match="joint 2 needs") as aborted:
-        replay(short(), UR5, SETTINGS, driver=driver, band=Narrow())
-    assert aborted.value.cause == "torque_band"
-    assert driver.programs_stopped == 1
+def test_the_session_gets_what_its_torque_band_is_made_of():
+    """What was learnt goes with the task: the process that moves the arm needs no history."""
+    basis = BandBasis(payload_kg=1.0)
+    driver = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), row(1), row(2), DONE]))
+    replay(short(), UR5, SETTINGS, driver=driver, basis=basis)
+    assert driver.task.basis is basis
 
 
 def test_check_listen_and_record_use_the_driver_too():

@@ -18,13 +18,12 @@ from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.conditions import conditions
 from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
-from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream
 from monitor.acquire.ur.failures import StreamFailure, state_failure
 from monitor.acquire.ur.receive import SIGNALS, read_row
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
-from monitor.model.robot import Mounting, load_robot
+from monitor.model.robot import load_robot
 from monitor.simulate.remote import Remote
 
 
@@ -174,18 +173,6 @@ def test_a_window_without_length_is_no_whole_day():
     """A window from 05:00 to 05:00 is refused by the settings."""
     with pytest.raises(BadInput, match=r"05:00-05:00.*00:00-24:00"):
         replace(SIMULATED, windows_utc=("05:00-05:00",))
-
-
-@pytest.mark.parametrize("variable", ["actual_current", "actual_q", "actual_qd"])
-def test_a_current_that_is_no_number_is_no_torque_within_the_band(variable):
-    """A first pass without measured torque would be no protection."""
-    robot = load_robot("ur5")
-    band = TorqueBand(robot, Mounting(), payload_kg=0.0, gains_nm_per_a=np.full(6, 10.0), share=0.25, rate_hz=125.0)
-    row = np.zeros(WIDTH)
-    row[COLUMN[variable]] = np.nan
-    found = [band.outside(row) for _ in range(10)]
-    assert found[-1] is not None
-    assert found[-1][0] == "torque_band"
 
 
 @pytest.mark.xdist_group("refusals")

@@ -92,6 +92,17 @@ class Silent:
         return lambda *_, **__: None
 
 
+class Wide:
+    """A torque band that ends the motion with its third row where `blocked`; it remembers the phases."""
+
+    def __init__(self, *, blocked=False):
+        self.blocked, self.phases = blocked, []
+
+    def outside(self, row, phase_s):
+        self.phases.append(phase_s)
+        return ("torque_band", "joint 2 needs 99 N·m") if self.blocked and len(self.phases) == 3 else None
+
+
 @pytest.fixture
 def scripted(monkeypatch):
     """A function: rows, as (host's time, row) or as rows in every tick → an arm whose control connection is `FakeControl`."""
@@ -107,6 +118,7 @@ def scripted(monkeypatch):
         task = ReplayTask(settings=SETTINGS, excitation=short(), robot=load_robot("ur5"), context=Context())
         arm = Arm(task, Silent(), Silent())
         arm.control = FakeControl(receiver)
+        arm.guard_torque(Wide())
         arm.approach_proved(rows[0][1][COLUMN["target_q"]])
         return arm
 
@@ -286,6 +298,19 @@ def test_a_freedrive_button_that_is_pressed_ends_the_motion(scripted):
     """Somebody stands at the arm."""
     arm = moving(scripted, rows((PLAYING, 5), robot_status_bits=3.0 + 4.0))
     assert cause_of(lambda: arm.cycle(arm.recent[-1], arm.next_row())) == "teach_button"
+
+
+def test_no_target_follows_a_row_whose_torque_is_outside_the_band(scripted):
+    """The band sees every row of every phase before the next target; the trajectory's phase is known to it only while it is played."""
+    arm = moving(scripted, rows((PLAYING, 30), robot_status_bits=3.0))
+    band = Wide(blocked=True)
+    arm.guard_torque(band)
+    sent = arm.control.asked.count("servo")
+    arm.cycle(arm.recent[-1], arm.next_row())
+    arm.cycle(arm.recent[-1], arm.next_row(), 0.008)
+    assert cause_of(lambda: arm.cycle(arm.recent[-1], arm.next_row(), 0.016)) == "torque_band"
+    assert band.phases == [None, 0.008, 0.016]
+    assert arm.control.asked.count("servo") == sent + 2
 
 
 def test_every_cycle_in_order_sends_one_target(scripted):

@@ -1,14 +1,17 @@
-"""The first pass after a change: the same trajectory, slowly and within a torque band; it is recorded and not assessed."""
+"""The first pass after a change, which is slow, recorded and not assessed; and the torque band of any motion."""
 
 import dataclasses
 import hashlib
 import json
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from monitor.acquire.rows import COLUMN
+from monitor.acquire.safety.band_basis import BandBasis
 from monitor.acquire.safety.torque_band import TorqueBand
-from monitor.acquire.settings import ReplaySettings
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
 from monitor.recording import Array, Context
@@ -34,20 +37,32 @@ def first_pass_key(excitation: Excitation, settings: ReplaySettings, context: Co
 
 
 def band_for(
-    robot: Robot, excitation: Excitation, settings: ReplaySettings, context: Context, *, gains: Array | None, model: CompensatedModel | None
+    row: Array,
+    *,
+    robot: Robot,
+    excitation: Excitation,
+    settings: ReplaySettings,
+    context: Context,
+    installation: Installation,
+    basis: BandBasis,
 ) -> TorqueBand:
-    """The torque band of a first pass.
+    """The torque band of a motion that is about to begin; `row` (WIDTH,) is what the controller reports before it.
 
-    `gains` (J,) are the configured drive gains; None takes the published ones. `model` may come from another trajectory of this arm, but
-    not from another payload; None where there is no such model.
+    Payload and centre of mass are the configured ones, else the reported ones, with which the controller computes.
+    Raises MotionRefused where a drive gain is not known.
     """
-    drive_gains = gains if gains is not None else robot.drive_gain_nm_per_a
+    payload_kg = context.payload_kg if context.payload_kg is not None else float(np.nan_to_num(row[COLUMN["payload"]][0]))
+    if basis.payload_kg is not None and abs(payload_kg - basis.payload_kg) > settings.max_payload_error_kg:
+        basis = BandBasis()  # the payload is not configured, and the controller was told of another one than that of the model
+    com_m: Sequence[float] = installation.payload_cog_m or row[COLUMN["payload_cog"]].tolist()
+    known = all(math.isfinite(metres) for metres in com_m) and any(com_m)  # a controller that was never told says 0
+    x, y, z = com_m
     return TorqueBand(
         robot,
         excitation.mounting,
-        payload_kg=context.payload_kg or 0.0,
-        gains_nm_per_a=np.asarray(drive_gains, dtype=float),
-        share=settings.first_pass_band,
-        rate_hz=settings.rate_hz,
-        model=model,
+        settings,
+        installation,
+        basis,
+        payload_kg=payload_kg,
+        payload_com_m=(x, y, z) if known else None,
     )

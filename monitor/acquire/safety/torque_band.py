@@ -1,108 +1,205 @@
-"""The torque band of a first pass: measured torque that leaves it means that something is in the way of the arm.
+"""The torque band of a moving arm: measured torque that leaves it means that something is in the way of the arm.
 
-The middle of the band is the torque that the temperature-compensated model predicts, where such a model exists. Otherwise it is the
-torque by the manufacturer's parameters and the configured payload; friction is unknown then, so a larger difference is allowed.
+Every row of every phase that moves passes it, in the process that streams the targets, before the next target is sent. The middle of
+the band is torque that is expected: of the temperature-compensated model where one exists for this load, else of the manufacturer's
+parameters with the payload and typical friction; and along the trajectory also what earlier replays needed beyond it at the same place.
+
+Friction may grow by wear and cold to a multiple and must be recorded then; a collision is a torque that comes within a fraction of a
+second. So the band has two parts. The wide one bounds the whole difference, by what friction can ever need. The narrow one follows the
+arm: a Kalman filter of each joint estimates today's excess of Coulomb and viscous friction, of inertia, and a slowly moving offset, and
+what the filter did not expect must stay within a few per cent of the joint's largest torque.
 """
 
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
 from monitor.acquire.rows import COLUMN
-from monitor.judge.torque.compensated_model import CompensatedModel
-from monitor.judge.torque.predictor import predictor_for
+from monitor.acquire.safety.band_basis import BandBasis
+from monitor.acquire.safety.expected_torque import ExpectedTorque, expected_torque
+from monitor.acquire.settings import Installation, ReplaySettings
+from monitor.errors import MotionRefused
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
-OUTSIDE_S = 0.04  # torque must be outside for so long, five rows at 125 Hz: a spike of the measured current is no collision
-SIGMAS = 6.0  # standard deviations of one measured sample: by chance alone a sound arm leaves the band once in years
-LEAST_CURRENT_A = 0.2  # the gain of a joint is computed from target currents above this; smaller ones are too imprecise
-STILL_RAD_S = 0.02  # below this speed static friction may hold a joint in either direction, and no model predicts its torque
+OUTSIDE_S = 0.04  # torque must be outside for so long on one side, five rows at 125 Hz: a spike of the measured current is no collision
+LAG_S = 0.032  # measured torque may be early or late by so much against the expected: the servo's lag, and rows that are a tick apart
+FIRST_STEP_S = 0.008  # what the first row is taken to last
+LONGEST_STEP_S = 0.1  # between two rows; the stream ends at longer gaps
+STILL_RAD_S = 0.02  # below this speed static friction may hold a joint in either direction, and nothing is learnt from its torque
+SIGN_RAD_S = 0.02  # friction's direction is sure above this speed
 BREAKAWAY = 1.5  # static friction over friction at STILL_RAD_S; measured values of harmonic drives are 1.1 to 1.3
-LEAST_SHARE = 0.05  # of a joint's largest torque is always allowed: even a precise model does not know the torque ripple
+
+# shares of a joint's largest torque
+NARROW = 0.04  # what the narrow part allows beyond the filter's own uncertainty: torque ripple, and friction that no law describes
+NARROW_UNKNOWN = 0.06  # the same without a model: masses and centres of mass of the manufacturer are not those of this arm
+NARROW_LEARNT, NARROW_MOST = 0.02, 0.08  # the least and the most along a trajectory that was replayed before
+UNMODELLED = 0.01  # standard deviation of the difference that the filter takes for chance,
+UNMODELLED_S = 0.05  # which keeps its value for about so long
+OFFSET_S = 0.5  # the filter follows a slow offset within this time
+FRICTION_WALK = 0.004  # per √s: friction's excess changes so fast while an arm warms
+PRIOR_MODEL = (0.05, 0.05, 0.02, 0.001)  # standard deviations of the excess: Coulomb, viscous at 1 rad/s, offset, inertia at 1 rad/s²
+PRIOR_UNKNOWN = (0.05, 0.06, 0.06, 0.005)
+SIGMAS = 3.0  # of the filter's uncertainty
+NOISE_SIGMAS = 2.0  # of a single measured torque: five rows in succession are required
+NOISE_S = 1.0  # the noise of the current is measured over this time
+CLIP_SIGMAS = 1.5  # a larger surprise moves the filter no farther: a collision must not be learnt
+
+# the wide part
+WIDE_MODEL = 0.10  # share of the largest torque
+FRICTION_GROWTH = 2.5  # friction of the model may grow by this multiple: doubled by wear and by a cold morning, with room
+FRICTION_LOSS = 1.0  # or vanish
+WIDE_STILL, WIDE_MOVING = 0.7, 0.8  # without a model: of `first_pass_band` at rest, and more at 1 rad/s; together 1 at 0.25 rad/s
 
 
-class _Band(NamedTuple):
-    """The band at one row."""
+class Reading(NamedTuple):
+    """One row seen by the band, (J,) each [N·m]."""
 
-    predicted: Array  # (J,) [N·m] its middle
-    allowed: Array  # (J,) [N·m] half its width
+    measured: Array
+    expected: Array
+    surprise: Array  # how far measured torque is from what was expected within LAG_S
+    narrow: Array  # how far it may be
+    share: Array  # the part of `narrow` that is a share of the largest torque, or was learnt
+    excess: Array  # measured torque beyond the model's or the manufacturer's and what earlier replays needed
+    wide: Array  # (2, J) how far that may be, downwards and upwards
 
 
 class TorqueBand:
-    """Compares measured with predicted torque, row by row."""
+    """Compares measured with expected torque, row by row. It remembers what it has seen: one band for one replay."""
 
     def __init__(
         self,
         robot: Robot,
         mounting: Mounting,
+        settings: ReplaySettings,
+        installation: Installation,
+        basis: BandBasis,
         *,
-        payload_kg: float,
-        gains_nm_per_a: Array,
-        share: float,
-        rate_hz: float,
-        model: CompensatedModel | None = None,
+        payload_kg: float = 0.0,
+        payload_com_m: tuple[float, float, float] | None = None,
     ) -> None:
-        """Prepare the comparison.
+        """Prepare the comparison; `installation` gives the gains, `basis` is what was learnt of this arm.
 
-        gains_nm_per_a : (J,) drive gains; where one is unknown (NaN) it is taken from the rows, as target moment over target current.
-        share : of a joint's largest torque that is allowed where no model is known.
+        Raises MotionRefused where a drive gain is not known.
         """
-        import pinocchio as pin
-
-        self._robot, self._share, self._model = robot, share, model
-        self._gains = np.array(gains_nm_per_a, dtype=float)
-        self._unknown_gains = np.isnan(self._gains)
-        self._rows = max(2, round(OUTSIDE_S * rate_hz))
-        self._outside = np.zeros(robot.joints, dtype=int)  # successive rows
-        self._arm = robot.pinocchio_model(mounting)
-        if payload_kg > 0.0:  # its centre of mass is unknown: the flange is near enough for the allowance
-            flange = self._arm.frames[self._arm.getFrameId(f"dh_{robot.joints}")].placement
-            self._arm.appendBodyToJoint(robot.joints, pin.Inertia(payload_kg, np.zeros(3), np.zeros((3, 3))), flange)
-        self._data = self._arm.createData()
-        self._rnea = pin.rnea
-        self.largest_share = 0.0  # largest difference so far, as a share of what is allowed
+        gains = installation.drive_gains(robot)
+        if gains is None:
+            raise MotionRefused("drive_gains: the torque per ampere of a joint is not known: a collision would go unnoticed")
+        J, most = robot.joints, robot.max_torque_nm
+        self._basis = basis
+        self._most, self._gains, self._profile = most, gains, basis.profile
+        self._of: ExpectedTorque = expected_torque(
+            robot, mounting, basis.model, payload_kg=payload_kg, payload_com_m=payload_com_m, payload_error_kg=settings.max_payload_error_kg
+        )
+        self._known, self._share = basis.model is not None, settings.first_pass_band
+        self.rows_outside = max(2, round(OUTSIDE_S * settings.rate_hz))
+        self._lag_rows = max(1, round(LAG_S * settings.rate_hz))
+        self._recent: deque[Array] = deque(maxlen=self._lag_rows + 1)  # torque that was expected
+        prior = np.array(PRIOR_MODEL if self._known else PRIOR_UNKNOWN)
+        self._theta = np.zeros((J, 4))
+        self._cov = np.zeros((J, 4, 4))
+        self._cov[:, range(4), range(4)] = (prior * most[:, None]) ** 2
+        self._cov[:, 2, 2] += self._of.payload_nm**2
+        chance = UNMODELLED_S * (UNMODELLED * most) ** 2  # [N²m²·s]
+        self._chance, self._walk = chance, np.zeros((J, 4))  # [N²m²/s]
+        self._walk[:, 0] = self._walk[:, 1] = (FRICTION_WALK * most) ** 2
+        self._walk[:, 2] = chance / OFFSET_S**2
+        self._diagonal = np.arange(4)
+        self._used: deque[Array] = deque(maxlen=self.rows_outside)  # (2, J) differences downwards and upwards, as shares of what is allowed
+        self._noise_var = (0.5 * UNMODELLED * most) ** 2
+        self._measured: Array | None = None
+        self._timestamp_s = np.nan
+        self.largest_share = 0.0  # largest difference so far that lasted OUTSIDE_S, as a share of what is allowed
 
     @property
     def description(self) -> str:
         """What the band is made of, for a message."""
-        if self._model is not None:
-            return (
-                f"the model of {self._model.revision} replays ± {SIGMAS:g} σ, at least {100 * LEAST_SHARE:g} % of a joint's largest torque"
-            )
-        return f"the manufacturer's parameters ± {100 * self._share:g} % of a joint's largest torque"
+        return self._basis.description
 
-    def outside(self, row: Array) -> tuple[str, str] | None:
-        """Cause and text where torque has been outside the band for OUTSIDE_S; else None. Call it with every row (WIDTH,) in turn."""
-        of = {name: row[COLUMN[name]] for name in ("actual_q", "actual_qd", "target_qdd", "actual_current", "joint_temperatures")}
-        if self._unknown_gains.any():
-            moment, current = row[COLUMN["target_moment"]], row[COLUMN["target_current"]]
-            known_now = self._unknown_gains & (np.abs(current) > LEAST_CURRENT_A)
-            self._gains[known_now] = np.abs(moment[known_now] / current[known_now])
-        measured = of["actual_current"] * self._gains
-        band = self._at(of["actual_q"], of["actual_qd"], of["target_qdd"], of["joint_temperatures"])
-        used = np.abs(measured - band.predicted) / band.allowed
-        self.largest_share = max(self.largest_share, float(np.nanmax(used, initial=0.0)))
-        # a joint without a gain counts as inside; a measured current that is NaN counts as outside
-        self._outside = np.where(~(used <= 1.0) & ~np.isnan(self._gains), self._outside + 1, 0)
-        j = int(np.argmax(self._outside))
-        if self._outside[j] < self._rows:
+    def outside(self, row: Array, phase_s: float | None = None) -> tuple[str, str] | None:
+        """Cause and text where torque has been outside the band for OUTSIDE_S; else None. Call it with every row (WIDTH,) in turn.
+
+        phase_s : time since the beginning of the trajectory's repetition [s]; None on the way to its start and back.
+        """
+        reading = self.read(row, phase_s)
+        with np.errstate(invalid="ignore"):
+            narrow, wide = reading.surprise / reading.narrow, np.array([-reading.excess, reading.excess]) / reading.wide
+            used = np.maximum(np.array([-narrow, narrow]), wide)  # (2, J)
+        self._used.append(np.where(np.isnan(used), np.inf, used))  # what is not a number counts as outside
+        if len(self._used) < self.rows_outside:
             return None
+        held = np.min(self._used, axis=0)  # (2, J) what every one of the last rows needed
+        self.largest_share = max(self.largest_share, float(np.max(held)))
+        side, j = np.unravel_index(int(np.argmax(held)), held.shape)
+        if held[side, j] <= 1.0:
+            return None
+        expected, allowed = reading.expected[j], reading.narrow[j]
+        if abs(narrow[j]) <= 1.0:
+            expected, allowed = reading.measured[j] - reading.excess[j], reading.wide[side, j]
         return (
             "torque_band",
-            f"joint {j + 1} needs {measured[j]:.1f} N·m where {band.predicted[j]:.1f} ± {band.allowed[j]:.1f} were expected "
-            f"({self.description})",
+            f"joint {j + 1} needs {reading.measured[j]:.1f} N·m where {expected:.1f} ± {allowed:.1f} were expected ({self.description})",
         )
 
-    def _at(self, q: Array, qd: Array, qdd: Array, temperature_c: Array) -> _Band:
-        """The band in one state of the arm; all (J,)."""
-        most = self._robot.max_torque_nm
-        if self._model is not None and np.all(np.isfinite(temperature_c)):
-            still = np.abs(qd) < STILL_RAD_S
-            sliding_qd = np.where(still, STILL_RAD_S, qd)
-            found = predictor_for(self._model, self._robot).sample(*(x.tolist() for x in (q, sliding_qd, qdd, temperature_c)))
-            friction, std = np.array(found.friction), np.nan_to_num(found.measured_std, nan=np.inf)
-            allowed = np.maximum(SIGMAS * std, LEAST_SHARE * most) + np.where(still, BREAKAWAY * friction, 0.0)
-            return _Band(np.array(found.rigid) + np.where(still, 0.0, friction), np.minimum(allowed, self._share * most))
-        predicted: Array = self._rnea(self._arm, self._data, q, qd, qdd)
-        return _Band(predicted.copy(), self._share * most)
+    def read(self, row: Array, phase_s: float | None = None) -> Reading:
+        """What the band expects of this row and what it allows; the filter learns from the row. Arguments as of `outside`."""
+        qd = row[COLUMN["actual_qd"]]
+        timestamp_s = float(row[COLUMN["timestamp"]][0])
+        dt = timestamp_s - self._timestamp_s
+        dt = min(max(dt, 1e-3), LONGEST_STEP_S) if np.isfinite(dt) else FIRST_STEP_S
+        self._timestamp_s = timestamp_s
+        measured = row[COLUMN["actual_current"]] * self._gains
+        at = self._of.at(row[COLUMN["actual_q"]], qd, row[COLUMN["target_qdd"]], row[COLUMN["joint_temperatures"]])
+        middle, share = at.torque, NARROW * self._most if self._known else NARROW_UNKNOWN * self._most + self._of.payload_nm
+        if self._profile is not None and phase_s is not None:
+            mean, spread = self._profile.at(phase_s)
+            middle = middle + mean
+            share = np.minimum(np.maximum(NARROW_LEARNT * self._most, spread), NARROW_MOST * self._most)
+        speed = np.abs(qd)
+        sign = np.tanh(qd / SIGN_RAD_S)
+        H = np.nan_to_num(
+            np.stack([sign, np.sign(qd) * speed ** (2.0 / 3.0), np.ones_like(qd), row[COLUMN["target_qdd"]]], axis=1)
+        )  # (J, 4)
+        usual = middle + np.einsum("jk,jk->j", H, self._theta)
+        self._recent.append(usual)
+        earlier = np.array(self._recent)  # (n, J)
+        surprise = measured - np.minimum(np.maximum(measured, np.fmin.reduce(earlier)), np.fmax.reduce(earlier))
+        PH = np.einsum("jkl,jl->jk", self._cov, H)
+        own_var = np.einsum("jk,jk->j", H, PH)
+        self._measure_noise(measured, dt)
+        dry = np.abs(at.coulomb_nm + self._theta[:, 0])
+        held = BREAKAWAY * dry * (1.0 - np.abs(sign))
+        narrow = share + SIGMAS * np.sqrt(own_var) + NOISE_SIGMAS * np.sqrt(self._noise_var) + held
+        excess = measured - middle
+        self._learn(measured - usual, speed, PH, own_var, dt)
+        return Reading(measured, usual, surprise, narrow, share, excess, self._wide(at.friction, qd, speed, held))
+
+    def _wide(self, friction: Array, qd: Array, speed: Array, held: Array) -> Array:
+        """(2, J) what the excess may be downwards and upwards [N·m]."""
+        if not self._known:
+            allowed = self._share * self._most * (WIDE_STILL + WIDE_MOVING * speed ** (2.0 / 3.0)) + self._of.payload_nm + held
+            return np.array([allowed, allowed])
+        always = WIDE_MODEL * self._most + self._of.payload_nm + held
+        grown, lost = always + FRICTION_GROWTH * np.abs(friction), always + FRICTION_LOSS * np.abs(friction)
+        forwards = qd >= 0.0
+        return np.array([np.where(forwards, lost, grown), np.where(forwards, grown, lost)])
+
+    def _measure_noise(self, measured: Array, dt: float) -> None:
+        """Follow the variance of a single measured torque by the difference of successive rows."""
+        if self._measured is not None:
+            var = 0.5 * np.nan_to_num(measured - self._measured) ** 2
+            share = min(dt / NOISE_S, 1.0)
+            self._noise_var = self._noise_var + share * (np.minimum(var, 9.0 * self._noise_var) - self._noise_var)
+        self._measured = measured
+
+    def _learn(self, surprise: Array, speed: Array, PH: Array, own_var: Array, dt: float) -> None:
+        """One step of the filter; a joint that stands teaches nothing. Särkkä (2013), ch. 4."""
+        S = own_var + self._chance / dt + self._noise_var
+        clip = CLIP_SIGMAS * np.sqrt(S)
+        surprise = np.minimum(np.maximum(surprise, -clip), clip)
+        moves = (speed > STILL_RAD_S) & np.isfinite(surprise)
+        gain = np.where(moves, 1.0 / S, 0.0)[:, None] * PH  # (J, 4)
+        self._theta += gain * np.where(moves, surprise, 0.0)[:, None]
+        self._cov -= gain[:, :, None] * PH[:, None, :]
+        self._cov[:, self._diagonal, self._diagonal] += dt * self._walk

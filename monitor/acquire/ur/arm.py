@@ -12,6 +12,7 @@ import numpy as np
 
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
+from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
 from monitor.acquire.ur.control import STANDING_S, Control
@@ -64,12 +65,18 @@ class Arm:
         self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
         self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
         self.may_go = False
+        self.band: TorqueBand | None = None  # of the motion; `guard_torque` sets it before anything moves
         self.missed = self.torn = 0  # ticks without a target; rows that were read again
         self.slipped_s = 0.0  # delay of the motion behind its plan
 
     def note_busy(self) -> None:
         """Note that this process was busy with something else: the age of the last row says nothing about the controller."""
         self.seen_at = self._checked_at = time.monotonic()
+
+    def guard_torque(self, band: TorqueBand) -> None:
+        """Let every row of the motion pass this band before the next target is sent."""
+        self.band = band
+        self.note_busy()  # its preparation takes some tenths of a second
 
     def approach_proved(self, target_q: Array) -> None:
         """Note that the way to the start was proved clear from this position (J,) [rad]."""
@@ -256,9 +263,10 @@ class Arm:
         self._timing = self._timing.woke(time.monotonic() - began - planned_s)
         self._checked_at += planned_s - POLL_S
 
-    def cycle(self, target: Array, row: Array) -> None:
+    def cycle(self, target: Array, row: Array, phase_s: float | None = None) -> None:
         """Check the row (WIDTH,), send the target (J,) for it, and enter the target in the row.
 
+        phase_s : time since the beginning of the trajectory's repetition, where it is played at its pace [s].
         Raises StreamFailure where anything is wrong; the target is not sent then.
         """
         self._listen_to_parent()
@@ -271,6 +279,10 @@ class Arm:
             np.array(self.recent),
             late=self.gaps.were_late(self.seen_at, self.tick_s),
         )
+        assert self.band is not None
+        outside = self.band.outside(row, phase_s)
+        if failure is None and outside is not None:
+            failure = StreamFailure(*outside)
         if failure:
             raise failure
         if self.asked_to_stop is None and not self._permitted(row):

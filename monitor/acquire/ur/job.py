@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.acquire.driver import ReplayTask
+from monitor.acquire.safety.band_basis import basis_from_document
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.design.cell import cell_from_document
 from monitor.model.fourier import excitation_from_document
@@ -22,6 +23,7 @@ def job_document(task: ReplayTask) -> dict[str, Any]:
         "excitation": task.excitation.as_document(),
         "context": dataclasses.asdict(task.context),
         "installation": dataclasses.asdict(task.installation),
+        "basis": task.basis.as_document(),
         "max_position_rad": task.robot.max_position_rad.tolist(),
         "max_speed_rad_s": task.robot.max_speed_rad_s.tolist(),
     }
@@ -41,6 +43,7 @@ def task_from_document(job: dict[str, Any]) -> ReplayTask:
         ),
         context=Context(**job["context"]),
         installation=_installation(job["installation"]),
+        basis=basis_from_document(job["basis"]),
     )
 
 

@@ -17,7 +17,9 @@ from monitor.acquire.driver import ReplayTask
 from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety import guard
+from monitor.acquire.safety.first_pass import band_for
 from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.safety.turns import turned
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.arm import Arm
@@ -60,6 +62,7 @@ def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: Conditi
         rows = [arm.next_row() for _ in range(STATE_ROWS)]
         for row in rows:
             guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
+        arm.guard_torque(_band(task, rows[-1]))
         last = _wait_for_go(arm, rows)
         guard.check_state(replace(known, state=arm_state(last)))
         arm.approach_proved(last[COLUMN["target_q"]])
@@ -69,6 +72,19 @@ def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: Conditi
     except StreamFailure as failure:
         raise RobotUnreachable(f"{host}: {failure}") from None
     return arm
+
+
+def _band(task: ReplayTask, row: Array) -> TorqueBand:
+    """The torque band of this task's motion."""
+    return band_for(
+        row,
+        robot=task.robot,
+        excitation=task.excitation,
+        settings=task.settings,
+        context=task.context,
+        installation=task.installation,
+        basis=task.basis,
+    )
 
 
 def _wait_for_go(arm: Arm, rows: list[Array]) -> Array:
@@ -130,7 +146,7 @@ def stream(arm: Arm, phase: str, duration_s: float, position: Callable[[float], 
             tau_s += pace * advance_s
         begun = True
         tau_s = min(tau_s, duration_s) if tau_s < duration_s - TIME_ROUNDING_S else duration_s
-        arm.cycle(position(tau_s), row)
+        arm.cycle(position(tau_s), row, tau_s if keep and pace == 1.0 else None)
         if keep:
             arm.tell(row)
         else:

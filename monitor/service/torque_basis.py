@@ -1,0 +1,77 @@
+"""What the history knows of an arm for the torque band of its next motion: model, and profile of the trajectory. I/O."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.acquire.safety.band_basis import BandBasis
+from monitor.acquire.safety.learn_profile import learn_profile
+from monitor.config.schema import Configuration
+from monitor.errors import BadInput
+from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
+from monitor.model.fourier import Excitation
+from monitor.recording import Context, Recording
+from monitor.store.recordings import read_recording
+from monitor.store.store import Store
+
+log = logging.getLogger(__name__)
+
+PROFILE_REPLAYS = 3  # the latest accepted ones: enough to see what returns at a place, and it takes a second
+LOOK_BACK = 12  # assessed replays among which those of this trajectory are searched
+
+
+def torque_basis(
+    store: Store, configuration: Configuration, excitation: Excitation, context: Context, model: CompensatedModel | None = None
+) -> BandBasis:
+    """The basis of the band along this excitation. `model` is the present model; None takes the stored one.
+
+    The model and the profile hold for the load of the latest assessed replay; with another load there are neither.
+    """
+    robot, installation = configuration.robot_description, configuration.installation
+    earlier = _accepted(store)
+    if not earlier or installation.drive_gains(robot) is None or not _same_load(earlier[0].context, context):
+        return BandBasis()
+    model = model or _stored_model(store)
+    if model is None or model.robot != robot.name:
+        return BandBasis()
+    basis = BandBasis(model=model, payload_kg=earlier[0].context.payload_kg)
+    alike = [
+        each
+        for each in earlier
+        if each.context.trajectory_digest == excitation.digest and _same_load(each.context, earlier[0].context) and each.qd is not None
+    ]
+    profile = learn_profile(alike[:PROFILE_REPLAYS], robot, excitation, configuration.replay, installation, basis)
+    return replace(basis, profile=profile)
+
+
+def _accepted(store: Store) -> list[Recording]:
+    """The latest assessed recordings, newest first; unreadable and pruned ones are left out."""
+    found = []
+    for row in reversed(store.ledger.rows(limit=LOOK_BACK, states=("assessed",))):
+        path = store.recordings.path(row.id)
+        try:
+            found.append(read_recording(path))
+        except BadInput:
+            continue
+    return found
+
+
+def _same_load(recorded: Context, context: Context) -> bool:
+    """Whether a replay carried what this one will: a model of another load expects another torque.
+
+    A payload or tool that is not configured is compared by the streaming process, with what the controller reports.
+    """
+    payload = context.payload_kg is None or recorded.payload_kg is None or abs(recorded.payload_kg - context.payload_kg) < 1e-6
+    one, other = recorded.mounting_rad, context.mounting_rad
+    mounted = one is None or other is None or np.allclose(one, other, atol=1e-6)
+    return payload and mounted and recorded.tool == context.tool
+
+
+def _stored_model(store: Store) -> CompensatedModel | None:
+    state = store.assessments.state()
+    try:
+        return None if state is None else model_from_document(state.model)
+    except BadInput as wrong:
+        log.warning("the stored torque model cannot be read, the band is that of the manufacturer's parameters: %s", wrong)
+        return None

@@ -1,0 +1,75 @@
+"""A collision in an ordinary replay of a simulated arm in real time: the streaming process ends it alone, its parent stopped or not."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from processes import alive, children
+from simulated_arm import simulated_arm
+
+from monitor.simulate.remote import Remote
+
+ROOT = Path(__file__).parent.parent.parent
+HOST = "127.0.2.93"
+WITHIN_S = 0.25  # of the arm's own clock, from the first contact until the stop is in force
+PARENT = """
+import sys
+sys.path[:0] = [sys.argv[2]]
+from excitations import short
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.replay import replay
+from monitor.errors import ReplayAborted
+from monitor.model.robot import load_robot
+try:
+    replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True, first_pass=False, approach_speed_rad_s=1.0),
+           on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True))
+except ReplayAborted as error:
+    print("aborted", error.cause, flush=True)
+"""
+
+
+def collision(host: str, *, parent_stopped: bool, at_s: float) -> tuple[float | None, str]:
+    """Time from a push of 90 N·m on joint 2 to the stop [s], None where there was none; and the cause that the parent reports."""
+    command = [sys.executable, "-c", PARENT, host, str(ROOT / "tests" / "acquire")]
+    parent = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    try:
+        assert parent.stdout is not None
+        for line in parent.stdout:
+            phase, elapsed = line.split()
+            if phase == "aborted":
+                return None, elapsed
+            if phase == "play" and float(elapsed) >= at_s:
+                break
+        family = children(parent.pid)
+        if parent_stopped:
+            os.kill(parent.pid, signal.SIGSTOP)
+        with Remote(host) as remote:
+            pushed_s = remote.truth()["clock_s"]
+            remote.fault("obstacle", joint=2, torque=90.0, seconds=3.0)
+            time.sleep(1.0)  # with the parent stopped nobody but the streaming process can end the motion
+            truth = remote.truth()
+        assert truth["standing"]
+        os.kill(parent.pid, signal.SIGCONT)
+        printed = parent.communicate(timeout=10.0)[0].split()
+        assert not any(alive(pid) for pid in family)
+    finally:
+        parent.kill()
+        parent.wait()
+        with Remote(host) as remote:
+            remote.fault("clear")
+    stops = [stop["at_s"] - pushed_s for stop in truth["stops"] if stop["at_s"] >= pushed_s - 0.008]
+    return (stops[0] if stops else None), printed[-1]
+
+
+@pytest.mark.parametrize("parent_stopped", [False, True])
+def test_a_collision_in_an_ordinary_replay_ends_it_within_a_quarter_of_a_second(parent_stopped):
+    """90 N·m on joint 2 of a UR5, of which nothing was learnt; the parent runs, or hangs (SIGSTOP). It lasted 8.6 s and 6.1 s before."""
+    with simulated_arm(HOST) as host:
+        stop_s, cause = collision(host, parent_stopped=parent_stopped, at_s=1.0)
+    assert cause == "torque_band"
+    assert stop_s is not None
+    assert stop_s <= WITHIN_S
