@@ -5,6 +5,7 @@ import json
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +22,11 @@ def cases() -> dict[str, Callable[[], object]]:
     """What is timed, by name; a name after `vs` is what its ratio is quoted against."""
     import pinocchio as pin
 
+    from monitor.acquire.safety.band_basis import BandBasis
+    from monitor.acquire.safety.learn_profile import learn_profile, recorded_rows
+    from monitor.acquire.safety.torque_band import TorqueBand
+    from monitor.acquire.settings import Installation, ReplaySettings
+    from monitor.assess import assess
     from monitor.identify.fit.jackknife import block_steps
     from monitor.identify.fit.least_squares import Rows, factors
     from monitor.identify.fit.physically_consistent import physically_consistent
@@ -56,6 +62,15 @@ def cases() -> dict[str, Callable[[], object]]:
     rows = Rows(Y, torque, moved.moving(), block_steps(moved, 0.8), moved.segments)
     factored = factors([rows])
     weights = 1.0 / fitted.rms_nm
+    settings = ReplaySettings(host="127.0.0.1")
+    learnt = BandBasis(model=getattr(assess(recording, robot=robot, mounting=mounting, belief=None, health=None), "model", None))
+    learnt = replace(learnt, profile=learn_profile([recording], robot, excitation, settings, Installation(), learnt))
+    seen = recorded_rows(recording)[:1000]
+
+    def band(basis: BandBasis) -> object:
+        guard = TorqueBand(robot, mounting, settings, Installation(), basis)
+        return [guard.outside(row, 0.008 * n) for n, row in enumerate(seen)]
+
     everything = {
         "regressor, 3750 samples": lambda: regressor(robot, mounting, q, qd, qdd),
         "the same by a loop over pinocchio.computeJointTorqueRegressor": pinocchio_loop,
@@ -65,6 +80,8 @@ def cases() -> dict[str, Callable[[], object]]:
         "identify robust": lambda: identify([recording], robot, mounting, method="robust"),
         "identify wls, friction auto": lambda: identify([recording], robot, mounting, friction="auto"),
         "physically consistent fit, from factors": lambda: physically_consistent(factored, weights, base.combination, robot),
+        "torque band, 1000 rows, manufacturer's parameters": lambda: band(BandBasis()),
+        "torque band, 1000 rows, model and profile": lambda: band(learnt),
     }
     other = figaroh_case(model, moved, torque)
     return everything if other is None else {**everything, "ls and standard deviations by figaroh, filtered signals to parameters": other}
