@@ -119,6 +119,28 @@ def test_every_condition_of_a_motion_is_one_that_check_prints():
         assert f'"{name}"' in source, name
 
 
+def test_the_table_of_conditions_has_every_condition_in_its_order():
+    """And no other."""
+    from monitor.acquire.safety.conditions import CONDITIONS as OF_A_MOTION
+
+    rows = re.findall(r"^\| `(\w+)` \|", section("docs/real-robot-safety.md", "The conditions"), re.MULTILINE)
+    assert rows == [condition.name for condition in OF_A_MOTION]
+
+
+def test_every_hazard_has_a_measure_and_a_test_that_exists():
+    """An integrator can look up each test by its name."""
+    sources = "\n".join(path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
+    rows = [row for row in section("docs/real-robot-safety.md", "Hazards").splitlines() if row.startswith("| **")]
+    assert len(rows) > 15
+    for row in rows:
+        hazard, measure, test, _ = (cell.strip() for cell in row.strip("|").split(" | ")) if row.count(" | ") == 3 else (row, "", "", "")
+        names = re.findall(r"`(test_\w+)`", test)
+        assert len(measure) > 10, hazard
+        assert names, hazard
+        for name in names:
+            assert f"def {name}(" in sources, name
+
+
 def test_the_table_of_faults_names_every_fault():
     """And no other."""
     named = {cell.split()[0] for cell in first_cells(section("docs/simulator.md", "Faults"))}
