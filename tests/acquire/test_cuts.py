@@ -24,7 +24,7 @@ from monitor.recording import Context
 from monitor.simulate.remote import Remote
 
 UR5 = load_robot("ur5")
-PHASES = {"control": 0.15, "approach": 0.5, "settle": 0.1, "play": 0.9, "return": 0.4, "finish": 0.02}  # within: the cut, at the latest
+PHASES = {"control": 0.15, "approach": 0.5, "settle": 0.1, "play": 0.9, "return": 0.4, "finish": 0.35}  # within: the cut, at the latest
 NEEDED = {RECEIVE, CONTROL}  # without these the motion must end; the others are not needed once the program runs
 STOP_WITHIN_S = 0.25
 LOST = {
@@ -73,8 +73,10 @@ def run_cut(cut: Cut, host: str, controller: str, proxy: CuttingProxy) -> Cut:
             stop.set()  # the replay goes on; the rest of it would show nothing more
 
     def on_progress(progress) -> None:
-        if progress.phase == cut.phase and not timer:
-            timer.append(threading.Timer(max(cut.after_s - progress.elapsed_s, 0.0), act))
+        # the end is too short to be seen: it is reckoned from the end of the return
+        begins_s = {"finish": progress.duration_s}.get(cut.phase, 0.0)
+        if progress.phase == {"finish": "return"}.get(cut.phase, cut.phase) and not timer:
+            timer.append(threading.Timer(max(begins_s + cut.after_s - progress.elapsed_s, 0.0), act))
             timer[0].start()
 
     settings = ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0)
