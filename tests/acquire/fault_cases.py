@@ -241,12 +241,14 @@ def stopped_by_us(host: str) -> list[str]:
 
 def moved_again(truth: dict[str, Any], since_clock_s: float) -> list[str]:
     """What began after the first stop at or after this time: another program of ours, or another stretch of motion."""
-    ends = [run["ended_s"] for run in truth["programs"] if run["ended_s"] is not None and run["ended_s"] >= since_clock_s - TICK_S]
+    programs = [run for run in truth["programs"] if run["boot"] == truth["boot"]]
+    motions = [motion for motion in truth["motions"] if motion["boot"] == truth["boot"]]
+    ends = [run["ended_s"] for run in programs if run["ended_s"] is not None and run["ended_s"] >= since_clock_s - TICK_S]
     if not ends:
         return []
-    began = [f"program {run['number']}" for run in truth["programs"] if run["began_s"] >= ends[0]]
-    stood = [motion["stood_s"] for motion in truth["motions"] if motion["stood_s"] is not None and motion["stood_s"] >= ends[0]]
-    began += [f"motion at {motion['began_s']:.2f} s" for motion in truth["motions"] if stood and motion["began_s"] > stood[0]]
+    began = [f"program {run['number']}" for run in programs if run["began_s"] >= ends[0]]
+    stood = [motion["stood_s"] for motion in motions if motion["stood_s"] is not None and motion["stood_s"] >= ends[0]]
+    began += [f"motion at {motion['began_s']:.2f} s" for motion in motions if stood and motion["began_s"] > stood[0]]
     return [f"began again: {', '.join(began)}"] if began else []
 
 

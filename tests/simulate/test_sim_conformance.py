@@ -143,7 +143,7 @@ check("switched off", io.setStandardDigitalOut(3, False), lambda: r.getActualDig
 check("setAnalogOutputVoltage", io.setAnalogOutputVoltage(0, 0.5), lambda: abs(r.getStandardAnalogOutput0() - 5.0) < 1e-9)
 check("setAnalogOutputCurrent", io.setAnalogOutputCurrent(1, 0.25), lambda: abs(r.getStandardAnalogOutput1() - 0.008) < 1e-9)
 check("setSpeedSlider", io.setSpeedSlider(0.5), lambda: abs(r.getTargetSpeedFraction() - 0.5) < 1e-9)
-check("speed scaling follows", True, lambda: abs(r.getSpeedScaling() - 0.5) < 1e-9)
+check("target speed fraction follows", True, lambda: abs(r.getTargetSpeedFraction() - 0.5) < 1e-9)
 check("setInputIntRegister", io.setInputIntRegister(19, 7), lambda: True)
 check("setInputDoubleRegister", io.setInputDoubleRegister(19, 2.5), lambda: True)
 results["connected"] = io.isConnected() and r.isConnected()

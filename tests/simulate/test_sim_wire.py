@@ -47,7 +47,7 @@ def test_the_default_recipe_gives_sane_values_on_both_generations(spawn, client,
     assert (seen["robot_mode"], seen["safety_mode"], seen["runtime"], seen["status"], seen["safety"]) == (7, 1, 1, 1, 1)
     assert seen["joint_mode"] == [253] * 6
     assert seen["main_voltage"] == 48.0
-    assert seen["scaling"] == 1.0
+    assert seen["scaling"] == 0.0  # no program plays
     assert not seen["protective"]
     assert 0.6 < seen["pose"][2] < 1.1  # the flange of an upright arm, in metres
     assert seen["packets"] > 0.5 * rate_hz * seen["seconds"]  # a poll every 0.3 ms misses some on a busy machine
@@ -217,7 +217,7 @@ def test_faults_reach_the_wire(ur5):
             remote.fault("reset")
             with pytest.raises(ConnectionResetError):
                 drain(wire)
-        with pytest.raises(BadInput, match="known are clear"):
+        with pytest.raises(BadInput, match="known are brake"):
             remote.fault("earthquake")
 
 
