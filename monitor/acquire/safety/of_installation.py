@@ -107,7 +107,7 @@ def tcp_offset(inputs: ConditionInputs) -> str:
     if not _reported(state.tcp_pose):
         raise Unreported("not reported: a tool that nobody told the monitor is not noticed")
     place, turn = offset_of(inputs.robot, state.q, np.array(state.tcp_pose))
-    reported = ", ".join(f"{1000.0 * value:.0f}" for value in place) + " mm"
+    reported = ", ".join(str(round(1000.0 * value)) for value in place) + " mm"
     if not expected:
         raise Unreported(f"the controller's TCP is at {reported}, robot.tcp_offset names none")
     apart_m = float(np.linalg.norm(place - np.array(expected[:3])))
