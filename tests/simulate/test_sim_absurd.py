@@ -10,7 +10,8 @@ from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.arm.kinematics import Kinematics, se3
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
-from monitor.simulate.controller.program.scripts import Refused, Steps, parse
+from monitor.simulate.controller.program.language import Source
+from monitor.simulate.controller.program.scripts import Refused, parse
 from monitor.simulate.controller.registers import INPUT_TYPES, recipe
 from monitor.simulate.scenario import scenario_from_document
 from monitor.simulate.settings import SimulateSettings
@@ -51,7 +52,7 @@ def test_a_secondary_program_runs_beside_the_one_that_plays(pendant):
     pendant.run(0.05)
     assert (c.programs.current, c.modes.runtime, c.registers.output_ints[5]) == (before, Runtime.PLAYING, 7)
     assert isinstance(parse("sec go():\n  movej([0,0,0,0,0,0])\nend"), Refused)
-    assert isinstance(parse('sec hello():\n  textmsg("hello")\nend'), Steps)
+    assert isinstance(parse('sec hello():\n  textmsg("hello")\nend'), Source)
 
 
 @pytest.mark.parametrize(

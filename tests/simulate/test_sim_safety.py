@@ -161,8 +161,8 @@ def test_the_dashboard_knows_its_generations_commands():
     )
     assert [dashboard.reply(e_series, line) for line in asked] == [
         "Failed setting operational mode: sideways",
-        "Setting operational mode: automatic",
+        "Operational mode AUTOMATIC is set",
         "AUTOMATIC",
-        "operational mode is no longer controlled by Dashboard Server",
+        "No longer controlling the operational mode. Current operational mode: NONE",
         "NONE",
     ]

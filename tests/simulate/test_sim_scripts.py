@@ -7,18 +7,17 @@ from hypothesis import strategies as st
 from sim_pendant import CONTROL
 
 from monitor.simulate.controller.moves import Move, StopMotion
-from monitor.simulate.controller.program.scripts import (
-    SCRIPT_MAX_BYTES,
-    ControlScript,
-    Framer,
-    Immediate,
-    PathProgress,
-    Refused,
-    Steps,
-    Wait,
-    Write,
-    parse,
-)
+from monitor.simulate.controller.program.interpreter import run
+from monitor.simulate.controller.program.language import Source
+from monitor.simulate.controller.program.scripts import SCRIPT_MAX_BYTES, ControlScript, Framer, Immediate, Refused, parse
+from monitor.simulate.controller.program.steps import PathProgress, Step, Wait, Write
+
+
+def steps(text: str) -> list[Step]:
+    """The steps of a program that does not ask for the state of the arm."""
+    program = parse(text)
+    assert isinstance(program, Source), program
+    return list(run(program, None))
 
 
 @given(cuts=st.lists(st.integers(0, len(CONTROL) + 40), max_size=12))
@@ -51,10 +50,10 @@ def test_an_injected_path_is_a_list_of_steps():
 
 
 def test_a_program_that_is_a_list_of_steps_and_one_that_is_not():
-    """ur-rtde's custom script functions are lists of steps. A popup, a loop or an unknown call is refused with the program's name."""
+    """ur-rtde's custom script functions are lists of steps. A popup, a loop without end or a wrong figure is refused with its program."""
     custom = "def mine():\n\twrite_output_integer_register(0 +24, 1)\n\tsleep(0.5)\n\tstopj(2)\n\twrite_output_float_register(3, 1.5)\nend"
-    assert parse(custom) == Steps((Write(24, 1.0, whole=True), Wait(0.5), StopMotion(2.0), Write(3, 1.5, whole=False)))
-    for body in ("popup(1)", "while True:", "x = 1", "write_output_integer_register(99, 1)", "sleep(1e999)"):
+    assert steps(custom) == [Write(24, 1.0, whole=True), Wait(0.5), StopMotion(2.0), Write(3, 1.5, whole=False)]
+    for body in ("popup(1)", "while True:", "x 1", "write_output_integer_register(99, 1)", "sleep(1e999)"):
         foreign = parse(f"def custom():\n  {body}\nend")
         assert isinstance(foreign, Refused), body
         assert "custom" in foreign.reason
@@ -64,12 +63,12 @@ def test_single_lines_are_understood_or_refused():
     """movej, movel, stops and immediate commands are understood, and other lines are refused."""
 
     def joints(q, speed, acceleration):
-        return Steps((Move(tuple(map(float, q)), pose=False, straight=False, speed=speed, acceleration=acceleration),))
+        return [Move(tuple(map(float, q)), pose=False, straight=False, speed=speed, acceleration=acceleration)]
 
-    assert parse("movej([0, -1.5, 0, -1.5, 0, 0.5], a=1.2, v=0.5)") == joints((0, -1.5, 0, -1.5, 0, 0.5), 0.5, 1.2)
-    assert parse("movej([0,0,0,0,0,0], 2, 1)") == joints([0] * 6, 1.0, 2.0)
-    assert parse("movej(p[0,0,0,0,0,0])") == Steps((Move((0.0,) * 6, pose=True, straight=False, speed=1.05, acceleration=1.4),))
-    assert parse("stopj(3.0)") == Steps((StopMotion(3.0),))
+    assert steps("movej([0, -1.5, 0, -1.5, 0, 0.5], a=1.2, v=0.5)") == joints((0, -1.5, 0, -1.5, 0, 0.5), 0.5, 1.2)
+    assert steps("movej([0,0,0,0,0,0], 2, 1)") == joints([0] * 6, 1.0, 2.0)
+    assert steps("movej(p[0,0,0,0,0,0])") == [Move((0.0,) * 6, pose=True, straight=False, speed=1.05, acceleration=1.4)]
+    assert steps("stopj(3.0)") == [StopMotion(3.0)]
     assert parse("stop program") == Immediate("stop program")
     for line in (
         "movej([1e999,0,0,0,0,0])",

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from sim_pendant import Pendant
 
+from monitor.simulate.controller.codes import ASKED
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage
+from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage, TextMessage
 from monitor.simulate.controller.modes import SafetyMode
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire import primary, realtime
@@ -45,6 +46,23 @@ def test_a_robot_state_message_has_the_published_packages(ur5e):
     lengths = {kind: len(payload) + 5 for kind, payload in packages(primary.state(ur5e)).items()}
     assert lengths == {0: 47, 1: 251, 2: 37, 3: 75, 4: 101, 7: 61, 8: 9}
     assert len(packages(primary.state(Controller(SimulateSettings())))[0]) + 5 == 46  # CB3: without the reserved byte
+
+
+def test_the_first_state_of_a_connection_holds_kinematics_and_configuration(ur5e):
+    """225 bytes: six checksums, θ, a, d, α, status. 445 bytes: limits, defaults, a, d, α, θ, and the kind of arm at the end."""
+    found = packages(primary.state(ur5e, first=True))
+    assert {kind: len(found[kind]) + 5 for kind in (5, 6)} == {5: 225, 6: 445}
+    robot = ur5e.robot
+    *checksums, status = struct.unpack(">6I192x1I", found[5])
+    assert len(set(checksums)) == 6
+    assert status == 0
+    assert struct.unpack_from(">24d", found[5], 24) == (*[0.0] * 6, *robot.a_m, *robot.d_m, *robot.alpha_rad)
+    figures = struct.unpack(">53d4i", found[6])
+    assert figures[:4] == (-robot.max_position_rad[0], robot.max_position_rad[0], -robot.max_position_rad[1], robot.max_position_rad[1])
+    assert figures[12:14] == (robot.max_speed_rad_s[0], 40.0)
+    assert figures[24:29] == (1.05, 1.4, 0.25, 1.2, 0.0)
+    assert figures[29:53] == (*robot.a_m, *robot.d_m, *robot.alpha_rad, *[0.0] * 6)
+    assert figures[55] == 1  # a UR5; the version tells that it is an e-Series
 
 
 def test_robot_mode_data_byte_for_byte(ur5e):
@@ -84,7 +102,10 @@ def test_messages_of_safety_errors_keys_and_exceptions_byte_for_byte():
         (ProgramMessage(1.0, "AB", "c"), bytes.fromhex(f"0000001b {head} 07 00000000 00000000 02") + b"ABc"),
         (SafetyMessage(1.0, SafetyMode.NORMAL), bytes.fromhex(f"00000020 {head} 05 00000000 00000000 01 00000000 00000000")),
         (ErrorMessage(1.0, "x"), bytes.fromhex(f"00000024 {head} 06 00000099 00000000 00000003 00000000 00000000") + b"x"),
+        (ErrorMessage(1.0, "x", ASKED), bytes.fromhex(f"00000024 {head} 06 000000d1 00000000 00000002 00000000 00000000") + b"x"),
         (ExceptionMessage(1.0, "y"), bytes.fromhex(f"00000018 {head} 0a 00000001 00000001") + b"y"),
+        (ExceptionMessage(1.0, "y", 2, 3), bytes.fromhex(f"00000018 {head} 0a 00000002 00000003") + b"y"),
+        (TextMessage(1.0, "z"), bytes.fromhex(f"00000010 {head} 00") + b"z"),
     ):
         assert primary.encoded(message) == expected
 
@@ -221,4 +242,4 @@ def test_programs_are_reported_on_the_primary_port():
     messages = pendant.controller.journal.messages
     assert [primary.encoded(message)[14] for message in messages] == [7]
     pendant.controller.stop_program("runtime exception: test")
-    assert [primary.encoded(message)[14] for message in messages] == [7, 10]
+    assert [primary.encoded(message)[14] for message in messages] == [7, 10, 7]

@@ -17,6 +17,7 @@ from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import Sensors
 from monitor.simulate.arm.thermal import Temperatures
 from monitor.simulate.controller.clock import Clock
+from monitor.simulate.controller.codes import DEVIATES, ErrorCode
 from monitor.simulate.controller.fault_target import FaultTarget
 from monitor.simulate.controller.faults import inject
 from monitor.simulate.controller.foreign import ForeignPrograms
@@ -203,18 +204,26 @@ class Controller:
         script = parse(text)
         if not isinstance(script, Immediate):
             self.programs.start(script)
-        elif "unlock" in script.line:
-            self.safety.unlock()
-        else:
-            self.programs.stop(f"script: {script.line}", by=CLIENT)
+            return
+        match script.line:
+            case "set unlock protective stop":  # the controller itself does not ask for the dashboard's five seconds
+                self.safety.unlock(after_s=0.0)
+            case "power on":
+                self.safety.power(RobotMode.IDLE)
+            case "power off":
+                self.safety.power(RobotMode.POWER_OFF)
+            case "set robotmode run":
+                self.safety.power(RobotMode.RUNNING)
+            case "stop program" | "halt":
+                self.programs.stop(f"script: {script.line}", by=CLIENT)
 
     def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
         """End the program; the arm decelerates to standstill. Returns False if no program was running."""
         return self.programs.stop(reason, kind=kind, by="itself" if reason.startswith("runtime exception") else "controller")
 
-    def protective_stop(self, reason: str) -> None:
+    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES) -> None:
         """Halt the arm; the settings say what becomes of the program."""
-        self.safety.protective_stop(reason)
+        self.safety.protective_stop(reason, code)
 
     def inject(self, fault: str, arguments: dict[str, Any]) -> str:
         """Make one fault happen. Returns a sentence that says what was done. Raises BadInput for what is unknown or impossible."""

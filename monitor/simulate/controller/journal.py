@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from monitor.simulate.controller.clock import Clock
+from monitor.simulate.controller.codes import DEVIATES, ErrorCode
 from monitor.simulate.controller.logbook import Logbook
 from monitor.simulate.controller.modes import SafetyMode
 
@@ -45,16 +46,26 @@ class ErrorMessage(NamedTuple):
 
     at_s: float
     text: str
+    code: ErrorCode = DEVIATES
 
 
 class ExceptionMessage(NamedTuple):
-    """A runtime exception ended a program."""
+    """A runtime exception ended a program, or a script could not be compiled. Line and column count from 1."""
+
+    at_s: float
+    text: str
+    line: int = 1
+    column: int = 1
+
+
+class TextMessage(NamedTuple):
+    """A program wrote a text into the log."""
 
     at_s: float
     text: str
 
 
-Message = ProgramMessage | SafetyMessage | ErrorMessage | ExceptionMessage
+Message = ProgramMessage | SafetyMessage | ErrorMessage | ExceptionMessage | TextMessage
 
 
 class Journal:
@@ -92,14 +103,18 @@ class Journal:
         """Report that a program started or stopped."""
         self.messages.append(ProgramMessage(self._clock.now_s, title, text))
 
-    def exception_message(self, text: str) -> None:
-        """Report a runtime exception."""
-        self.messages.append(ExceptionMessage(self._clock.now_s, text))
+    def exception_message(self, text: str, line: int = 1, column: int = 1) -> None:
+        """Report a runtime exception, or a script that cannot be compiled, with its place in the script."""
+        self.messages.append(ExceptionMessage(self._clock.now_s, text, line, column))
+
+    def text_message(self, text: str) -> None:
+        """Report what a program wrote into the log."""
+        self.messages.append(TextMessage(self._clock.now_s, text))
 
     def safety_message(self, mode: SafetyMode) -> None:
         """Report a change of the safety mode."""
         self.messages.append(SafetyMessage(self._clock.now_s, mode))
 
-    def error_message(self, text: str) -> None:
+    def error_message(self, text: str, code: ErrorCode = DEVIATES) -> None:
         """Report the reason of a protective stop."""
-        self.messages.append(ErrorMessage(self._clock.now_s, text))
+        self.messages.append(ErrorMessage(self._clock.now_s, text, code))

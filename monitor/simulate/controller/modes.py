@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
+from monitor.simulate.controller.codes import DEVIATES, ErrorCode
+
 
 class RobotMode(IntEnum):
     """The robot's mode, with RTDE's numbers."""
@@ -104,5 +106,5 @@ class Supervisor(Protocol):
     def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
         """End the program. Returns False if no program was running."""
 
-    def protective_stop(self, reason: str) -> None:
-        """Halt the arm in a protective stop."""
+    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES) -> None:
+        """Halt the arm in a protective stop, which is reported with this code."""

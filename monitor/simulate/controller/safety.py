@@ -1,5 +1,6 @@
 """Safety and power of a controller: protective stop, emergency stop, power, and the supervision of the arm."""
 
+from monitor.simulate.controller.codes import DEVIATES, ErrorCode
 from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.runner import Programs
@@ -36,7 +37,7 @@ class Safety:
         """Following error divided by the one that leads to a protective stop."""
         return self._machine.limits.deviation_ratio(self._machine.reference.q, self._machine.measurements.encoder_q)
 
-    def protective_stop(self, reason: str, *, runtime: str | None = None) -> None:
+    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES, *, runtime: str | None = None) -> None:
         """Halt the arm. `runtime` says what becomes of the program: "paused", "stopped" or "playing"; None means as in the settings."""
         machine, modes = self._machine, self._machine.modes
         if not modes.unstopped:
@@ -45,7 +46,7 @@ class Safety:
         self._protected_at_s = machine.clock.now_s
         machine.journal.stop("protective_stop", reason)
         machine.journal.safety_message(modes.safety)
-        machine.journal.error_message(reason)
+        machine.journal.error_message(reason, code)
         if self._programs.current is not None:
             runtime = runtime or machine.settings.protective_runtime
             if runtime == "stopped":
@@ -56,12 +57,13 @@ class Safety:
                     modes.pause()
         machine.reference.stop(SAFETY_STOP_RAD_S2)
 
-    def unlock(self) -> bool:
-        """End a protective stop. Returns False if there is none or it began too recently."""
+    def unlock(self, *, after_s: float = UNLOCK_AFTER_S) -> bool:
+        """End a protective stop. Returns False if there is none, or it began less than `after_s` ago."""
         machine, modes = self._machine, self._machine.modes
-        if modes.safety != SafetyMode.PROTECTIVE_STOP or machine.clock.now_s - self._protected_at_s < UNLOCK_AFTER_S:
+        if modes.safety != SafetyMode.PROTECTIVE_STOP or machine.clock.now_s - self._protected_at_s < after_s:
             return False
         modes.end_stop()
+        machine.journal.safety_message(modes.safety)
         machine.limits.reset(machine.measurements.encoder_q)
         self._hold_where_the_arm_is()
         if modes.runtime == Runtime.PLAYING:
@@ -114,7 +116,10 @@ class Safety:
             modes.end_stop()
 
     def power(self, mode: RobotMode) -> bool:
-        """Do what the dashboard's "power on" (IDLE), "brake release" (RUNNING) or "power off" (POWER_OFF) asks; False if impossible."""
+        """Do what "power on" (IDLE), "brake release" (RUNNING) or "power off" (POWER_OFF) asks; False if impossible.
+
+        A brake release without power switches the power on first.
+        """
         modes = self._machine.modes
         if mode == RobotMode.POWER_OFF:
             self._programs.stop("power off", by="power")
@@ -122,10 +127,9 @@ class Safety:
         elif modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
             return False
         elif mode == RobotMode.RUNNING:
-            if modes.robot == RobotMode.POWER_OFF:
-                return False
             if modes.robot == RobotMode.RUNNING:
                 return True  # the brakes are open: a motion goes on
+            self._machine.arm.powered = True
             self._hold_where_the_arm_is()
             modes.set_power(RobotMode.RUNNING)
         elif modes.robot == RobotMode.POWER_OFF:

@@ -1,7 +1,6 @@
 """The dashboard server: one line of text in, one line out."""
 
 import re
-from collections.abc import Collection
 from typing import Protocol
 
 from monitor.simulate.controller.identity import Identity
@@ -22,7 +21,6 @@ ACTS = frozenset(  # commands that are refused in local control
 )
 ACTS_ON = ("load ", "set operational mode ")
 USER_ROLES, OPERATIONAL_MODES = {"PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"}, {"MANUAL", "AUTOMATIC"}
-PROGRAM = "rtde_control.urp"  # the file name that the dashboard reports for programs that came over a script port
 
 
 class DashboardController(Protocol):
@@ -56,23 +54,15 @@ def reply(controller: DashboardController, line: str) -> str:
     if controller.identity.local and (word in ACTS or word.startswith(ACTS_ON)):
         return LOCAL
     answer = _about_the_robot(controller, word) or _about_programs(controller, word) or _about_safety(controller, word)
-    answer = answer or SIMPLE.get(word, "") or _of_generation(controller, command)
-    if answer:
-        return answer
-    if word.startswith("popup "):
-        return "showing popup"
-    if word.startswith("addtolog "):
-        return "Added log message"
-    if word.startswith("load "):
-        file = command[18:] if word.startswith("load installation ") else command[5:]
-        return f"File not found: {_printable(file)}"  # this controller has no files
-    return f"could not understand: {_printable(command)}"
+    answer = answer or SIMPLE.get(word, "") or _of_generation(controller, command) or _with_argument(controller, command)
+    return answer or f"could not understand: {_printable(command)}"
 
 
 SIMPLE = {  # commands without an effect here
     "close safety popup": "closing safety popup",
     "close popup": "closing popup",
     "restart safety": "Restarting safety",
+    "savelog": "Log saved to disk",
     "quit": QUIT,
     "shutdown": SHUTDOWN,
 }
@@ -102,16 +92,16 @@ def _about_the_robot(controller: DashboardController, word: str) -> str:
 
 
 def _about_programs(controller: DashboardController, word: str) -> str:
-    programs, runtime = controller.programs, controller.modes.runtime
+    programs, runtime, file = controller.programs, controller.modes.runtime, controller.programs.files.loaded
     match word:
         case "running":
             return f"Program running: {str(runtime == Runtime.PLAYING).lower()}"
         case "programstate":
-            return f"{runtime.name} {PROGRAM}"
+            return f"{runtime.name} {file}"
         case "get loaded program":
-            return f"Loaded program: /programs/{PROGRAM}"
+            return f"Loaded program: /programs/{file}"
         case "isprogramsaved":
-            return f"true {PROGRAM}"
+            return f"true {file}"
         case "stop":
             programs.stop("dashboard: stop", by="dashboard")
             return "Stopped"  # also when no program ran: ur-rtde's constructor asks for exactly this reply
@@ -138,6 +128,30 @@ def _about_safety(controller: DashboardController, word: str) -> str:
     return ""
 
 
+def _with_argument(controller: DashboardController, command: str) -> str:
+    """The reply to a command that is followed by a text. Reports and support files are reported as made; nothing is written."""
+    word, programs = command.lower(), controller.programs
+    if word.startswith("popup "):
+        return "showing popup"
+    if word.startswith("addtolog "):
+        return "Added log message"
+    if word.startswith("load installation "):
+        file = command[len("load installation ") :]
+        found = programs.files.has_installation(file)
+        return f"{'Loading installation' if found else 'File not found'}: {_printable(file)}"
+    if word.startswith("load "):
+        file = command[len("load ") :]
+        if controller.modes.runtime != Runtime.STOPPED:
+            return f"Error while loading program: {_printable(file)}"
+        return f"{'Loading program' if programs.files.load(file) else 'File not found'}: {_printable(file)}"
+    if word.startswith("generate flight report"):
+        return f"Flight Report generated with id: {controller.settings.serial}"
+    if word.startswith("generate support file "):
+        folder = command[len("generate support file ") :].rstrip("/")
+        return f"Completed successfully: {_printable(folder)}/ur_{controller.settings.serial}.zip"
+    return ""
+
+
 def _of_generation(controller: DashboardController, command: str) -> str:
     """The reply to a command that only CB3 or only the e-Series has: the role of the pendant's user, and the operational mode."""
     identity, (word, _, value) = controller.identity, command.rpartition(" ")
@@ -145,24 +159,22 @@ def _of_generation(controller: DashboardController, command: str) -> str:
         if command.lower() == "getuserrole":
             return identity.user_role
         if word.lower() == "setuserrole":
-            return _set(identity, "user_role", value, USER_ROLES)
+            if value.upper() not in USER_ROLES:
+                return f"Failed setting user role: {_printable(value)}"
+            identity.user_role = value.upper()
+            return f"Setting user role: {value}"
         return ""
     if command.lower() == "get operational mode":
         return identity.operational_mode
     if command.lower() == "clear operational mode":
         identity.clear_operational_mode()
-        return "operational mode is no longer controlled by Dashboard Server"
+        return "No longer controlling the operational mode. Current operational mode: NONE"
     if word.lower() == "set operational mode":
-        return _set(identity, "operational_mode", value, OPERATIONAL_MODES)
+        if value.upper() not in OPERATIONAL_MODES:
+            return f"Failed setting operational mode: {_printable(value)}"
+        identity.operational_mode = value.upper()
+        return f"Operational mode {identity.operational_mode} is set"
     return ""
-
-
-def _set(identity: Identity, attribute: str, value: str, known: Collection[str]) -> str:
-    name = attribute.replace("_", " ")
-    if value.upper() not in known:
-        return f"Failed setting {name}: {_printable(value)}"
-    setattr(identity, attribute, value.upper())
-    return f"Setting {name}: {value}"
 
 
 def _printable(text: str) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.journal import SafetyMessage
 from monitor.simulate.controller.program.scripts import Framer
 from monitor.simulate.faults import CONNECTIONS_MAX, SERVICES
 from monitor.simulate.wire import dashboard, primary, realtime
@@ -84,12 +85,21 @@ class Ports:
         if opened["realtime"]:
             _to_all(opened["realtime"], self._realtime)
         messages = controller.journal.messages
+        # the state that a message about the safety mode speaks of comes before it: the manufacturer's client expects them to agree
+        if tick % self._state_every == 0 or any(isinstance(message, SafetyMessage) for message in messages):
+            self._publish_state(opened["primary"] | opened["secondary"])
         while messages:
             message = primary.encoded(messages.popleft())
             _to_all(opened["primary"], lambda message=message: message)  # type: ignore[misc]
-        if tick % self._state_every == 0 and (opened["primary"] or opened["secondary"]):
-            state = primary.state(controller)
-            _to_all(opened["primary"] | opened["secondary"], lambda: state)
+
+    def _publish_state(self, readers: set["Port"]) -> None:
+        fresh = {port for port in readers if not port.started}
+        for some, first in ((fresh, True), (readers - fresh, False)):
+            if some:
+                state = primary.state(self.controller, first=first)
+                _to_all(some, lambda state=state: state)  # type: ignore[misc]
+        for port in fresh:
+            port.started = not port.full
 
     def _publish_rtde(self, tick: int, now_s: float) -> None:
         faults = self.faults
@@ -143,7 +153,7 @@ class Ports:
 
 
 class Port(asyncio.Protocol):
-    """One connection to one service. `full` tells that too much is unread; `started` that RTDE's data packets are on."""
+    """One connection to one service. `full` tells that too much is unread; `started` that RTDE's data packets or the states are on."""
 
     service = ""
     backlog_bytes = BACKLOG_MAX_BYTES

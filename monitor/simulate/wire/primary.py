@@ -1,17 +1,19 @@
 """Ports 30001 and 30002: the robot's state ten times a second, and messages, in the manufacturer's published layout.
 
 Numbers are big-endian. Every message, and every package within a message, begins with an int32 total length and a uint8 type. Layouts:
-Universal Robots, Primary and Secondary Interfaces, software 5.9–5.11 and 3.14–3.15. The packages of kinematics, configuration and
-internal data are left out, as the guide allows. What is not modelled (analogue inputs, forces) is zero.
+Universal Robots, Primary and Secondary Interfaces, software 5.9–5.11 and 3.14–3.15. The packages of kinematics and configuration come in
+the first state of a connection, as they do not change; internal data are left out, as the guide allows. What is not modelled (analogue
+inputs, forces) is zero.
 """
 
 import struct
+import zlib
 
 import numpy as np
 
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.identity import Identity
-from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, Message, ProgramMessage, SafetyMessage
+from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, Message, ProgramMessage, SafetyMessage, TextMessage
 from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.controller.personality import SUPPLY_V
 from monitor.simulate.wire.variables import TOOL_OFF, TOOL_RUNNING, joint_mode, supply_current
@@ -19,12 +21,15 @@ from monitor.simulate.wire.variables import TOOL_OFF, TOOL_RUNNING, joint_mode, 
 # numbers of the primary interface's client protocol: kinds of message, parts of a state, kinds of text, and their sender
 STATE, MESSAGE = 16, 20
 ROBOT_MODE, JOINTS, TOOL, MASTERBOARD, CARTESIAN, FORCE, ADDITIONAL = 0, 1, 2, 3, 4, 7, 8
-VERSION, SAFETY, ERROR, KEY, EXCEPTION = 3, 5, 6, 7, 10
+KINEMATICS, CONFIGURATION = 5, 6
+TEXT, VERSION, SAFETY, ERROR, KEY, EXCEPTION = 0, 3, 5, 6, 7, 10
 FROM_CONTROLLER = 7  # sender of a message
 POSITION_CONTROL = 0  # the control mode of a robot that follows positions
 PERIOD_S = 0.1  # between two messages with the state
 TEXT_MAX_BYTES = 1000  # of a message's text: a longer one is cut, so that a packet stays small
-PROTECTIVE_STOP_CODE = 153  # "C153", position deviates from path: the only code that this controller reports
+ROBOT_TYPES = {"ur5": 1, "ur10": 2, "ur3": 3, "ur16": 4, "ur20": 7, "ur30": 8}  # the manufacturer's numbers; an e-Series has the same
+DEFAULT_MOTION = (1.05, 1.4, 0.25, 1.2)  # URScript's defaults: speed and acceleration of a movej and of a movel
+MAX_ACCELERATION_RAD_S2 = 40.0  # what ur-rtde and the manufacturer's guide give as the largest joint acceleration
 
 _MODE = struct.Struct(">Q7?BBddd")
 _JOINT = struct.Struct(">dddffffB")
@@ -38,8 +43,8 @@ def package(kind: int, payload: bytes) -> bytes:
     return struct.pack(">iB", len(payload) + 5, kind) + payload
 
 
-def state(controller: Controller) -> bytes:
-    """One message with the robot's state."""
+def state(controller: Controller, *, first: bool = False) -> bytes:
+    """One message with the robot's state. The first one of a connection holds the kinematics and the configuration too."""
     modes, measured, arm = controller.modes, controller.measurements.latest, controller.arm
     stopped = (modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP, modes.safety == SafetyMode.PROTECTIVE_STOP)
     playing, paused = modes.runtime == Runtime.PLAYING, modes.runtime == Runtime.PAUSED
@@ -61,8 +66,28 @@ def state(controller: Controller) -> bytes:
         package(CARTESIAN, _TWELVE.pack(*pose)),
         package(FORCE, bytes(56)),
         package(ADDITIONAL, bytes(4)),
+        *((package(KINEMATICS, _kinematics(controller)), package(CONFIGURATION, _configuration(controller))) if first else ()),
     )
     return package(STATE, b"".join(packages))
+
+
+def _kinematics(controller: Controller) -> bytes:
+    """Denavit–Hartenberg parameters with a checksum for each joint. The simulated arm is as it was designed: its calibration is zero."""
+    robot = controller.robot
+    columns = (robot.zero_rad, robot.a_m, robot.d_m, robot.alpha_rad)
+    checksums = [zlib.crc32(struct.pack(">4d", *joint)) for joint in zip(*columns, strict=True)]
+    return struct.pack(">6I24dI", *checksums, *np.concatenate(columns), 0)
+
+
+def _configuration(controller: Controller) -> bytes:
+    """Limits of the joints, defaults of moves, parameters of the kinematics, and the kind of arm."""
+    robot = controller.robot
+    positions = [limit for joint in robot.max_position_rad for limit in (-joint, joint)]
+    motions = [limit for joint in robot.max_speed_rad_s for limit in (joint, MAX_ACCELERATION_RAD_S2)]
+    columns = np.concatenate((robot.a_m, robot.d_m, robot.alpha_rad, robot.zero_rad))
+    kind = ROBOT_TYPES.get(controller.settings.robot.removesuffix("e"), 0)
+    # equivalent radius, versions of the master board and the box, and the arm's sub type are not published: zero
+    return struct.pack(">12d12d4dd24d4i", *positions, *motions, *DEFAULT_MOTION, 0.0, *columns, 0, 0, kind, 0)
 
 
 def version(identity: Identity, build_date: str, at_s: float) -> bytes:
@@ -81,10 +106,12 @@ def encoded(message: Message) -> bytes:
             return _message(at_s, KEY, struct.pack(">iiB", 0, 0, len(name)) + name + _text(text))
         case SafetyMessage(at_s, mode):
             return _message(at_s, SAFETY, struct.pack(">iiBII", 0, 0, int(mode), 0, 0))
-        case ErrorMessage(at_s, text):
-            return _message(at_s, ERROR, struct.pack(">iiiII", PROTECTIVE_STOP_CODE, 0, 3, 0, 0) + _text(text))
-        case ExceptionMessage(at_s, text):
-            return _message(at_s, EXCEPTION, struct.pack(">ii", 1, 1) + _text(text))
+        case ErrorMessage(at_s, text, code):
+            return _message(at_s, ERROR, struct.pack(">iiiII", code.number, 0, code.level, 0, 0) + _text(text))
+        case ExceptionMessage(at_s, text, line, column):
+            return _message(at_s, EXCEPTION, struct.pack(">ii", line, column) + _text(text))
+        case TextMessage(at_s, text):
+            return _message(at_s, TEXT, _text(text))
 
 
 def _message(at_s: float, kind: int, payload: bytes) -> bytes:

@@ -44,41 +44,55 @@ def _finite(name: str, values: list[float]) -> Array:
     return np.array(values)
 
 
-def _set_payload(call: Call) -> Result:
-    mass, *com = _finite("set_payload", call.vector(0, 4))
-    machine, most_kg = call.machine, 2.0 * call.machine.robot.payload_max_kg
+def _set_payload(machine: Machine, figures: list[float]) -> None:
+    mass, *com = _finite("set_payload", [*figures, 0.0, 0.0, 0.0][:4]).tolist()
+    most_kg = 2.0 * machine.robot.payload_max_kg
     if not 0.0 <= mass <= most_kg:
         raise ImpossibleArguments(f"set_payload: {mass:g} kg; expected 0 … {most_kg:g}")
     if max(map(abs, com)) > PAYLOAD_COM_MAX_M:
         raise ImpossibleArguments(f"set_payload: centre of mass {com}; expected within ±{PAYLOAD_COM_MAX_M:g} m of the flange")
     # from 5.0 on, a centre of mass at the flange itself keeps the present one: ur-rtde's script says so
     keep = not any(com) and machine.settings.polyscope.major >= 5
-    machine.installation.declare(payload=(float(mass), *(machine.installation.payload[1:] if keep else (float(x) for x in com))))
-    return None
+    machine.installation.declare(payload=(mass, *(machine.installation.payload[1:] if keep else com)))
 
 
-def _set_target_payload(call: Call) -> Result:
-    inertia = _finite("set_target_payload", call.vector(4, 6))
-    _set_payload(call)
-    call.machine.installation.inertia_kg_m2 = tuple(inertia.tolist())
-    return None
+def _set_target_payload(machine: Machine, figures: list[float]) -> None:
+    inertia = _finite("set_target_payload", [*figures[4:10], *[0.0] * 6][:6])  # the transition time behind it is not modelled
+    _set_payload(machine, figures[:4])
+    machine.installation.inertia_kg_m2 = tuple(inertia.tolist())
 
 
-def _set_tcp(call: Call) -> Result:
-    tool = _finite("set_tcp", call.vector())
-    if np.abs(tool).max() > TOOL_MAX:
-        raise ImpossibleArguments(f"set_tcp: {tool.tolist()}; expected at most {TOOL_MAX:g} m and rad")
-    call.machine.kinematics.tool = tool
-    return None
+def _set_tcp(machine: Machine, figures: list[float]) -> None:
+    tool = _finite("set_tcp", figures[:6])
+    if tool.shape != (6,) or np.abs(tool).max() > TOOL_MAX:
+        raise ImpossibleArguments(f"set_tcp: {tool.tolist()}; expected 6 figures of at most {TOOL_MAX:g} m and rad")
+    machine.kinematics.tool = tool
 
 
-def _set_gravity(call: Call) -> Result:
-    direction = _finite("set_gravity", call.vector(0, 3))
+def _set_gravity(machine: Machine, figures: list[float]) -> None:
+    direction = _finite("set_gravity", figures[:3])
     length = float(np.linalg.norm(direction))
     if not 1.0 < length < 20.0:
         raise ImpossibleArguments(f"set_gravity: {direction} is {length:g} m/s² long; expected about 9.82")
-    call.machine.installation.declare(gravity=-direction)  # set_gravity takes what an accelerometer at rest shows, which points upwards
-    return None
+    machine.installation.declare(gravity=-direction)  # set_gravity takes what an accelerometer at rest shows, which points upwards
+
+
+DECLARATIONS: dict[str, Callable[[Machine, list[float]], None]] = {  # what a program declares, by URScript's name; figures in its order
+    "set_payload": _set_payload,
+    "set_target_payload": _set_target_payload,
+    "set_tcp": _set_tcp,
+    "set_gravity": _set_gravity,
+}
+
+
+def _declaring(name: str, figures: int) -> Callable[[Call], Result]:
+    """The command of ur-rtde's script that declares something, with so many figures in the registers."""
+
+    def declare(call: Call) -> Result:
+        DECLARATIONS[name](call.machine, call.vector(0, figures))
+        return None
+
+    return declare
 
 
 def _pose_within(call: Call) -> Result:
@@ -141,9 +155,9 @@ def _pose_trans(call: Call) -> Result:
 
 
 ONCE: dict[int, Callable[[Call], Result]] = {  # executed once
-    17: _set_payload,
+    17: _declaring("set_payload", 4),
     28: _waypoint,
-    29: _set_tcp,
+    29: _declaring("set_tcp", 6),
     30: _inverse_near,
     36: _pose_within,
     37: _joints_within,
@@ -153,10 +167,10 @@ ONCE: dict[int, Callable[[Call], Result]] = {  # executed once
     44: _forward_of,
     46: _inverse,
     47: _steady,
-    59: _set_gravity,
+    59: _declaring("set_gravity", 3),
     60: _solvable(_inverse),
     61: _solvable(_inverse_near),
-    65: _set_target_payload,
+    65: _declaring("set_target_payload", 10),
 }
 
 

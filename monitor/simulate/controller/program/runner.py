@@ -6,16 +6,17 @@ from monitor.simulate.controller.logbook import CLIENT, SIMULATOR, SOMEBODY_ELSE
 from monitor.simulate.controller.modes import Runtime
 from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2
 from monitor.simulate.controller.program.control import ControlProgram
+from monitor.simulate.controller.program.files import ProgramFiles
 from monitor.simulate.controller.program.foreign import ForeignProgram
+from monitor.simulate.controller.program.language import ScriptError, Source
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.player import SteppedProgram, StepsProgram
-from monitor.simulate.controller.program.scripts import ControlScript, Refused, Steps
+from monitor.simulate.controller.program.scripts import ControlScript, Refused
 from monitor.simulate.controller.registers import Recipe
 
 log = logging.getLogger(__name__)
 
-PROGRAM_NAME = "rtde_control"
-
+EXCEPTION = "runtime exception"  # how the reason of a stop begins when a program made a mistake
 FOREIGN_NAME = "cell"  # of a program that somebody else starts
 
 Program = ControlProgram | StepsProgram | SteppedProgram | ForeignProgram
@@ -28,6 +29,8 @@ class Programs:
         self._machine = machine
         self.current: Program | None = None
         self._full_speed_at_s = 0.0  # until this time after a start, `speed_scaling` is 0
+        self.files = ProgramFiles()
+        self._name = ""  # of the present program
 
     def step(self) -> None:
         """Run the program for one control period."""
@@ -35,8 +38,13 @@ class Programs:
         if machine.watchdog.expired:
             machine.journal.watchdog_trips += 1
             self.stop(f"{machine.watchdog.variable} was not received for {machine.watchdog.limit_s:.3g} s", kind="watchdog", by="watchdog")
-        if self.current is not None and machine.modes.runtime == Runtime.PLAYING and not self.current.step():
-            self.stop("the program ended", kind="program_end", by="itself")
+        if self.current is None or machine.modes.runtime != Runtime.PLAYING:
+            return
+        try:
+            if not self.current.step():
+                self.stop("the program ended", kind="program_end", by="itself")
+        except ScriptError as wrong:
+            self.stop(f"{EXCEPTION}: {wrong.text}", by="itself", place=(wrong.line, wrong.column))
 
     def received(self, written: Recipe) -> None:
         """Note that a packet of inputs arrived."""
@@ -44,24 +52,39 @@ class Programs:
         if self.current is not None and self.current.command_register in written.names:
             self.current.received()
 
-    def start(self, script: ControlScript | Steps | Refused) -> None:
+    def start(self, script: ControlScript | Source | Refused, owner: str = CLIENT) -> None:
         """Start a program in place of the one that runs, or refuse it. A secondary program runs at once beside the other."""
         machine = self._machine
         reason = script.reason if isinstance(script, Refused) else machine.modes.obstacle
         if reason or isinstance(script, Refused):
             log.warning("script refused: %s", reason)
             machine.journal.refused_scripts.append(reason)
+            if isinstance(script, Refused) and script.report:
+                machine.journal.exception_message(script.report, script.line, script.column)
             return
-        if isinstance(script, Steps) and script.secondary:
-            StepsProgram(script, machine).step()
+        if isinstance(script, Source) and script.secondary:
+            self._run_beside(script)
             return
-        self.stop("replaced by another script", by=CLIENT)
+        self.stop("replaced by another script", by=owner)
         machine.journal.scripts_started += 1
-        machine.journal.logbook.program_began(CLIENT)
-        self.current = ControlProgram(script, machine) if isinstance(script, ControlScript) else StepsProgram(script, machine)
+        program = ControlProgram(script, machine) if isinstance(script, ControlScript) else StepsProgram(script, machine)
+        self._begin(program, script.name, owner)
+
+    def _begin(self, program: Program, name: str, owner: str) -> None:
+        """Play a program, and report its name."""
+        machine = self._machine
+        machine.journal.logbook.program_began(owner)
+        self.current, self._name = program, name
         machine.modes.play()
         self._full_speed_at_s = machine.clock.now_s + machine.personality.start_s()
-        machine.journal.program_message("PROGRAM_XXX_STARTED", PROGRAM_NAME)
+        machine.journal.program_message("PROGRAM_XXX_STARTED", name)
+
+    def _run_beside(self, script: Source) -> None:
+        """Run a secondary program at once. The program that runs goes on."""
+        try:
+            StepsProgram(script, self._machine).instant()
+        except ScriptError as wrong:
+            self._machine.journal.exception_message(wrong.text, wrong.line, wrong.column)
 
     @property
     def speed_scaling(self) -> float:
@@ -77,32 +100,30 @@ class Programs:
         if machine.modes.obstacle:
             return
         self.stop("replaced by somebody else's program", by=SOMEBODY_ELSE)
-        machine.journal.logbook.program_began(SOMEBODY_ELSE)
-        self.current = ForeignProgram(machine, seconds, moves=moves)
-        machine.modes.play()
-        self._full_speed_at_s = machine.clock.now_s + machine.personality.start_s()
-        machine.journal.program_message("PROGRAM_XXX_STARTED", FOREIGN_NAME)
+        self._begin(ForeignProgram(machine, seconds, moves=moves), FOREIGN_NAME, SOMEBODY_ELSE)
 
     def start_stepped(self) -> str:
         """Reserve the arm for a stepped replay. Returns why this is not possible, or an empty text."""
         obstacle = self._machine.modes.obstacle or ("a program is running" if self.current is not None else "")
         if not obstacle:
-            self.current = SteppedProgram()
+            self.current, self._name = SteppedProgram(), "stepped"
             self._machine.journal.logbook.program_began(SIMULATOR)
             self._machine.modes.play()
         return obstacle
 
-    def stop(self, reason: str, *, kind: str = "program_stop", by: str = "controller") -> bool:
-        """End the program; the arm decelerates to standstill. `by` is for the logbook. Returns False if no program was running."""
+    def stop(self, reason: str, *, kind: str = "program_stop", by: str = "controller", place: tuple[int, int] = (1, 1)) -> bool:
+        """End the program; the arm decelerates to standstill. `by` is for the logbook. Returns False if no program was running.
+
+        A reason that begins with EXCEPTION is reported with its place in the script: line and column.
+        """
         machine, reference = self._machine, self._machine.reference
         if self.current is None:
             return False
         machine.journal.stop(kind, reason)
         machine.journal.logbook.program_ended(kind, by, reason)
-        if reason.startswith("runtime exception"):
-            machine.journal.exception_message(reason)
-        else:
-            machine.journal.program_message("PROGRAM_XXX_STOPPED", PROGRAM_NAME)
+        if reason.startswith(EXCEPTION):
+            machine.journal.exception_message(reason.removeprefix(f"{EXCEPTION}: "), *place)
+        machine.journal.program_message("PROGRAM_XXX_STOPPED", self._name)
         self.current = None
         machine.modes.end_program()
         machine.watchdog.clear()
@@ -122,10 +143,16 @@ class Programs:
         return True
 
     def play(self) -> bool:
-        """Continue a paused program. Returns False if there is none or the arm may not move."""
+        """Continue a paused program, or start the one that is loaded. Returns False if there is none or the arm may not move."""
         machine = self._machine
-        if machine.modes.runtime != Runtime.PAUSED or not machine.modes.may_move:
+        if not machine.modes.may_move:
             return False
+        if machine.modes.runtime != Runtime.PAUSED:
+            loaded = self.files.program
+            if self.current is not None or loaded is None:
+                return False
+            self.start(loaded, SOMEBODY_ELSE)
+            return True
         machine.modes.play()
         machine.watchdog.feed()
         machine.moves.resume()

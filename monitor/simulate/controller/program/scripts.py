@@ -1,50 +1,35 @@
-"""URScript as it arrives on a port: framing, and the part of the language that this controller understands.
+"""URScript as it arrives on a port: framing, and what a script is.
 
-This is not an interpreter. It recognises four kinds of scripts: ur-rtde's control script with the path of moves that ur-rtde injects
-into it (`control.py` runs what that script describes); programs that are a list of moves, waits and register writes; single moves;
-and immediate commands. It refuses every other script and names the line.
+A script is one of four kinds: ur-rtde's control script with the path of moves that ur-rtde injects into it (`control.py` runs what that
+script describes); a program in the part of the language that `language.py` understands; an immediate line; and everything else, which is
+refused with the line and the reason.
 """
 
-import ast
-import math
 import re
 from dataclasses import dataclass
-from typing import Any
 
-from monitor.simulate.controller.moves import Move, StopMotion
+from monitor.simulate.controller.program.functions import FUNCTIONS
+from monitor.simulate.controller.program.interpreter import NeedsMachine, run
+from monitor.simulate.controller.program.language import ScriptError, Source, parsed
+from monitor.simulate.controller.program.steps import STEPS, Step, takes_time
 
 SCRIPT_MAX_BYTES = 1 << 20
 STEPS_MAX = 10_000
-INTEGER = 2**31  # an integer register holds −INTEGER … INTEGER − 1
-_CALL = re.compile(r"^(\w+)\s*\((.*)\)$")
-_POSE = re.compile(r"\bp(?=\[)")
 PATH_MARK = "# inject move path\n"
-
-
-@dataclass(frozen=True, slots=True)
-class Write:
-    """A write_output_integer_register or a write_output_float_register."""
-
-    register: int
-    value: float
-    whole: bool
-
-
-@dataclass(frozen=True, slots=True)
-class PathProgress:
-    """A signal_async_progress, which ur-rtde inserts into its paths."""
-
-    value: int
-
-
-@dataclass(frozen=True, slots=True)
-class Wait:
-    """A sleep."""
-
-    seconds: float
-
-
-Step = Move | StopMotion | Write | PathProgress | Wait
+CONTROL_NAME = "rtde_control"  # the name of ur-rtde's control script
+LINE_NAME = "unnamed"  # the name of a program that is a single line
+IMMEDIATE = frozenset(  # lines that act at once and are no program
+    (
+        "stop program",
+        "halt",
+        "set unlock protective stop",
+        "power on",
+        "power off",
+        "set robotmode run",
+        "close popup",
+        "close safety popup",
+    )
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,31 +39,27 @@ class ControlScript:
     int_offset: int = 0
     double_offset: int = 0
     path: tuple[Step, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Steps:
-    """A program that is a list of steps: a custom script of ur-rtde or a single line."""
-
-    steps: tuple[Step, ...]
-    secondary: bool = False  # a secondary program does not end the one that runs
+    name: str = CONTROL_NAME
 
 
 @dataclass(frozen=True, slots=True)
 class Immediate:
-    """A line that acts at once and is no program: `stop program`, `halt` or `set unlock protective stop`."""
+    """A line that acts at once and is no program."""
 
     line: str
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A script that this controller does not run, with the reason."""
+    """A script that this controller does not run: why, and what a controller reports at which place of the script."""
 
     reason: str
+    report: str = ""
+    line: int = 1
+    column: int = 1
 
 
-Script = ControlScript | Steps | Immediate | Refused
+Script = ControlScript | Source | Immediate | Refused
 
 
 class Framer:
@@ -117,32 +98,30 @@ class Framer:
         return complete
 
 
-class _UnknownLine(Exception):
-    """The controller does not understand a line."""
-
-
 def parse(text: str) -> Script:
     """Parse one complete script."""
     try:
         if text.startswith(("def rtde_control()", "def rtde_control ")) and "NODE_CONTROL_LOOP_BEGINS" in text:
             return _control_script(text)
-        if text.startswith(("def ", "sec ")):
-            name, *body = text.splitlines()
-            try:
-                steps = _steps(body[:-1])
-                if text.startswith("sec ") and not all(isinstance(step, Write) for step in steps):
-                    return Refused(f"the secondary program {name[4:].rstrip(':')[:80]} moves or waits; it may take no time")
-                return Steps(steps, secondary=text.startswith("sec "))
-            except _UnknownLine as wrong:
-                return Refused(
-                    f"the program {name[4:].rstrip(':')[:80]} is not ur-rtde's control script, and of others only lists of moves: {wrong}"
-                )
-        if text in {"stop program", "halt", "set unlock protective stop"}:
+        if text in IMMEDIATE:
             return Immediate(text)
-        steps = _steps([text])
-        return Steps(steps) if steps else Refused(f"the line {text[:80]!r} does nothing")
-    except _UnknownLine as wrong:
-        return Refused(str(wrong))
+        return _program(text)
+    except ScriptError as wrong:
+        where = "" if "\n" not in text else f"the program {text.split(chr(10), maxsplit=1)[0][4:].rstrip(':')[:80]}, line {wrong.line}: "
+        return Refused(f"{where}{wrong.text}", wrong.text, wrong.line, wrong.column)
+
+
+def _program(text: str) -> Source:
+    """A program, or a single line. Raises ScriptError for what is not understood, and for what cannot be run wherever the arm is."""
+    program = parsed(text, LINE_NAME, {*STEPS, *FUNCTIONS})
+    if program.straight:
+        try:
+            steps = _steps(program)
+        except NeedsMachine:
+            return program
+        if program.secondary and any(map(takes_time, steps)):
+            raise ScriptError("a secondary program may take no time; this one moves or waits")
+    return program
 
 
 def _control_script(text: str) -> Script:
@@ -154,79 +133,15 @@ def _control_script(text: str) -> Script:
         return Refused(f"register offsets {offsets}; expected 0 or 24")
     _, marker, after = text.partition(PATH_MARK)
     path = re.split(r"^\s*end\s*$", after, maxsplit=1, flags=re.MULTILINE)[0] if marker else ""
-    return ControlScript(int_offset=offsets["int"], double_offset=offsets["float"], path=_steps(path.splitlines()))
+    steps = _steps(parsed(path, CONTROL_NAME, STEPS)) if path.strip() else ()
+    return ControlScript(int_offset=offsets["int"], double_offset=offsets["float"], path=steps)
 
 
-def _steps(lines: list[str]) -> tuple[Step, ...]:
+def _steps(program: Source) -> tuple[Step, ...]:
+    """The steps of a program that does not ask for the state of the controller. Raises ScriptError, or NeedsMachine if it asks."""
     steps = []
-    for raw in lines:
-        line = raw.strip()
-        if not line or line.startswith("#"):
-            continue
-        call = _CALL.match(line)
-        if call is None:
-            raise _UnknownLine(f"the line {line[:80]!r} is not interpreted")
-        step = _step(call[1], call[2])
-        if step is not None:
-            steps.append(step)
+    for step in run(program, None):
+        steps.append(step)
         if len(steps) > STEPS_MAX:
-            raise _UnknownLine(f"more than {STEPS_MAX} steps")
+            raise ScriptError(f"more than {STEPS_MAX} steps")
     return tuple(steps)
-
-
-def _step(name: str, arguments: str) -> Step | None:
-    """One call as a step; None if the call has no effect here. Raises _UnknownLine."""
-    if name in {"textmsg", "sync"}:
-        return None
-    pose = _POSE.match(arguments.strip()) is not None
-    try:
-        args, named = _arguments(_POSE.sub("", arguments))
-        match name:
-            case "movej" | "movel":
-                target = tuple(float(value) for value in args[0])
-                straight = name == "movel"
-                given = (*args[1:3], None, None)
-                acceleration = named.get("a", given[0] if given[0] is not None else 1.2 if straight else 1.4)  # the defaults of URScript
-                speed = named.get("v", given[1] if given[1] is not None else 0.25 if straight else 1.05)
-                step: Step = Move(target, pose, straight, float(speed), float(acceleration))
-                if float(named.get("t", args[3] if len(args) > 3 else 0.0)) != 0.0:
-                    raise _UnknownLine(f"{name}({arguments[:80]}): a time t is not interpreted; give speed and acceleration")
-                figures = [*target, float(speed), float(acceleration)]
-                if len(target) != 6 or min(figures[6:]) <= 0.0:
-                    raise _UnknownLine(f"{name}({arguments[:80]}): expected 6 finite figures and positive speed and acceleration")
-            case "stopj" | "stopl":
-                figures = [float(args[0] if args else named.get("a", 2.0))]
-                step = StopMotion(figures[0], name == "stopl")
-            case "write_output_integer_register" | "write_output_float_register":
-                register, figures = int(args[0]), [float(args[1])]
-                step = Write(register, figures[0], "integer" in name)
-                if not 0 <= register < 48:
-                    raise _UnknownLine(f"{name}: register {register}; expected 0 … 47")
-                if step.whole and not -INTEGER <= figures[0] < INTEGER:
-                    raise _UnknownLine(f"{name}: {figures[0]:g}; expected a whole number of 32 bits")
-            case "signal_async_progress":
-                step, figures = PathProgress(int(args[0])), []
-            case "sleep":
-                figures = [float(args[0])]
-                step = Wait(figures[0])
-            case _:
-                raise _UnknownLine(f"the line {name}({arguments[:80]}) is not interpreted")
-    except (SyntaxError, ValueError, TypeError, IndexError, KeyError, OverflowError, RecursionError, MemoryError):
-        raise _UnknownLine(f"the arguments of {name}({arguments[:80]}) are not interpreted") from None
-    if not all(math.isfinite(figure) for figure in figures):
-        raise _UnknownLine(f"{name}({arguments[:80]}): expected finite figures")
-    return step
-
-
-def _arguments(text: str) -> tuple[list[Any], dict[str, float]]:
-    """The positional and named arguments of a call. A sum of two numbers counts as a number, since ur-rtde writes `0 +24`."""
-    call = ast.parse(f"f({text})", mode="eval").body
-    if not isinstance(call, ast.Call):
-        raise ValueError(text)
-
-    def value(node: ast.expr) -> Any:
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-            return ast.literal_eval(node.left) + ast.literal_eval(node.right)
-        return ast.literal_eval(node)
-
-    return [value(node) for node in call.args], {str(keyword.arg): float(ast.literal_eval(keyword.value)) for keyword in call.keywords}

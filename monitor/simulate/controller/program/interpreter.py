@@ -1,0 +1,225 @@
+"""Runs a parsed program: it yields the steps that take time or have an effect, one after another."""
+
+import ast
+import operator
+from collections.abc import Callable, Generator, Iterator
+from typing import Any
+
+from monitor.simulate.controller.program.functions import FUNCTIONS, Pose, Value, evaluated
+from monitor.simulate.controller.program.language import (
+    Assign,
+    Block,
+    Evaluate,
+    Expression,
+    Function,
+    If,
+    Jump,
+    Return,
+    ScriptError,
+    Source,
+)
+from monitor.simulate.controller.program.machine import Machine
+from monitor.simulate.controller.program.steps import STEPS, Step, step_of, takes_time
+
+STATEMENTS_MAX = 4000  # statements that a program may execute without a step that takes time
+CALLS_MAX = 40  # functions within functions
+
+Scope = dict[str, Value]
+Evaluation = Generator[Step, None, Value]
+OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Mod: operator.mod,
+}
+COMPARISONS: dict[type[ast.AST], Callable[[Any, Any], bool]] = {
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+}
+
+
+class NeedsMachine(Exception):
+    """An expression asks for the state of a controller, and there is none."""
+
+
+class _Halted(Exception):
+    """The program said `halt`."""
+
+
+class _Returned(Exception):
+    """A function returned."""
+
+    def __init__(self, value: Value) -> None:
+        self.value = value
+
+
+def run(program: Source, machine: Machine | None) -> Iterator[Step]:
+    """The steps of a program as they come. Raises ScriptError where a real controller raises a runtime exception.
+
+    Without a machine, a program that asks for the state of the controller raises NeedsMachine.
+    """
+    running = _Run(program, machine)
+    try:
+        yield from running.block(program.body, running.globals)
+    except (_Halted, _Returned):
+        return
+
+
+class _Run:
+    """One execution of a program."""
+
+    def __init__(self, program: Source, machine: Machine | None) -> None:
+        self._program, self._machine = program, machine
+        self.globals: Scope = {}
+        self._statements = self._depth = 0
+
+    def block(self, block: Block, scope: Scope) -> Generator[Step, None, str]:
+        """Execute statements. Returns "break" or "continue" if the loop around them shall do that, else an empty text."""
+        for statement in block:
+            self._statements += 1
+            match statement:
+                case Evaluate(value):
+                    yield from self._value(value, value.node, scope)
+                case Assign():
+                    yield from self._assign(statement, scope)
+                case If(branches, otherwise):
+                    chosen = otherwise
+                    for condition, body in branches:
+                        if (yield from self._value(condition, condition.node, scope)):
+                            chosen = body
+                            break
+                    jump = yield from self.block(chosen, scope)
+                    if jump:
+                        return jump
+                case Return(value):
+                    raise _Returned((yield from self._value(value, value.node, scope)) if value else None)
+                case Jump(kind):
+                    if kind == "halt":
+                        raise _Halted
+                    return kind
+                case _:
+                    while (yield from self._value(statement.condition, statement.condition.node, scope)):
+                        self._count(statement.condition)
+                        if (yield from self.block(statement.body, scope)) == "break":
+                            break
+        return ""
+
+    def _count(self, where: Expression) -> None:
+        """Raises ScriptError in a loop in which no time passes."""
+        self._statements += 1
+        if self._statements > STATEMENTS_MAX:
+            raise where.error(f"runtime_error: a loop without a step that takes time, after {STATEMENTS_MAX} statements")
+
+    def _assign(self, statement: Assign, scope: Scope) -> Generator[Step, None, None]:
+        value = yield from self._value(statement.value, statement.value.node, scope)
+        # as in URScript: a name without `local` is that of the function's variable if it has one, else a global variable
+        there = scope if statement.scope == "local" or (statement.name in scope and not statement.scope) else self.globals
+        if statement.index is None:
+            there[statement.name] = value
+            return
+        index = yield from self._value(statement.index, statement.index.node, scope)
+        try:
+            kept = there[statement.name]
+            kept[int(index)] = value
+        except (KeyError, TypeError, IndexError, ValueError):
+            raise statement.value.error(f"runtime_error: {statement.name}[{index}] does not exist") from None
+
+    # --- expressions --------------------------------------------------------------------------------------------
+    def _value(self, where: Expression, node: ast.expr, scope: Scope) -> Evaluation:
+        """The value of a node of an expression."""
+        try:
+            return (yield from self._node(where, node, scope))
+        except (TypeError, ValueError, IndexError, ZeroDivisionError, OverflowError, AttributeError) as wrong:
+            raise where.error(f"runtime_error: {wrong}", node) from None
+        except RecursionError:
+            raise where.error("runtime_error: the expression is too deep", node) from None
+
+    def _node(self, where: Expression, node: ast.expr, scope: Scope) -> Evaluation:
+        match node:
+            case ast.Constant(value):
+                return value
+            case ast.Name(name):
+                for names in (scope, self.globals):
+                    if name in names:
+                        return names[name]
+                raise where.error(f"compile_error_name_not_found:{name}:", node)
+            case ast.List(elements):
+                return (yield from self._nodes(where, elements, scope))
+            case ast.Subscript(ast.Name("p"), ast.Tuple(elements)):
+                return Pose((yield from self._nodes(where, elements, scope)))
+            case ast.Subscript(value, index):
+                container = yield from self._node(where, value, scope)
+                return container[int((yield from self._node(where, index, scope)))]
+            case ast.UnaryOp(sign, operand):
+                value = yield from self._node(where, operand, scope)
+                if isinstance(sign, ast.Not):
+                    return not value
+                return evaluated(operator.mul, -1 if isinstance(sign, ast.USub) else 1, value)
+            case ast.BinOp(left, sign, right) if type(sign) in OPERATORS:
+                first = yield from self._node(where, left, scope)
+                return evaluated(OPERATORS[type(sign)], first, (yield from self._node(where, right, scope)))
+            case ast.BoolOp(sign, parts):
+                wanted = isinstance(sign, ast.Or)
+                for part in parts:
+                    if bool((yield from self._node(where, part, scope))) == wanted:
+                        return wanted
+                return not wanted
+            case ast.Compare(left, [sign], [right]) if type(sign) in COMPARISONS:
+                first = yield from self._node(where, left, scope)
+                return COMPARISONS[type(sign)](first, (yield from self._node(where, right, scope)))
+            case ast.Call():
+                return (yield from self._call(where, node, scope))
+        raise where.error("syntax_error: this expression is not understood", node)
+
+    def _nodes(self, where: Expression, nodes: list[ast.expr], scope: Scope) -> Generator[Step, None, list[Value]]:
+        values = []
+        for node in nodes:
+            values.append((yield from self._node(where, node, scope)))
+        return values
+
+    def _call(self, where: Expression, node: ast.Call, scope: Scope) -> Evaluation:
+        assert isinstance(node.func, ast.Name)  # the parser has checked it
+        name = node.func.id
+        arguments = yield from self._nodes(where, node.args, scope)
+        values = yield from self._nodes(where, [keyword.value for keyword in node.keywords], scope)
+        named = dict(zip((str(keyword.arg) for keyword in node.keywords), values, strict=True))
+        if name in self._program.functions:
+            return (yield from self._call_own(where, node, self._program.functions[name], arguments, named))
+        if name in STEPS:
+            try:
+                step = step_of(name, arguments, named)
+            except ScriptError as wrong:
+                raise where.error(wrong.text, node) from None
+            if takes_time(step):
+                self._statements = 0
+            yield step
+            return None
+        function = FUNCTIONS[name]
+        if function.asks and self._machine is None:
+            raise NeedsMachine(name)
+        return function.call(self._machine, *arguments, **named)
+
+    def _call_own(self, where: Expression, node: ast.Call, function: Function, arguments: list[Value], named: Scope) -> Evaluation:
+        """Call a function of the program."""
+        self._count(where)
+        scope: Scope = dict(zip((name for name, _ in function.parameters), arguments, strict=False)) | named
+        for name, default in function.parameters:
+            if name not in scope:
+                if default is None:
+                    raise where.error(f"runtime_error: the argument {name} is missing", node)
+                scope[name] = yield from self._value(default, default.node, self.globals)
+        if self._depth >= CALLS_MAX or len(arguments) > len(function.parameters):
+            raise where.error("runtime_error: too many calls within each other, or too many arguments", node)
+        self._depth += 1
+        try:
+            yield from self.block(function.body, scope)
+        except _Returned as returned:
+            return returned.value
+        finally:
+            self._depth -= 1
+        return None
