@@ -219,6 +219,8 @@ def test_sigkill_during_a_replay_stops_the_arm_and_the_ledger_has_it_as_aborted(
     (row,) = cell.ledger()
     assert row.state == "aborted"
     assert list((cell.folder / "history" / "recordings").iterdir()) == []
+    with Store.reader(cell.folder / "history") as store:  # whether a safety stop came just before nobody knows
+        assert [stop.cause for stop in store.stops.waiting()] == ["unknown_end"]
 
 
 def test_sigterm_during_a_replay_stops_the_arm_first(cell):
@@ -232,6 +234,25 @@ def test_sigterm_during_a_replay_stops_the_arm_first(cell):
     (row,) = cell.ledger()
     assert row.state == "aborted"
     assert "stop" in (row.reason or "")
+
+
+def test_a_reload_that_forbids_motion_stops_a_moving_arm(cell):
+    """The file says `allow_motion = false` and SIGHUP comes: the arm comes to rest along its path, and nobody has to acknowledge it."""
+    cell, remote = cell
+    daemon = cell.daemon("--now")
+    assert eventually(lambda: moving(remote), 40.0), daemon.kill() or daemon.communicate()[1]
+    cell.config.write_text(cell.config.read_text().replace("allow_motion = true", "allow_motion = false"))
+    daemon.send_signal(signal.SIGHUP)
+    began = time.monotonic()
+    assert eventually(lambda: standing(remote), 5.0)
+    stood_s = time.monotonic() - began
+    assert eventually(lambda: cell.ledger()[-1].state == "aborted", 10.0)
+    assert cell.ledger()[-1].reason.startswith(f"{cell.host}: motion_forbidden")
+    with Store.reader(cell.folder / "history") as store:
+        assert store.stops.waiting() == []
+        assert [motion.ending for motion in store.motions.rows()] == ["motion_forbidden"]
+    stop(daemon)
+    assert stood_s < 1.5  # 1 s is promised; this machine has other work
 
 
 def test_motion_that_is_not_allowed_is_skipped_with_the_reason(cell):

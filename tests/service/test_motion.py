@@ -12,8 +12,10 @@ import pytest
 from excitations import short
 from test_driver import DONE, WAITING, MovingSession, ScriptedDriver, ScriptedSession, phase, row
 from test_guard import ready_state
+from typer.testing import CliRunner
 
 from monitor.acquire.state import Identity
+from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, StoreError, StoreUnavailable
@@ -210,3 +212,15 @@ def test_a_serial_number_in_the_configuration_is_what_a_person_says(configuratio
         assert causes(store) == []
         assert moved(named, store, arm(DONE, identity=Identity("UR5", "8", "3.15.8", True))) is None
         assert store.motions.expected_serial() == "8"
+
+
+def test_allow_names_the_arm_that_is_expected_from_now_on(configuration: Configuration):
+    """A person reads its number when it is accepted."""
+    arguments = ["--config", str(configuration.path), "--by", "Ada", "--why", "the arm was replaced"]
+    with Store.open(configuration.state_directory) as store:
+        store.stops.add_another_arm("20185500002", "the controller's serial number is 20185500002", 1.0)
+    done = CliRunner().invoke(app, ["allow", *arguments])
+    assert "from now on the arm with the serial number 20185500002 is expected; its first pass is slow" in done.stdout
+    with Store.reader(configuration.state_directory) as store:
+        assert store.motions.expected_serial() == "20185500002"
+    assert "no stop is waiting" in CliRunner().invoke(app, ["allow", *arguments]).stdout

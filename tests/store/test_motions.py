@@ -133,3 +133,19 @@ def test_a_history_of_the_third_schema_is_migrated_with_what_is_not_known(tmp_pa
         store.motions.give_up_left_over(30.0)
         assert [stop.cause for stop in store.stops.waiting()] == ["torque_band", "unknown_end"]
         assert "replay 2 was under way" in store.stops.waiting()[-1].text
+
+
+def test_a_restored_history_waits_for_a_person(tmp_path: Path):
+    """What waited since the backup, or was under way, is lost with the damaged file."""
+    with Store.open(tmp_path) as store:
+        store.back_up(3)
+        with store.motions.turn(1.0):
+            begun(store)
+    for suffix in ("", "-wal"):
+        (tmp_path / f"history.sqlite{suffix}").unlink(missing_ok=True)
+    with Store.open(tmp_path) as store:
+        (stop,) = store.stops.waiting()
+        assert stop.cause == "history_restored"
+        assert "a motion under way, may be lost" in stop.text
+    with Store.open(tmp_path) as store:
+        assert len(store.stops.waiting()) == 1
