@@ -64,7 +64,7 @@ class ReplayAborted(MonitorError):
     )
 
     # of these, the causes on this machine's side or on the network's: the same window may try again
-    TRANSIENT = frozenset({"late", "stalled", "timeout", "child_died", "connection_lost"})
+    TRANSIENT = frozenset({"late", "stalled", "timeout", "child_died", "connection_lost", "no_control", "no_watchdog"})
 
     def __init__(
         self, message: str, cause: str = "unknown", *, moved: bool = False, at_rest: bool = False, unknown: str | None = None
