@@ -18,6 +18,7 @@ from simulated_arm import simulated_arm
 
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.dashboard import Dashboard
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.robot import load_robot
 from monitor.recording import Context
@@ -49,6 +50,7 @@ class Cut:
     hit: int = 0  # connections that were there to be cut
     cause: str = ""
     stop_s: float | None = None  # from the cut to the stop in force
+    left_over: bool = False  # a control program without targets
     programs_after: int = 0
     motions_after: int = 0
     wrong: list[str] = field(default_factory=list)
@@ -100,8 +102,15 @@ def judge(cut: Cut, controller: str) -> None:
         truth = remote.truth()
     if children():
         cut.wrong.append(f"processes left: {children()}")
-    if not truth["standing"] or truth["program"] is not None:
-        cut.wrong.append("it moves, or a program runs")
+    if not truth["standing"]:
+        cut.wrong.append("it moves")
+    if truth["program"] is not None:
+        # a program that was on its way when its process ended runs without targets; no one may take it for ours, so it stays
+        cut.left_over = True
+        if cut.phase != "control":
+            cut.wrong.append("a program runs")
+        with Dashboard(controller) as dashboard:
+            dashboard.ask("stop")
     if cut.at_s is None or cut.connection not in NEEDED or not cut.hit:
         return
     programs = [run for run in truth["programs"] if run["began_s"] > cut.at_s + IN_FLIGHT_S]
