@@ -83,10 +83,15 @@ class FakeControl:
 
 
 class Silent:
-    """Parent's words and the pipe to it."""
+    """Parent's words and the pipe to it; it counts the signs of life."""
+
+    signs = 0
 
     def word(self):
         return None
+
+    def alive(self):
+        self.signs += 1
 
     def __getattr__(self, name):
         return lambda *_, **__: None
@@ -173,6 +178,16 @@ def test_a_safety_stop_before_the_program_starts_is_named(scripted):
     for each in made[8:]:
         each[COLUMN["safety_mode"]] = 3
     assert cause_of(scripted(made).start_program) == "protective_stop"
+
+
+def test_the_parent_hears_from_the_process_while_it_takes_control(scripted):
+    """What runs just after a sign of life is ours to stop, and nothing else is."""
+    arm = scripted(rows((STOPPED, 10), (PLAYING, 18), (STOPPED, 10)))
+    arm.start_program()
+    signs = arm.outbox.signs
+    arm.prove_watchdog()
+    assert signs >= 3
+    assert arm.outbox.signs - signs >= 3
 
 
 # --- the watchdog ------------------------------------------------------------------------------------------------

@@ -253,6 +253,8 @@ class Arm:
             raise StreamFailure("stalled", f"the controller's data has a gap of {1000 * self.step_s:.0f} ms")
         if self.control is not None:
             self.control.report()
+            if not self._moving:
+                self._tell_if_due(self.seen_at)
         return row
 
     def _sleep(self) -> None:
@@ -317,8 +319,8 @@ class Arm:
             self.outbox.row(row)
 
     def _tell_if_due(self, now: float) -> None:
-        """A sign of life where the next row is late."""
-        if self._moving and now - self._told_at > SIGN_OF_LIFE_S:
+        """A sign of life where the next row is late, and before the arm moves: what runs just after it is ours."""
+        if self.control is not None and now - self._told_at > SIGN_OF_LIFE_S:
             self._told_at = now
             self.outbox.alive()
 
