@@ -26,9 +26,11 @@ STANDS_WITHIN_S = (
 )
 REPORTED_WITHIN_S = 2.0
 TICK_S = 0.008
+IN_PHASE_S = 0.3  # into the approach or the return
 # where a fault meets an arm that is stalled or gone, the cause is the one that was seen first
 DISTURBED = frozenset({"late", "stalled", "following_error", "timeout"})  # causes by which a busy machine ends a replay before its fault
 ATTEMPTS = 4
+HELD = frozenset({"following_error", "protective_stop", "torque_band"})  # something holds the arm up
 LOST = frozenset({"connection_lost", "stalled", "controller_restarted"})
 
 
@@ -41,11 +43,13 @@ class Case:
     causes: frozenset[str] = frozenset()
     shows_within_s: float = 0.0  # from the command until the fault is there
     person: bool | None = None  # whether a person must allow the next motion; None where it depends on what was seen
+    phase: str = "play"  # of the replay; before and after the play the fault comes 0.3 s after the phase has begun
     theirs: bool = False  # somebody else's program plays after ours, which nobody of us may stop
 
     @property
     def description(self) -> str:
-        return " ".join([self.name, *(f"{key}={value}" for key, value in self.arguments.items())])
+        where = [] if self.phase == "play" else [f"in the {self.phase}"]
+        return " ".join([self.name, *(f"{key}={value}" for key, value in self.arguments.items()), *where])
 
 
 def _case(name: str, *causes: str, **arguments: Any) -> Case:
@@ -83,7 +87,6 @@ STOPPING = (
     Case("remote", {"state": "off"}, frozenset({"local_control"}), shows_within_s=1.0),
     # one connection alone, in the order in which the session opens them
     *(_case(fault, "connection_lost", service="rtde", connection=number) for fault in ("close", "reset") for number in (1, 2)),
-    *(_case(fault, "connection_lost", service="realtime", connection=1) for fault in ("close", "reset")),
     _person("power_cut", *LOST, seconds=1.0, connections="silent"),
     _person("power_cut", *LOST, seconds=1.0, connections="reset"),
     _case("clock_jump", "controller_restarted", "stalled", seconds=5.0),
@@ -91,16 +94,21 @@ STOPPING = (
     Case(
         "foreign_program",
         {"when": "now", "seconds": 4.0},
-        frozenset({"program_stopped", "following_error", "no_control", "unexpected_torque"}),
+        frozenset({"program_stopped", "following_error", "no_control", "torque_band"}),
         theirs=True,
     ),
     _person("teach_button", "teach_button"),
     _case("speed_slider", "speed_scaling", fraction=0.5),
     _case("payload_changed", "payload", kg=2.0),
     _person("reduced", "safety"),
-    _person("stuck", "following_error", "protective_stop", "unexpected_torque", joint=2),
-    _person("obstacle", "unexpected_torque", "following_error", "protective_stop", joint=2, torque=120.0),
+    _person("stuck", "following_error", "protective_stop", "torque_band", joint=2),
+    _person("obstacle", "torque_band", "following_error", "protective_stop", joint=2, torque=120.0),
     _person("brake", "robot_mode", "following_error", "protective_stop", joint=3),
+    *(Case("close", {"service": "rtde", "connection": 2}, frozenset({"connection_lost"}), phase=phase) for phase in ("approach", "return")),
+    *(Case("stuck", {"joint": 2}, HELD, person=True, phase=phase) for phase in ("approach", "return")),
+    Case("obstacle", {"joint": 2, "torque": 120.0}, HELD, person=True, phase="approach"),
+    Case("power_cut", {"seconds": 1.0, "connections": "silent"}, LOST, person=True, phase="approach"),
+    Case("safeguard_stop", {"seconds": 0.15}, frozenset({"safeguard_stop"}), person=True, phase="return"),
     _case("encoder_offset", "following_error", "protective_stop", joint=2, value=0.2),
 )
 HARMLESS = (
@@ -108,6 +116,7 @@ HARMLESS = (
     _case("listener_gone", service="dashboard"),
     _case("close", service="dashboard"),
     _case("close", service="secondary"),
+    *(_case(fault, service="realtime", connection=1) for fault in ("close", "reset")),  # the script has been sent; nothing more goes there
     _case("text_at_connect"),
     _case("registers_in_use"),
     _case("version", version="5.3.0"),
@@ -185,7 +194,8 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
 
     def on_progress(progress: ReplayProgress) -> None:
         rows[0] = progress.rows
-        if progress.phase == "play" and progress.elapsed_s >= at_s and not fault:
+        since_s = at_s if case.phase == "play" else IN_PHASE_S
+        if progress.phase == case.phase and progress.elapsed_s >= since_s and not fault:
             with Remote(host) as remote:
                 fault["clock_s"] = remote.truth()["clock_s"]
                 fault["at"] = time.monotonic()
@@ -311,9 +321,9 @@ def table(outcomes: list[Outcome]) -> str:
     def number(value: float | None) -> str:
         return "     –" if value is None else f"{value:6.3f}"
 
-    lines = [f"{'fault':<42}{'at':>6} {'cause':<22}{'stop':>7}{'stands':>8}{'told':>7}"]
+    lines = [f"{'fault':<54}{'at':>6} {'cause':<22}{'stop':>7}{'stands':>8}{'told':>7}"]
     for o in outcomes:
-        line = f"{o.case.description:<42}{o.at_s:6.1f} {o.cause or '–':<22}"
+        line = f"{o.case.description:<54}{o.at_s:6.1f} {o.cause or '–':<22}"
         line += f"{number(o.stop_s):>7}{number(o.stand_s):>8}{number(o.reported_s):>7}"
         line += "  person" if o.person else ""
         line += f"  (played {o.disturbed + 1} times)" if o.disturbed else ""

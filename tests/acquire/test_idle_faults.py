@@ -54,6 +54,18 @@ def test_what_stands_against_a_motion_refuses_it_by_its_condition_and_nothing_st
             assert {run["stopped_by"] for run in truth["programs"]} <= {"", "itself", "somebody else", "safety"}, fault
 
 
+def test_a_program_that_starts_while_ours_uploads_is_seen_and_nothing_moves():
+    """Theirs plays for 0.2 s before the controller starts our script, which replaces it: the arm does not move in its place."""
+    with simulated_arm("127.0.2.63", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host, Remote(host) as remote:
+        remote.fault("foreign_program", when="during_upload", delay=0.2, moves="off")
+        with pytest.raises(ReplayAborted) as aborted:
+            try_to_move(host)
+        truth = remote.truth()
+        assert aborted.value.cause == "no_control"
+        assert not truth["motions"]
+        assert truth["programs"][0]["owner"] == "somebody else"
+
+
 def test_a_watchdog_that_only_says_yes_is_found_out_at_standstill():
     """It is acknowledged and never acts: the arm does not move."""
     with simulated_arm("127.0.2.62", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host, Remote(host) as remote:
