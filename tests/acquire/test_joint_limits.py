@@ -11,6 +11,7 @@ import pytest
 from excitations import short
 from hypothesis import given
 from hypothesis import strategies as st
+from simulated_arm import simulated_arm
 from test_guard import inputs, ready_state
 
 from monitor.acquire.safety.conditions import named_conditions
@@ -141,3 +142,13 @@ def test_an_endless_wrist_beyond_its_reported_limits_shows_that_they_are_not_in_
     assert named_conditions(known, ("joint_limits",))[0].holds
     narrow = replace(known, identity=identity._replace(joint_limits=WIDE._replace(highest_rad=(0.0,) * 6)))
     assert not named_conditions(narrow, ("joint_limits",))[0].holds
+
+
+def test_a_simulated_controller_tells_the_limits_of_its_model():
+    """Its wire is built after the manufacturer's library; the limits of a UR5 are the published ones."""
+    with simulated_arm("127.0.93.13") as host:
+        limits = primary.joint_limits(host, 2.0)
+    assert limits is not None
+    robot = load_robot("ur5")
+    np.testing.assert_allclose(limits.highest_rad, robot.max_position_rad, atol=0.1)  # rad: an installation allows three degrees more
+    assert np.all(np.array(limits.speed_rad_s) >= robot.max_speed_rad_s - 1e-6)

@@ -10,6 +10,8 @@ from monitor.acquire.safety.limits import CHECK_RATE_HZ
 from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
 
+ROUNDING_RAD = 1e-6  # [rad, rad/s] a trajectory may be designed up to the limit itself
+
 
 class Software(NamedTuple):
     """A span of versions of the controller's software, both ends included, by major and minor number."""
@@ -89,11 +91,11 @@ def joint_limits(inputs: ConditionInputs) -> str:
         low, high = np.where(beyond, -np.inf, low), np.where(beyond, np.inf, high)
     for j in range(inputs.robot.joints):
         least, most, fastest = float(np.min(curve.q[:, j])), float(np.max(curve.q[:, j])), float(np.max(np.abs(curve.qd[:, j])))
-        if not (least >= low[j] and most <= high[j]):
+        if not (least >= low[j] - ROUNDING_RAD and most <= high[j] + ROUNDING_RAD):
             raise MotionRefused(
                 f"joint {j + 1} moves from {least:.2f} to {most:.2f} rad; the installation allows {low[j]:.2f} to {high[j]:.2f}"
             )
-        if not fastest <= speed[j]:
+        if not fastest <= speed[j] + ROUNDING_RAD:
             raise MotionRefused(f"joint {j + 1} moves at {fastest:.2f} rad/s; the controller's installation allows {speed[j]:.2f}")
     return "the trajectory is within those of the controller's installation"
 
