@@ -149,6 +149,9 @@ class Monitor:
             stop = error.cause if error.needs_a_person else None
             self._store.ledger.end(ledger_id, "aborted", str(error), self._now(), stop=stop)
             return
+        except StoreError as error:  # before the arm moved, or after it came to rest: the history knows how each motion ended
+            self._store.ledger.end(ledger_id, "aborted", str(error), self._now())
+            return
         except Exception as error:  # an error of this program: the child is dead and the arm was stopped; the row says what happened
             log.exception("replay=%d ended by a fault of the monitor's own", ledger_id)
             self._store.ledger.end(ledger_id, "aborted", f"internal: {type(error).__name__}: {error}", self._now(), stop="internal")

@@ -33,6 +33,22 @@ def test_an_exception_during_a_replay_ends_the_window_and_waits_for_a_person(tmp
         assert [stop.cause for stop in store.stops.waiting()] == ["internal"]
 
 
+def test_a_disk_that_refuses_a_motion_ends_the_window_without_a_person(tmp_path: Path, free_port: int):
+    """Its row is refused before the arm moves, so nothing has moved, and the next window may try."""
+    (tmp_path / "cell.toml").write_text(
+        f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[store]\ndirectory = "history"\n[bus]\nlisten = ["tcp/127.0.0.1:{free_port}"]\n'
+    )
+    configuration = load(tmp_path / "cell.toml")
+
+    def play(*_: object) -> None:
+        raise StoreUnavailable("history.sqlite: no space is left")
+
+    with Store.open(configuration.state_directory) as store, Daemon(configuration, store, now=lambda: 1e9, play=play) as daemon:
+        row = daemon.monitor.perform(1e9)
+        assert (row.state, row.reason) == ("aborted", "history.sqlite: no space is left")
+        assert store.stops.waiting() == []
+
+
 @needs_root
 def test_the_daemon_waits_at_its_start_for_room_on_the_disk(small_disk: Path, monkeypatch: pytest.MonkeyPatch):  # noqa: F811
     """The service manager would give up after repeated restarts. So the daemon waits, reports it, and continues when there is room."""
