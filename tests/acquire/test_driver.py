@@ -171,6 +171,11 @@ def test_after_a_clean_end_no_program_is_stopped():
         replay(short(), UR5, SETTINGS, driver=asked)
     assert (done.programs_stopped, asked.programs_stopped) == (0, 0)
     assert aborted.value.moved
+    nothing_sent = {"kind": "failed", "cause": "no_control", "text": "somebody else's program is playing", "ended": True}
+    other = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), nothing_sent]))
+    with pytest.raises(ReplayAborted, match="somebody else's"):
+        replay(short(), UR5, SETTINGS, driver=other)
+    assert other.programs_stopped == 0
 
 
 @pytest.mark.parametrize(

@@ -154,10 +154,11 @@ def test_the_program_is_sent_over_nothing_that_runs_and_awaited_on_both_connecti
 
 @pytest.mark.parametrize("state", [PLAYING, PAUSED, STOPPING])
 def test_nothing_is_sent_while_somebody_elses_program_is_there(scripted, state):
-    """It began after the conditions were checked; before, ur-rtde stopped it."""
+    """It began after the conditions were checked; before, ur-rtde stopped it. The parent hears that no program of ours runs."""
     arm = scripted(rows((STOPPED, 1), (state, 10)))
     assert cause_of(arm.start_program) == "no_control"
     assert arm.control.asked == []
+    assert not arm.program_sent
 
 
 def test_nothing_is_sent_while_only_the_control_connection_shows_a_program(scripted):
@@ -184,8 +185,10 @@ def test_the_parent_hears_from_the_process_while_it_takes_control(scripted):
     """What runs just after a sign of life is ours to stop, and nothing else is."""
     arm = scripted(rows((STOPPED, 10), (PLAYING, 18), (STOPPED, 10)))
     arm.start_program()
+    assert arm.program_sent
     signs = arm.outbox.signs
     arm.prove_watchdog()
+    assert not arm.program_sent  # it was seen to end; what runs now is somebody else's
     assert signs >= 3
     assert arm.outbox.signs - signs >= 3
 

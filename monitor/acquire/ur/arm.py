@@ -63,6 +63,7 @@ class Arm:
         )
         self.step_s = 0.0  # controller's time between the last two rows
         self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
+        self.program_sent = False  # a program of ours may run
         self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
         self.may_go = False
         self.band: TorqueBand | None = None  # of the motion; `guard_torque` sets it before anything moves
@@ -109,6 +110,7 @@ class Arm:
             raise StreamFailure("no_control", f"somebody else's program is {RUNTIME_STATES.get(runtime, 'unknown')}; nothing was sent")
         if control.program_runs():
             raise StreamFailure("no_control", "somebody else's program has started; nothing was sent")
+        self.program_sent = True
         if not control.upload():
             raise StreamFailure("no_control", "the control program could not be sent")
         self.note_busy()
@@ -164,6 +166,7 @@ class Arm:
                 raise StreamFailure("no_watchdog", f"without targets the program is {name}; expected stopped")
             row = self.next_row()
             state = arm_state(row)
+        self.program_sent = False
 
     def wait_for_full_speed(self) -> None:
         """Wait until the controller's own limiter lets the program play at full speed. Raises StreamFailure where it does not."""

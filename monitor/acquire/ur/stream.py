@@ -238,7 +238,8 @@ def main() -> None:
         leave(0)
     except StreamFailure as failure:
         explained = failure if arm is None else arm.explained(failure)
-        outbox.message("failed", cause=explained.cause, text=str(explained))
+        # without a program of ours the arm did not move, and what runs on the controller is somebody else's
+        outbox.message("failed", cause=explained.cause, text=str(explained), ended=arm is None or not arm.program_sent)
     except Stopped:
         cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
         outbox.message("failed", cause=cause, text="stopped on request; the arm stands", ended=True)
