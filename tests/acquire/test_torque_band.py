@@ -2,11 +2,11 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from excitations import short
+from learnt_arms import NORMAL, SETTINGS, Learnt, arm_of, first_outside, shipped
 from simulated_arm import known_gains
 
 from monitor.acquire.rows import COLUMN, WIDTH
@@ -15,88 +15,18 @@ from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.safety.learn_profile import learn_profile, phases, recorded_rows
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.safety.torque_profile import TorqueProfile
-from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.assess import assess
-from monitor.config.files import find_excitation
+from monitor.acquire.settings import Installation
 from monitor.design.cell import plain_cell
 from monitor.errors import MotionRefused
-from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import play, stepped_replay
-from monitor.store.recordings import read_recording
 
-ROOT = Path(__file__).parent.parent.parent
 UR5 = load_robot("ur5")
-SETTINGS = ReplaySettings(host="127.0.0.1")
 CONTEXT = Context(robot="ur5", payload_kg=0.0, mounting_rad=(0.0, 0.0, 0.0), tool="none")
 SIZES = ("ur5-ground", "ur3e-wall", "ur10-ceiling", "ur20-ground")
-SHIPPED = sorted(path.stem for path in (ROOT / "config" / "excitation").glob("*.json"))
-NORMAL = {  # what is normal: settings of the arm, wear of Coulomb and viscous friction
-    "as learnt": ({}, 1.0, 1.0),
-    "worn, friction doubled": ({}, 2.0, 2.0),
-    "worn, dry friction doubled": ({}, 2.0, 1.0),
-    "cold, 15 K below": ({"ambient_c": 7.0}, 1.0, 1.0),
-    "cold and worn": ({"ambient_c": 7.0}, 2.0, 2.0),
-    "noisy currents": ({"current_noise": 3.0}, 1.0, 1.0),
-    "payload wrong by 0.05 kg": ({"payload_kg": 0.05}, 1.0, 1.0),
-}
-
-
-def shipped(name: str) -> Excitation:
-    return replace(find_excitation(name, ROOT), repetitions=1)
-
-
-def arm_of(excitation: Excitation, normal: str = "as learnt", **settings) -> Controller:
-    """A simulated arm for the excitation, in one of the NORMAL circumstances."""
-    changes, coulomb, viscous = NORMAL[normal]
-    arm = Controller(SimulateSettings(**{"robot": excitation.robot, "mounting": excitation.mounting, **changes, **settings}))
-    for joint in range(6):
-        arm.arm.set_wear(joint, coulomb, viscous)
-    return arm
-
-
-def first_outside(band: TorqueBand, recording: Recording, pass_s: float | None = None):
-    """Index and text of the first row with which the band ends the motion; None where it does not."""
-    at = [None] * recording.samples if pass_s is None else phases(recording.t_s, SETTINGS.rate_hz, pass_s).tolist()
-    for i, row in enumerate(recorded_rows(recording)):
-        if outside := band.outside(row, at[i]):
-            return i, outside[1]
-    return None
-
-
-class Learnt:
-    """Two replays of a simulated arm, a day apart and 9 K apart, and what follows from them."""
-
-    def __init__(self, name: str) -> None:
-        self.excitation, self.robot = shipped(name), load_robot(name.split("-", maxsplit=1)[0])
-        self.gains = known_gains(self.robot.name)
-        arm, self.recordings, last = arm_of(self.excitation, seed=3), [], None
-        for day in (0, 1):
-            arm.pass_time(2.0, 22.0, 0.7 * day)
-            seen = stepped_replay(arm, self.excitation)
-            seen = replace(seen, context=replace(seen.context, recorded_at_unix_s=1.75e9 + day * 86_400.0))
-            known = {} if last is None else {"model": last.model}
-            belief, health = (None, None) if last is None else (last.belief, last.health)
-            last = assess(
-                seen,
-                robot=self.robot,
-                mounting=self.excitation.mounting,
-                belief=belief,
-                health=health,
-                gains=np.array(self.gains.gains_nm_per_a),
-                **known,
-            )
-            self.recordings.append(seen)
-        self.basis = BandBasis(model=last.model)
-        profile = learn_profile(self.recordings, self.robot, self.excitation, SETTINGS, self.gains, self.basis)
-        self.with_profile = replace(self.basis, profile=profile)
-
-    def band(self, basis: BandBasis | None = None) -> TorqueBand:
-        return TorqueBand(self.robot, self.excitation.mounting, SETTINGS, self.gains, basis or self.with_profile)
 
 
 @pytest.fixture(scope="module")
@@ -354,68 +284,3 @@ def test_every_change_asks_for_a_new_first_pass(changes):
     assert first_pass_key(**known) != first_pass_key(**{**known, **changes})
     same = {**known, "excitation": replace(short(), repetitions=2), "context": replace(CONTEXT, note="x", firmware="5.12")}
     assert first_pass_key(**known) == first_pass_key(**same)
-
-
-# --- real arms, and many ---------------------------------------------------------------------------------------
-
-UR10E_COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
-UR10E = Installation(gains_nm_per_a=(14.87, 13.26, 11.13, 10.62, 11.03, 11.47))
-FOURIER_RUNS = {"ur-20_02_12-50sec_12harm": 0.0, "ur-20_02_10-30sec_12harm": 0.0, "ur-20_02_19_14harm50sec": 0.0}
-
-
-@pytest.fixture(scope="module")
-def ur10e(real_data):
-    """The real Fourier runs by name, with target accelerations, which they lack, from smoothed speeds."""
-    from scipy.signal import savgol_filter
-
-    def read(name: str) -> Recording:
-        seen = read_recording(real_data / "ur10e" / f"{name}.csv", UR10E_COLUMNS)
-        whole = np.all(np.abs(np.hstack([seen.q, seen.qd])) < 10.0, axis=1)  # torn rows are left out
-        t_s, qd = seen.t_s[whole], seen.qd[whole]
-        qdd = np.gradient(savgol_filter(qd, 11, 3, axis=0), t_s, axis=0)
-        return Recording(t_s=t_s, q=seen.q[whole], qd=qd, current=seen.current[whole], target_qdd=qdd)
-
-    return {name: read(name) for name in (*FOURIER_RUNS, "ur-20_02_19_14harm50secLoad")}
-
-
-def test_no_real_fourier_run_leaves_the_manufacturers_band(ur10e):
-    """Three runs without load, and one with 2.6 kg whose centre of mass nobody gives."""
-    robot, settings = load_robot("ur10e"), replace(SETTINGS, rate_hz=100.0)
-    for name, recording in ur10e.items():
-        payload_kg = 2.6 if name.endswith("Load") else 0.0
-        band = TorqueBand(robot, Mounting(), settings, UR10E, BandBasis(), payload_kg=payload_kg)
-        assert first_outside(band, recording) is None, name
-        assert band.largest_share < 0.95, name
-
-
-@pytest.mark.parametrize("learnt_on", FOURIER_RUNS)
-def test_no_real_fourier_run_leaves_the_band_that_was_learnt_on_another(ur10e, learnt_on):
-    """The model of one run, also at other speeds; and a payload of 2.6 kg that this model does not know leaves its band."""
-    robot, settings = load_robot("ur10e"), replace(SETTINGS, rate_hz=100.0)
-    seen = replace(ur10e[learnt_on], target_qdd=None, context=Context(recorded_at_unix_s=1.75e9))
-    learnt = assess(seen, robot=robot, mounting=Mounting(), belief=None, health=None, gains=np.array(UR10E.gains_nm_per_a))
-    basis = BandBasis(model=learnt.model)
-    for name, recording in ur10e.items():
-        band = TorqueBand(robot, Mounting(), settings, UR10E, basis)
-        found = first_outside(band, recording)
-        assert (found is None) == (name in FOURIER_RUNS), (name, found)
-        assert name not in FOURIER_RUNS or band.largest_share < 0.8
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(1800)
-def test_nothing_normal_leaves_the_band_on_any_shipped_trajectory(soak_row):
-    """Every arm and mounting, every normal circumstance, each kind of basis."""
-    left, largest, count = [], 0.0, 0
-    for name in SHIPPED:
-        learnt = Learnt(name)
-        for normal in NORMAL:
-            recording = stepped_replay(arm_of(learnt.excitation, normal, seed=23), learnt.excitation)
-            for basis in (BandBasis(), learnt.basis, learnt.with_profile):
-                band = learnt.band(basis)
-                found = first_outside(band, recording, learnt.excitation.pass_s)
-                count, largest = count + 1, max(largest, band.largest_share)
-                if found:
-                    left.append((name, normal, basis.description, found))
-    soak_row("torque of sound replays in the band", f"{len(left)} of {count} left it, at most {largest:.2f} of it", "0")
-    assert left == []

@@ -43,7 +43,9 @@ PRIOR_MODEL = (0.05, 0.05, 0.02, 0.001)  # standard deviations of the excess: Co
 PRIOR_UNKNOWN = (0.05, 0.06, 0.06, 0.005)
 SIGMAS = 3.0  # of the filter's uncertainty
 NOISE_SIGMAS = 2.0  # of a single measured torque: five rows in succession are required
-NOISE_S = 1.0  # the noise of the current is measured over this time
+NOISE_S = 0.3  # the noise of the current is measured over this time
+NOISE_CLIP = 16.0  # a single difference counts for at most so many times the variance: a collision is no noise
+JOLT_TICKS, JOLT_S, JOLT = 2.5, 0.2, 1.5  # after a gap of so many ticks a late target jolts the arm: the narrow part is so much wider
 CLIP_SIGMAS = 1.5  # a larger surprise moves the filter no farther: a collision must not be learnt
 
 # the wide part
@@ -109,7 +111,8 @@ class TorqueBand:
         self._used: deque[Array] = deque(maxlen=self.rows_outside)  # (2, J) differences downwards and upwards, as shares of what is allowed
         self._noise_var = (0.5 * UNMODELLED * most) ** 2
         self._measured: Array | None = None
-        self._timestamp_s = np.nan
+        self._timestamp_s, self._tick_s = np.nan, 1.0 / settings.rate_hz
+        self._jolted_s = 0.0  # time for which the jolt of a late target counts yet
         self.largest_share = 0.0  # largest difference so far that lasted OUTSIDE_S, as a share of what is allowed
 
     @property
@@ -149,6 +152,7 @@ class TorqueBand:
         dt = timestamp_s - self._timestamp_s
         dt = min(max(dt, 1e-3), LONGEST_STEP_S) if np.isfinite(dt) else FIRST_STEP_S
         self._timestamp_s = timestamp_s
+        self._jolted_s = JOLT_S if dt > JOLT_TICKS * self._tick_s else max(self._jolted_s - dt, 0.0)
         measured = row[COLUMN["actual_current"]] * self._gains
         at = self._of.at(row[COLUMN["actual_q"]], qd, row[COLUMN["target_qdd"]], row[COLUMN["joint_temperatures"]])
         middle, share = at.torque, NARROW * self._most if self._known else NARROW_UNKNOWN * self._most + self._of.payload_nm
@@ -171,6 +175,8 @@ class TorqueBand:
         dry = np.abs(at.coulomb_nm + self._theta[:, 0])
         held = BREAKAWAY * dry * (1.0 - np.abs(sign))
         narrow = share + SIGMAS * np.sqrt(own_var) + NOISE_SIGMAS * np.sqrt(self._noise_var) + held
+        if self._jolted_s > 0.0:
+            narrow = JOLT * narrow
         excess = measured - middle
         self._learn(measured - usual, speed, PH, own_var, dt)
         return Reading(measured, usual, surprise, narrow, share, excess, self._wide(at.friction, qd, speed, held))
@@ -190,7 +196,7 @@ class TorqueBand:
         if self._measured is not None:
             var = 0.5 * np.nan_to_num(measured - self._measured) ** 2
             share = min(dt / NOISE_S, 1.0)
-            self._noise_var = self._noise_var + share * (np.minimum(var, 9.0 * self._noise_var) - self._noise_var)
+            self._noise_var = self._noise_var + share * (np.minimum(var, NOISE_CLIP * self._noise_var) - self._noise_var)
         self._measured = measured
 
     def _learn(self, surprise: Array, speed: Array, PH: Array, own_var: Array, dt: float) -> None:
