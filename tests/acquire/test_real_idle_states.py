@@ -200,3 +200,44 @@ def test_a_shipped_trajectory_is_played_around_the_wrist_of_the_real_recording(r
     assert abs(played.at(np.zeros(1)).q[0, 5] - q[5]) <= np.pi
     still = np.delete(played.at(np.zeros(1)).q[0] - excitation.at(np.zeros(1)).q[0], 5)
     assert np.max(np.abs(still - 2.0 * np.pi * np.round(still / (2.0 * np.pi)))) < 1e-9
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize("name", [name for name in COLUMN if name not in {"commanded_q", "host_monotonic_s", "timestamp"}])
+def test_no_value_of_any_column_raises_and_none_that_is_reported_and_impossible_passes(name, wrong):
+    """Whatever a controller reports, each condition finds something. The modes are whole numbers on the wire, never these."""
+    row = np.zeros(WIDTH)
+    row[COLUMN["target_q"]] = row[COLUMN["actual_q"]] = START
+    for column, value in IN_ORDER.items():
+        row[COLUMN[column]] = value
+    inputs = ConditionInputs(
+        settings=ReplaySettings(host="127.0.0.1", allow_motion=True),
+        excitation=around("ur5", START),
+        robot=load_robot("ur5"),
+        context=Context(robot="ur5", payload_kg=1.0),
+        now_unix_s=0.0,
+        identity=None,
+        state=None,
+        installation=Installation(payload_cog_m=(0.0, 0.0, 0.0)),
+    )
+    assert refused(inputs, arm_state(row)) == []
+    if name in WHOLE_NUMBERS:
+        return
+    row[COLUMN[name].start] = wrong
+    with np.errstate(all="ignore"):
+        found = refused(inputs, arm_state(row))
+    if not math.isnan(wrong) and name not in NOT_ASKED:
+        assert found, name
+
+
+START = np.array([0.1, -1.5, 0.2, -1.4, 0.1, 2.5])
+WHOLE_NUMBERS = {"robot_mode", "safety_mode", "runtime_state", "safety_status_bits"}
+NOT_ASKED = {  # by conditions before a motion: the band and the stream look at some of them
+    *("actual_current", "target_qdd", "target_current", "target_moment", "actual_digital_input_bits"),
+    "robot_status_bits",  # 1e300 is a whole number whose third bit is not set
+    "actual_TCP_pose",  # compared only where a TCP is configured
+}
+IN_ORDER = {
+    **{"robot_mode": 7, "safety_mode": 1, "runtime_state": 1, "safety_status_bits": 1, "robot_status_bits": 1, "joint_mode": 253},
+    **{"target_speed_fraction": 1.0, "payload": 1.0, "joint_temperatures": 30.0},
+}

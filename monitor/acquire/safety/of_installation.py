@@ -106,6 +106,8 @@ def tcp_offset(inputs: ConditionInputs) -> str:
         raise MotionRefused("unknown: no RTDE data")
     if not _reported(state.tcp_pose):
         raise Unreported("not reported: a tool that nobody told the monitor is not noticed")
+    if not np.all(np.isfinite([*state.q, *state.tcp_pose])):
+        raise MotionRefused("unknown: the controller reports positions that are not finite")
     place, turn = offset_of(inputs.robot, state.q, np.array(state.tcp_pose))
     reported = ", ".join(str(round(1000.0 * value)) for value in place) + " mm"
     if not expected:
