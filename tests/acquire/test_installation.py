@@ -10,6 +10,7 @@ import pytest
 from excitations import short
 from hypothesis import given
 from hypothesis import strategies as st
+from simulated_arm import known_gains
 from test_guard import SIMULATED, inputs, ready_state
 
 from monitor.acquire.driver import ReplayTask
@@ -49,6 +50,17 @@ def test_an_arm_whose_gains_nobody_knows_is_refused_by_the_name_of_the_key(name)
         with pytest.raises(MotionRefused, match="gains_nm_per_a"):
             guard.check_quick(replace(known, context=Context()))
     assert found("drive_gains", replace(known, installation=Installation(gains_nm_per_a=GAINS))).holds
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_a_torque_constant_of_the_motor_is_no_gain_of_the_joint(name):
+    """A factory calibration lists the motors' constants, a hundredth of the gains: a joint without load would show no collision."""
+    robot = load_robot(name)
+    for gain in (0.1, 1000.0):
+        result = found("drive_gains", inputs(robot=robot, installation=Installation(gains_nm_per_a=(gain,) * 6)))
+        assert not result.holds
+        assert "gear ratio" in result.text
+    assert found("drive_gains", inputs(robot=robot, installation=known_gains(name))).holds
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from monitor.errors import MotionRefused
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
+LEAST_CURRENT_A, MOST_CURRENT_A = 0.5, 100.0  # at a joint's largest torque; known arms need 2.6 A (a UR3's wrist) to 55 A (a UR20's base)
 COG_ERROR_M = 0.01  # between two centres of gravity: with 5 kg it is 0.5 N·m at the wrist, a tenth of its friction
 LIGHT_KG = 0.05  # the centre of a lighter payload does not matter
 TCP_ERROR_M, TCP_ERROR_DEG = 0.01, 2.0  # a controller's calibrated kinematics differ from the published ones by a few millimetres
@@ -36,10 +37,19 @@ NAMES = ("elbow", "flange", "TCP")
 
 def drive_gains(inputs: ConditionInputs) -> str:
     """The torque per ampere of every joint is known: without it no collision is noticed."""
-    if inputs.installation.drive_gains(inputs.robot) is None:
+    gains = inputs.installation.drive_gains(inputs.robot)
+    if gains is None:
         raise MotionRefused(
             f"robot.gains_nm_per_a is empty, and the torque per ampere of a {inputs.robot.name} is not published: without it no collision "
             "is noticed; give robot.gains_nm_per_a"
+        )
+    current_a = inputs.robot.max_torque_nm / gains  # (J,) at the joint's largest torque
+    wrong = np.flatnonzero(~((current_a >= LEAST_CURRENT_A) & (current_a <= MOST_CURRENT_A)))
+    if wrong.size:
+        j = int(wrong[0])
+        raise MotionRefused(
+            f"robot.gains_nm_per_a: with {gains[j]:g} N·m/A joint {j + 1} would need {current_a[j]:.3g} A for its largest torque; expected "
+            f"{LEAST_CURRENT_A:g} to {MOST_CURRENT_A:g} A: a gain is that of the joint, the motor's torque constant times the gear ratio"
         )
     return "as configured" if inputs.installation.gains_nm_per_a else f"published for the {inputs.robot.name}"
 
