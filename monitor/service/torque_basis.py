@@ -18,6 +18,7 @@ from monitor.store.store import Store
 log = logging.getLogger(__name__)
 
 PROFILE_REPLAYS = 3  # the latest accepted ones: enough to see what returns at a place, and it takes a second
+PROFILE_ROWS = 8000  # 0.5 ms each: the motion begins so much later
 LOOK_BACK = 12  # assessed replays among which those of this trajectory are searched
 
 
@@ -41,8 +42,14 @@ def torque_basis(
         for each in earlier
         if each.context.trajectory_digest == excitation.digest and _same_load(each.context, earlier[0].context) and each.qd is not None
     ]
-    profile = learn_profile(alike[:PROFILE_REPLAYS], robot, excitation, configuration.replay, installation, basis)
+    profile = learn_profile(_shortened(alike), robot, excitation, configuration.replay, installation, basis)
     return replace(basis, profile=profile)
+
+
+def _shortened(recordings: list[Recording]) -> list[Recording]:
+    """The first PROFILE_REPLAYS of them, fewer where they have more than PROFILE_ROWS rows together; the first in any case."""
+    rows = [sum(each.samples for each in recordings[: count + 1]) for count in range(min(len(recordings), PROFILE_REPLAYS))]
+    return recordings[: max(sum(total <= PROFILE_ROWS for total in rows), 1)]
 
 
 def _accepted(store: Store) -> list[Recording]:

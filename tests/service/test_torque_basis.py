@@ -101,3 +101,12 @@ def test_a_payload_that_is_not_configured_goes_with_the_model(configuration, see
     with Store.open(configuration.state_directory) as store:
         stored(store, carried, seen[0][1], 1)
         assert torque_basis(store, configuration, EXCITATION, replace(CONTEXT, payload_kg=None)).payload_kg == 1.5
+
+
+def test_long_recordings_do_not_delay_the_motion(configuration, seen, monkeypatch):
+    """The newest recording counts in any case, earlier ones while there are few rows."""
+    monkeypatch.setattr("monitor.service.torque_basis.PROFILE_ROWS", 2000)
+    with Store.open(configuration.state_directory) as store:
+        for day, each in enumerate(seen, start=1):
+            stored(store, *each, day)
+        assert torque_basis(store, configuration, EXCITATION, CONTEXT).profile.replays == 1
