@@ -14,13 +14,13 @@ from test_failures import SETTINGS, SOUND
 from test_guard import NOON, SIMULATED, displaced, inputs, ready_state
 
 from monitor.acquire.replay import replay
-from monitor.acquire.rows import COLUMN, WIDTH
+from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.conditions import conditions
 from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream
-from monitor.acquire.ur.failures import StreamFailure, state_failure
+from monitor.acquire.ur.failures import state_failure
 from monitor.acquire.ur.receive import SIGNALS, read_row
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot
@@ -90,53 +90,16 @@ def test_a_payload_that_is_changed_during_a_replay_ends_it():
     assert ReplayAborted("…", failure.cause).needs_a_person
 
 
-class Uploaded:
-    """An arm whose control program has started, and which stands at the given position."""
+class AskedToStop:
+    """An arm that was asked to stop; nothing else of it is looked at."""
 
-    def __init__(self, target_q: np.ndarray, proved_q: np.ndarray) -> None:
-        self.settings, self.outbox, self.proved_q = SIMULATED, self, proved_q
-        self.recent: list[np.ndarray] = []
-        self.asked_to_stop: str | None = None
-        self._row = np.zeros(WIDTH)
-        self._row[COLUMN["target_q"]] = target_q
-
-    def message(self, kind: str, **_: object) -> None:
-        """Messages are dropped."""
-
-    def upload_control(self) -> "Uploaded":
-        """The control program has started already."""
-        return self
-
-    def begin_from(self, target_q: np.ndarray) -> None:
-        self.recent.append(target_q)
-
-    def next_row(self) -> np.ndarray:
-        return self._row
-
-    def setWatchdog(self, hz: float) -> bool:
-        return hz >= 10.0
-
-
-@pytest.mark.parametrize(("by_rad", "taken"), [(0.001, True), (0.02, False), (math.nan, False)])
-def test_an_arm_that_was_moved_during_the_upload_does_not_start_on_an_unproved_path(by_rad, taken):
-    """The upload takes up to seconds; in that time a person may move the arm far."""
-    there = ready_state().target_q.copy()
-    there[2] += by_rad
-    arm = Uploaded(there, ready_state().target_q)
-    if taken:
-        assert np.array_equal(stream.take_control(arm), there)
-        return
-    with pytest.raises(StreamFailure, match="joint 3 was moved by") as failure:
-        stream.take_control(arm)
-    assert failure.value.cause == "no_control"
+    asked_to_stop = "permit_withdrawn"
 
 
 def test_nothing_begins_after_a_request_to_stop():
     """A request in the last 0.4 s of a phase lets that phase end as planned. The next does not begin, and the replay is no success."""
-    arm = Uploaded(ready_state().target_q, ready_state().target_q)
-    arm.asked_to_stop = "permit_withdrawn"
     with pytest.raises(stream.Stopped):
-        stream.stream(arm, "return", 0.2, lambda _: ready_state().target_q)
+        stream.stream(AskedToStop(), "return", 0.2, lambda _: ready_state().target_q)
 
 
 def test_a_window_that_closes_during_the_announcement_or_the_wait_for_a_permit_closes():

@@ -270,12 +270,17 @@ def moving(scripted, made):
     return arm
 
 
-def test_an_arm_that_was_moved_since_its_way_was_proved_gets_no_target(scripted):
+@pytest.mark.parametrize(("by_rad", "taken"), [(0.001, True), (0.01, False), (-0.02, False), (math.nan, False)])
+def test_an_arm_that_was_moved_since_its_way_was_proved_gets_no_target(scripted, by_rad, taken):
+    """The upload takes up to seconds; in that time a person may move the arm far."""
     made = rows((PLAYING, 5))
     arm = scripted(made)
     for each in made[1:]:
-        each[COLUMN["target_q"]] = each[COLUMN["target_q"]] + 0.01
-    assert cause_of(arm.begin) == "no_control"
+        each[COLUMN["target_q"]] = each[COLUMN["target_q"]] + by_rad
+    if taken:
+        assert arm.begin().tolist() == made[1][COLUMN["target_q"]].tolist()
+    else:
+        assert cause_of(arm.begin) == "no_control"
 
 
 @pytest.mark.parametrize("jump_s", [5.0, 0.3, -5.0])
