@@ -145,7 +145,7 @@ def allow(
     why: Annotated[str, typer.Option(help="What was found, and why it may move again.", show_default=False)],
     as_json: JsonOption = False,
 ) -> None:
-    """Let the arm move again after a stop that a person had to look at; who and why are kept with it."""
+    """Let the arm move again after a stop that a person had to look at, or accept another arm; who and why are kept with it."""
     from monitor.publish.timestamps import rfc3339
     from monitor.store.store import Store
 
