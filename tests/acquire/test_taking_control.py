@@ -202,7 +202,7 @@ def test_the_parent_hears_from_the_process_while_it_takes_control(scripted):
         ([(PLAYING, 16), (STOPPED, 10)], None),
         ([(PLAYING, 16), (STOPPING, 3), (STOPPED, 10)], None),
         ([(PLAYING, 100)], "no_watchdog"),  # acknowledged, and not there
-        ([(PLAYING, 6), (STOPPED, 10)], "program_stopped"),  # somebody else stopped it: that proves nothing
+        ([(PLAYING, 5), (STOPPED, 10)], "program_stopped"),  # somebody else stopped it: that proves nothing
         ([(PLAYING, 14), (PAUSED, 10)], "no_watchdog"),  # a paused program may go on
     ],
 )

@@ -30,7 +30,7 @@ SUSPECT_SHARE = 0.8  # of the largest age of a row: from here on a stall is susp
 TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one before: a cycle advances by at most two ticks
 LONGEST_STEP_S = 10.0  # of the controller's clock between two rows of a standing arm; more means that the controller was restarted
 LATE_SHARE = 0.5  # of the longest gap: a process that slept so long without a check was late itself
-ANSWER_S = 0.1  # from the start of our program to its first answer, which takes two to four ticks
+ANSWER_S, ANSWER_TICKS = 0.1, 4.0  # our program answers two to four ticks after its start; the larger of both is the limit
 START_S = 5.0  # from the upload until the control program runs; a real controller needs some tenths of a second
 WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog says is not watched
 WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
@@ -126,29 +126,28 @@ class Arm:
             if self.seen_at - since_s > START_S:
                 raise StreamFailure("no_control", f"the control program did not start within {START_S:g} s")
 
-    def _set_watchdog(self) -> Array:
-        """Set the watchdog; the first row (WIDTH,) after its acknowledgement, which only our program gives.
+    def _set_watchdog(self) -> None:
+        """Set the watchdog; only our program acknowledges it. From now on a target must come in time.
 
         Raises StreamFailure where it is not acknowledged, or so late that somebody else's program must have run until then.
         """
-        since_s = self._timestamp_s
+        since_s = time.monotonic()
         if not self._control.set_watchdog(self.settings.watchdog_hz):
             raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
         self.note_busy()
-        row = self.next_row()
-        took_s = row[0] - since_s
-        if took_s > ANSWER_S:
+        took_s = self.seen_at - since_s
+        if took_s > max(ANSWER_S, ANSWER_TICKS * self.tick_s):
             text = f"the program answered only after {1000 * took_s:.0f} ms: somebody else's may have run until ours replaced it"
             raise StreamFailure("no_control", text)
-        return row
 
     def prove_watchdog(self) -> None:
         """Set the watchdog, send nothing, and see the controller end the program in time; the arm stands meanwhile.
 
         Raises StreamFailure where the program goes on, or ends for another reason.
         """
-        row = self._set_watchdog()
+        self._set_watchdog()
         period_s = 1.0 / self.settings.watchdog_hz
+        row = self.next_row()
         since_s, state = float(row[0]), arm_state(row)
         while state.runtime_state == RUNTIME_PLAYING:
             if row[0] - since_s > period_s + WATCHDOG_LATE_S:
@@ -158,7 +157,7 @@ class Arm:
             row = self.next_row()
             state = arm_state(row)
         took_s = row[0] - since_s
-        if took_s < WATCHDOG_EARLY_SHARE * period_s:
+        if took_s < WATCHDOG_EARLY_SHARE * period_s - self.tick_s:
             raise StreamFailure("program_stopped", f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s")
         while state.runtime_state != RUNTIME_STOPPED or self._control.program_runs():
             if row[0] - since_s > period_s + START_S or state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
