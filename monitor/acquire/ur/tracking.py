@@ -5,6 +5,7 @@ was sent got its targets late, or does not take them. The first is told apart fr
 now and then, and a servo that gets its targets late stays near its own target all the same.
 """
 
+import math
 from collections import deque
 
 import numpy as np
@@ -50,6 +51,6 @@ class Tracking:
 def _farthest(q: Array, targets: Array) -> tuple[int, float]:
     """The joint of q (J,) that is farthest outside the range of targets (n, J), and its distance [rad]; inf where it is no number."""
     outside = np.maximum(targets.min(axis=0) - q, q - targets.max(axis=0))  # (J,)
-    outside = np.where(np.isfinite(outside), outside, np.inf)
-    j = int(np.argmax(outside))
-    return j, float(outside[j])
+    j = int(outside.argmax())  # a NaN counts as the largest
+    far = float(outside[j])
+    return j, math.inf if math.isnan(far) else far
