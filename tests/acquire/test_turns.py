@@ -13,6 +13,7 @@ from monitor.acquire.safety import guard
 from monitor.acquire.safety.turns import turned
 from monitor.model.regressor import regressor
 from monitor.model.robot import load_robot
+from monitor.service.history.assess_and_store import robot_digest
 
 START = short().at(np.zeros(1)).q[0]
 
@@ -91,3 +92,9 @@ def test_the_conditions_and_the_trajectory_in_play_are_of_the_same_turn():
     guard.check_state(known)
     assert known.played.at(np.zeros(1)).q[0, 1] == pytest.approx(q[1])
     assert known.excitation.digest == short().digest
+
+
+def test_what_a_stored_verdict_says_of_its_robot_stays_as_it_was():
+    """Whether a joint turns without end came later; it is no part of an identification, and so not of its robot's digest."""
+    assert robot_digest(load_robot("ur5")) == "d0ee52a1c29ffd2d"
+    assert robot_digest(load_robot("ur3e")) == robot_digest(replace(load_robot("ur3e"), endless=np.zeros(6)))

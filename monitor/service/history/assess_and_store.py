@@ -28,6 +28,8 @@ from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
+NOT_IDENTIFIED = frozenset({"endless"})  # came later: with it the digests of stored verdicts would all differ
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatorState:
@@ -69,8 +71,9 @@ def made_with(configuration: Configuration) -> dict[str, Any]:
 
 
 def robot_digest(robot: Robot) -> str:
-    """16 hexadecimal digits that identify a robot's parameters."""
-    return hashlib.sha256(json.dumps(plain(robot), sort_keys=True, default=str).encode()).hexdigest()[:16]
+    """16 hexadecimal digits that identify a robot's parameters: of those, all that an identification depends on."""
+    parameters = {name: value for name, value in plain(robot).items() if name not in NOT_IDENTIFIED}
+    return hashlib.sha256(json.dumps(parameters, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def assess_recording(
