@@ -34,6 +34,7 @@ class OurProgram(NamedTuple):
 
     at_s: float | None  # when the program that runs was last known to be ours (monotonic [s]); None: it is not known
     state: Literal["running", "paused", "starting"] = "running"  # starting: it was being sent, and may begin to run only now
+    name: str | None = None  # as the robot calls it; None: it is not known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,6 +101,9 @@ class Driver(Protocol):
 
         Raises RobotUnreachable, as each question does.
         """
+
+    def playing_program(self, host: str) -> str | None:
+        """The name of the program that plays, empty where the robot tells no names; None where none plays. Raises RobotUnreachable."""
 
     def stop_program(self, host: str, ours: OurProgram) -> bool:
         """End our program and no other, without any session. False where the robot did not show that our program has ended."""

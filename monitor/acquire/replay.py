@@ -100,7 +100,8 @@ def replay(
         forbidden=forbidden or (lambda: None),
         on_progress=on_progress,
     )
-    watch = Watch(settings, gate, caller, Oversight(questions))
+    oversight = Oversight(questions, playing_program=lambda: driver.playing_program(settings.host))
+    watch = Watch(settings, gate, caller, oversight)
     session = driver.stream(task)
     try:
         watch.follow(session)

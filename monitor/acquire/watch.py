@@ -103,14 +103,14 @@ class Watch:
     @property
     def our_program(self) -> OurProgram:
         """What is known of our program at the end of the session: it was ours when the session was last in control."""
-        message = self.last_message
+        message, name = self.last_message, self.oversight.program_name
         if self.phase == "ready":  # it had not begun to send a program
             return OurProgram(None)
         if self.phase == "control":
-            return OurProgram(self._alive_at, "starting")
+            return OurProgram(self._alive_at, "starting", name)
         if message is not None and message["kind"] == "failed" and message["cause"] == "program_stopped":
-            return OurProgram(self._alive_at, "paused")  # what plays now is another program
-        return OurProgram(self._alive_at)
+            return OurProgram(self._alive_at, "paused", name)  # what plays now is another program
+        return OurProgram(self._alive_at, name=name)
 
     def follow(self, session: Session) -> None:
         """Follow the session until its last message, its death, or a reason to give it up.

@@ -115,6 +115,9 @@ class ScriptedDriver:
     def remote_control(self, host):
         yield lambda: True
 
+    def playing_program(self, host):
+        return "ours.urp"
+
     def stop_program(self, host, ours):
         assert self.session.ended  # first the session, then the robot
         self.programs_stopped += 1

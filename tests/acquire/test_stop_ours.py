@@ -94,6 +94,15 @@ def test_a_program_that_is_not_known_to_be_ours_is_never_stopped(ours):
         assert dashboard.stops == []
 
 
+def test_a_program_of_another_name_has_taken_the_place_of_ours_and_is_not_stopped():
+    """It came over ours without a pause in which nothing ran; our own name is stopped."""
+    with ScriptedDashboard(lambda _: "PLAYING") as dashboard:
+        assert stop_program(HOST, OurProgram(time.monotonic(), name="ours.urp"), within_s=0.3)
+        assert dashboard.stops == []
+        assert stop_program(HOST, OurProgram(time.monotonic(), name="cell.urp"), within_s=0.3)
+        assert len(dashboard.stops) == 1
+
+
 def test_a_controller_that_answers_late_gets_no_stop():
     """Its answer is older than the time in which a cell may start a program of its own."""
     with ScriptedDashboard(lambda _: "PLAYING", answers_after_s=0.15) as dashboard:

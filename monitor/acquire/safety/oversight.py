@@ -6,7 +6,7 @@ The thread that follows the session only reads what they found, so that a slow a
 import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from typing import NamedTuple
 
 from monitor.acquire.safety.inputs import Permit
@@ -14,6 +14,7 @@ from monitor.errors import RobotUnreachable
 
 CONTROL_EVERY_S = 0.2  # between two questions whether remote control is on: the arm stands within 1 s of its loss
 CONTROL_SILENCE_S = 2.0  # a dashboard that was closed and opened again answers within that time
+NAME_EVERY_S = 0.2  # between two questions for the name of our program, until it plays
 PERMIT_EVERY_S = 1.0  # between two questions for the permit
 PERMIT_ANSWER_S = 0.5  # one question waits so long for its answer
 PERMIT_SILENCE_S = 1.9  # two questions in a row without an answer: the permit is gone
@@ -33,15 +34,17 @@ Question = Callable[[threading.Event], Interruption | None]  # returns where it 
 class Oversight:
     """Runs questions while the arm moves; `finding` is the first reason to stop that one of them found."""
 
-    def __init__(self, questions: tuple[Question, ...]) -> None:
-        self._questions = questions
+    def __init__(self, questions: tuple[Question, ...], *, playing_program: Callable[[], str | None]) -> None:
+        """`playing_program` gives the name of the program that plays; None while none does. The first one that plays is ours."""
+        self._questions, self._playing_program = questions, playing_program
         self._over = threading.Event()
         self._threads: list[threading.Thread] = []
         self.finding: Interruption | None = None
+        self.program_name: str | None = None  # of our program, as the robot calls it; None: it is not known
 
     def start(self) -> None:
         """Begin to ask."""
-        for question in self._questions:
+        for question in (*self._questions, self._note_name):
             self._threads.append(threading.Thread(target=self._run, args=(question,), name="oversight", daemon=True))
             self._threads[-1].start()
 
@@ -54,6 +57,11 @@ class Oversight:
         until = time.monotonic() + LEAVE_S
         for thread in self._threads:
             thread.join(max(0.0, until - time.monotonic()))
+
+    def _note_name(self, over: threading.Event) -> None:
+        while self.program_name is None and not over.wait(NAME_EVERY_S):
+            with suppress(RobotUnreachable):
+                self.program_name = self._playing_program()
 
     def _run(self, question: Question) -> None:
         try:

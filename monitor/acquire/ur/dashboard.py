@@ -53,13 +53,13 @@ class Dashboard:
             raise RobotUnreachable(f"{self._host}: the dashboard closed the connection ({error})") from None
         return self._line()
 
-    def program_state(self) -> str:
-        """PLAYING, PAUSED or STOPPED. Software that does not know the question is asked whether a program runs."""
-        answer = self.ask("programState").upper()
-        for state in ("PLAYING", "PAUSED", "STOPPED"):
-            if answer.startswith(state):
-                return state
-        return "STOPPED" if self.ask("running").lower() == "program running: false" else "PLAYING"
+    def program(self) -> tuple[str, str | None]:
+        """PLAYING, PAUSED or STOPPED, and the program's name; None where the software tells only whether a program runs."""
+        answer = self.ask("programState")
+        state, _, name = answer.partition(" ")
+        if state.upper() in {"PLAYING", "PAUSED", "STOPPED"}:
+            return state.upper(), name
+        return ("STOPPED" if self.ask("running").lower() == "program running: false" else "PLAYING"), None
 
     def remote_control(self) -> bool | None:
         """Whether the controller takes commands over the network; None where it does not say."""
@@ -116,12 +116,19 @@ def safety_stop(host: str, timeout_s: float = 0.4) -> SafetyStop | None:
     return None if mode == "NORMAL" else SafetyStop(SAFETY_CAUSES.get(mode, "safety"), f"the controller's safety mode is {mode}")
 
 
+def playing_program(host: str, timeout_s: float = 0.5) -> str | None:
+    """The name of the program that plays, empty where the software tells no names; None where none plays. Raises RobotUnreachable."""
+    with Dashboard(host, timeout_s) as dashboard:
+        state, name = dashboard.program()
+    return (name or "") if state == "PLAYING" else None
+
+
 def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S) -> bool:
     """End our program and no other: True once the controller has shown that no program runs, so that ours has ended.
 
     A `stop` is sent only where the controller has just shown a program that runs, and that program was known to be ours at most OURS_S
-    before. Each such look makes the next one possible, so a program that ignores a stop is stopped again; after a longer pause, or once
-    no program has run, whatever runs may be somebody else's.
+    before, and has the name of ours. Each such look makes the next one possible, so a program that ignores a stop is stopped again; after
+    a longer pause, or once no program has run, whatever runs may be somebody else's.
 
     Returns False where the controller did not show the end within within_s.
     """
@@ -132,7 +139,10 @@ def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S) -
             with Dashboard(host, timeout_s=0.8) as dashboard:
                 while time.monotonic() < until:
                     looked_at = time.monotonic()
-                    state = dashboard.program_state()
+                    state, name = dashboard.program()
+                    another = state != "STOPPED" and bool(name and ours.name) and name != ours.name
+                    if another:
+                        return True  # it has taken the place of ours
                     is_ours = time.monotonic() - ours_at_s <= OURS_S
                     if state == "STOPPED" and not (is_ours and ours.state == "starting"):
                         return True

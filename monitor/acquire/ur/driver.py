@@ -53,6 +53,10 @@ class UniversalRobots:
         with dashboard.Dashboard(host, timeout_s=REMOTE_TIMEOUT_S) as conversation:
             yield conversation.remote_control
 
+    def playing_program(self, host: str) -> str | None:
+        """The name of the program that plays, empty where the software tells no names; None where none plays. Raises RobotUnreachable."""
+        return dashboard.playing_program(host)
+
     def stop_program(self, host: str, ours: OurProgram) -> bool:
         """End our program and no other. False where the controller did not show that it has ended."""
         return dashboard.stop_program(host, ours)
