@@ -1,11 +1,13 @@
 """The torque band on real recordings, after late targets, and on every trajectory of the package."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from learnt_arms import NORMAL, ROOT, SETTINGS, Learnt, arm_of, first_outside
 
+from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.band_basis import BandBasis
 from monitor.acquire.safety.torque_band import TorqueBand
@@ -82,16 +84,16 @@ def test_nothing_normal_leaves_the_band_on_any_shipped_trajectory(soak_row):
     assert left == []
 
 
-# --- late targets ---------------------------------------------------------------------------------------------
+# --- whole motions, late targets ---------------------------------------------------------------------------------------------
 
 
-def late_rows(arm: Controller, excitation: Excitation, *, share: float, longest_ticks: int) -> list[tuple[Array, float]]:
-    """Rows and phases of a replay whose targets come late in this share of its cycles, by up to so many ticks of 8 ms."""
+def streamed(
+    arm: Controller, position: Callable[[float], Array], duration_s: float, *, share: float = 0.0, longest_ticks: int = 2
+) -> list[tuple[Array, float]]:
+    """Rows and phases of a stream of targets position(τ) that come late in this share of the cycles, by up to so many ticks of 8 ms."""
     dice, tick_s, found, tau_s = np.random.default_rng(4), 1.0 / SETTINGS.rate_hz, [], 0.0
-    arm.reference.put(excitation.at(np.zeros(1)).q[0], np.zeros(6), np.zeros(6))
-    arm.arm.q = arm.reference.q.copy()
-    while tau_s < excitation.duration_s:
-        arm.reference.follow([excitation.at(np.array([tau_s])).q[0].tolist()], tick_s, LOOKAHEAD_S, GAIN)
+    while tau_s < duration_s:
+        arm.reference.follow([position(tau_s).tolist()], tick_s, LOOKAHEAD_S, GAIN)
         ticks = int(dice.integers(2, longest_ticks + 1)) if dice.random() < share else 1
         for _ in range(ticks * round(tick_s / arm.clock.tick_s)):
             arm.step()
@@ -110,11 +112,39 @@ def late_rows(arm: Controller, excitation: Excitation, *, share: float, longest_
     return found
 
 
+def along(excitation: Excitation) -> Callable[[float], Array]:
+    return lambda tau_s: excitation.at(np.array([tau_s])).q[0]
+
+
+@pytest.mark.parametrize("name", ["ur5-ground", "ur16e-wall"])
+@pytest.mark.parametrize("normal", ["as learnt", "cold and worn"])
+def test_the_ways_to_the_start_and_back_stay_within_the_band(name, normal):
+    """A filter that knows nothing of today's friction yet, from a standing arm, with rests between the phases and at the end."""
+    learnt = Learnt(name)
+    excitation = learnt.excitation
+    for basis in (BandBasis(), learnt.with_profile):
+        arm = arm_of(excitation, normal, seed=9)
+        home, start = arm.reference.q.copy(), excitation.at(np.zeros(1)).q[0]
+        there, back = (joint_path(*ends, speed_rad_s=0.5, acceleration_rad_s2=1.5) for ends in ((home, start), (start, home)))
+        band = learnt.band(basis)
+        for position, duration_s, played in (
+            (there.at, there.duration_s, False),
+            (lambda _: start, 0.5, False),  # noqa: B023 - used at once
+            (along(excitation), excitation.duration_s, True),
+            (back.at, back.duration_s, False),
+            (lambda _: home, 0.5, False),  # noqa: B023
+        ):
+            for row, phase_s in streamed(arm, position, duration_s):
+                assert band.outside(row, phase_s if played else None) is None, basis.description
+        assert 0.0 < band.largest_share < 0.95
+
+
 @pytest.mark.parametrize(("share", "longest_ticks"), [(0.3, 3), (0.05, 6), (0.02, 11)])
 def test_late_targets_jolt_the_arm_and_do_not_leave_the_band(share, longest_ticks):
     """Up to 88 ms late; the stream itself ends at 0.1 s. A busy machine must not look like a collision."""
     learnt = Learnt("ur5-ground")
-    rows = late_rows(arm_of(learnt.excitation, seed=5), learnt.excitation, share=share, longest_ticks=longest_ticks)
+    arm, excitation = arm_of(learnt.excitation, seed=5, home_rad=tuple(learnt.excitation.at(np.zeros(1)).q[0])), learnt.excitation
+    rows = streamed(arm, along(excitation), excitation.duration_s, share=share, longest_ticks=longest_ticks)
     for basis in (BandBasis(), learnt.basis, learnt.with_profile):
         band = learnt.band(basis)
         assert all(band.outside(row, phase_s) is None for row, phase_s in rows), basis.description
