@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sim_pendant import COMMAND, CONTROL, DOUBLES, FOUR, FOURTEEN, MOVE, ONE, SIX, SPEED, Pendant
 
+from monitor.simulate.arm.contact import Contact
 from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.controller.registers import INPUT_TYPES, recipe
 from monitor.simulate.controller.truth import truth
@@ -231,15 +232,59 @@ def test_declared_payload_and_gravity_change_what_the_controller_computes_with(p
     assert np.array(output_variables(c)["target_moment"].read())[1] == pytest.approx(-loaded[1], rel=0.01)
 
 
-def test_unknown_commands_are_refused_visibly(pendant):
-    """The commands that end force mode and freedrive are done with result 0, and the true state lists them as refused."""
-    pendant.controller.registers.output_ints[1] = 1
-    assert pendant.do(COMMAND, [52]) == 0
-    assert pendant.do(COMMAND, [7]) == 0
-    assert truth(pendant.controller)["refused_commands"] == [52, 7]
-    pendant.controller.write_inputs(COMMAND, [6])  # a command of every control period: it is recorded once
+@pytest.mark.parametrize(("command", "name"), [(52, "freedriveMode"), (6, "forceMode"), (12, "servoC"), (66, "directTorque")])
+def test_a_command_that_is_not_simulated_ends_the_program(pendant, command, name):
+    """ur-rtde takes any answer for success, so there is none: the program ends with an exception that names the command."""
+    assert pendant.do(COMMAND, [command]) == -1
+    pendant.controller.write_inputs(COMMAND, [command])
+    pendant.run(0.05)
+    assert pendant.controller.modes.runtime == Runtime.STOPPED
+    assert truth(pendant.controller)["refused_commands"] == [command]
+    assert pendant.controller.journal.stops[-1].reason == f"runtime exception: not simulated: {name}"
+
+
+def test_ends_of_modes_that_never_began_are_done(pendant):
+    """forceModeStop, endTeachMode and endFreedriveMode have nothing to do; freedrive is off and nothing touches the arm."""
+    assert [pendant.do(COMMAND, [command]) for command in (7, 19, 53, 62, 54, 63, 64)] == [0] * 7
+    assert pendant.controller.modes.runtime == Runtime.PLAYING
+
+
+def test_move_until_contact_stops_at_an_obstacle_and_goes_back_to_it(pendant):
+    """The tool turns about the base until a wall presses against joint 1; it ends where it touched first."""
+    c = pendant.controller
+    pendant.do(MOVE, [1, 0.0, -1.2, 1.2, -1.6, -1.57, 0.0, 2.0, 4.0, 0])
     pendant.run(0.2)
-    assert truth(pendant.controller)["refused_commands"] == [52, 7, 6]
+    sideways = c.kinematics.speed(c.reference.q, np.array([0.2, 0, 0, 0, 0, 0]))
+    c.arm.contact = Contact(joint=0, left_s=math.inf, stiffness_nm_per_rad=500.0, wall_rad=0.1)
+    before = c.reference.q[0]
+    assert pendant.do(FOURTEEN, [51, *sideways, 0, 0, 0, 0, 0, 0, 0.5, 0]) == 0
+    assert c.modes.safety == SafetyMode.NORMAL
+    assert before + 0.05 < c.reference.q[0] < before + 0.3
+    assert c.reference.at_rest
+
+
+def test_move_until_contact_ends_in_a_protective_stop_where_nothing_is_in_the_way(pendant):
+    """The arm goes on to its limits, as a real one does, and ur-rtde's call returns False."""
+    c = pendant.controller
+    pendant.do(MOVE, [1, 0.0, -1.2, 1.2, -1.6, -1.57, 0.0, 2.0, 4.0, 0])
+    c.write_inputs(FOURTEEN, [51, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2.0, 0])
+    pendant.run(10.0)
+    assert c.modes.safety == SafetyMode.PROTECTIVE_STOP
+    assert c.registers.output_ints[0] != 2
+
+
+@pytest.mark.parametrize("feature", [0, 1, 2])
+def test_jogging_moves_the_tool_along_the_axes_of_a_frame(pendant, feature):
+    """0 the base, 1 the tool, 2 a frame of its own: here turned by 90° about z. jogStop stops it."""
+    c = pendant.controller
+    pendant.do(MOVE, [1, 0.0, -1.2, 1.2, -1.6, -1.57, 0.0, 2.0, 4.0, 0])
+    pendant.run(0.2)
+    rotation = {0: np.eye(3), 1: c.kinematics.at(c.reference.q).rotation, 2: np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])}[feature]
+    assert pendant.do(FOURTEEN, [41, 0.05, 0, 0, 0, 0, 0, feature, 0.5, 0, 0, 0, 0, 0, np.pi / 2]) == 0
+    pendant.run(0.5)
+    assert np.allclose(c.kinematics.speed(c.reference.q, c.reference.qd)[:3], rotation @ [0.05, 0, 0], atol=2e-3)
+    assert pendant.do(COMMAND, [42]) == 0
+    assert pendant.standing
 
 
 def test_255_ends_the_program(pendant):

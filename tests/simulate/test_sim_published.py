@@ -17,6 +17,7 @@ from monitor.simulate.wire.variables import joint_mode, output_variables
 OUTPUTS = """
 DOUBLE 0 0 timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum
 DOUBLE 0 0 actual_main_voltage actual_robot_voltage actual_robot_current io_current tcp_force_scalar
+DOUBLE 0 0 joint_position_deviation_ratio
 DOUBLE 0 0 standard_analog_input0 standard_analog_input1 standard_analog_output0 standard_analog_output1
 DOUBLE 0 0 tool_analog_input0 tool_analog_input1 tool_output_current tool_temperature euromap67_24V_voltage euromap67_24V_current
 VECTOR6D 0 0 target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_current actual_current_window
@@ -48,7 +49,6 @@ UINT32 3.14.0 5.9.0 script_control_line
 VECTOR6D 3.15.0 5.11.0 payload_inertia
 UINT8 - 5.2.0 tool_output_mode tool_digital_output0_mode tool_digital_output1_mode
 VECTOR6D - 5.9.0 ft_raw_wrench
-DOUBLE - 5.12.0 joint_position_deviation_ratio
 DOUBLE - 5.15.0 collision_detection_ratio
 INT32 - 5.17.0 time_scale_source
 VECTOR6D - 5.23.0 actual_current_as_torque

@@ -117,8 +117,8 @@ SINCE = {
     "tool_digital_output0_mode": Since(NEVER, (5, 2, 0)),
     "tool_digital_output1_mode": Since(NEVER, (5, 2, 0)),
     "ft_raw_wrench": Since(NEVER, (5, 9, 0)),  # the e-Series' own sensor
+    # The configuration of the manufacturer's own recorder asks every controller for joint_position_deviation_ratio, so each has it.
     # Not in the guide of 5.11. Clients of newer controllers ask for these; the exact first version is not confirmed.
-    "joint_position_deviation_ratio": Since(NEVER, (5, 12, 0)),
     "collision_detection_ratio": Since(NEVER, (5, 15, 0)),
     "time_scale_source": Since(NEVER, (5, 17, 0)),
     "actual_current_as_torque": Since(NEVER, (5, 23, 0)),  # ur-rtde asks for it from this version on

@@ -14,9 +14,11 @@ import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate.arm import motions
+from monitor.simulate.arm.kinematics import se3
 from monitor.simulate.controller.modes import Runtime
 from monitor.simulate.controller.moves import Move, StopMotion
 from monitor.simulate.controller.program import queries
+from monitor.simulate.controller.program.contact import UntilContact
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.player import Player
 from monitor.simulate.controller.program.scripts import ControlScript
@@ -29,6 +31,22 @@ MOVES = frozenset({1, 2, 3, 4, 45})  # these commands wait until the arm may mov
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})  # executed in every control period
 SERVO_TIME_MIN_S, SERVO_TIME_MAX_S = 1e-4, 10.0  # range of servoj's argument `time`; a shorter time means one control period
 LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # documented ranges of servoj's arguments
+JOG_STOP_M_S2 = 1.2  # deceleration of jogStop in ur-rtde's script
+NOT_SIMULATED = {  # commands that ur-rtde has and this controller refuses
+    6: "forceMode",
+    12: "servoC",
+    18: "teachMode",
+    20: "forceModeSetDamping",
+    21: "forceModeSetGainScaling",
+    52: "freedriveMode",
+    56: "ftRtdeInputEnable",
+    57: "enableExternalFtSensor",
+    66: "directTorque",
+    67: "getMassMatrix",
+    68: "getCoriolisAndCentrifugalTorques",
+    70: "getJacobian",
+    71: "getJacobianTimeDerivative",
+}
 PACKETS_MAX = 16  # servoj targets kept within one control period
 
 
@@ -179,8 +197,15 @@ class ControlProgram:
                 self._motion(lambda: machine.moves.over, asynchronous=call.integer(1) == 1)
             case 45:  # movePath
                 self._motion(Player(self._path, machine, self._write_progress).over, asynchronous=call.integer(1) == 1)
-            case 8:  # zeroFtSensor: the sensor shows zero already, since nothing touches the arm
+            case 7 | 8 | 19 | 53 | 62:  # ends of modes that never began, zeroFtSensor and startContactDetection: there is nothing to do
                 pass
+            case 41:  # jogStart
+                self._jog()
+            case 42:  # jogStop
+                machine.moves.stop(StopMotion(JOG_STOP_M_S2, straight=True))
+                self._motion(lambda: machine.moves.over, asynchronous=False)
+            case 51:  # moveUntilContact
+                self._motion(UntilContact(machine, np.array(call.vector()), call.vector(12, 1)[0]).over, asynchronous=False)
             case 31:  # triggerProtectiveStop
                 machine.supervisor.protective_stop("asked for by the program")
             case 35:  # setWatchdog
@@ -197,6 +222,20 @@ class ControlProgram:
                     self._write_result(result)
             case _:
                 self._refuse(command)
+
+    def _jog(self) -> None:
+        """Move the tool at a speed along the axes of the base, the tool or another frame, until jogStop."""
+        machine, call = self._machine, self._call
+        figures = call.vector(0, 14)
+        if not all(map(math.isfinite, figures)):
+            self._raise("jogStart: expected finite figures")
+            return
+        frames = {1: machine.kinematics.at(machine.measurements.latest.q), 2: se3(figures[8:14])}
+        rotation = frames[int(figures[6])].rotation if int(figures[6]) in frames else np.eye(3)
+        if machine.modes.may_move:
+            if machine.reference.mode != "speedl" or self._tool_speed is None:
+                self._tool_speed = motions.tool_speed(machine.kinematics, machine.reference, machine.robot.max_speed_rad_s)
+            self._tool_speed(np.concatenate((rotation @ figures[:3], rotation @ figures[3:6])), figures[7])
 
     def _move(self, command: int) -> None:
         speed, acceleration = self._call.vector(6, 2)
@@ -218,7 +257,7 @@ class ControlProgram:
             self._blocking = None if over() else over
 
     def _refuse(self, command: int) -> None:
-        """Answer a command that is not simulated with result 0, and record it."""
+        """End the program at a command that is not simulated, and record it: ur-rtde would take an answer for success."""
         log.warning("command %d of the control script is not simulated: refused", command)
         self._machine.journal.refused_commands.append(command)
-        self._write(1, 0)
+        self._raise(f"not simulated: {NOT_SIMULATED.get(command, f'command {command}')}")

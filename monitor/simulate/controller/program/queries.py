@@ -8,6 +8,7 @@ import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate.arm.kinematics import composed, pose_of
+from monitor.simulate.controller.program.contact import touched
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.settings import PAYLOAD_COM_MAX_M
 
@@ -195,14 +196,24 @@ def _flange(call: Call) -> Result:
     return pose_of(call.machine.kinematics.flange(call.machine.measurements.latest.q))
 
 
-def _contact(_: Call) -> Result:
-    return 0  # the arm never touches anything
+def _contact(call: Call) -> Result:
+    return int(touched(call.machine))  # how many control periods ago the contact began: it is noticed at once
 
 
+def _not_free(_: Call) -> Result:
+    return 0  # get_freedrive_status: freedrive is never on
+
+
+def _target_acceleration(call: Call) -> Result:
+    return call.machine.reference.qdd
+
+
+ONCE |= {54: _not_free, 63: _contact, 64: _contact}
 REALTIME: dict[int, Callable[[Call], Result]] = {  # executed in every control period
     25: _contact,
     26: _step_time,
     27: _history,
     38: _external_torque,
     58: _flange,
+    69: _target_acceleration,
 }
