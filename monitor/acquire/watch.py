@@ -108,6 +108,8 @@ class Watch:
             return OurProgram(None)
         if self.phase == "control":
             return OurProgram(self._alive_at, "starting", name)
+        if message is not None and not message.get("ours", True):  # another program may play in its place: the watchdog ends ours
+            return OurProgram(None, name=name)
         if message is not None and message["kind"] == "failed" and message["cause"] == "program_stopped":
             return OurProgram(self._alive_at, "paused", name)  # what plays now is another program
         return OurProgram(self._alive_at, name=name)

@@ -3,6 +3,7 @@
 One arm plays one replay after the other, so the replay of each case proves that the case before left an arm that works.
 """
 
+import socket
 import time
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -95,7 +96,7 @@ STOPPING = (
     Case(
         "foreign_program",
         {"when": "now", "seconds": 4.0},
-        frozenset({"program_stopped", "following_error", "no_control", "torque_band"}),
+        frozenset({"program_stopped", "following_error", "speed_scaling", "torque_band"}),
         theirs=True,
     ),
     _person("teach_button", "teach_button"),
@@ -179,11 +180,29 @@ def restore(host: str) -> None:
     raise AssertionError(f"{host}: the simulated arm did not become ready again")
 
 
+def stand_aside(host: str, excitation: Excitation) -> None:
+    """Move the arm 0.4 rad away from the start of the trajectory, so that there is a way to it."""
+    aside = excitation.at(np.zeros(1)).q[0] + 0.4
+    with socket.create_connection((host, 30002), timeout=2.0) as wire:
+        wire.sendall(f"movej({aside.tolist()}, a=2.0, v=1.0)\n".encode())
+        time.sleep(0.3)
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        with Remote(host) as remote:
+            truth = remote.truth()
+        if truth["standing"] and truth["program"] is None and np.max(np.abs(np.array(truth["q"]) - aside)) < 0.01:
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"{host}: the simulated arm did not go aside")
+
+
 def run_case(case: Case, at_s: float, excitation: Excitation, robot: Robot, settings: ReplaySettings) -> Outcome:
     """One fault in one replay, and its outcome; a replay that other work of the machine ended before the fault is repeated."""
     disturbed = 0
     while True:
         restore(settings.host)
+        if case.phase != "play":
+            stand_aside(settings.host, excitation)
         outcome = _run_once(case, at_s, excitation, robot, settings)
         before_the_fault = outcome.reported_s is None or not case.causes
         if outcome.cause not in DISTURBED or not before_the_fault or disturbed == ATTEMPTS - 1:

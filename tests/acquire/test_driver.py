@@ -188,10 +188,14 @@ def test_after_a_clean_end_no_program_is_stopped():
         ([phase("control")], "starting"),
         ([phase("control"), phase("play"), row(1)], "running"),
         ([phase("control"), phase("play"), row(1), {"kind": "failed", "cause": "program_stopped", "text": "stopped"}], "paused"),
+        ([phase("control"), phase("play"), row(1), {"kind": "failed", "cause": "speed_scaling", "text": "0 %", "ours": False}], None),
     ],
 )
 def test_the_robot_is_told_what_is_known_of_our_program(frames, state):
-    """Before control nothing is ours; a row says when it was; after a stop by somebody else only a paused program can be ours."""
+    """Before control nothing is ours; a row says when it was; after a stop by somebody else only a paused program can be ours.
+
+    Where another program may play in the place of ours nothing is known: the watchdog ends ours.
+    """
     driver = ScriptedDriver(ScriptedSession(WAITING, frames, exit_code=-9))
     with pytest.raises(ReplayAborted):
         replay(short(), UR5, SETTINGS, driver=driver)

@@ -59,6 +59,14 @@ def test_each_state_that_ends_the_stream_has_its_cause(changes, cause):
     assert failure.cause == cause
 
 
+def test_a_program_that_begins_in_the_place_of_ours_is_not_taken_for_ours():
+    """Every program begins with a limiter of 0 and a full slider; a slider that somebody moves says nothing of the kind."""
+    failure = state_failure(replace(SOUND, speed_scaling=0.0, speed_fraction=1.0), SETTINGS)
+    assert (failure.cause, failure.ours) == ("speed_scaling", False)
+    failure = state_failure(replace(SOUND, speed_scaling=0.5, speed_fraction=0.5), SETTINGS)
+    assert (failure.cause, failure.ours) == ("speed_scaling", True)
+
+
 def test_a_program_that_has_just_started_may_stand_at_zero_speed_and_later_may_not():
     """Real arms report a limiter of 0 for 4–20 ms after a program's start; the slider counts from the beginning."""
     starting = replace(SOUND, speed_scaling=0.0, speed_fraction=1.0)

@@ -14,11 +14,14 @@ EMERGENCY_BITS, PROTECTIVE_BIT, SAFEGUARD_BIT = 0b1110_0000, 0b100, 0b1_0000  # 
 
 
 class StreamFailure(Exception):
-    """The stream must end now, for this cause."""
+    """The stream must end now, for this cause.
 
-    def __init__(self, cause: str, text: str) -> None:
+    `ours` is False where another program than ours may be what plays: nobody may stop it then, and our watchdog ends ours.
+    """
+
+    def __init__(self, cause: str, text: str, *, ours: bool = True) -> None:
         super().__init__(text)
-        self.cause = cause
+        self.cause, self.ours = cause, ours
 
 
 def state_failure(
@@ -75,7 +78,9 @@ def speed_failure(state: ArmState) -> StreamFailure | None:
     if math.isnan(state.speed) or state.at_full_speed:
         return None
     return StreamFailure(
-        "speed_scaling", f"the program plays at {100.0 * state.speed:.0f} % of its speed: the arm plays another trajectory"
+        "speed_scaling",
+        f"the program plays at {100.0 * state.speed:.0f} % of its speed: the arm plays another trajectory",
+        ours=not state.slider_full,  # with a full slider so begins every program, and ours has begun long ago
     )
 
 

@@ -239,7 +239,8 @@ def main() -> None:
     except StreamFailure as failure:
         explained = failure if arm is None else arm.explained(failure)
         # without a program of ours the arm did not move, and what runs on the controller is somebody else's
-        outbox.message("failed", cause=explained.cause, text=str(explained), ended=arm is None or not arm.program_sent)
+        ended = arm is None or not arm.program_sent
+        outbox.message("failed", cause=explained.cause, text=str(explained), ended=ended, ours=failure.ours)
     except Stopped:
         cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
         outbox.message("failed", cause=cause, text="stopped on request; the arm stands", ended=True)

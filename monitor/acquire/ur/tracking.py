@@ -45,7 +45,8 @@ class Tracking:
             return None
         if late:
             return StreamFailure("late", f"targets came late: the controller's own target of joint {j + 1} is {far:.3f} rad from them")
-        return StreamFailure("following_error", f"the controller's own target of joint {j + 1} is {far:.3f} rad from where it was sent")
+        text = f"the controller's own target of joint {j + 1} is {far:.3f} rad from where it was sent"
+        return StreamFailure("following_error", text, ours=False)
 
 
 def _farthest(q: Array, targets: Array) -> tuple[int, float]:
