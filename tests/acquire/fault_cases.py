@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 from processes import children
 
+from monitor.acquire.ending import judged_end, look
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.dashboard import Dashboard
+from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.watch import ReplayProgress
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
@@ -224,16 +226,19 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
                 fault["at"] = time.monotonic()
                 remote.fault(case.name, **case.arguments)
 
-    cause, recording, person = None, None, False
+    cause, recording, person, reported_s = None, None, False, None
     try:
         recording = replay(excitation, robot, settings, context=Context(payload_kg=0.0), on_progress=on_progress)
     except RobotUnreachable:
         cause = "stalled"  # before it moved
     except ReplayAborted as error:
-        cause, person = error.cause, error.needs_a_person
+        cause, reported_s = error.cause, time.monotonic() - fault["at"] if fault else None
+        if case.person is not None:  # as the service judges an end: after a look at the arm
+            person = judged_end(error, look(UNIVERSAL_ROBOTS, settings, clean=False)).needs_a_person
         if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute", "power_cut", "foreign_program"}:
             wrong.append("the stop was not confirmed")
-    reported_s = time.monotonic() - fault["at"] if fault else None
+    if fault and reported_s is None:
+        reported_s = time.monotonic() - fault["at"]
     if children():
         wrong.append(f"processes left: {children()}")
     if not fault:
