@@ -1,5 +1,6 @@
 """How long nothing was learnt: a monitor whose replays all fail must say so, because silence looks like health."""
 
+import functools
 from collections import Counter
 from itertools import pairwise
 
@@ -19,9 +20,15 @@ def limit_days(settings: ScheduleSettings, now_unix_s: float, began_unix_s: floa
     """After so many days without a verdict something is wrong; None where the schedule names no windows."""
     if settings.learn_within_days > 0.0:
         return settings.learn_within_days
-    opens = [window.opens_unix_s for window in upcoming(settings, now_unix_s, COMING_WINDOWS, began_unix_s)]
-    pauses_days = [(b - a) / DAY_S for a, b in pairwise(opens)]
-    return max(LEAST_DAYS, INTERVALS * max(pauses_days)) if pauses_days else None
+    interval_days = _interval_days(settings, began_unix_s, int(now_unix_s // 3600.0))
+    return None if interval_days is None else max(LEAST_DAYS, INTERVALS * interval_days)
+
+
+@functools.lru_cache(maxsize=4)  # it is asked every minute, and a rare schedule is searched 400 days ahead
+def _interval_days(settings: ScheduleSettings, began_unix_s: float | None, hour: int) -> float | None:
+    """The longest pause between coming windows, by the hour since 1970; None where fewer than two are coming."""
+    opens = [window.opens_unix_s for window in upcoming(settings, 3600.0 * hour, COMING_WINDOWS, began_unix_s)]
+    return max(((b - a) / DAY_S for a, b in pairwise(opens)), default=None)
 
 
 def nothing_learnt(settings: ScheduleSettings, store: Store, now_unix_s: float) -> str | None:
