@@ -11,7 +11,7 @@ from excitations import short
 from hypothesis import given
 from hypothesis import strategies as st
 from simulated_arm import known_gains
-from test_guard import SIMULATED, inputs, ready_state
+from test_guard import SIMULATED, inputs, ready_state, tcp_of
 
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.safety import guard
@@ -182,8 +182,20 @@ def test_a_trajectory_or_a_way_to_its_start_beyond_a_safety_plane_is_refused():
     opposite = q.copy()
     opposite[0] += np.pi
     walls = replace(known, excitation=still, installation=Installation(safety_planes=(side,)))
-    held = [found("safety_planes", replace(walls, state=ready_state(q=each, target_q=each))).holds for each in (q, opposite)]
+    held = [
+        found("safety_planes", replace(walls, state=ready_state(q=each, target_q=each, tcp_pose=tcp_of(each)))).holds
+        for each in (q, opposite)
+    ]
     assert sorted(held) == [False, True]
+
+
+def test_the_tool_that_the_controller_reports_counts_where_none_is_configured():
+    """A long tool is faster than the flange, whoever told of it."""
+    bare = inputs(ready_state(tcp_pose=tcp_of(ready_state().q, (0.0, 0.0, 0.6))), installation=Installation(tcp_speed_limit_m_s=4.0))
+    assert "(TCP)" in found("tcp_speed", bare).text
+    configured = replace(bare, installation=Installation(tcp_speed_limit_m_s=4.0, tcp_offset=(0.0, 0.0, 0.6, 0.0, 0.0, 0.0)))
+    assert found("tcp_speed", bare).text == found("tcp_speed", configured).text
+    assert found("tcp_speed", replace(bare, state=None)).text != found("tcp_speed", bare).text
 
 
 def test_the_installation_reaches_the_process_that_moves_the_arm_unchanged():

@@ -172,8 +172,17 @@ def _points(inputs: ConditionInputs) -> _Points:
             share = np.linspace(0.0, 1.0, WAY_SAMPLES)[:, None]
             q = np.vstack([state.target_q + share * way, q])
             qd = np.vstack([np.tile(inputs.settings.approach_speed_rad_s * way / farthest, (WAY_SAMPLES, 1)), qd])
-    tool = np.array(inputs.installation.tcp_offset[:3] or (0.0, 0.0, 0.0))
-    return points(robot, q, qd, tool)
+    return points(robot, q, qd, _tool(inputs))
+
+
+def _tool(inputs: ConditionInputs) -> Array:
+    """(3,) [m] the TCP in the flange's frame: as configured, else as the controller reports it, else the flange itself."""
+    state = inputs.state
+    if inputs.installation.tcp_offset:
+        return np.array(inputs.installation.tcp_offset[:3])
+    if state is not None and len(state.tcp_pose) and np.all(np.isfinite([*state.q, *state.tcp_pose])):
+        return offset_of(inputs.robot, state.q, np.array(state.tcp_pose))[0]
+    return np.zeros(3)
 
 
 def points(robot: Robot, q: Array, qd: Array, tool_m: Array) -> _Points:
