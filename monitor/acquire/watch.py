@@ -25,6 +25,9 @@ TIME_ROUNDING_S = 1e-6  # of the sum of several waits
 STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come to rest, end the program
 
 
+NOTHING_SENT = frozenset({"start", "connect", "ready"})  # the phases in which the session has sent no program
+
+
 class ReplayProgress(NamedTuple):
     """Where a replay is, for a display."""
 
@@ -185,6 +188,8 @@ class Watch:
             self.phase, self.duration_s, self._phase_at = frame["phase"], frame["duration_s"], self._received_at
         elif frame["kind"] == "state":
             self.state = arm_state(np.array(frame["row"], dtype=float))
+        elif frame["kind"] in {"refused", "unreachable"} and self.phase not in NOTHING_SENT:
+            self.last_message = {"kind": "failed", "cause": "internal", "text": frame["text"]}  # it cannot mean that nothing was moved
         elif frame["kind"] != "alive":
             self.last_message = frame
 

@@ -227,6 +227,16 @@ def test_the_motion_is_entered_before_the_session_is_told_to_go():
     assert [identity.serial for identity in met] == ["7", "7"]
 
 
+def test_a_refusal_in_the_middle_of_a_motion_is_no_refusal():
+    """The arm has moved: our program is stopped, and a person must look."""
+    refused = {"kind": "refused", "text": "a value is wrong"}
+    driver = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), row(1), refused]))
+    with pytest.raises(ReplayAborted, match="a value is wrong") as aborted:
+        replay(short(), UR5, SETTINGS, driver=driver)
+    assert aborted.value.cause == "internal"
+    assert driver.programs_stopped == 1
+
+
 class MovingSession(ScriptedSession):
     """Moves until it is told to stop; then it comes to rest, and ends its program."""
 
