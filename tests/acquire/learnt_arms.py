@@ -1,6 +1,7 @@
 """Simulated arms whose torque was learnt, and what is normal for them."""
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -83,3 +84,9 @@ class Learnt:
 
     def band(self, basis: BandBasis | None = None) -> TorqueBand:
         return TorqueBand(self.robot, self.excitation.mounting, SETTINGS, self.gains, basis or self.with_profile)
+
+
+@lru_cache
+def learnt_arm(name: str) -> Learnt:
+    """The learnt arm for a trajectory of the package; each is computed once."""
+    return Learnt(name)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from excitations import short
-from learnt_arms import NORMAL, SETTINGS, Learnt, arm_of, first_outside, shipped
+from learnt_arms import NORMAL, SETTINGS, Learnt, arm_of, first_outside, learnt_arm, shipped
 from simulated_arm import known_gains
 
 from monitor.acquire.rows import COLUMN, WIDTH
@@ -31,12 +31,12 @@ SIZES = ("ur5-ground", "ur3e-wall", "ur10-ceiling", "ur20-ground")
 
 @pytest.fixture(scope="module")
 def ur5() -> Learnt:
-    return Learnt("ur5-ground")
+    return learnt_arm("ur5-ground")
 
 
 @pytest.fixture(scope="module")
 def ur16e() -> Learnt:
-    return Learnt("ur16e-wall")
+    return learnt_arm("ur16e-wall")
 
 
 # --- what is normal -------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_arms import NORMAL, ROOT, SETTINGS, Learnt, arm_of, first_outside
+from learnt_arms import NORMAL, ROOT, SETTINGS, arm_of, first_outside, learnt_arm
 
 from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN, WIDTH
@@ -71,7 +71,7 @@ def test_nothing_normal_leaves_the_band_on_any_shipped_trajectory(soak_row):
     """Every arm and mounting, every normal circumstance, each kind of basis."""
     left, largest, count = [], 0.0, 0
     for name in SHIPPED:
-        learnt = Learnt(name)
+        learnt = learnt_arm(name)
         for normal in NORMAL:
             recording = stepped_replay(arm_of(learnt.excitation, normal, seed=23), learnt.excitation)
             for basis in (BandBasis(), learnt.basis, learnt.with_profile):
@@ -120,7 +120,7 @@ def along(excitation: Excitation) -> Callable[[float], Array]:
 @pytest.mark.parametrize("normal", ["as learnt", "cold and worn"])
 def test_the_ways_to_the_start_and_back_stay_within_the_band(name, normal):
     """A filter that knows nothing of today's friction yet, from a standing arm, with rests between the phases and at the end."""
-    learnt = Learnt(name)
+    learnt = learnt_arm(name)
     excitation = learnt.excitation
     for basis in (BandBasis(), learnt.with_profile):
         arm = arm_of(excitation, normal, seed=9)
@@ -142,7 +142,7 @@ def test_the_ways_to_the_start_and_back_stay_within_the_band(name, normal):
 @pytest.mark.parametrize(("share", "longest_ticks"), [(0.3, 3), (0.05, 6), (0.02, 11)])
 def test_late_targets_jolt_the_arm_and_do_not_leave_the_band(share, longest_ticks):
     """Up to 88 ms late; the stream itself ends at 0.1 s. A busy machine must not look like a collision."""
-    learnt = Learnt("ur5-ground")
+    learnt = learnt_arm("ur5-ground")
     arm, excitation = arm_of(learnt.excitation, seed=5, home_rad=tuple(learnt.excitation.at(np.zeros(1)).q[0])), learnt.excitation
     rows = streamed(arm, along(excitation), excitation.duration_s, share=share, longest_ticks=longest_ticks)
     for basis in (BandBasis(), learnt.basis, learnt.with_profile):
