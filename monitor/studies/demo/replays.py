@@ -43,7 +43,7 @@ class DemoReplay:
         """Repeat a live replay that other work on this machine disturbed: here the arm is a process among others.
 
         A replay that ended on its way leaves the arm far from the start, where the next one would be refused. The simulator therefore
-        steps one replay first: it ends at the start. The daemon never repeats a replay: it reports the reason and waits.
+        steps one replay first: it ends at the start. The daemon itself waits before it tries again.
         """
         for _ in range(LIVE_ATTEMPTS - 1):
             try:
