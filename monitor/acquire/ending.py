@@ -11,7 +11,7 @@ from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
 from monitor.errors import ReplayAborted
 
-LOOK_S = 3.0  # one look: the start of a process that receives, its connection, and a tenth of a second of rows
+LOOK_S = 5.0  # one look: the start of a process that receives, on a busy host too, its connection, and a tenth of a second of rows
 REST_S = 3.0  # an arm that still moves, or a program that still runs, so long after the end did not end
 LEAVING_S = 3.0  # somebody who wants this process to end does not wait longer for a controller that does not answer
 SAFETY_CAUSES = {3: "protective_stop", 5: "safeguard_stop", 6: "emergency_stop", 7: "emergency_stop"}  # by safety mode
