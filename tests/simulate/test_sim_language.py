@@ -112,6 +112,9 @@ def test_a_program_moves_the_arm_from_where_it_is():
         ("def bad():\n  i = 0\n  while True:\n    i = i + 1\n  end\nend", "takes time", (3, 9)),
         ("def bad():\n  x = [1, 2]\n  textmsg(x[2])\nend", "index", (3, 3)),
         ('def bad():\n  x = 1 + "one"\nend', "a text is no number", (2, 7)),
+        ("def bad():\n  x = [1]\n  while True:\n    x = [x, x]\n  end\nend", "lists within each other", (4, 9)),
+        ('def bad():\n  x = "1234567890"\n  while True:\n    x = str_cat(x, x)\n  end\nend', "1023 characters", (4, 9)),
+        ("def bad():\n  x = [1, 2]\n  x[0] = x\n  x[0] = x\n  x[0] = x\nend", "does not exist", (5, 10)),
         ("def bad():\n  def again():\n    again()\n  end\n  again()\nend", "too many calls", (3, 5)),
     ],
 )

@@ -10,6 +10,8 @@ from monitor.simulate.arm.kinematics import composed, pose_of, se3
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.steps import text_of
 
+TEXT_MAX = 1023  # characters of a text, as the manufacturer's guide limits them
+
 Value = Any  # a number, a truth value, a text, a list of values, or a pose
 
 
@@ -42,6 +44,12 @@ def evaluated(operation: Callable[[Any, Any], Any], a: Value, b: Value) -> Value
     if isinstance(b, list):
         return [evaluated(operation, a, y) for y in b]
     return operation(a, b)
+
+
+def _joined(first: str, second: str) -> str:
+    if len(first) + len(second) > TEXT_MAX:
+        raise ValueError(f"str_cat: a text of more than {TEXT_MAX} characters")
+    return first + second
 
 
 def _norm(_: Machine | None, value: Value) -> float:
@@ -106,7 +114,7 @@ PURE: dict[str, Callable[..., Value]] = {
     "r2d": lambda _, value: math.degrees(value),
     "to_str": lambda _, value: text_of(value),
     "to_num": lambda _, value: float(value),
-    "str_cat": lambda _, first, second: text_of(first) + text_of(second),
+    "str_cat": lambda _, first, second: _joined(text_of(first), text_of(second)),
     "str_len": lambda _, value: len(value),
     "pose_trans": lambda _, first, second: Pose(composed(_figures(first), _figures(second)).tolist()),
     "pose_inv": lambda _, pose: Pose(pose_of(se3(_figures(pose)).inverse()).tolist()),

@@ -23,6 +23,7 @@ from monitor.simulate.controller.program.steps import STEPS, Step, step_of, take
 
 STATEMENTS_MAX = 4000  # statements that a program may execute without a step that takes time
 CALLS_MAX = 40  # functions within functions
+NESTING_MAX = 3  # lists within lists
 
 Scope = dict[str, Value]
 Evaluation = Generator[Step, None, Value]
@@ -68,6 +69,20 @@ def run(program: Source, machine: Machine | None) -> Iterator[Step]:
         yield from running.block(program.body, running.globals)
     except (_Halted, _Returned):
         return
+
+
+def _nesting(value: Value, left: int = NESTING_MAX) -> None:
+    """Raises ValueError for lists too deep within each other: they could grow without limit within one control period."""
+    if isinstance(value, list):
+        if left == 0:
+            raise ValueError(f"more than {NESTING_MAX} lists within each other")
+        for element in value:
+            _nesting(element, left - 1)
+
+
+def _copied(value: Value) -> Value:
+    """A list as a new one: assignments copy."""
+    return type(value)(map(_copied, value)) if isinstance(value, list) else value
 
 
 class _Run:
@@ -116,7 +131,7 @@ class _Run:
             raise where.error(f"runtime_error: a loop without a step that takes time, after {STATEMENTS_MAX} statements")
 
     def _assign(self, statement: Assign, scope: Scope) -> Generator[Step, None, None]:
-        value = yield from self._value(statement.value, statement.value.node, scope)
+        value = _copied((yield from self._value(statement.value, statement.value.node, scope)))
         # as in URScript: a name without `local` is that of the function's variable if it has one, else a global variable
         there = scope if statement.scope == "local" or (statement.name in scope and not statement.scope) else self.globals
         if statement.index is None:
@@ -124,8 +139,8 @@ class _Run:
             return
         index = yield from self._value(statement.index, statement.index.node, scope)
         try:
-            kept = there[statement.name]
-            kept[int(index)] = value
+            there[statement.name][int(index)] = value
+            _nesting(there[statement.name])
         except (KeyError, TypeError, IndexError, ValueError):
             raise statement.value.error(f"runtime_error: {statement.name}[{index}] does not exist") from None
 
@@ -149,7 +164,9 @@ class _Run:
                         return names[name]
                 raise where.error(f"compile_error_name_not_found:{name}:", node)
             case ast.List(elements):
-                return (yield from self._nodes(where, elements, scope))
+                made = yield from self._nodes(where, elements, scope)
+                _nesting(made)
+                return made
             case ast.Subscript(ast.Name("p"), ast.Tuple(elements)):
                 return Pose((yield from self._nodes(where, elements, scope)))
             case ast.Subscript(value, index):

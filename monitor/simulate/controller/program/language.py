@@ -207,7 +207,7 @@ class _Lines:
             node = ast.parse(f"({text})", mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             raise self.error(f"syntax_error: {text[:TEXT_MAX]!r} is no expression") from None
-        made = Expression(node, number, column + max(whole.find(text), 0))
+        made = Expression(node, number, column + max(whole.rfind(text), 0))  # mostly the last part of the line
         self.expressions.append(made)
         return made
 
