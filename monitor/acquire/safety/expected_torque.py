@@ -73,6 +73,22 @@ class TypicalFriction:
         return friction
 
 
+class JointInertia:
+    """Inertia of the arm at its joints by the manufacturer's parameters, with typical rotors."""
+
+    def __init__(self, robot: Robot, mounting: Mounting) -> None:
+        import pinocchio as pin
+
+        self._arm = robot.pinocchio_model(mounting)
+        self._data, self._crba = self._arm.createData(), pin.crba
+        self._rotor = np.diag(ROTOR_KG_M2_PER_NM * robot.max_torque_nm)
+
+    def at(self, q: Array) -> Array:
+        """(J, J) at q (J,) [kg·m²]."""
+        inertia: Array = self._crba(self._arm, self._data, q) + self._rotor
+        return inertia
+
+
 class _ByModel:
     """The temperature-compensated model; without temperatures, at its reference temperature."""
 

@@ -64,8 +64,9 @@ def learn_profile(
         band = TorqueBand(robot, excitation.mounting, settings, installation, plain)
         excess = np.array([band.read(row).excess for row in table])
         known = np.all(np.isfinite(excess), axis=1)
-        np.add.at(sums, place[known], excess[known])
-        np.add.at(rows, place[known], 1.0)
+        there = place[band.seen(len(table))][known]
+        np.add.at(sums, there, excess[known])
+        np.add.at(rows, there, 1.0)
     if np.mean(rows > 0) < LEAST_SHARE:
         return None
     filled = np.flatnonzero(rows)
@@ -76,7 +77,7 @@ def learn_profile(
     for table, phase_s, place in zip(tables, at, places, strict=True):
         band = TorqueBand(robot, excitation.mounting, settings, installation, replace(plain, profile=first))
         readings = [band.read(row, float(phase)) for row, phase in zip(table, phase_s, strict=True)]
-        np.maximum.at(needed, place, _needed(readings, band.rows_outside))
+        np.maximum.at(needed, place[band.seen(len(table))], _needed(readings, band.rows_outside))
     beside = np.stack([np.roll(needed, shift, axis=0) for shift in range(-BESIDE, BESIDE + 1)])
     return replace(first, spread_nm=MARGIN * beside.max(axis=0))
 

@@ -17,13 +17,14 @@ import numpy as np
 
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.band_basis import BandBasis
-from monitor.acquire.safety.expected_torque import ExpectedTorque, expected_torque
+from monitor.acquire.safety.expected_torque import ExpectedTorque, JointInertia, expected_torque
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.errors import MotionRefused
 from monitor.model.robot import Mounting, Robot
-from monitor.recording import Array
+from monitor.recording import Array, Indices
 
 OUTSIDE_S = 0.04  # torque must be outside for so long on one side, five rows at 125 Hz: a spike of the measured current is no collision
+ACCELERATION_S = 0.016  # on either side of a row is the speed whose difference is its acceleration, two rows at 125 Hz
 LAG_S = 0.032  # measured torque may be early or late by so much against the expected: the servo's lag, and rows that are a tick apart
 FIRST_STEP_S = 0.008  # what the first row is taken to last
 LONGEST_STEP_S = 0.1  # between two rows; the stream ends at longer gaps
@@ -46,6 +47,8 @@ NOISE_SIGMAS = 2.0  # of a single measured torque: five rows in succession are r
 NOISE_S = 0.3  # the noise of the current is measured over this time
 NOISE_CLIP = 16.0  # a single difference counts for at most so many times the variance: a collision is no noise
 JOLT_TICKS, JOLT_S, JOLT = 2.5, 0.2, 1.5  # after a gap of so many ticks a late target jolts the arm: the narrow part is so much wider
+QUIET = 0.03  # a row whose jolt is more than this share of the largest torque teaches less
+PRIOR_SIGMAS = 2.5  # friction and inertia differ from the expected by at most so many of their standard deviations
 CLIP_SIGMAS = 1.5  # a larger surprise moves the filter no farther: a collision must not be learnt
 
 # the wide part
@@ -94,12 +97,16 @@ class TorqueBand:
         self._of: ExpectedTorque = expected_torque(
             robot, mounting, basis.model, payload_kg=payload_kg, payload_com_m=payload_com_m, payload_error_kg=settings.max_payload_error_kg
         )
+        self._inertia = JointInertia(robot, mounting)
         self._known, self._share = basis.model is not None, settings.first_pass_band
         self.rows_outside = max(2, round(OUTSIDE_S * settings.rate_hz))
         self._lag_rows = max(1, round(LAG_S * settings.rate_hz))
+        self._waiting: deque[tuple[Array, float | None]] = deque(maxlen=2 * max(1, round(ACCELERATION_S * settings.rate_hz)) + 1)
         self._recent: deque[Array] = deque(maxlen=self._lag_rows + 1)  # torque that was expected
         prior = np.array(PRIOR_MODEL if self._known else PRIOR_UNKNOWN)
         self._theta = np.zeros((J, 4))
+        self._most_theta = PRIOR_SIGMAS * prior * most[:, None]  # (J, 4)
+        self._most_theta[:, 2] = np.inf  # the offset is bounded by the wide part
         self._cov = np.zeros((J, 4, 4))
         self._cov[:, range(4), range(4)] = (prior * most[:, None]) ** 2
         self._cov[:, 2, 2] += self._of.payload_nm**2
@@ -145,8 +152,26 @@ class TorqueBand:
             f"joint {j + 1} needs {reading.measured[j]:.1f} N·m where {expected:.1f} ± {allowed:.1f} were expected ({self.description})",
         )
 
+    def seen(self, rows: int) -> Indices:
+        """Which row each of the first so many calls of `read` was about: its own, and once acceleration is known the one before."""
+        calls, whole = np.arange(rows), self._waiting.maxlen or 1
+        return np.where(calls < whole - 1, calls, calls - whole // 2)
+
     def read(self, row: Array, phase_s: float | None = None) -> Reading:
-        """What the band expects of this row and what it allows; the filter learns from the row. Arguments as of `outside`."""
+        """What the band expects and allows ACCELERATION_S before this row; the filter learns from it. Arguments as of `outside`.
+
+        Acceleration is the difference of measured speeds on both sides, for which the rows wait: it is smooth, and true of an arm that is
+        held. Where targets came late the arm is jolted faster than that difference can show, and the controller's target acceleration
+        shows it: torque between what both of them need is expected.
+        """
+        self._waiting.append((row, phase_s))
+        qdd = np.zeros(len(self._most))  # the first rows are those of a standing arm
+        if len(self._waiting) == self._waiting.maxlen:
+            (first, _), (last, _) = self._waiting[0], self._waiting[-1]
+            elapsed_s = last[COLUMN["timestamp"]] - first[COLUMN["timestamp"]]
+            if elapsed_s[0] > 0.0:
+                qdd = (last[COLUMN["actual_qd"]] - first[COLUMN["actual_qd"]]) / elapsed_s
+            row, phase_s = self._waiting[len(self._waiting) // 2]
         qd = row[COLUMN["actual_qd"]]
         timestamp_s = float(row[COLUMN["timestamp"]][0])
         dt = timestamp_s - self._timestamp_s
@@ -154,7 +179,7 @@ class TorqueBand:
         self._timestamp_s = timestamp_s
         self._jolted_s = JOLT_S if dt > JOLT_TICKS * self._tick_s else max(self._jolted_s - dt, 0.0)
         measured = row[COLUMN["actual_current"]] * self._gains
-        at = self._of.at(row[COLUMN["actual_q"]], qd, row[COLUMN["target_qdd"]], row[COLUMN["joint_temperatures"]])
+        at = self._of.at(row[COLUMN["actual_q"]], qd, qdd, row[COLUMN["joint_temperatures"]])
         middle, share = at.torque, NARROW * self._most if self._known else NARROW_UNKNOWN * self._most + self._of.payload_nm
         if self._profile is not None and phase_s is not None:
             mean, spread = self._profile.at(phase_s)
@@ -162,12 +187,11 @@ class TorqueBand:
             share = np.minimum(np.maximum(NARROW_LEARNT * self._most, spread), NARROW_MOST * self._most)
         speed = np.abs(qd)
         sign = np.tanh(qd / SIGN_RAD_S)
-        H = np.nan_to_num(
-            np.stack([sign, np.sign(qd) * speed ** (2.0 / 3.0), np.ones_like(qd), row[COLUMN["target_qdd"]]], axis=1)
-        )  # (J, 4)
+        H = np.nan_to_num(np.stack([sign, np.sign(qd) * speed ** (2.0 / 3.0), np.ones_like(qd), qdd], axis=1))  # (J, 4)
         usual = middle + np.einsum("jk,jk->j", H, self._theta)
-        self._recent.append(usual)
-        earlier = np.array(self._recent)  # (n, J)
+        jolt = np.nan_to_num(self._inertia.at(np.nan_to_num(row[COLUMN["actual_q"]])) @ (row[COLUMN["target_qdd"]] - qdd))  # (J,)
+        self._recent.append(np.array([usual, usual + jolt]))
+        earlier = np.concatenate(self._recent)  # (2n, J)
         surprise = measured - np.minimum(np.maximum(measured, np.fmin.reduce(earlier)), np.fmax.reduce(earlier))
         PH = np.einsum("jkl,jl->jk", self._cov, H)
         own_var = np.einsum("jk,jk->j", H, PH)
@@ -177,8 +201,8 @@ class TorqueBand:
         narrow = share + SIGMAS * np.sqrt(own_var) + NOISE_SIGMAS * np.sqrt(self._noise_var) + held
         if self._jolted_s > 0.0:
             narrow = JOLT * narrow
-        excess = measured - middle
-        self._learn(measured - usual, speed, PH, own_var, dt)
+        excess = measured - np.minimum(np.maximum(measured, middle + np.minimum(jolt, 0.0)), middle + np.maximum(jolt, 0.0))
+        self._learn(measured - usual, speed, PH, own_var + np.maximum(np.abs(jolt) - QUIET * self._most, 0.0) ** 2, dt)
         return Reading(measured, usual, surprise, narrow, share, excess, self._wide(at.friction, qd, speed, held))
 
     def _wide(self, friction: Array, qd: Array, speed: Array, held: Array) -> Array:
@@ -206,6 +230,7 @@ class TorqueBand:
         surprise = np.minimum(np.maximum(surprise, -clip), clip)
         moves = (speed > STILL_RAD_S) & np.isfinite(surprise)
         gain = np.where(moves, 1.0 / S, 0.0)[:, None] * PH  # (J, 4)
-        self._theta += gain * np.where(moves, surprise, 0.0)[:, None]
+        theta = self._theta + gain * np.where(moves, surprise, 0.0)[:, None]
+        self._theta = np.minimum(np.maximum(theta, -self._most_theta), self._most_theta)
         self._cov -= gain[:, :, None] * PH[:, None, :]
         self._cov[:, self._diagonal, self._diagonal] += dt * self._walk
