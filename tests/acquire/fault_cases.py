@@ -278,7 +278,10 @@ def stopped_by_us(host: str) -> list[str]:
 
 
 def moved_again(truth: dict[str, Any], since_clock_s: float) -> list[str]:
-    """What began after the first stop at or after this time: another program of ours, or another stretch of motion."""
+    """What began after the first stop at or after this time: another program, or a stretch of motion under one.
+
+    Without a program the arm moves only where something outside lets it go.
+    """
     programs = [run for run in truth["programs"] if run["boot"] == truth["boot"]]
     motions = [motion for motion in truth["motions"] if motion["boot"] == truth["boot"]]
     ends = [run["ended_s"] for run in programs if run["ended_s"] is not None and run["ended_s"] >= since_clock_s - TICK_S]
@@ -286,7 +289,11 @@ def moved_again(truth: dict[str, Any], since_clock_s: float) -> list[str]:
         return []
     began = [f"program {run['number']}" for run in programs if run["began_s"] >= ends[0]]
     stood = [motion["stood_s"] for motion in motions if motion["stood_s"] is not None and motion["stood_s"] >= ends[0]]
-    began += [f"motion at {motion['began_s']:.2f} s" for motion in motions if stood and motion["began_s"] > stood[0]]
+    began += [
+        f"motion at {motion['began_s']:.2f} s"
+        for motion in motions
+        if stood and motion["began_s"] > stood[0] and motion["program"] is not None
+    ]
     return [f"began again: {', '.join(began)}"] if began else []
 
 
