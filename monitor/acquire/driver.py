@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
 
-from monitor.acquire.safety.band_basis import BandBasis
+from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.errors import MonitorError

@@ -14,7 +14,7 @@ import numpy as np
 from monitor import __version__
 from monitor.acquire.driver import Driver, ReplayTask
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
-from monitor.acquire.safety.band_basis import BandBasis
+from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, named_conditions, refuse_unless
 from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.inputs import ConditionInputs

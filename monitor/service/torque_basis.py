@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.acquire.safety.band_basis import BandBasis
-from monitor.acquire.safety.learn_profile import learn_profile
+from monitor.acquire.safety.band.basis import BandBasis
+from monitor.acquire.safety.band.learn_profile import learn_profile
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from simulated_arm import known_gains
 
-from monitor.acquire.safety.band_basis import BandBasis
-from monitor.acquire.safety.learn_profile import learn_profile, phases, recorded_rows
-from monitor.acquire.safety.torque_band import TorqueBand
+from monitor.acquire.safety.band.basis import BandBasis
+from monitor.acquire.safety.band.learn_profile import learn_profile, phases, recorded_rows
+from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import assess
 from monitor.config.files import find_excitation

@@ -17,7 +17,7 @@ from monitor.acquire.record import record
 from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety import oversight
-from monitor.acquire.safety.band_basis import BandBasis
+from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.inputs import Permit
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity

@@ -9,8 +9,8 @@ import pytest
 
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.acquire.ur.failures import StreamFailure, state_failure
-from monitor.acquire.ur.gaps import CycleGaps
+from monitor.acquire.ur.streaming.failures import StreamFailure, state_failure
+from monitor.acquire.ur.streaming.gaps import CycleGaps
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
 SOUND = ArmState(

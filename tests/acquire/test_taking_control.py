@@ -9,10 +9,10 @@ from test_driver import row
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur import arm as arm_module
-from monitor.acquire.ur import control as control_module
-from monitor.acquire.ur.arm import SPEED_RISE_S, START_S, Arm
-from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.streaming import arm as arm_module
+from monitor.acquire.ur.streaming import control as control_module
+from monitor.acquire.ur.streaming.arm import SPEED_RISE_S, START_S, Arm
+from monitor.acquire.ur.streaming.failures import StreamFailure
 from monitor.model.robot import load_robot
 from monitor.recording import Context
 

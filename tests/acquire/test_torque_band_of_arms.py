@@ -9,8 +9,8 @@ from learnt_arms import NORMAL, ROOT, SETTINGS, arm_of, first_outside, learnt_ar
 
 from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.safety.band_basis import BandBasis
-from monitor.acquire.safety.torque_band import TorqueBand
+from monitor.acquire.safety.band.basis import BandBasis
+from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.settings import Installation
 from monitor.assess import assess
 from monitor.model.fourier import Excitation

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.acquire.path import joint_path
-from monitor.acquire.ur.tracking import Tracking
+from monitor.acquire.ur.streaming.tracking import Tracking
 
 TICK_S = 0.008
 RECENT = 25

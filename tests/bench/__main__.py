@@ -22,9 +22,9 @@ def cases() -> dict[str, Callable[[], object]]:
     """What is timed, by name; a name after `vs` is what its ratio is quoted against."""
     import pinocchio as pin
 
-    from monitor.acquire.safety.band_basis import BandBasis
-    from monitor.acquire.safety.learn_profile import learn_profile, recorded_rows
-    from monitor.acquire.safety.torque_band import TorqueBand
+    from monitor.acquire.safety.band.basis import BandBasis
+    from monitor.acquire.safety.band.learn_profile import learn_profile, recorded_rows
+    from monitor.acquire.safety.band.torque_band import TorqueBand
     from monitor.acquire.settings import Installation, ReplaySettings
     from monitor.assess import assess
     from monitor.identify.fit.jackknife import block_steps

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.safety.band_basis import BandBasis
-from monitor.acquire.safety.torque_band import TorqueBand
+from monitor.acquire.safety.band.basis import BandBasis
+from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot

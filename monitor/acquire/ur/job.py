@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.acquire.driver import ReplayTask
-from monitor.acquire.safety.band_basis import basis_from_document
+from monitor.acquire.safety.band.basis import basis_from_document
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.design.cell import cell_from_document
 from monitor.model.fourier import excitation_from_document

@@ -5,8 +5,8 @@ import time
 
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time, set_timer_slack
-from monitor.acquire.ur.pacing import PacketTiming
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
+from monitor.acquire.ur.streaming.pacing import PacketTiming
 
 LONGEST_POLL_S = 0.02  # where not every tick counts, a late check costs nothing
 POLL_SHARE = 0.8  # of a period between two checks: each row is seen, and few checks find nothing new

@@ -17,15 +17,15 @@ from monitor.acquire.driver import ReplayTask
 from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety import guard
+from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.safety.first_pass import band_for
 from monitor.acquire.safety.inputs import ConditionInputs
-from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.safety.turns import turned
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
-from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
-from monitor.acquire.ur.failures import StreamFailure
 from monitor.acquire.ur.job import task_from_document
+from monitor.acquire.ur.streaming.arm import Arm
+from monitor.acquire.ur.streaming.failures import StreamFailure
 from monitor.errors import MonitorError, RobotUnreachable
 from monitor.recording import Array
 

@@ -1,6 +1,6 @@
 """How late this process sent its targets, and which failures that explains. Values only: the caller reads the clock."""
 
-from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.streaming.failures import StreamFailure
 
 RECENT_S = 0.5  # a failure so soon after late targets is taken for their consequence
 MOST_TICKS = 2.5  # between two rows: one tick that is left out is made up for, a longer gap interrupts the stream of targets

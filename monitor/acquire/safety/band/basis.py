@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from monitor.acquire.safety.torque_profile import TorqueProfile, profile_from_document
+from monitor.acquire.safety.band.profile import TorqueProfile, profile_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
 
 

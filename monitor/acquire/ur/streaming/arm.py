@@ -12,15 +12,15 @@ import numpy as np
 
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.safety.torque_band import TorqueBand
+from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
-from monitor.acquire.ur.control import STANDING_S, Control
-from monitor.acquire.ur.failures import StreamFailure, state_failure
-from monitor.acquire.ur.gaps import CycleGaps
-from monitor.acquire.ur.pacing import POLL_S, PacketTiming
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
-from monitor.acquire.ur.tracking import Tracking
+from monitor.acquire.ur.streaming.control import STANDING_S, Control
+from monitor.acquire.ur.streaming.failures import StreamFailure, state_failure
+from monitor.acquire.ur.streaming.gaps import CycleGaps
+from monitor.acquire.ur.streaming.pacing import POLL_S, PacketTiming
+from monitor.acquire.ur.streaming.tracking import Tracking
 from monitor.recording import Array
 
 RECENT_TARGETS = 25  # 0.2 s at 125 Hz: longer than servoJ's lookahead and the servo's lag together

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.safety.band_basis import BandBasis
-from monitor.acquire.safety.expected_torque import ExpectedTorque, JointInertia, expected_torque
+from monitor.acquire.safety.band.basis import BandBasis
+from monitor.acquire.safety.band.expected_torque import ExpectedTorque, JointInertia, expected_torque
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.errors import MotionRefused
 from monitor.model.robot import Mounting, Robot

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.safety.band_basis import BandBasis
-from monitor.acquire.safety.torque_band import Reading, TorqueBand
-from monitor.acquire.safety.torque_profile import STEP_S, TorqueProfile
+from monitor.acquire.safety.band.basis import BandBasis
+from monitor.acquire.safety.band.profile import STEP_S, TorqueProfile
+from monitor.acquire.safety.band.torque_band import Reading, TorqueBand
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot

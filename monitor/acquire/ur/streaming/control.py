@@ -10,9 +10,9 @@ from typing import TypeVar
 
 from rtde_control import RTDEControlInterface
 
-from monitor.acquire.ur import dead_man, sockets
-from monitor.acquire.ur.failures import StreamFailure
-from monitor.acquire.ur.no_new_sockets import forbid_new_sockets
+from monitor.acquire.ur.streaming import dead_man, sockets
+from monitor.acquire.ur.streaming.failures import StreamFailure
+from monitor.acquire.ur.streaming.no_new_sockets import forbid_new_sockets
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.recording import Array
 
