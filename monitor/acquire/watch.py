@@ -109,12 +109,12 @@ class Watch:
         message, name = self.last_message, self.oversight.program_name
         if self.phase == "ready":  # it had not begun to send a program
             return OurProgram(None)
-        if self.phase == "control":
-            return OurProgram(self._alive_at, "starting", name)
         if message is not None and not message.get("ours", True):  # another program may play in its place: the watchdog ends ours
             return OurProgram(None, name=name)
         if message is not None and message["kind"] == "failed" and message["cause"] == "program_stopped":
             return OurProgram(self._alive_at, "paused", name)  # what plays now is another program
+        if self.phase == "control":
+            return OurProgram(self._alive_at, "starting", name)
         return OurProgram(self._alive_at, name=name)
 
     def follow(self, session: Session) -> None:

@@ -186,6 +186,8 @@ def test_after_a_clean_end_no_program_is_stopped():
     [
         ([], None),
         ([phase("control")], "starting"),
+        ([phase("control"), {"kind": "failed", "cause": "no_control", "text": "replaced", "ours": False}], None),
+        ([phase("control"), {"kind": "failed", "cause": "program_stopped", "text": "stopped"}], "paused"),
         ([phase("control"), phase("play"), row(1)], "running"),
         ([phase("control"), phase("play"), row(1), {"kind": "failed", "cause": "program_stopped", "text": "stopped"}], "paused"),
         ([phase("control"), phase("play"), row(1), {"kind": "failed", "cause": "speed_scaling", "text": "0 %", "ours": False}], None),

@@ -146,10 +146,29 @@ def cause_of(act):
 
 
 def test_the_program_is_sent_over_nothing_that_runs_and_awaited_on_both_connections(scripted):
-    arm = scripted(rows((STOPPED, 10), (PLAYING, 10)))
+    arm = scripted(rows((STOPPED, 10), (PLAYING, 40)))
     arm.start_program()
     assert arm.control.asked == ["upload"]
     assert arm.control.program_runs()
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 8, 13])
+@pytest.mark.parametrize("pause", [STOPPING, STOPPED])
+def test_a_program_that_ours_replaced_is_noticed_and_nothing_is_stopped(scripted, ticks, pause):
+    """Somebody's program began after our last look and played for up to 0.1 s before ours replaced it; the replay went on over it."""
+    arm = scripted(rows((STOPPED, 6), (PLAYING, ticks), (pause, 1), (PLAYING, 60)))
+    with pytest.raises(StreamFailure) as failure:
+        arm.start_program()
+    assert (failure.value.cause, failure.value.ours) == ("no_control", False)
+
+
+def test_a_program_that_moves_the_arm_before_our_first_target_is_not_ours(scripted):
+    made = rows((STOPPED, 6), (PLAYING, 60))
+    for each in made[9:12]:
+        each[COLUMN["target_qd"]] = 0.2
+    with pytest.raises(StreamFailure) as failure:
+        scripted(made).start_program()
+    assert (failure.value.cause, failure.value.ours) == ("no_control", False)
 
 
 @pytest.mark.parametrize("state", [PLAYING, PAUSED, STOPPING])
@@ -183,7 +202,7 @@ def test_a_safety_stop_before_the_program_starts_is_named(scripted):
 
 def test_the_parent_hears_from_the_process_while_it_takes_control(scripted):
     """What runs just after a sign of life is ours to stop, and nothing else is."""
-    arm = scripted(rows((STOPPED, 10), (PLAYING, 18), (STOPPED, 10)))
+    arm = scripted(rows((STOPPED, 10), (PLAYING, 38), (STOPPED, 10)))
     arm.start_program()
     assert arm.program_sent
     signs = arm.outbox.signs

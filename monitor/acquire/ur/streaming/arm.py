@@ -13,7 +13,7 @@ import numpy as np
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.band.torque_band import TorqueBand
-from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
+from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, RUNTIME_STOPPED, RUNTIME_STOPPING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 from monitor.acquire.ur.streaming.control import STANDING_S, Control
@@ -31,6 +31,7 @@ TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one b
 LONGEST_STEP_S = 10.0  # of the controller's clock between two rows of a standing arm; more means that the controller was restarted
 LATE_SHARE = 0.5  # of the longest gap: a process that slept so long without a check was late itself
 ANSWER_S, ANSWER_TICKS = 0.1, 4.0  # our program answers two to four ticks after its start; the larger of both is the limit
+ALONE_S = 0.15  # our program is watched so long after it began: one that began before it is replaced by ours within 0.11 s
 START_S = 5.0  # from the upload until the control program runs; a real controller needs some tenths of a second
 WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog says is not watched
 WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
@@ -101,8 +102,9 @@ class Arm:
     def start_program(self) -> None:
         """Send the control program over nothing that runs, and wait until it runs.
 
-        The rows from before the upload until then are looked through for a program of somebody else: what runs between the last of them
-        and the arrival of ours, at most two ticks later, cannot be seen. Raises StreamFailure.
+        A program that somebody starts between the last look and the beginning of ours is replaced by ours; nothing can prevent that. But it
+        is noticed: ours stands still and runs without a pause, so the rows of ALONE_S from the first beginning on are looked through.
+        Raises StreamFailure.
         """
         control = self._control
         runtime = arm_state(self.fresh_row()).runtime_state
@@ -114,16 +116,22 @@ class Arm:
         if not control.upload():
             raise StreamFailure("no_control", "the control program could not be sent")
         self.note_busy()
-        since_s = self.seen_at
+        sent_s, begun_s = self.seen_at, None  # begun_s: on the controller's clock
         while True:
-            state = arm_state(self.next_row())
+            row = self.next_row()
+            state = arm_state(row)
             if failure := state_failure(state, self.settings, self.payload_kg, playing=False, up_to_speed=False):
                 raise failure
-            if state.runtime_state == RUNTIME_PLAYING and control.program_runs():
-                return
-            if state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_PLAYING}:
-                raise StreamFailure("no_control", f"the program is {RUNTIME_STATES.get(state.runtime_state, 'unknown')} after its upload")
-            if self.seen_at - since_s > START_S:
+            if state.runtime_state == RUNTIME_PLAYING:
+                begun_s = float(row[0]) if begun_s is None else begun_s
+                if np.max(np.abs(state.target_qd)) > STANDSTILL_RAD_S:
+                    raise StreamFailure("no_control", "a program moved the arm before ours did: somebody else's was started", ours=False)
+                if row[0] - begun_s >= ALONE_S and control.program_runs():
+                    return
+            elif begun_s is not None or state.runtime_state != RUNTIME_STOPPED:
+                name = RUNTIME_STATES.get(state.runtime_state, "unknown")
+                raise StreamFailure("no_control", f"the program is {name} after its upload: somebody else's was started", ours=False)
+            if self.seen_at - sent_s > START_S:
                 raise StreamFailure("no_control", f"the control program did not start within {START_S:g} s")
 
     def _set_watchdog(self) -> None:
@@ -158,7 +166,8 @@ class Arm:
             state = arm_state(row)
         took_s = row[0] - since_s
         if took_s < WATCHDOG_EARLY_SHARE * period_s - self.tick_s:
-            raise StreamFailure("program_stopped", f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s")
+            text = f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s"
+            raise StreamFailure("program_stopped", text, ours=False)  # what plays from now on is another
         while state.runtime_state != RUNTIME_STOPPED or self._control.program_runs():
             if row[0] - since_s > period_s + START_S or state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
                 name = RUNTIME_STATES.get(state.runtime_state, "unknown")

@@ -45,8 +45,9 @@ class Tracking:
             return None
         if late:
             return StreamFailure("late", f"targets came late: the controller's own target of joint {j + 1} is {far:.3f} rad from them")
-        text = f"the controller's own target of joint {j + 1} is {far:.3f} rad from where it was sent"
-        return StreamFailure("following_error", text, ours=False)
+        # the arm follows its controller, so nothing holds it: targets do not arrive, or another program moves it
+        text = f"the controller's own target of joint {j + 1} is {far:.3f} rad from where it was sent: targets do not arrive"
+        return StreamFailure("stalled", text, ours=False)
 
 
 def _farthest(q: Array, targets: Array) -> tuple[int, float]:
