@@ -22,6 +22,7 @@ GIVE_WAY = 19  # niceness of the other workers: they hardly delay the arm, and g
 ON_THE_WIRE = (*REAL_TIME, "simulate/", "publish/")
 
 
+@pytest.hookimpl(tryfirst=True)  # before the plugin that puts the groups into the names: by these it distributes them
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time.
 
