@@ -138,7 +138,6 @@ def test_a_window_without_length_is_no_whole_day():
         replace(SIMULATED, windows_utc=("05:00-05:00",))
 
 
-@pytest.mark.xdist_group("refusals")
 @pytest.mark.parametrize("reason", ["stall", "kill"])
 def test_a_protective_stop_that_the_child_did_not_see_is_the_cause_all_the_same(reason):
     """The child lost its data, or was killed, during a protective stop: those causes are harmless, but a person must check the arm."""

@@ -25,7 +25,6 @@ from monitor.store.recordings import read_recording
 from monitor.store.store import Store
 
 HOST = f"127.0.6.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
-pytestmark = pytest.mark.xdist_group("commands_motion")
 
 
 @pytest.fixture(scope="module")
