@@ -3,8 +3,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# three on two cores: one of them mostly waits for an arm in real time
-WORKERS ?= 3
+# two on two cores: one of them has an arm in real time, which more of them would disturb
+WORKERS ?= 2
 # more threads of linear algebra would only fight over the cores
 export OMP_NUM_THREADS ?= 1
 # the suite starts hundreds of commands: each would compile the program anew

@@ -27,7 +27,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time.
 
     These tests take longest, so they begin first; then come modules that stay together, then folders of long tests.
-    A replay gives up when its targets come late, as it must, and on a machine with other work they do: such a test may try once more,
+    A replay gives up when its targets come late, as it must, and on a machine with other work they do: such a test may try again,
     and says that it did. Evidence (`soak`) may not: what it counts, it counts.
     """
     items.sort(key=_rank)
@@ -40,7 +40,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 pytest.mark.xdist_group(place)
             )  # one worker prepares the fixture once; three workers would prepare it three times
         if place.startswith(ON_THE_WIRE) and item.get_closest_marker("soak") is None:
-            item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=2))
+            item.add_marker(pytest.mark.flaky(reruns=2 if place.startswith(REAL_TIME) else 1, reruns_delay=2))
 
 
 def _rank(item: pytest.Item) -> int:
