@@ -1,7 +1,31 @@
-"""Which processes of ours run, by /proc."""
+"""A process that replays, and which processes of ours run, by /proc."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
+
+ROOT = Path(__file__).parent.parent.parent
+PARENT = """
+import sys
+sys.path[:0] = [sys.argv[2]]
+from excitations import short
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.replay import replay
+from monitor.errors import ReplayAborted
+from monitor.model.robot import load_robot
+try:
+    replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True, first_pass=False, approach_speed_rad_s=1.0),
+           on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True))
+except ReplayAborted as error:
+    print("aborted", error.cause, flush=True)
+"""
+
+
+def replaying(host: str) -> subprocess.Popen[str]:
+    """A process that replays once on a simulated arm; it prints phase and time in it, and `aborted` with the cause at an early end."""
+    command = [sys.executable, "-c", PARENT, host, str(ROOT / "tests" / "acquire")]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
 
 
 def children(parent: int | None = None, naming: str = "monitor.acquire") -> list[int]:

@@ -3,34 +3,16 @@
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
-from processes import alive, children
+from processes import alive, children, replaying
 from simulated_arm import simulated_arm
 
 from monitor.acquire.ur.dashboard import Dashboard
 from monitor.simulate.remote import Remote
 
 TOO_EARLY, ATTEMPTS = "before the kill", 4  # a replay that the machine's other work ended says nothing of kills
-ROOT = Path(__file__).parent.parent.parent
-PARENT = """
-import sys
-sys.path[:0] = [sys.argv[2]]
-from excitations import short
-from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.replay import replay
-from monitor.errors import ReplayAborted
-from monitor.model.robot import load_robot
-try:
-    replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True, first_pass=False, approach_speed_rad_s=1.0),
-           on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True))
-except ReplayAborted as error:
-    print("aborted", error.cause, flush=True)
-"""
 
 
 def stands(host: str, within_s: float) -> str:
@@ -50,8 +32,7 @@ def stands(host: str, within_s: float) -> str:
 
 def killed(host: str, whom: str, phase: str, at_s: float) -> str:
     """What is wrong after a replay whose child, parent, or both are killed at_s into a phase; an empty text if nothing is."""
-    command = [sys.executable, "-c", PARENT, host, str(ROOT / "tests" / "acquire")]
-    parent = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    parent = replaying(host)
     try:
         assert parent.stdout is not None
         for line in parent.stdout:

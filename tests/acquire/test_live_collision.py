@@ -2,40 +2,21 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pytest
-from processes import alive, children
+from processes import alive, children, replaying
 from simulated_arm import simulated_arm
 
 from monitor.simulate.remote import Remote
 
-ROOT = Path(__file__).parent.parent.parent
 HOST = "127.0.2.93"
 WITHIN_S = 0.25  # of the arm's own clock, from the first contact until the stop is in force
-PARENT = """
-import sys
-sys.path[:0] = [sys.argv[2]]
-from excitations import short
-from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.replay import replay
-from monitor.errors import ReplayAborted
-from monitor.model.robot import load_robot
-try:
-    replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True, first_pass=False, approach_speed_rad_s=1.0),
-           on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True))
-except ReplayAborted as error:
-    print("aborted", error.cause, flush=True)
-"""
 
 
 def collision(host: str, *, parent_stopped: bool, at_s: float) -> tuple[float | None, str]:
     """Time from a push of 90 N·m on joint 2 to the stop [s], None where there was none; and the cause that the parent reports."""
-    command = [sys.executable, "-c", PARENT, host, str(ROOT / "tests" / "acquire")]
-    parent = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    parent = replaying(host)
     try:
         assert parent.stdout is not None
         for line in parent.stdout:
