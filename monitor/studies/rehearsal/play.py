@@ -3,8 +3,9 @@
 The learning days at the beginning are left out of every figure but `Played.early`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -39,6 +40,33 @@ class Played:
     state: DriftState  # after the last day
 
 
+class LivingFleet(Protocol):
+    """Arms that replay day by day: `Fleet`, or a fleet in a world of its own."""
+
+    @property
+    def arms(self) -> int:
+        """A."""
+        ...
+
+    @property
+    def joints(self) -> int:
+        """J, per arm."""
+        ...
+
+    def morning(self, day: int) -> Day:
+        """The replays of a day; called for every day in turn."""
+        ...
+
+
+class JudgedDay(NamedTuple):
+    """A day, and what the judge made of it."""
+
+    day: int
+    now: Day
+    result: StepResult
+    evidence: Evidence
+
+
 Watcher = Callable[[int, Day, DriftState], None]
 """Called after each day's replays with the day, what happened in it, and the state of all joints."""
 
@@ -59,27 +87,10 @@ def play(
     fleet = Fleet(settings, wear)
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
-    counts, last = nothing_counted(A * J, A), np.zeros(A)
     early = np.zeros(A * J + A, dtype=bool)
     alerts, accuracy = _AlertDays(fleet), _Accuracy(fleet, assess.drift)
-    for day in range(settings.days):
-        now = fleet.morning(day)
-        if state is None:
-            state = initial_state(now.seen, J, assess.drift, assess.temperature)
-        replay = Replay(
-            observation=now.seen,
-            days=day - last,
-            replayed=now.replayed,
-            slot=now.slot,
-            opened=now.opened & (day > 0),  # the initial state knows no level yet
-            revolutions=now.revolutions.ravel() if count_use else None,
-        )
-        last = np.where(now.replayed, day, last)
-        result = step(state, replay, assess.drift, assess.temperature, settle_on_learnt=True)
+    for day, now, result, evidence in judged_days(fleet, settings.days, assess, count_use=count_use, settle_on_learnt=True):
         state = result.state
-        usable = state.filter_state.learnt_from & result.inside_range
-        evidence = weigh_evidence(wear_of_state(state.filter_state, usable, day), counts, J, assess.health)
-        counts = evidence.counts
         if day < learning:
             early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
         else:
@@ -100,6 +111,34 @@ def play(
         slope_error_per_k=accuracy.slope_per_k(),
         state=state,
     )
+
+
+def judged_days(
+    fleet: LivingFleet, days: int, assess: AssessSettings, *, count_use: bool = True, settle_on_learnt: bool = False
+) -> Iterator[JudgedDay]:
+    """A fleet's days, judged by the daemon's own functions in turn; `settle_on_learnt` as in `step`."""
+    A, J = fleet.arms, fleet.joints
+    state: DriftState | None = None
+    counts, last = nothing_counted(A * J, A), np.zeros(A)
+    for day in range(days):
+        now = fleet.morning(day)
+        if state is None:
+            state = initial_state(now.seen, J, assess.drift, assess.temperature)
+        replay = Replay(
+            observation=now.seen,
+            days=day - last,
+            replayed=now.replayed,
+            slot=now.slot,
+            opened=now.opened & (day > 0),  # the initial state knows no level yet
+            revolutions=now.revolutions.ravel() if count_use else None,
+        )
+        last = np.where(now.replayed, day, last)
+        result = step(state, replay, assess.drift, assess.temperature, settle_on_learnt=settle_on_learnt)
+        state = result.state
+        usable = state.filter_state.learnt_from & result.inside_range
+        evidence = weigh_evidence(wear_of_state(state.filter_state, usable, day), counts, J, assess.health)
+        counts = evidence.counts
+        yield JudgedDay(day, now, result, evidence)
 
 
 class _AlertDays:

@@ -1,0 +1,137 @@
+"""What happens to healthy joints over the years: changes of friction that are no wear, each a value that draws its factors."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from monitor.recording import Array
+from monitor.studies.rehearsal.worlds.noise import Shape, autoregressive
+
+DAYS_A_YEAR = 365.0
+
+
+class Factors(NamedTuple):
+    """Logarithms of factors, each (D, A, J) or what broadcasts to it."""
+
+    dry: Array | float = 0.0  # of dry friction
+    viscous: Array | float = 0.0  # of viscous friction
+    gain: Array | float = 0.0  # of what the firmware reports as torque
+    residual: Array | float = 0.0  # of the RMS that the fit leaves
+
+
+class Change(Protocol):
+    """A change of healthy joints."""
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """The logarithms of the factors it causes."""
+        ...
+
+
+def days_of(shape: Shape) -> Array:
+    """(D, 1, 1) days since the first replay."""
+    return np.arange(float(shape[0]))[:, None, None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunningIn:
+    """Friction falls by a share that differs from joint to joint, within a few months."""
+
+    fall: tuple[float, float] = (0.05, 0.10)
+    time_constant_days: tuple[float, float] = (20.0, 60.0)
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """Dry and viscous friction fall alike."""
+        fall, tau = rng.uniform(*self.fall, shape[1:]), rng.uniform(*self.time_constant_days, (shape[1], 1))
+        log = np.log1p(-fall * (1.0 - np.exp(-days_of(shape) / tau)))
+        return Factors(log, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Yearly:
+    """A year's swing that is not temperature, as of humidity or supply: common to an arm's joints or of each joint."""
+
+    amplitude: float = 0.02
+    common: bool = True
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """A year's swing with a half-year's harmonic of a fifth of its size, and another size each year."""
+        of = (shape[1], 1) if self.common else shape[1:]
+        t = (days_of(shape) / DAYS_A_YEAR + rng.uniform(0.0, 1.0, of)) * 2.0 * np.pi
+        swing = np.cos(t) + 0.2 * np.cos(2.0 * t + rng.uniform(0.0, 2.0 * np.pi, of))
+        log = self.amplitude * np.exp(0.15 * rng.normal(size=of)) * swing
+        return Factors(log, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wandering:
+    """A slow walk about a mean: standard deviation `std`, forgotten within `memory_days`."""
+
+    std: float = 0.02
+    memory_days: float = 120.0
+    common: bool = True
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """Dry and viscous friction alike."""
+        of = (shape[1], 1) if self.common else shape[1:]
+        log = self.std * autoregressive(rng.normal(size=(shape[0], *of)), float(np.exp(-1.0 / self.memory_days)))
+        log = log - log[0]
+        return Factors(log, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gain:
+    """Another scale of current, as after an update of the firmware that nobody declared: all joints at once, for good."""
+
+    factor: float = 1.03
+    days: tuple[float, float] = (90.0, 500.0)
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """The scale of torque, from a day drawn for each arm."""
+        return Factors(gain=np.where(days_of(shape) >= rng.uniform(*self.days, (shape[1], 1)), np.log(self.factor), 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Payload:
+    """An undeclared payload of 0.3 kg: what the gears carry rises, and dry friction with it; most at shoulder and elbow."""
+
+    rise: tuple[float, ...] = (0.003, 0.035, 0.030, 0.012, 0.008, 0.001)  # of friction at the reference speed, by joint
+    days: tuple[float, float] = (90.0, 500.0)
+    kept_days: float = np.inf
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """Dry friction, from a day drawn for each arm; arms hold it at other reaches."""
+        start, t = rng.uniform(*self.days, (shape[1], 1)), days_of(shape)
+        rise = np.array(self.rise) * rng.uniform(0.7, 1.3, (shape[1], 1))
+        dry = np.log1p(2.0 * rise)  # dry friction is about half of it
+        return Factors(dry=np.where((t >= start) & (t < start + self.kept_days), dry, 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Regrease:
+    """Undeclared new grease in all joints: friction falls at once, and creeps back by a share of that."""
+
+    fall: float = 0.10
+    days: tuple[float, float] = (100.0, 200.0)
+    creep: float = 0.0  # share of the fall that is lost again
+    creep_days: float = 40.0
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """Dry and viscous friction alike, from a day drawn for each arm."""
+        since = days_of(shape) - rng.uniform(*self.days, (shape[1], 1))
+        back = 1.0 - self.creep * (1.0 - np.exp(-np.maximum(since, 0.0) / self.creep_days))
+        log = np.where(since >= 0.0, np.log1p(-self.fall) * back, 0.0)
+        return Factors(log, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weekday:
+    """Friction is another on some days of the week, as after idle weekends, by a size drawn for each joint."""
+
+    std: float = 0.02
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """Mondays, and half of it on Tuesdays."""
+        day = days_of(shape) % 7
+        log = self.std * rng.normal(size=shape[1:]) * (1.0 * (day == 0) + 0.5 * (day == 1))
+        return Factors(log, log)

@@ -1,0 +1,158 @@
+"""A world as a value, and a fleet that lives in it: years of daily replays as arrays, from a seed."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from monitor.judge.drift.observation import Observation
+from monitor.recording import Array
+from monitor.studies.rehearsal.fleet import Day
+from monitor.studies.rehearsal.worlds.change import Change, Factors
+from monitor.studies.rehearsal.worlds.noise import Correlated, Noise, Shape
+from monitor.studies.rehearsal.worlds.physics import REFERENCE_RAD_S, SENSOR_STEP_K, SIZE_NM, Friction, Heat, Temperatures
+from monitor.studies.rehearsal.worlds.wear import RATE_10, STEP_5, Wear
+
+JOINTS = len(SIZE_NM)
+WITHIN_STD = 0.003, 0.008  # of log F within a replay, drawn for each
+CONTRAST_STD = 0.05  # of log fv − log fc between replays at the same F: one fit cannot part them well
+RESIDUAL_SHARE, RESIDUAL_STD = 0.03, 0.06  # RMS that the fit leaves, as a share of F, and its scatter in logarithms
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goal:
+    """What the judge should reach in a world; None: not asked for."""
+
+    false_single: float | None = 0.1  # single-joint advisories a robot-year of healthy arms, rising and falling
+    false_common: float | None = None  # the same of all joints together; None: the right word for what happens there, or not asked
+    within_days: tuple[tuple[str, float], ...] = ()  # of wear, by name: the median of days to detection
+    nine_of_ten_days: tuple[tuple[str, float], ...] = ()  # likewise, nine of ten arms
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class World:
+    """What differs from replay to replay, what happens to healthy joints, and which wear is to be found."""
+
+    name: str
+    sentence: str
+    noise: Noise = field(default_factory=Correlated)
+    changes: tuple[Change, ...] = ()
+    heat: Heat = field(default_factory=Heat)
+    wear: tuple[Wear, ...] = (STEP_5, RATE_10)
+    missed: float = 0.01  # share of mornings without a replay
+    gap: tuple[float, int] = (0.0, 0)  # gaps a year and arm, and their length [days]
+    goal: Goal = field(default_factory=Goal)
+
+
+class WorldFleet:
+    """Arms of one world: first the healthy ones, then a group for each kind of wear. It has what `judged_days` asks of a fleet."""
+
+    def __init__(self, world: World, *, healthy: int, worn: int, days: int, seed: int) -> None:
+        """Every random number comes from the seed; what one kind of law draws does not depend on the others.
+
+        healthy : arms without wear, worn : arms with each kind of wear.
+        """
+        self.world, self.days, self.joints = world, days, JOINTS
+        self.arms = healthy + worn * len(world.wear)
+        self.group = np.concatenate([np.full(healthy, -1), np.repeat(np.arange(len(world.wear)), worn)])  # (A,) −1: healthy
+        self._seed = seed
+        shape: Shape = (days, self.arms, JOINTS)
+        rng = self._rng
+        self.law = Friction.drawn(rng(0), self.arms)
+        self.heat: Temperatures = world.heat.at_replays(rng(1), *shape)
+        self._noise = world.noise(rng(2), shape)
+        self.onset_day, self.worn = self._onsets(rng(3))
+        changes = [change(rng(4, k), shape) for k, change in enumerate(world.changes)]
+        changes += [
+            wear.factors(self.onset_day, self.worn & (self.group == k)[:, None], days) if worn else Factors()
+            for k, wear in enumerate(world.wear)
+        ]
+        self._dry, self._viscous, self._gain, self._misfit = (
+            sum_to(shape, [getattr(each, name) for each in changes]) for name in Factors._fields
+        )
+        self._replayed = self._presence(rng(5))
+        self._observe(rng(6))
+
+    def _rng(self, *key: int) -> np.random.Generator:
+        return np.random.default_rng((self._seed, *key))
+
+    def _onsets(self, rng: np.random.Generator) -> tuple[Array, np.ndarray]:
+        """The day on which wear begins, (A,), infinite in healthy arms, and the joints that wear, (A, J)."""
+        onset, worn = np.full(self.arms, np.inf), np.zeros((self.arms, JOINTS), dtype=bool)
+        rank = rng.random((self.arms, JOINTS)).argsort(axis=1).argsort(axis=1)
+        drawn = rng.random(self.arms)
+        for k, wear in enumerate(self.world.wear):
+            here = self.group == k
+            latest = min(wear.latest_day, max(self.days - 60.0, wear.earliest_day + 1.0))
+            onset[here] = np.floor(wear.earliest_day + drawn[here] * (latest - wear.earliest_day))
+            worn[here] = rank[here] < wear.joints
+        return onset, worn
+
+    def _presence(self, rng: np.random.Generator) -> np.ndarray:
+        """(D, A) whether the arm replays."""
+        replayed: np.ndarray = rng.random((self.days, self.arms)) >= self.world.missed
+        per_year, length = self.world.gap
+        if per_year > 0:
+            begins = rng.random((self.days, self.arms)) < per_year / 365.0
+            begun = np.cumsum(begins, axis=0)
+            before = np.zeros_like(begun)
+            before[length:] = begun[: self.days - length]
+            replayed &= begun == before
+        replayed[0] = True
+        return replayed
+
+    def _observe(self, rng: np.random.Generator) -> None:
+        """What `identify` makes of every replay, from the law's straight line; (D, A, J) each."""
+        grease, shape = self.heat.grease_c, self._noise.shape
+        dry, viscous = np.exp(self._dry), np.exp(self._viscous)
+        fc, fv = self.law.line(grease, dry, viscous)
+        self._truth = np.log(self.law.torque(REFERENCE_RAD_S, grease, dry, viscous)) + self._gain
+        within = rng.uniform(*WITHIN_STD, shape)
+        self._variance = within**2
+        self._y = self._truth + self._noise + within * rng.normal(size=shape)
+        share = fv * REFERENCE_RAD_S / (fc + fv * REFERENCE_RAD_S) * np.exp(CONTRAST_STD * rng.normal(size=shape))
+        self._share = np.clip(share, 0.05, 0.95)
+        self._residual = RESIDUAL_SHARE * np.exp(self._y + self._misfit + RESIDUAL_STD * rng.normal(size=shape))  # [N·m]
+        self._measured = np.rint((self.heat.motor_c + 0.01 * rng.normal(size=shape)) / SENSOR_STEP_K) * SENSOR_STEP_K
+        self._warming = self.heat.warming_k_per_min + 0.03 * rng.normal(size=shape)
+
+    @cached_property
+    def _nothing_turned(self) -> Array:
+        return np.zeros((self.arms, JOINTS))
+
+    def morning(self, day: int) -> Day:
+        """The replays of a day, in any order of days."""
+        torque, share, here = np.exp(self._y[day]), self._share[day], self._replayed[day]
+        since = np.where(np.isfinite(self.onset_day), np.maximum(day - self.onset_day, 0.0), 0.0)
+        return Day(
+            replayed=here,
+            slot=np.zeros(self.arms, dtype=int),
+            opened=np.zeros(self.arms, dtype=bool),
+            seen=Observation(
+                log_torque=np.where(here[:, None], self._y[day], np.nan).ravel(),
+                variance=self._variance[day].ravel(),
+                temperature_c=self._measured[day].ravel(),
+                viscous_share=share.ravel(),
+                warming_k_per_min=self._warming[day].ravel(),
+                coulomb_nm=((1.0 - share) * torque).ravel(),
+                viscous_nm_s_per_rad=(share * torque / REFERENCE_RAD_S).ravel(),
+            ),
+            truth=self._truth[day],
+            worn=self.worn * (day >= self.onset_day)[:, None].astype(float),
+            revolutions=self._nothing_turned,
+            used_days=since,
+        )
+
+    def log_torque_at(self, day: int, temperature_c: Array) -> Array:
+        """(A, J) true log friction at the reference speed on a day, were motor and grease of one temperature (A, J)."""
+        torque = self.law.torque(REFERENCE_RAD_S, temperature_c, np.exp(self._dry[day]), np.exp(self._viscous[day]))
+        result: Array = np.log(torque) + self._gain[day]
+        return result
+
+
+def sum_to(shape: Shape, parts: list[Array | float]) -> Array:
+    """The sum of factors' logarithms, broadcast to (D, A, J) without a copy where nothing varies."""
+    total: Array | float = 0.0
+    for part in parts:
+        total = total + part
+    return np.broadcast_to(np.asarray(total, dtype=float), shape)

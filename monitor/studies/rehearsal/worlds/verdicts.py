@@ -1,0 +1,209 @@
+"""What the judge makes of a world: false advisories, days to detection, coverage, counted as the text `COUNTED` says."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from monitor.assess import AssessSettings
+from monitor.judge.alerts.evidence import Evidence
+from monitor.judge.drift.undetected_change import undetected_change
+from monitor.recording import Array
+from monitor.studies.figures import DAYS_A_YEAR, NINETY, Rate, Share, finite_or_none, share_document
+from monitor.studies.rehearsal.play import LEARNING_DAYS, JudgedDay, judged_days
+from monitor.studies.rehearsal.worlds.fleet import World, WorldFleet
+
+CLEAR_DAYS = 30  # so long without it, and an advisory counts as cleared: the next one is a new one
+SOON_DAYS = 30
+COUNTED = """What is counted. The first 60 days of every arm are for learning and left out. False advisories are those of healthy arms (N of
+them), over all days after learning: of each joint the first rise to any tier and the first alert of fallen friction, of each arm the first
+common alert (of all joints together); "again" counts those that come back after 30 days without. Every kind of wear of the world is put
+into further arms (half as many of each), from a day between 60 and 425 on; days to detection run from the onset to the first tier of the
+joint that wears (of any of them, or the common alert, where three or more wear), the onset's day included; arms in which that was raised
+before the onset are left out. Right joint: no other joint's tier came between onset and detection, of the arms where anything was found.
+Coverage: share of days on which the 90 % interval of friction at T0 (with the undetected-change mixture) holds the truth, healthy and worn
+joints. The judge's functions are the daemon's (`step` without `settle_on_learnt`, `weigh_evidence`); nobody counts revolutions."""
+
+
+class Episodes:
+    """First days and number of episodes of a condition over days, for joints or arms."""
+
+    def __init__(self, size: int) -> None:
+        self.first = np.full(size, np.inf)  # after learning
+        self.count = np.zeros(size, dtype=int)  # of episodes after learning
+        self._last = np.full(size, -np.inf)
+
+    def add(self, day: int, on: np.ndarray, learning: int) -> None:
+        """One more day; what was on while learning and never went off is no new episode."""
+        new = on & (day - self._last > CLEAR_DAYS) & (day >= learning)
+        self.first[new & np.isinf(self.first)] = day
+        self.count += new
+        self._last[on] = day
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdicts:
+    """What was raised in a fleet of a world. Days are those of the fleet's life; infinite is never."""
+
+    fleet: WorldFleet
+    rising: Episodes  # of the joints, (A·J,)
+    falling: Episodes
+    common: Episodes  # of the arms, (A,)
+    found_day: Array  # (A,) first tier of a joint that wears, on or after the onset
+    before: np.ndarray  # (A,) it was raised already before the onset
+    wrong: np.ndarray  # (A,) another joint's tier came between onset and detection
+    covered: tuple[float, float]  # of healthy joints, and of worn ones after the onset
+    seconds: float
+
+
+def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
+    """A world's fleet, judged day by day."""
+    started, A, J = time.process_time(), fleet.arms, fleet.joints
+    rising, falling, common = Episodes(A * J), Episodes(A * J), Episodes(A)
+    found, before, wrong = np.full(A, np.inf), np.zeros(A, dtype=bool), np.zeros(A, dtype=bool)
+    hits, of = np.zeros(2), np.zeros(2)
+    many = fleet.worn.sum(axis=1) >= 3
+    previously = np.zeros(A, dtype=bool)
+    for judged in judged_days(fleet, fleet.days, assess, count_use=False):
+        day, evidence = judged.day, judged.evidence
+        raised = evidence.raises.reshape(A, J) >= 0
+        rising.add(day, raised.ravel(), LEARNING_DAYS)
+        falling.add(day, evidence.falls, LEARNING_DAYS)
+        common.add(day, evidence.together, LEARNING_DAYS)
+        own = _found(raised, evidence, fleet.worn, many)
+        after = day >= fleet.onset_day
+        before |= own & ~after & (day >= LEARNING_DAYS)
+        before |= own & (day == fleet.onset_day) & previously
+        wrong |= after & np.isinf(found) & (raised & ~fleet.worn).any(axis=1)
+        found[own & after & np.isinf(found)] = day
+        previously = own
+        if day >= LEARNING_DAYS:
+            hit, known = _covered(judged, fleet, assess)
+            worn = (judged.now.worn > 0).ravel()
+            hits += [np.sum(hit & known & ~worn), np.sum(hit & known & worn)]
+            of += [np.sum(known & ~worn), np.sum(known & worn)]
+    with np.errstate(invalid="ignore"):
+        healthy, worn_share = hits / of
+    return Verdicts(
+        fleet=fleet,
+        rising=rising,
+        falling=falling,
+        common=common,
+        found_day=found,
+        before=before,
+        wrong=wrong,
+        covered=(float(healthy), float(worn_share)),
+        seconds=time.process_time() - started,
+    )
+
+
+def _found(raised: np.ndarray, evidence: Evidence, worn: np.ndarray, many: np.ndarray) -> np.ndarray:
+    """(A,) whether a joint that wears is at a tier, or all together where three or more wear."""
+    result: np.ndarray = (raised & worn).any(axis=1) | (many & evidence.together)
+    return result
+
+
+def _covered(judged: JudgedDay, fleet: WorldFleet, assess: AssessSettings) -> tuple[np.ndarray, np.ndarray]:
+    """(A·J,) whether the 90 % interval of friction at T0 holds the truth, and where there is one."""
+    state, joints = judged.result.state, judged.result.state.filter_state
+    T0, slot = state.reference_temperature_c, state.slot
+    truth = fleet.log_torque_at(judged.day, T0.reshape(fleet.arms, fleet.joints)).ravel()
+    mean, std = joints.reference(T0, slot)
+    more, more_var = undetected_change(joints, joints.reference_row(T0, slot), assess.drift)
+    inside = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var + assess.drift.between_floor**2)
+    return inside, np.repeat(judged.now.replayed, fleet.joints)
+
+
+def world_document(verdicts: Verdicts) -> dict[str, Any]:
+    """The figures of a world, as one document."""
+    fleet, world = verdicts.fleet, verdicts.fleet.world
+    healthy = fleet.group < 0
+    joints = np.repeat(healthy, fleet.joints)
+    years = float(healthy.sum() * (fleet.days - LEARNING_DAYS) / DAYS_A_YEAR)
+    rates = {
+        name: _rate(int(np.isfinite(episodes.first[mask]).sum()), years, again=int(np.maximum(episodes.count[mask] - 1, 0).sum()))
+        for name, episodes, mask in (
+            ("rising", verdicts.rising, joints),
+            ("falling", verdicts.falling, joints),
+            ("common", verdicts.common, healthy),
+        )
+    }
+    single = int(rates["rising"]["events"] + rates["falling"]["events"])
+    return {
+        "world": world.name,
+        "sentence": world.sentence,
+        "robot_years": years,
+        "learning_days": LEARNING_DAYS,
+        "false_advisories": {
+            "all": _rate(single + int(rates["common"]["events"]), years),
+            "single_joint": _rate(single, years),
+            **rates,
+        },
+        "detection": [_detection(verdicts, k) for k in range(len(world.wear))],
+        "interval_90": {"healthy": finite_or_none(verdicts.covered[0]), "worn": finite_or_none(verdicts.covered[1])},
+        "goal": {
+            "single_joint": world.goal.false_single,
+            "common": world.goal.false_common,
+            "median_days": dict(world.goal.within_days),
+            "nine_of_ten_days": dict(world.goal.nine_of_ten_days),
+        },
+        "processor_s": verdicts.seconds,
+        "arm_days": fleet.arms * fleet.days,
+    }
+
+
+def _rate(events: int, years: float, **more: int) -> dict[str, float]:
+    rate = Rate(events=events, robot_years=years)
+    return {"events": events, "per_year": rate.per_year, "at_most": rate.at_most, **more}
+
+
+def _detection(verdicts: Verdicts, k: int) -> dict[str, Any]:
+    """Days to detection of the wear of number k."""
+    fleet = verdicts.fleet
+    here = (fleet.group == k) & ~verdicts.before
+    days = verdicts.found_day[here] - fleet.onset_day[here] + 1.0
+    found, n = np.isfinite(days), len(days)
+    return {
+        "wear": fleet.world.wear[k].name,
+        "arms": n,
+        "raised_before": int(((fleet.group == k) & verdicts.before).sum()),
+        "median_days": finite_or_none(float(np.median(days))) if n else None,
+        "p90_days": finite_or_none(float(np.quantile(days, 0.9, method="higher"))) if n else None,
+        "within_30_days": share_document(Share(hits=int((days <= SOON_DAYS).sum()), of=n)),
+        "never": share_document(Share(hits=int((~found).sum()), of=n)),
+        "right_joint": share_document(Share(hits=int((found & ~verdicts.wrong[here]).sum()), of=int(found.sum()))),
+    }
+
+
+def play_world(world: World, assess: AssessSettings, *, arms: int, days: int, seed: int) -> dict[str, Any]:
+    """A world's figures, as one document: `arms` healthy ones, and half as many of each kind of wear."""
+    return world_document(judge_world(WorldFleet(world, healthy=arms, worn=max(arms // 2, 1), days=days, seed=seed), assess))
+
+
+def world_line(document: dict[str, Any]) -> str:
+    """The figures in one line."""
+    false, goal = document["false_advisories"], document["goal"]
+    each = " ".join(f"{name} {false[name]['per_year']:.2f}" for name in ("rising", "falling", "common"))
+    again = sum(false[name]["again"] for name in ("rising", "falling", "common"))
+    single = false["single_joint"]
+    asked = "–" if goal["single_joint"] is None else f"{goal['single_joint']:g}"
+    line = (
+        f"{document['world']:20s} single {single['per_year']:.3f} (≤ {single['at_most']:.3f}, asked {asked})/y: {each} "
+        f"again {again} in {document['robot_years']:.0f} y"
+    )
+    for row in document["detection"]:
+        median, p90 = ("never" if row[key] is None else f"{row[key]:.0f}" for key in ("median_days", "p90_days"))
+        asked = f" asked {goal['median_days'][row['wear']]:g}" if row["wear"] in goal["median_days"] else ""
+        right = row["right_joint"]["share"]
+        line += (
+            f" | {row['wear']}: {median}/{p90} d{asked}, ≤30 d {_whole(row['within_30_days']['share'])}, "
+            f"never {_whole(row['never']['share'])}, right {_whole(right)}, "
+            f"before {row['raised_before']}/{row['arms'] + row['raised_before']}"
+        )
+    cover = document["interval_90"]
+    return f"{line} | 90 %: {_whole(cover['healthy'])} worn {_whole(cover['worn'])} | {document['processor_s']:.0f} s"
+
+
+def _whole(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.0f} %"
