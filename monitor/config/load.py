@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import AssessSettings
 from monitor.config.files import find_cell, find_excitation
-from monitor.config.schema import Configuration, RobotSettings, assess_sections, section_classes, text_keys
+from monitor.config.schema import Configuration, RobotSettings, assess_sections, retired_keys, section_classes, text_keys
 from monitor.config.sections import nearest, read_section
 from monitor.config.sources import PREFIX, overridden, placed, with_credentials, without_secrets
 from monitor.errors import BadConfiguration, BadInput
@@ -119,7 +119,15 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
     assert robot is not None  # likewise
     rooms = ("schedule", "store", "replay", "bus", "metrics", "page")
     assess = AssessSettings(method=sections["assess"].method, **{name: sections[name] for name in assess_sections()})
-    return Configuration(path=path, robot=robot, assess=assess, excitation=excitation, **{name: sections[name] for name in rooms})
+    made = {name: sections[name] for name in rooms}
+    return Configuration(path=path, robot=robot, assess=assess, excitation=excitation, notices=_notices(document), **made)
+
+
+def _notices(document: dict[str, Any]) -> tuple[str, ...]:
+    """A sentence for each key of the file that is read and not documented any more."""
+    retired = retired_keys()
+    present = [f"{section}.{key}" for section, table in document.items() if isinstance(table, dict) for key in table]
+    return tuple(f"{key} is no longer needed ({retired[key]})" for key in present if key in retired)
 
 
 def _taken_from(replay: dict[str, Any], mistakes: list[str]) -> _Trajectory:

@@ -62,7 +62,7 @@ def _flat(configuration: Configuration) -> dict[str, Any]:
     """Every setting by its key in the file."""
     flat: dict[str, Any] = {"replay.excitation": (configuration.excitation.digest, configuration.excitation.repetitions)}
     for section in dataclasses.fields(configuration):
-        if section.name in {"path", "excitation", "assess", "overrides"}:
+        if section.name in {"path", "excitation", "assess", "overrides", "notices"}:
             continue
         _into(flat, section.name, getattr(configuration, section.name))
     for room in dataclasses.fields(configuration.assess):

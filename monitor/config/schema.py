@@ -11,6 +11,7 @@ from annotated_types import Interval
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.assess import AssessSettings
+from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.publish.metrics import MetricsSettings
@@ -76,6 +77,7 @@ class Configuration:
     assess: AssessSettings
     excitation: Excitation
     overrides: tuple[str, ...] = ()  # variables of the environment that replace values of the file
+    notices: tuple[str, ...] = ()  # keys of the file that are read, and are not needed any more
 
     @property
     def robot_description(self) -> Robot:
@@ -140,6 +142,11 @@ def assess_sections() -> dict[str, type]:
     """The sections that are one value each within `AssessSettings`, by name."""
     hints = get_type_hints(AssessSettings)
     return {field.name: hints[field.name] for field in dataclasses.fields(AssessSettings) if dataclasses.is_dataclass(hints[field.name])}
+
+
+def retired_keys() -> dict[str, str]:
+    """Why a key is not documented any more, by `section.key`. It is still read."""
+    return {f"drift.{key}": why for key, why in DriftSettings.retired.items()}
 
 
 def text_keys() -> set[str]:

@@ -27,6 +27,7 @@ def service_conditions(configuration: Configuration, now_unix_s: float | None = 
 def _configuration(configuration: Configuration) -> ConditionResult:
     overrides = ", ".join(configuration.overrides)
     text = f"{configuration.path} is right" + (f"; the environment stands in for it: {overrides}" if overrides else "")
+    text = "; ".join([text, *configuration.notices])
     return ConditionResult(name="configuration", holds=True, text=text)
 
 

@@ -12,6 +12,7 @@ import pytest
 from monitor.config import schema
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document, load
+from monitor.config.schema import retired_keys
 from monitor.errors import BadConfiguration, BadInput
 
 ROOT = Path(__file__).parents[2]
@@ -40,8 +41,8 @@ def test_every_key_of_the_code_is_in_the_reference_with_its_reason():
             if isinstance(hint, type) and dataclasses.is_dataclass(hint):
                 collect(hint, table[field.name], f"{place}.{field.name}")
                 continue
-            if (place, field.name) in {("replay", "host"), ("robot", "serial")}:
-                continue  # host belongs to [robot]; a serial number has no default
+            if (place, field.name) in {("replay", "host"), ("robot", "serial")} or f"{place}.{field.name}" in retired_keys():
+                continue  # host belongs to [robot]; a serial number has no default; a retired key is read, and not documented
             assert field.name in table, f"{place}.{field.name} is not in the reference"
             keys.add(field.name)
 
@@ -56,6 +57,23 @@ def test_every_key_of_the_code_is_in_the_reference_with_its_reason():
         match = re.match(r"(\w+) = ", line)
         if match:
             assert re.search(r"#\s+\S.{2,}", line), f"{line!r} gives no reason"
+
+
+def test_the_drift_filter_has_at_most_twelve_documented_keys():
+    """What the monitor can learn from the arm is no key."""
+    assert len(tomllib.loads(REFERENCE.read_text("utf-8"))["drift"]) <= 12
+
+
+def test_a_key_of_an_older_file_is_read_with_a_notice_that_says_why_it_went():
+    """Its value is in force, checked as before; a file without such keys has no notice."""
+    for key, why in retired_keys().items():
+        section, name = key.split(".")
+        usual = getattr(from_document(LEAST, Path("cell.toml")).assess.drift, name)
+        older = from_document({**LEAST, section: {name: usual}}, Path("cell.toml"))
+        assert older.notices == (f"{key} is no longer needed ({why})",)
+    assert from_document({**LEAST, "drift": {"caution": 0.7}}, Path("cell.toml")).assess.drift.caution == 0.7
+    assert "drift.caution" in refusal(drift={"caution": -1.0})
+    assert from_document(LEAST, Path("cell.toml")).notices == ()
 
 
 def refusal(**sections: object) -> str:

@@ -1,12 +1,16 @@
 """Settings of the drift filter: how friction is expected to vary in a healthy joint, and when a change is detected."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from annotated_types import Interval
 
 from monitor.errors import BadConfiguration
 from monitor.judge.bounds import check_bounds
+
+_LEARNT = "the monitor learns it from the arm; the value stands in until it has"
+_THRESHOLD = "[health] false_alarms_per_year says how rare false alerts must be"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +52,26 @@ class DriftSettings:
     settle_replays: Annotated[int, Interval(ge=0, le=1000)] = 20  # T0 is the mean temperature of so many first replays
     unknown_temperature_c: Annotated[float, Interval(ge=-20.0, le=80.0)] = 25.0  # stands in for an unknown temperature …
     unknown_temperature_std_k: Annotated[float, Interval(ge=1e-6, le=50.0)] = 6.0  # … with this standard deviation
+
+    # keys that older files may have: they are read, with a notice that says why they are not documented any more
+    retired: ClassVar[Mapping[str, str]] = {
+        "between_replays": _LEARNT,
+        "alike_replays": _LEARNT,
+        "caution": _LEARNT,
+        "memory_replays": _LEARNT,
+        "autocorrelation_max": _LEARNT,
+        "rate_std_per_day": _LEARNT,
+        "rate_walk_per_sqrt_day": _LEARNT,
+        "wear_walk_per_sqrt_day": _LEARNT,
+        "unseen_pace_std_per_day": _LEARNT,
+        "unseen_step_std": _LEARNT,
+        "grease_lag_std_min": _LEARNT,
+        "uneven_share": _LEARNT,
+        "gate_sigma": _THRESHOLD,
+        "gate_run": _THRESHOLD,
+        "shift_sigma": _THRESHOLD,
+        "pace_sigma": _THRESHOLD,
+    }
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration naming the field that is out of its bounds, or an autocorrelation above its maximum."""
