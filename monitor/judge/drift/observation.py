@@ -11,10 +11,13 @@ from monitor.recording import Array
 POSSIBLE_C = (-20.0, 100.0)  # [°C] of a joint that works; beyond it the sensor is wrong
 VISCOUS_SHARE = 0.4  # assumed where a joint is not resolved
 VISCOUS_SHARES = (0.05, 0.95)  # the fit's share is clipped to these: every joint has friction of both kinds
+SLOW_RAD_S = 0.1  # below it friction is stiction, see `STANDSTILL_SPEED_RAD_S`
+FAST_RAD_S = 1.0  # most trajectories reach it with most joints
+NOT_MEASURED: Array = np.empty(0)  # an optional field that nobody measured; so is one of NaN
 
 
 class Observation(NamedTuple):
-    """One replay of N joints, (N,) each."""
+    """One replay of N joints, (N,) each. The fields with a default are optional: wear is then looked for in fewer channels."""
 
     log_torque: Array  # y = log F, F the friction torque at the reference speed [N·m]; NaN where the joint was not resolved
     variance: Array  # of y, within the replay
@@ -23,6 +26,9 @@ class Observation(NamedTuple):
     warming_k_per_min: Array  # NaN where unknown
     coulomb_nm: Array  # fc of the fit, at the replay's temperature, for the temperature laws; NaN where unknown
     viscous_nm_s_per_rad: Array  # fv, likewise
+    residual_rms_nm: Array = NOT_MEASURED  # RMS over moving samples of what the fit does not explain [N·m]; NaN where unknown
+    log_torque_slow: Array = NOT_MEASURED  # log of the friction torque at `SLOW_RAD_S` by a law other than the line fc + fv·v …
+    log_torque_fast: Array = NOT_MEASURED  # … and at `FAST_RAD_S`; NaN where the joint was not resolved
 
 
 def observe(identification: Identification, settings: DriftSettings) -> Observation:
@@ -38,6 +44,7 @@ def observe(identification: Identification, settings: DriftSettings) -> Observat
     # one replay at 1000 °C would bend a joint's temperature law permanently
     possible = (measured >= POSSIBLE_C[0]) & (measured <= POSSIBLE_C[1])
     share = np.where(resolved, identification.viscous_nm_s_per_rad * v / F, VISCOUS_SHARE)
+    slow, fast = (_log_torque_beside_line(identification, speed) for speed in (SLOW_RAD_S, FAST_RAD_S))
     return Observation(
         log_torque=np.where(resolved, np.log(F), np.nan),
         variance=np.where(resolved, (std / F) ** 2, np.nan),  # Var log F ≈ Var F / F²
@@ -46,4 +53,20 @@ def observe(identification: Identification, settings: DriftSettings) -> Observat
         warming_k_per_min=np.where(possible, warming, np.nan),
         coulomb_nm=identification.coulomb_nm,
         viscous_nm_s_per_rad=identification.viscous_nm_s_per_rad,
+        residual_rms_nm=identification.rms_nm,
+        log_torque_slow=np.where(resolved, slow, np.nan),
+        log_torque_fast=np.where(resolved, fast, np.nan),
     )
+
+
+def _log_torque_beside_line(identification: Identification, speed_rad_s: float) -> Array:
+    """(J,) log of the friction torque at a speed by a law richer than fc + fv·v; NaN where there is none or the joint was slower."""
+    if identification.friction is not None:
+        torque = identification.friction.at(speed_rad_s)[0]
+    elif identification.residual_friction is not None:
+        fit = identification.residual_friction
+        torque = np.einsum("jk,jk->j", fit.law.columns(np.full(len(fit.load_nm), speed_rad_s), fit.load_nm), fit.friction)
+    else:
+        torque = np.full(len(identification.coulomb_nm), np.nan)
+    known = (torque > 0) & (identification.max_speed_rad_s >= speed_rad_s)
+    return np.where(known, np.log(np.where(known, torque, 1.0)), np.nan)
