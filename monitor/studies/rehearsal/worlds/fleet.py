@@ -5,18 +5,20 @@ from functools import cached_property
 
 import numpy as np
 
-from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S, Observation
 from monitor.recording import Array
 from monitor.studies.rehearsal.fleet import Day
 from monitor.studies.rehearsal.worlds.change import Change, Factors
-from monitor.studies.rehearsal.worlds.noise import Correlated, Noise, Shape
+from monitor.studies.rehearsal.worlds.noise import Correlated, Noise, Shape, autoregressive
 from monitor.studies.rehearsal.worlds.physics import REFERENCE_RAD_S, SENSOR_STEP_K, SIZE_NM, Friction, Heat, Temperatures
 from monitor.studies.rehearsal.worlds.wear import RATE_10, STEP_5, Wear
 
 JOINTS = len(SIZE_NM)
 WITHIN_STD = 0.003, 0.008  # of log F within a replay, drawn for each
-CONTRAST_STD = 0.05  # of log fv − log fc between replays at the same F: one fit cannot part them well
-RESIDUAL_SHARE, RESIDUAL_STD = 0.03, 0.06  # RMS that the fit leaves, as a share of F, and its scatter in logarithms
+SHARE_STD, SHARE_RHO = (0.03, 0.08), 0.5  # of log fv between replays at the same F: one fit cannot part the two well; drawn for each joint
+BESIDE_STD = 0.004  # of log F at the slow and the fast speed, beside what follows from F at the reference speed and from fv
+MISFIT, FLOOR = 0.06, 0.02  # what the fit leaves: of viscous friction, whose curve it misses, and of the joint's size
+RESIDUAL_STD, RESIDUAL_RHO = 0.08, 0.5  # of the logarithm of what it leaves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +43,7 @@ class World:
     wear: tuple[Wear, ...] = (STEP_5, RATE_10)
     missed: float = 0.01  # share of mornings without a replay
     gap: tuple[float, int] = (0.0, 0)  # gaps a year and arm, and their length [days]
+    channels: bool = True  # whether the optional fields of `Observation` are given
     goal: Goal = field(default_factory=Goal)
 
 
@@ -110,11 +113,23 @@ class WorldFleet:
         within = rng.uniform(*WITHIN_STD, shape)
         self._variance = within**2
         self._y = self._truth + self._noise + within * rng.normal(size=shape)
-        share = fv * REFERENCE_RAD_S / (fc + fv * REFERENCE_RAD_S) * np.exp(CONTRAST_STD * rng.normal(size=shape))
-        self._share = np.clip(share, 0.05, 0.95)
-        self._residual = RESIDUAL_SHARE * np.exp(self._y + self._misfit + RESIDUAL_STD * rng.normal(size=shape))  # [N·m]
+        share = fv * REFERENCE_RAD_S / (fc + fv * REFERENCE_RAD_S)
+        error = rng.uniform(*SHARE_STD, shape[1:]) * autoregressive(rng.normal(size=shape), SHARE_RHO)
+        self._share = np.clip(share * np.exp(error), 0.05, 0.95)
+        self._slow, self._fast = (self._beside(v, fv * error, rng) for v in (SLOW_RAD_S, FAST_RAD_S))
+        missed = MISFIT * viscous * self.law.parts(REFERENCE_RAD_S, grease)[1]
+        scatter = RESIDUAL_STD * autoregressive(rng.normal(size=shape), RESIDUAL_RHO)
+        self._residual = np.hypot(missed, FLOOR * SIZE_NM) * np.exp(self._misfit + self._gain + scatter)  # [N·m]
         self._measured = np.rint((self.heat.motor_c + 0.01 * rng.normal(size=shape)) / SENSOR_STEP_K) * SENSOR_STEP_K
         self._warming = self.heat.warming_k_per_min + 0.03 * rng.normal(size=shape)
+
+    def _beside(self, speed_rad_s: float, error_nm_s_per_rad: Array, rng: np.random.Generator) -> Array:
+        """(D, A, J) log F that the fit finds at another speed, whose error turns the line about the reference speed."""
+        torque = self.law.torque(speed_rad_s, self.heat.grease_c, np.exp(self._dry), np.exp(self._viscous))
+        turned = error_nm_s_per_rad * (speed_rad_s - REFERENCE_RAD_S) / torque
+        own = BESIDE_STD * rng.normal(size=torque.shape)
+        result: Array = np.log(torque) + self._gain + (self._y - self._truth) + turned + own
+        return result
 
     @cached_property
     def _nothing_turned(self) -> Array:
@@ -136,12 +151,18 @@ class WorldFleet:
                 warming_k_per_min=self._warming[day].ravel(),
                 coulomb_nm=((1.0 - share) * torque).ravel(),
                 viscous_nm_s_per_rad=(share * torque / REFERENCE_RAD_S).ravel(),
+                **(self._channels(day) if self.world.channels else {}),
             ),
             truth=self._truth[day],
             worn=self.worn * (day >= self.onset_day)[:, None].astype(float),
             revolutions=self._nothing_turned,
             used_days=since,
         )
+
+    def _channels(self, day: int) -> dict[str, Array]:
+        """The optional fields of a day's observation."""
+        fields = {"residual_rms_nm": self._residual, "log_torque_slow": self._slow, "log_torque_fast": self._fast}
+        return {name: np.where(self._replayed[day][:, None], each[day], np.nan).ravel() for name, each in fields.items()}
 
     def log_torque_at(self, day: int, temperature_c: Array) -> Array:
         """(A, J) true log friction at the reference speed on a day, were motor and grease of one temperature (A, J)."""

@@ -36,7 +36,7 @@ class Friction:
         """Arms that differ as arms of one model do."""
         shape = (arms, len(SIZE_NM))
         size = SIZE_NM * np.exp(0.15 * rng.normal(size=shape))
-        share = rng.uniform(0.45, 0.60, shape)  # viscous, of the torque at the reference speed
+        share = rng.uniform(0.48, 0.58, shape)  # viscous, of the torque at the reference speed
         exponent, per_k = rng.uniform(0.50, 0.75, shape), rng.uniform(0.010, 0.022, shape)
         return cls(
             dry_nm=size * (1.0 - share),

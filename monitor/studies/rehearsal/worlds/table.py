@@ -83,6 +83,13 @@ WORLDS: dict[str, World] = {
         World(name="low-speed-wear", sentence="wear at low speed only", wear=(LOW_SPEED,), goal=Goal(within_days=((LOW_SPEED.name, 30),))),
         World(name="local-wear", sentence="wear at one place of the joint", wear=(LOCAL,), goal=Goal(within_days=((LOCAL.name, 30),))),
         World(
+            name="low-speed-wear-two-figures",
+            sentence="wear at low speed only, and of each fit only fc and fv",
+            wear=(LOW_SPEED,),
+            channels=False,
+            goal=Goal(within_days=((LOW_SPEED.name, 30),)),
+        ),
+        World(
             name="two-joints",
             sentence="two joints wear at once",
             wear=(Wear(name="5 % step in two", path=step(0.05), joints=2),),
@@ -97,7 +104,7 @@ WORLDS: dict[str, World] = {
         World(
             name="grease-lag",
             sentence="the grease lags 10–30 min, replays at random times after the start",
-            heat=Heat(lag_min=(10.0, 30.0), started_min=(2.0, 90.0)),
+            heat=Heat(lag_min=(10.0, 30.0), started_min=(2.0, 90.0), warm_up_k=(6.0, 16.0)),
         ),
         World(
             name="paths",
