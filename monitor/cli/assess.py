@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 EXIT_DIFFERENT = 3  # of `assess --from-store`: the recomputation of a verdict gave another result
 FLEET_JOINTS = 6  # of an arm of the simulated fleet
+NOISE = 0.02  # σ of its friction from replay to replay
+WORLD_DAYS = 1095  # of an arm of a world
 
 
 def assess(
@@ -89,12 +91,22 @@ def _series(
 def rehearse(
     config: Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file: its thresholds are tried.", show_default=False)],
     arms: Annotated[int, typer.Option(min=16, max=4000, help="Of the fleet on which nothing wears; a year each.")] = 96,
-    noise: Annotated[float, typer.Option(min=0.001, max=0.2, help="Friction from replay to replay, one σ, fraction.")] = 0.02,
+    noise: Annotated[
+        float | None, typer.Option(min=0.001, max=0.2, help="Friction from replay to replay, one σ, fraction; 0.02.", show_default=False)
+    ] = None,
     seed: Annotated[int, typer.Option(help="The same seed, the same fleet.")] = 0,
     plot: Annotated[Path | None, typer.Option(help="Days to detect against pace of wear: a .png or .html.", show_default=False)] = None,
+    world: Annotated[
+        str | None, typer.Option(help="A world that the judge does not assume, three years an arm: plain, noise-4, …", show_default=False)
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Would these thresholds catch wear? A simulated fleet: false alarms a year, days to detect, coverage, remaining life."""
+    if world is not None:
+        if noise is not None or plot is not None:
+            raise BadInput("--world has its own noise and no plot: expected neither --noise nor --plot beside it")
+        _rehearse_world(config, world, arms=arms, seed=seed, as_json=as_json)
+        return
     from monitor.studies.rehearsal.rehearse import rehearse as play
     from monitor.views.terminal.progress import status as status_line
     from monitor.views.terminal.studies import print_rehearsal
@@ -109,7 +121,9 @@ def rehearse(
 
         check_target(plot)
     with status_line(f"{arms} arms live a year each, some of them wear"):
-        document = play(configuration.assess, arms=arms, seed=seed, between_std=noise, robot=configuration.robot.model)
+        document = play(
+            configuration.assess, arms=arms, seed=seed, between_std=NOISE if noise is None else noise, robot=configuration.robot.model
+        )
     if plot is not None:
         from monitor.views.plots.rehearsal import rehearsal_plot
 
@@ -118,6 +132,24 @@ def rehearse(
         print_json(document, indent=None)
     else:
         print_rehearsal(document)
+
+
+def _rehearse_world(config: Path, name: str, *, arms: int, seed: int, as_json: bool) -> None:
+    """Play one world with the thresholds of a configuration. Raises BadInput with the list of worlds for an unknown name."""
+    from monitor.studies.rehearsal.worlds.table import WORLDS
+    from monitor.studies.rehearsal.worlds.verdicts import play_world
+    from monitor.views.terminal.progress import status as status_line
+    from monitor.views.terminal.studies import print_world
+
+    if name not in WORLDS:
+        raise BadInput(f"--world {name}: no such world; expected one of: {', '.join(WORLDS)}")
+    configuration = load_configuration(config)
+    with status_line(f"{arms} arms live three years in the world {name}, others wear there"):
+        document = play_world(WORLDS[name], configuration.assess, arms=arms, days=WORLD_DAYS, seed=seed)
+    if as_json:
+        print_json(document, indent=None)
+    else:
+        print_world(document)
 
 
 def _assess_from_store(config: Path | None, *, others: bool, as_json: bool) -> None:

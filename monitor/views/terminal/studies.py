@@ -76,6 +76,44 @@ def print_rehearsal(document: dict[str, Any]) -> None:
     )
 
 
+def print_world(document: dict[str, Any]) -> None:
+    """Print false advisories, days to detection and coverage of a fleet in one world."""
+    console = Console()
+    console.print(
+        f"{document['world']}: {document['sentence']}; {document['robot_years']:.0f} robot-years on which nothing wears, "
+        f"the first {document['learning_days']} days left out",
+        highlight=False,
+        markup=False,
+    )
+    false, goal = document["false_advisories"], document["goal"]
+    table = table_of(
+        ("kind", "number", "come back", "a year", "at most (95 %)", "asked for"), left=("kind",), title="false advisories, a robot-year"
+    )
+    for name in ("rising", "falling", "common", "counted"):
+        rate, counted = false[name], name in (*false["counted"]["kinds"], "counted")
+        asked = f"≤ {goal['false_advisories']:g}" if name == "counted" else "" if counted else "not counted"
+        again = str(rate["again"]) if "again" in rate else ""
+        table.add_row(name, str(rate["events"]), again, f"{rate['per_year']:.3f}", f"{rate['at_most']:.3f}", asked)
+    console.print(table)
+    table = table_of(
+        ("wear", "arms", "median", "asked", "9 of 10", "in 30", "never", "right joint"),
+        left=("wear",),
+        title="days from the onset to the first tier",
+    )
+    for row in document["detection"]:
+        asked = goal["median_days"].get(row["wear"])
+        days = [number(row["median_days"], ".0f"), "" if asked is None else f"≤ {asked:g}", number(row["p90_days"], ".0f")]
+        shares = [whole_percent(row[key]["share"]) for key in ("within_30_days", "never", "right_joint")]
+        table.add_row(row["wear"], str(row["arms"]), *days, *shares)
+    console.print(table)
+    interval = document["interval_90"]
+    console.print(
+        f"90 % intervals of friction hold the truth in {whole_percent(interval['healthy'])} of the days of healthy joints, and in "
+        f"{whole_percent(interval['worn'])} of those that wear",
+        highlight=False,
+    )
+
+
 def print_reproduction(document: dict[str, Any], output: str | None) -> None:
     """Print every compared statement of the paper, by robot, and where the report was written."""
     console = standard_output(150)

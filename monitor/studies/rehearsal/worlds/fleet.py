@@ -23,10 +23,10 @@ RESIDUAL_STD, RESIDUAL_RHO = 0.08, 0.5  # of the logarithm of what it leaves
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
-    """What the judge should reach in a world; None: not asked for."""
+    """What the judge should reach in a world."""
 
-    false_single: float | None = 0.1  # single-joint advisories a robot-year of healthy arms, rising and falling
-    false_common: float | None = None  # the same of all joints together; None: the right word for what happens there, or not asked
+    false: float = 0.1  # false advisories a robot-year of healthy arms, of the kinds that are counted …
+    counted: tuple[str, ...] = ("rising", "falling", "common")  # … others are the right word for what happens there
     within_days: tuple[tuple[str, float], ...] = ()  # of wear, by name: the median of days to detection
     nine_of_ten_days: tuple[tuple[str, float], ...] = ()  # likewise, nine of ten arms
 

@@ -10,8 +10,8 @@ from monitor.studies.rehearsal.worlds.wear import STEP_5, Wear, exponential, roo
 
 LATE_RATE = Wear(name="10 %/year", path=straight(0.10), earliest_day=260.0, latest_day=425.0)
 LATE_STEP = Wear(name="5 % step", path=step(0.05), earliest_day=260.0, latest_day=425.0)
-LOW_SPEED = Wear(name="dry +20 %, viscous −18 %", path=step(1.0), dry=0.20, viscous=-0.18)
-LOCAL = Wear(name="+60 % over 0.1 rad", path=step(1.0), dry=0.02, viscous=0.02, residual=float(np.log(2.0)))
+LOW_SPEED = Wear(name="slow friction", path=step(1.0), dry=0.20, viscous=-0.18)
+LOCAL = Wear(name="one place", path=step(1.0), dry=0.02, viscous=0.02, residual=float(np.log(2.0)))
 
 WORLDS: dict[str, World] = {
     world.name: world
@@ -26,13 +26,13 @@ WORLDS: dict[str, World] = {
         World(name="noise-5", sentence="σ 5 % in every joint", noise=Correlated(std=0.05)),
         World(name="noise-mixed", sentence="σ from 0.5 to 5 % from joint to joint", noise=Correlated(std=(0.005, 0.05))),
         World(name="ar-08", sentence="σ 2 %, ρ 0.8", noise=Correlated(rho=0.8)),
-        World(name="ar-09", sentence="σ 2 %, ρ 0.9", noise=Correlated(rho=0.9), goal=Goal(false_single=0.15)),
-        World(name="one-over-f", sentence="1/f noise, σ 2 % over three years", noise=PowerLaw(), goal=Goal(false_single=0.3)),
+        World(name="ar-09", sentence="σ 2 %, ρ 0.9", noise=Correlated(rho=0.9), goal=Goal(false=0.15)),
+        World(name="one-over-f", sentence="1/f noise, σ 2 % over three years", noise=PowerLaw(), goal=Goal(false=0.3)),
         World(
             name="seasonal-noise",
             sentence="σ 4 % in winter, 1 % in summer",
             noise=Modulated(std=seasonal_std(0.04, 0.01)),
-            goal=Goal(false_single=0.2),
+            goal=Goal(false=0.2),
         ),
         World(
             name="seasonal-noise-mild",
@@ -48,25 +48,37 @@ WORLDS: dict[str, World] = {
             goal=Goal(within_days=(("5 % step", 30), ("10 %/year", 200))),
         ),
         World(
+            name="running-in-slow",
+            sentence="friction falls by 5–15 % in the first year",
+            changes=(RunningIn(fall=(0.05, 0.15), time_constant_days=(60.0, 150.0)),),
+            wear=(LATE_STEP, LATE_RATE),
+            goal=Goal(within_days=(("5 % step", 30), ("10 %/year", 200))),
+        ),
+        World(
             name="slow-common",
             sentence="±2 % a year that is not temperature, common to the joints",
             changes=(Yearly(common=True),),
-            goal=Goal(false_single=0.3, false_common=0.3),
+            goal=Goal(false=0.3),
         ),
         World(
             name="slow-joint",
             sentence="±2 % a year that is not temperature, of each joint",
             changes=(Yearly(common=False),),
-            goal=Goal(false_single=0.3),
+            goal=Goal(false=0.3),
         ),
-        World(name="all-joints-3", sentence="another scale of current, +3 %, undeclared", changes=(Gain(),)),
+        World(
+            name="all-joints-3",
+            sentence="another scale of current, +3 %, undeclared",
+            changes=(Gain(),),
+            goal=Goal(counted=("rising", "falling")),
+        ),
         World(name="payload-03", sentence="0.3 kg mounted, undeclared", changes=(Payload(),)),
         World(
             name="regrease-then-wear",
             sentence="new grease undeclared, −10 %, then wear",
             changes=(Regrease(),),
             wear=(LATE_STEP, LATE_RATE),
-            goal=Goal(false_single=None, within_days=(("10 %/year", 150),)),
+            goal=Goal(counted=("rising",), within_days=(("10 %/year", 150),)),
         ),
         World(
             name="summer-24",
@@ -80,11 +92,21 @@ WORLDS: dict[str, World] = {
             noise=Correlated(std=0.01, rho=0.0),
             goal=Goal(within_days=(("5 % step", 4), ("10 %/year", 91))),
         ),
-        World(name="low-speed-wear", sentence="wear at low speed only", wear=(LOW_SPEED,), goal=Goal(within_days=((LOW_SPEED.name, 30),))),
-        World(name="local-wear", sentence="wear at one place of the joint", wear=(LOCAL,), goal=Goal(within_days=((LOCAL.name, 30),))),
+        World(
+            name="low-speed-wear",
+            sentence="wear at low speed only: dry +20 %, viscous −18 %",
+            wear=(LOW_SPEED,),
+            goal=Goal(within_days=((LOW_SPEED.name, 30),)),
+        ),
+        World(
+            name="local-wear",
+            sentence="wear at one place of the joint: +60 % over 0.1 rad, what the fit leaves doubles",
+            wear=(LOCAL,),
+            goal=Goal(within_days=((LOCAL.name, 30),)),
+        ),
         World(
             name="low-speed-wear-two-figures",
-            sentence="wear at low speed only, and of each fit only fc and fv",
+            sentence="the same, and of each fit only F, fc and fv",
             wear=(LOW_SPEED,),
             channels=False,
             goal=Goal(within_days=((LOW_SPEED.name, 30),)),
@@ -119,7 +141,7 @@ WORLDS: dict[str, World] = {
             name="noise-steps",
             sentence="σ jumps between 1.5 and 4 %, for half a year each",
             noise=Modulated(std=stepping_std(0.015, 0.04, 180.0)),
-            goal=Goal(false_single=0.2),
+            goal=Goal(false=0.2),
         ),
         World(name="student-t4-ar-07", sentence="Student's t₄ with ρ 0.7", noise=Correlated(degrees=4.0, rho=0.7)),
         World(name="missing-weeks", sentence="four gaps of three weeks a year", gap=(4.0, 21), missed=0.1),
@@ -128,26 +150,26 @@ WORLDS: dict[str, World] = {
             name="walk-common",
             sentence="a slow walk of 2 % within four months, common to the joints",
             changes=(Wandering(common=True),),
-            goal=Goal(false_single=0.3, false_common=0.3),
+            goal=Goal(false=0.3),
         ),
         World(
             name="walk-joint",
             sentence="a slow walk of 1.5 % within four months, of each joint",
             changes=(Wandering(common=False, std=0.015),),
-            goal=Goal(false_single=0.3),
+            goal=Goal(false=0.3),
         ),
         World(
             name="noise-and-walk",
             sentence="white noise of 1.5 % and 1/f² noise of 1 % over three years",
             noise=Sum(laws=(Correlated(std=0.015, rho=0.0), PowerLaw(std=0.01, exponent=2.0))),
-            goal=Goal(false_single=0.3),
+            goal=Goal(false=0.3),
         ),
         World(
             name="gear-oil-creep",
             sentence="new oil undeclared, −6 %, half of it creeps back",
             changes=(Regrease(fall=0.06, creep=0.5, creep_days=60.0),),
             wear=(LATE_STEP, LATE_RATE),
-            goal=Goal(false_single=0.2),
+            goal=Goal(counted=("rising",)),
         ),
         World(
             name="payload-for-a-month",

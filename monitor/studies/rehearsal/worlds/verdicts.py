@@ -18,12 +18,13 @@ CLEAR_DAYS = 30  # so long without it, and an advisory counts as cleared: the ne
 SOON_DAYS = 30
 COUNTED = """What is counted. The first 60 days of every arm are for learning and left out. False advisories are those of healthy arms (N of
 them), over all days after learning: of each joint the first rise to any tier and the first alert of fallen friction, of each arm the first
-common alert (of all joints together); "again" counts those that come back after 30 days without. Every kind of wear of the world is put
-into further arms (half as many of each), from a day between 60 and 425 on; days to detection run from the onset to the first tier of the
-joint that wears (of any of them, or the common alert, where three or more wear), the onset's day included; arms in which that was raised
-before the onset are left out. Right joint: no other joint's tier came between onset and detection, of the arms where anything was found.
-Coverage: share of days on which the 90 % interval of friction at T0 (with the undetected-change mixture) holds the truth, healthy and worn
-joints. The judge's functions are the daemon's (`step` without `settle_on_learnt`, `weigh_evidence`); nobody counts revolutions."""
+common alert (of all joints together). In some worlds a kind is the right word for what happens and not counted: the line names what is.
+"again" counts those that come back after 30 days without. Every kind of wear of the world is put into further arms (half as many of each),
+from a day between 60 and 425 on; days to detection run from the onset to the first tier of the joint that wears (of any of them, or the
+common alert, where three or more wear), the onset's day included; arms in which that was raised before the onset are left out. Right joint:
+no other joint's tier came between onset and detection, of the arms where anything was found. Coverage: share of days on which the 90 %
+interval of friction at T0 (with the undetected-change mixture) holds the truth, healthy and worn joints. The judge's functions are the
+daemon's (`step` without `settle_on_learnt`, `weigh_evidence`); nobody counts revolutions."""
 
 
 class Episodes:
@@ -129,22 +130,22 @@ def world_document(verdicts: Verdicts) -> dict[str, Any]:
             ("common", verdicts.common, healthy),
         )
     }
-    single = int(rates["rising"]["events"] + rates["falling"]["events"])
+    counted = sum(int(rates[name]["events"]) for name in world.goal.counted)
     return {
         "world": world.name,
         "sentence": world.sentence,
+        "arms": int(healthy.sum()),
         "robot_years": years,
         "learning_days": LEARNING_DAYS,
         "false_advisories": {
-            "all": _rate(single + int(rates["common"]["events"]), years),
-            "single_joint": _rate(single, years),
+            "counted": {**_rate(counted, years), "kinds": list(world.goal.counted)},
+            "single_joint": _rate(int(rates["rising"]["events"] + rates["falling"]["events"]), years),
             **rates,
         },
         "detection": [_detection(verdicts, k) for k in range(len(world.wear))],
         "interval_90": {"healthy": finite_or_none(verdicts.covered[0]), "worn": finite_or_none(verdicts.covered[1])},
         "goal": {
-            "single_joint": world.goal.false_single,
-            "common": world.goal.false_common,
+            "false_advisories": world.goal.false,
             "median_days": dict(world.goal.within_days),
             "nine_of_ten_days": dict(world.goal.nine_of_ten_days),
         },
@@ -153,7 +154,7 @@ def world_document(verdicts: Verdicts) -> dict[str, Any]:
     }
 
 
-def _rate(events: int, years: float, **more: int) -> dict[str, float]:
+def _rate(events: int, years: float, **more: int) -> dict[str, Any]:
     rate = Rate(events=events, robot_years=years)
     return {"events": events, "per_year": rate.per_year, "at_most": rate.at_most, **more}
 
@@ -186,11 +187,10 @@ def world_line(document: dict[str, Any]) -> str:
     false, goal = document["false_advisories"], document["goal"]
     each = " ".join(f"{name} {false[name]['per_year']:.2f}" for name in ("rising", "falling", "common"))
     again = sum(false[name]["again"] for name in ("rising", "falling", "common"))
-    single = false["single_joint"]
-    asked = "–" if goal["single_joint"] is None else f"{goal['single_joint']:g}"
+    counted, kinds = false["counted"], "+".join(false["counted"]["kinds"])
     line = (
-        f"{document['world']:20s} single {single['per_year']:.3f} (≤ {single['at_most']:.3f}, asked {asked})/y: {each} "
-        f"again {again} in {document['robot_years']:.0f} y"
+        f"{document['world']:20s} {counted['per_year']:.3f}/y (≤ {counted['at_most']:.3f}, asked {goal['false_advisories']:g}, {kinds}): "
+        f"{each} again {again} in {document['robot_years']:.0f} y"
     )
     for row in document["detection"]:
         median, p90 = ("never" if row[key] is None else f"{row[key]:.0f}" for key in ("median_days", "p90_days"))
