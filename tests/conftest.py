@@ -15,11 +15,35 @@ settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy 
 settings.load_profile("ours")
 
 
-REAL_TIME = ("studies/test_demo.py", "acquire/", "cli/test_commands_motion.py", "service/test_daemon.py")
+# what moves an arm in real time, or waits for a few milliseconds of the clock
+REAL_TIME = (
+    "studies/test_demo.py",
+    *(
+        f"acquire/test_{name}.py"
+        for name in (
+            "arms_as_recorded",
+            "child",
+            "cuts",
+            "driver",
+            "fault_matrix",
+            "idle_faults",
+            "joint_limits",
+            "kills",
+            "last_resorts",
+            "live_collision",
+            "many_replays",
+            "refusals",
+            "replay",
+            "stop_ours",
+        )
+    ),
+    "cli/test_commands_motion.py",
+    "service/test_daemon.py",
+)
 # a long test that begins last keeps everybody waiting
-LONG = ("store/test_series.py", "studies/", "test_assess.py", "golden/", "cli/", "design/")
+LONG = ("acquire/", "store/test_series.py", "studies/", "test_assess.py", "golden/", "cli/", "design/")
 GIVE_WAY = 19  # niceness of the other workers: they hardly delay the arm, and get what it leaves
-ON_THE_WIRE = (*REAL_TIME, "simulate/", "publish/")
+ON_THE_WIRE = (*REAL_TIME, "acquire/", "simulate/", "publish/")
 
 
 @pytest.hookimpl(tryfirst=True)  # before the plugin that puts the groups into the names: by these it distributes them

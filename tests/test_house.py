@@ -126,3 +126,14 @@ def test_every_room_has_a_docstring():
     """Each folder of Python modules has a docstring."""
     for face in (ROOT / "monitor").rglob("__init__.py"):
         assert face.read_text("utf-8").startswith('"""'), face
+
+
+def test_whatever_moves_an_arm_in_real_time_is_in_one_group(request):
+    """Beside each other they would disturb each other: a module that starts an arm and replays on it is in the list of the suite."""
+    listed = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py")).REAL_TIME
+    starts = re.compile(r"simulated_arm\(|replaying\(|Simulated\(|\bSpawned\(")
+    replays = re.compile(r"monitor\.acquire\.replay import|replaying\(|\"replay\"|\"--now\"")
+    for path in sorted((ROOT / "tests").glob("*/test_*.py")):
+        text = path.read_text("utf-8")
+        if starts.search(text) and replays.search(text):
+            assert path.relative_to(ROOT / "tests").as_posix() in listed, path

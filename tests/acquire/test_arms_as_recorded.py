@@ -35,7 +35,7 @@ def test_the_freedrive_button_ends_a_motion_and_forbids_the_next():
     """Somebody who holds it is at the arm: the arm stops, and a person says when it may move again."""
     host = "127.0.94.12"
     settings = ReplaySettings(host=host, allow_motion=True, first_pass=False)
-    with simulated_arm(host, home(START)), Remote(host) as remote:
+    with simulated_arm(host), Remote(host) as remote:
         pressed = []
 
         def on_progress(progress):

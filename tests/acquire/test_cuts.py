@@ -15,7 +15,7 @@ import pytest
 from cutting_proxy import CONNECTIONS, CONTROL, RECEIVE, CuttingProxy, cutting_proxy
 from excitations import short
 from processes import children
-from simulated_arm import simulated_arm
+from simulated_arm import ASIDE, simulated_arm
 
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
@@ -141,7 +141,7 @@ def judge(cut: Cut, controller: str) -> None:
 def run_cuts(cases: list[Cut], host: str, controller: str, observe=None) -> list[Cut]:
     """Every case on one arm, each again where other work of the machine ended its replay before the cut."""
     made = []
-    with simulated_arm(controller, "--personality", "recorded"), cutting_proxy(host, controller) as proxy:
+    with simulated_arm(controller, "--personality", "recorded", ASIDE), cutting_proxy(host, controller) as proxy:
         for case in cases:
             for _ in range(4):
                 cut = run_cut(Cut(case.connection, case.reset, case.phase, case.after_s), host, controller, proxy)

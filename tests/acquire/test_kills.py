@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 from processes import alive, children, replaying
-from simulated_arm import simulated_arm
+from simulated_arm import ASIDE, simulated_arm
 
 from monitor.acquire.ur.dashboard import Dashboard
 from monitor.simulate.remote import Remote
@@ -65,7 +65,7 @@ def killed(host: str, whom: str, phase: str, at_s: float) -> str:
 def test_three_kills_at_random_moments_leave_a_standing_arm():
     """Each of the three is killed, in the approach or the play; the next replay works until its own kill. `make soak` kills a hundred."""
     rng = random.Random(9)
-    with simulated_arm("127.0.2.25") as host:
+    with simulated_arm("127.0.2.25", ASIDE) as host:
         for whom in ("child", "parent", "both"):
             phase, longest = rng.choice([("approach", 0.5), ("play", 2.5), ("play", 2.5)])
             at_s = rng.uniform(0.0, longest)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from excitations import short
 from processes import children
-from simulated_arm import known_gains
+from simulated_arm import AT_START, known_gains
 
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
@@ -71,7 +71,7 @@ def arm():
 def fresh_arm():
     """An arm that the test may break, on an address that no other worker uses."""
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    simulated = Simulated(f"127.0.2.{100 + 30 * (worker % 5) + next(NUMBER) % 30}")
+    simulated = Simulated(f"127.0.2.{100 + 30 * (worker % 5) + next(NUMBER) % 30}", AT_START)
     yield simulated
     simulated.close()
 
@@ -143,7 +143,7 @@ def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_ba
 
 def test_an_e_series_arm_is_recorded_at_125_hz_too():
     """Its controller runs at 500 Hz; every fourth tick is asked for."""
-    simulated = Simulated("127.0.2.21", robot="ur5e")
+    simulated = Simulated("127.0.2.21", AT_START, robot="ur5e")
     try:
         recording = replay(short(robot="ur5e"), load_robot("ur5e"), simulated.settings(), installation=known_gains("ur5e"))
     finally:
@@ -166,7 +166,7 @@ def test_without_permission_nothing_reaches_the_controller(arm):
 
 def test_a_listener_receives_states_during_a_replay_and_survives_a_restart_of_the_controller():
     """About ten states a second come, and show the motion. The connection is lost and found again with the controller."""
-    simulated = Simulated("127.0.2.22")
+    simulated = Simulated("127.0.2.22", AT_START)
     listener = Listener(ListenSettings(host=simulated.host, first_pause_s=0.2))
     states = []
     try:

@@ -27,6 +27,7 @@ from monitor.simulate.stepped import play, stepped_replay
 UR5 = load_robot("ur5")
 CONTEXT = Context(robot="ur5", payload_kg=0.0, mounting_rad=(0.0, 0.0, 0.0), tool="none")
 SIZES = ("ur5-ground", "ur3e-wall", "ur10-ceiling", "ur20-ground")
+pytestmark = pytest.mark.xdist_group("learnt arms")  # one worker learns each arm once
 
 
 @pytest.fixture(scope="module")
@@ -117,11 +118,11 @@ def _begun(arm: Controller, learnt: Learnt) -> bool:
 @pytest.mark.parametrize("normal", ["as learnt", "cold and worn"])
 def test_a_collision_in_an_ordinary_replay_is_found_within_a_tenth_of_a_second(ur5, normal):
     """A fifth of a joint's largest torque against its motion, at any joint, by the simulator's physics: also in a worn, cold arm."""
+    free = stepped_replay(arm_of(ur5.excitation, normal, seed=11), ur5.excitation)
     for joint in range(1, 7):
         torque = 0.2 * float(UR5.max_torque_nm[joint - 1])
         recording, _ = pressed(ur5, 300 + 60 * joint, normal, joint=joint, torque=torque)
         found = first_outside(ur5.band(), recording, ur5.excitation.pass_s)
-        free = stepped_replay(arm_of(ur5.excitation, normal, seed=11), ur5.excitation)
         began = int(np.flatnonzero(np.any(np.abs(free.current - recording.current) > 1e-9, axis=1))[0])  # the first row that differs
         assert found is not None, joint
         assert found[1].startswith(f"joint {joint} needs")

@@ -23,6 +23,7 @@ from monitor.store.recordings import read_recording
 SHIPPED = sorted(path.stem for path in (ROOT / "config" / "excitation").glob("*.json"))
 UR10E_COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 UR10E = Installation(gains_nm_per_a=(14.87, 13.26, 11.13, 10.62, 11.03, 11.47))
+pytestmark = pytest.mark.xdist_group("learnt arms")  # one worker learns each arm once, and does not learn those of the other module again
 FOURIER_RUNS = {"ur-20_02_12-50sec_12harm": 0.0, "ur-20_02_10-30sec_12harm": 0.0, "ur-20_02_19_14harm50sec": 0.0}
 
 
