@@ -9,6 +9,7 @@ from test_driver import row
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur import stream
 from monitor.acquire.ur.streaming import arm as arm_module
 from monitor.acquire.ur.streaming import control as control_module
 from monitor.acquire.ur.streaming.arm import SPEED_RISE_S, START_S, Arm
@@ -50,6 +51,9 @@ class ScriptedReceiver:
     def getTimestamp(self):
         return float(self.present[0])
 
+    def getRuntimeState(self):
+        return int(self.present[COLUMN["runtime_state"]][0])
+
 
 class FakeControl:
     """A control connection that takes everything; it notes what it was asked for."""
@@ -80,6 +84,13 @@ class FakeControl:
     def servo(self, target, tick_s, lookahead_s, gain):
         self.asked.append("servo")
         return True
+
+    def stop_servo(self, deceleration_rad_s2):
+        self.asked.append("stop_servo")
+        return True
+
+    def end_program(self):
+        self.asked.append("end_program")
 
 
 class Silent:
@@ -382,3 +393,25 @@ def test_whatever_ur_rtde_raises_on_a_lost_connection_is_named_so(monkeypatch, c
     assert cause_of(lambda: getattr(control, call)(*arguments)) == "connection_lost"
     assert reports[0] == (control_module.TARGET_CALL_S if call == "servo" else reports[0])
     assert 0.0 < reports[0] <= control_module.ENDING_CALL_S
+
+
+# --- the end -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lost", ["receive", "control"])
+def test_a_connection_that_is_lost_while_the_program_ends_is_named_so(scripted, monkeypatch, lost):
+    """Nothing says any more whether the program has ended; it was named as a program that goes on."""
+    arm = scripted(rows((PLAYING, 3)))
+    monkeypatch.setattr(stream, "time", arm.receive.clock)
+    getattr(arm, lost).connected = False
+    assert cause_of(lambda: stream.finish(arm)) == "connection_lost"
+
+
+def test_a_program_that_goes_on_after_it_was_asked_to_end_is_named_and_one_that_ends_is_no_failure(scripted, monkeypatch):
+    arm = scripted(rows((PLAYING, 3)))
+    monkeypatch.setattr(stream, "time", arm.receive.clock)
+    assert cause_of(lambda: stream.finish(arm)) == "program_stopped"
+    arm = scripted(rows((PLAYING, 3), (STOPPED, 3)))
+    monkeypatch.setattr(stream, "time", arm.receive.clock)
+    stream.finish(arm)
+    assert arm.control.asked[-2:] == ["stop_servo", "end_program"]

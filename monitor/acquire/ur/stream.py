@@ -177,7 +177,7 @@ def settle(arm: Arm) -> None:
 
 
 def finish(arm: Arm) -> None:
-    """End the control program; the arm is at rest. Raises StreamFailure where the program goes on."""
+    """End the control program; the arm is at rest. Raises StreamFailure where the program goes on, or where nobody says that it ended."""
     assert arm.control is not None
     arm.outbox.message("phase", phase="finish", duration_s=0.0)
     arm.rest()
@@ -187,6 +187,8 @@ def finish(arm: Arm) -> None:
     for _ in range(END_CHECKS):
         if arm.receive.getRuntimeState() != RUNTIME_PLAYING:
             return
+        if not (arm.receive.isConnected() and arm.control.connected):
+            raise StreamFailure("connection_lost", "the controller closed the RTDE connection before it said that the program has ended")
         arm.control.report()
         time.sleep(END_PAUSE_S)
     raise StreamFailure("program_stopped", "the control program still runs although it was asked to end")
