@@ -9,13 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.assess import AssessSettings
+from monitor.judge.alerts.remaining_life import RemainingLife
 from monitor.studies.rehearsal.worlds.change import Payload, RunningIn, Wandering, Yearly
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
+from monitor.studies.rehearsal.worlds.lives import LifeAnswer, life_documents
 from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, seasonal_std
 from monitor.studies.rehearsal.worlds.physics import REFERENCE_RAD_S, Friction, Heat
 from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import Episodes, judge_world, play_world, world_document, world_line
-from monitor.studies.rehearsal.worlds.wear import exponential, root, straight
+from monitor.studies.rehearsal.worlds.wear import exponential, power, straight
 
 SHAPE = (1000, 20, 6)
 ASSESS = AssessSettings()
@@ -185,11 +187,14 @@ def test_wear_is_put_into_the_joints_that_are_named():
 
 
 def test_paths_reach_the_limit_at_the_end_of_life():
-    """Straight, exponential and √t: +30 % after two years, and at half of life 15, 6 and 21 %."""
-    ends = [float(path(np.array(2.0))) for path in (straight(0.15), exponential(0.30, 2.0), root(0.30, 2.0))]
-    halves = [float(path(np.array(1.0))) for path in (straight(0.15), exponential(0.30, 2.0), root(0.30, 2.0))]
-    assert ends == pytest.approx([0.30, 0.30, 0.30])
-    assert halves == pytest.approx([0.15, 0.06, 0.212], abs=0.001)
+    """Straight, exponential and √t: +30 % after one life, and at half of it 15, 6 and 21 %; lives are as long as the world says."""
+    paths = (straight(0.30), exponential(0.30), power(0.30, 0.5))
+    assert [float(path(np.array(1.0))) for path in paths] == pytest.approx([0.30, 0.30, 0.30])
+    assert [float(path(np.array(0.5))) for path in paths] == pytest.approx([0.15, 0.06, 0.212], abs=0.001)
+    arms = fleet("paths")
+    lives = arms.unit_days[arms.group >= 0]
+    assert np.all((lives >= 365.0) & (lives <= 2.5 * 365.0))
+    assert np.ptp(lives) > 100.0
 
 
 def test_gaps_are_whole_weeks():
@@ -236,11 +241,28 @@ def test_a_plain_world_is_judged_and_its_document_is_plain_json():
 
 
 def test_an_advisory_of_the_worn_joint_before_the_onset_is_no_detection():
-    """A judge that raises everything always: nothing is left to detect, and every healthy joint has a false advisory at most once."""
-    arms = WorldFleet(WORLDS["plain"], healthy=2, worn=2, days=130, seed=2)
-    verdicts = judge_world(arms, ASSESS)
-    verdicts.before[:] = True
-    row = world_document(verdicts)["detection"][0]
+    """Where every worn joint was raised before, nothing is left to detect: counts, and null for figures."""
+    healthy = judge_world(WorldFleet(WORLDS["plain"], healthy=2, worn=0, days=80, seed=2), ASSESS)
+    worn = judge_world(WorldFleet(WORLDS["plain"], healthy=0, worn=2, days=80, seed=2), ASSESS)
+    worn.before[:] = True
+    row = world_document(healthy, worn)["detection"][0]
     assert row["arms"] == 0
     assert row["raised_before"] == 2
     assert row["median_days"] is None
+    assert row["remaining_life"] == []
+
+
+def test_remaining_life_is_asked_at_half_and_at_three_quarters():
+    """Exact predictions hold and are near; one that is twice the truth is not near; no date is counted as such."""
+
+    def said(days):
+        return RemainingLife(1.0, None if days is None else 0.9 * days, days, None if days is None else 1.1 * days, "trend")
+
+    answers = [LifeAnswer(0, 0.5, said(days), 100.0) for days in (100.0, 200.0, None)] + [LifeAnswer(0, 0.75, said(100.0), 100.0)]
+    half, late = life_documents(answers, 0)
+    assert half["p10_p90_holds"]["hits"] == 1
+    assert half["p10_p90_holds"]["of"] == 2
+    assert half["p50_near"]["of"] == 3
+    assert half["p50_over_truth"] == pytest.approx(1.5)
+    assert half["without_date"] == 1
+    assert late["at_share_of_life"] == 0.75

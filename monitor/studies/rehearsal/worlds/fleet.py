@@ -8,7 +8,7 @@ import numpy as np
 from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S, Observation
 from monitor.recording import Array
 from monitor.studies.rehearsal.fleet import Day
-from monitor.studies.rehearsal.worlds.change import Change, Factors
+from monitor.studies.rehearsal.worlds.change import DAYS_A_YEAR, Change, Factors
 from monitor.studies.rehearsal.worlds.noise import Correlated, Noise, Shape, autoregressive
 from monitor.studies.rehearsal.worlds.physics import REFERENCE_RAD_S, SENSOR_STEP_K, SIZE_NM, Friction, Heat, Temperatures
 from monitor.studies.rehearsal.worlds.wear import RATE_10, STEP_5, Wear
@@ -64,10 +64,10 @@ class WorldFleet:
         self.law = Friction.drawn(rng(0), self.arms)
         self.heat: Temperatures = world.heat.at_replays(rng(1), *shape)
         self._noise = world.noise(rng(2), shape)
-        self.onset_day, self.worn = self._onsets(rng(3))
+        self.onset_day, self.unit_days, self.worn = self._onsets(rng(3))
         changes = [change(rng(4, k), shape) for k, change in enumerate(world.changes)]
         changes += [
-            wear.factors(self.onset_day, self.worn & (self.group == k)[:, None], days) if worn else Factors()
+            wear.factors(self.onset_day, self.unit_days, self.worn & (self.group == k)[:, None], days) if worn else Factors()
             for k, wear in enumerate(world.wear)
         ]
         self._dry, self._viscous, self._gain, self._misfit = (
@@ -79,17 +79,20 @@ class WorldFleet:
     def _rng(self, *key: int) -> np.random.Generator:
         return np.random.default_rng((self._seed, *key))
 
-    def _onsets(self, rng: np.random.Generator) -> tuple[Array, np.ndarray]:
-        """The day on which wear begins, (A,), infinite in healthy arms, and the joints that wear, (A, J)."""
-        onset, worn = np.full(self.arms, np.inf), np.zeros((self.arms, JOINTS), dtype=bool)
+    def _onsets(self, rng: np.random.Generator) -> tuple[Array, Array, np.ndarray]:
+        """The day on which wear begins, (A,), infinite in healthy arms, the unit of its path, (A,), and the joints that wear, (A, J)."""
+        onset, unit, worn = np.full(self.arms, np.inf), np.full(self.arms, DAYS_A_YEAR), np.zeros((self.arms, JOINTS), dtype=bool)
         rank = rng.random((self.arms, JOINTS)).argsort(axis=1).argsort(axis=1)
-        drawn = rng.random(self.arms)
+        drawn, lives = rng.random(self.arms), rng.random(self.arms)
         for k, wear in enumerate(self.world.wear):
             here = self.group == k
             latest = min(wear.latest_day, max(self.days - 60.0, wear.earliest_day + 1.0))
             onset[here] = np.floor(wear.earliest_day + drawn[here] * (latest - wear.earliest_day))
             worn[here] = rank[here] < wear.joints
-        return onset, worn
+            if wear.life_years is not None:
+                short, long = np.log(wear.life_years)
+                unit[here] = np.exp(short + lives[here] * (long - short)) * DAYS_A_YEAR
+        return onset, unit, worn
 
     def _presence(self, rng: np.random.Generator) -> np.ndarray:
         """(D, A) whether the arm replays."""

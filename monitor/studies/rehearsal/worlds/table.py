@@ -6,7 +6,7 @@ from monitor.studies.rehearsal.worlds.change import Gain, Payload, Regrease, Run
 from monitor.studies.rehearsal.worlds.fleet import Goal, World
 from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, Sum, seasonal_std, stepping_std
 from monitor.studies.rehearsal.worlds.physics import Heat
-from monitor.studies.rehearsal.worlds.wear import STEP_5, Wear, exponential, root, step, straight
+from monitor.studies.rehearsal.worlds.wear import STEP_5, Wear, exponential, power, step, straight
 
 LATE_RATE = Wear(name="10 %/year", path=straight(0.10), earliest_day=260.0, latest_day=425.0)
 LATE_STEP = Wear(name="5 % step", path=step(0.05), earliest_day=260.0, latest_day=425.0)
@@ -130,11 +130,15 @@ WORLDS: dict[str, World] = {
         ),
         World(
             name="paths",
-            sentence="wear on straight, exponential and √t paths to +30 % in two years",
-            wear=(
-                Wear(name="straight", path=straight(0.15), latest_day=120.0),
-                Wear(name="exponential", path=exponential(0.30, 2.0), latest_day=120.0),
-                Wear(name="square root", path=root(0.30, 2.0), latest_day=120.0),
+            sentence="wear on straight, exponential, √t and quadratic paths to +30 % in one to two and a half years",
+            wear=tuple(
+                Wear(name=name, path=path, latest_day=120.0, life_years=(1.0, 2.5))
+                for name, path in (
+                    ("straight", straight(0.30)),
+                    ("exponential", exponential(0.30)),
+                    ("√t", power(0.30, 0.5)),
+                    ("t²", power(0.30, 2.0)),
+                )
             ),
         ),
         World(

@@ -13,6 +13,7 @@ from monitor.recording import Array
 from monitor.studies.figures import DAYS_A_YEAR, NINETY, Rate, Share, finite_or_none, share_document
 from monitor.studies.rehearsal.play import LEARNING_DAYS, JudgedDay, judged_days
 from monitor.studies.rehearsal.worlds.fleet import World, WorldFleet
+from monitor.studies.rehearsal.worlds.lives import LifeAnswer, Lives, life_documents
 
 CLEAR_DAYS = 30  # so long without it, and an advisory counts as cleared: the next one is a new one
 SOON_DAYS = 30
@@ -23,8 +24,9 @@ common alert (of all joints together). In some worlds a kind is the right word f
 from a day between 60 and 425 on; days to detection run from the onset to the first tier of the joint that wears (of any of them, or the
 common alert, where three or more wear), the onset's day included; arms in which that was raised before the onset are left out. Right joint:
 no other joint's tier came between onset and detection, of the arms where anything was found. Coverage: share of days on which the 90 %
-interval of friction at T0 (with the undetected-change mixture) holds the truth, healthy and worn joints. The judge's functions are the
-daemon's (`step` without `settle_on_learnt`, `weigh_evidence`); nobody counts revolutions."""
+interval of friction at T0 (with the undetected-change mixture) holds the truth, healthy and worn joints. Remaining life is asked at 50 and
+75 % of the time from the onset to the limit, where wear has such a time: P10–P90 holds, P50 within 20 %, median of P50 over the truth.
+The judge's functions are the daemon's (`step` without `settle_on_learnt`, `weigh_evidence`); nobody counts revolutions."""
 
 
 class Episodes:
@@ -54,7 +56,9 @@ class Verdicts:
     found_day: Array  # (A,) first tier of a joint that wears, on or after the onset
     before: np.ndarray  # (A,) it was raised already before the onset
     wrong: np.ndarray  # (A,) another joint's tier came between onset and detection
-    covered: tuple[float, float]  # of healthy joints, and of worn ones after the onset
+    hits: Array  # (2,) replays of healthy joints, and of worn ones after the onset, whose 90 % interval held the truth …
+    of: Array  # (2,) … of so many
+    lives: list[LifeAnswer]
     seconds: float
 
 
@@ -65,7 +69,7 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
     found, before, wrong = np.full(A, np.inf), np.zeros(A, dtype=bool), np.zeros(A, dtype=bool)
     hits, of = np.zeros(2), np.zeros(2)
     many = fleet.worn.sum(axis=1) >= 3
-    previously = np.zeros(A, dtype=bool)
+    previously, lives = np.zeros(A, dtype=bool), Lives(fleet, assess)
     for judged in judged_days(fleet, fleet.days, assess, count_use=False):
         day, evidence = judged.day, judged.evidence
         raised = evidence.raises.reshape(A, J) >= 0
@@ -79,13 +83,12 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         wrong |= after & np.isinf(found) & (raised & ~fleet.worn).any(axis=1)
         found[own & after & np.isinf(found)] = day
         previously = own
+        lives.add(judged)
         if day >= LEARNING_DAYS:
             hit, known = _covered(judged, fleet, assess)
             worn = (judged.now.worn > 0).ravel()
             hits += [np.sum(hit & known & ~worn), np.sum(hit & known & worn)]
             of += [np.sum(known & ~worn), np.sum(known & worn)]
-    with np.errstate(invalid="ignore"):
-        healthy, worn_share = hits / of
     return Verdicts(
         fleet=fleet,
         rising=rising,
@@ -94,7 +97,9 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         found_day=found,
         before=before,
         wrong=wrong,
-        covered=(float(healthy), float(worn_share)),
+        hits=hits,
+        of=of,
+        lives=lives.answers,
         seconds=time.process_time() - started,
     )
 
@@ -116,25 +121,21 @@ def _covered(judged: JudgedDay, fleet: WorldFleet, assess: AssessSettings) -> tu
     return inside, np.repeat(judged.now.replayed, fleet.joints)
 
 
-def world_document(verdicts: Verdicts) -> dict[str, Any]:
-    """The figures of a world, as one document."""
-    fleet, world = verdicts.fleet, verdicts.fleet.world
-    healthy = fleet.group < 0
-    joints = np.repeat(healthy, fleet.joints)
-    years = float(healthy.sum() * (fleet.days - LEARNING_DAYS) / DAYS_A_YEAR)
+def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
+    """The figures of a world, as one document: advisories from its healthy arms, detection from those that wear."""
+    fleet, world = healthy.fleet, healthy.fleet.world
+    years = float(fleet.arms * (fleet.days - LEARNING_DAYS) / DAYS_A_YEAR)
     rates = {
-        name: _rate(int(np.isfinite(episodes.first[mask]).sum()), years, again=int(np.maximum(episodes.count[mask] - 1, 0).sum()))
-        for name, episodes, mask in (
-            ("rising", verdicts.rising, joints),
-            ("falling", verdicts.falling, joints),
-            ("common", verdicts.common, healthy),
-        )
+        name: _rate(int(np.isfinite(episodes.first).sum()), years, again=int(np.maximum(episodes.count - 1, 0).sum()))
+        for name, episodes in (("rising", healthy.rising), ("falling", healthy.falling), ("common", healthy.common))
     }
     counted = sum(int(rates[name]["events"]) for name in world.goal.counted)
+    with np.errstate(invalid="ignore"):
+        covered = (healthy.hits + worn.hits) / (healthy.of + worn.of)
     return {
         "world": world.name,
         "sentence": world.sentence,
-        "arms": int(healthy.sum()),
+        "arms": fleet.arms,
         "robot_years": years,
         "learning_days": LEARNING_DAYS,
         "false_advisories": {
@@ -142,15 +143,15 @@ def world_document(verdicts: Verdicts) -> dict[str, Any]:
             "single_joint": _rate(int(rates["rising"]["events"] + rates["falling"]["events"]), years),
             **rates,
         },
-        "detection": [_detection(verdicts, k) for k in range(len(world.wear))],
-        "interval_90": {"healthy": finite_or_none(verdicts.covered[0]), "worn": finite_or_none(verdicts.covered[1])},
+        "detection": [{**_detection(worn, k), "remaining_life": life_documents(worn.lives, k)} for k in range(len(world.wear))],
+        "interval_90": {"healthy": finite_or_none(float(covered[0])), "worn": finite_or_none(float(covered[1]))},
         "goal": {
             "false_advisories": world.goal.false,
             "median_days": dict(world.goal.within_days),
             "nine_of_ten_days": dict(world.goal.nine_of_ten_days),
         },
-        "processor_s": verdicts.seconds,
-        "arm_days": fleet.arms * fleet.days,
+        "processor_s": healthy.seconds + worn.seconds,
+        "arm_days": fleet.arms * fleet.days + worn.fleet.arms * worn.fleet.days,
     }
 
 
@@ -178,8 +179,11 @@ def _detection(verdicts: Verdicts, k: int) -> dict[str, Any]:
 
 
 def play_world(world: World, assess: AssessSettings, *, arms: int, days: int, seed: int) -> dict[str, Any]:
-    """A world's figures, as one document: `arms` healthy ones, and half as many of each kind of wear."""
-    return world_document(judge_world(WorldFleet(world, healthy=arms, worn=max(arms // 2, 1), days=days, seed=seed), assess))
+    """A world's figures, as one document: `arms` healthy ones over `days`, and half as many of each kind of wear, no longer than needed."""
+    latest = max((wear.latest_day + DAYS_A_YEAR * (wear.life_years or (1.0, 1.0))[1] for wear in world.wear), default=0.0)
+    healthy = WorldFleet(world, healthy=arms, worn=0, days=days, seed=seed)
+    worn = WorldFleet(world, healthy=0, worn=max(arms // 2, 1), days=min(days, int(latest)), seed=seed + 1_000_000)
+    return world_document(judge_world(healthy, assess), judge_world(worn, assess))
 
 
 def world_line(document: dict[str, Any]) -> str:
@@ -201,6 +205,12 @@ def world_line(document: dict[str, Any]) -> str:
             f"never {_whole(row['never']['share'])}, right {_whole(right)}, "
             f"before {row['raised_before']}/{row['arms'] + row['raised_before']}"
         )
+        for life in row["remaining_life"]:
+            ratio = "–" if life["p50_over_truth"] is None else f"{life['p50_over_truth']:.2f}"
+            line += (
+                f", at {life['at_share_of_life']:g} of life: holds {_whole(life['p10_p90_holds']['share'])}, "
+                f"near {_whole(life['p50_near']['share'])}, P50/truth {ratio}, no date {life['without_date']}/{life['asked']}"
+            )
     cover = document["interval_90"]
     return f"{line} | 90 %: {_whole(cover['healthy'])} worn {_whole(cover['worn'])} | {document['processor_s']:.0f} s"
 

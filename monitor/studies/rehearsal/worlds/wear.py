@@ -6,31 +6,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.recording import Array
-from monitor.studies.rehearsal.worlds.change import DAYS_A_YEAR, Factors
+from monitor.studies.rehearsal.worlds.change import Factors
 
 Path = Callable[[Array], Array]
-"""Years since the onset, ≥ 0, to the rise of friction as a fraction; at the onset itself it may jump."""
+"""Time since the onset, ≥ 0, in years or in lives, to the rise of friction as a fraction; at the onset itself it may jump."""
 
 
 def step(size: float) -> Path:
     """A rise at once."""
-    return lambda years: np.full_like(years, size)
+    return lambda time: np.full_like(time, size)
 
 
-def straight(per_year: float) -> Path:
+def straight(rate: float) -> Path:
     """A constant rate."""
-    return lambda years: per_year * years
+    return lambda time: rate * time
 
 
-def exponential(limit: float, life_years: float, doublings: float = 4.0) -> Path:
-    """A rise that grows ever faster: it reaches `limit` at the end of life, and doubles so many times on the way."""
+def exponential(limit: float, doublings: float = 4.0) -> Path:
+    """A rise that grows ever faster, in lives: it reaches `limit` after one life, and its rate doubles so many times until then."""
     k = doublings * np.log(2.0)
-    return lambda years: limit * np.expm1(k * np.minimum(years / life_years, 1.5)) / np.expm1(k)
+    return lambda time: limit * np.expm1(k * np.minimum(time, 1.5)) / np.expm1(k)
 
 
-def root(limit: float, life_years: float) -> Path:
-    """A rise that slows down like √t and reaches `limit` at the end of life."""
-    return lambda years: limit * np.sqrt(years / life_years)
+def power(limit: float, exponent: float) -> Path:
+    """A rise like t^exponent, in lives, that reaches `limit` after one life."""
+    return lambda time: limit * time**exponent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,10 +45,11 @@ class Wear:
     residual: float = 0.0  # log of the factor of the fit's RMS per rise of `path`
     earliest_day: float = 60.0  # of the onset
     latest_day: float = 425.0
+    life_years: tuple[float, float] | None = None  # between which an arm's life is drawn, which `path` counts in; None: it counts in years
 
-    def factors(self, onset_day: Array, worn: np.ndarray, days: int) -> Factors:
-        """The logarithms of the factors; onset_day : (A,), worn : (A, J)."""
-        since = (np.arange(float(days))[:, None] - onset_day) / DAYS_A_YEAR  # (D, A)
+    def factors(self, onset_day: Array, unit_days: Array, worn: np.ndarray, days: int) -> Factors:
+        """The logarithms of the factors; onset_day, unit_days (of the path's time) : (A,), worn : (A, J)."""
+        since = (np.arange(float(days))[:, None] - onset_day) / unit_days  # (D, A)
         rise = np.where(since >= 0.0, self.path(np.maximum(since, 0.0)), 0.0)[..., None] * worn
         return Factors(np.log1p(self.dry * rise), np.log1p(self.viscous * rise), residual=self.residual * rise)
 
