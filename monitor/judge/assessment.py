@@ -48,6 +48,8 @@ class JointFriction:
     remaining_revolutions: tuple[float | None, float | None, float | None]  # P10, P50, P90 of remaining life, in revolutions
     replay_torque_nm: float | None  # F(v*, T0) of this replay alone
     replay_torque_std_nm: float | None  # with the scatter from replay to replay
+    unseen_step: float | None  # fraction: a larger step, `unseen_step_days` ago, would have been detected in nine of ten
+    unseen_step_days: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,6 +123,7 @@ def joint_friction(
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
     means, covs = belief.wear_and_rate()
     wear, wear_std = belief.wear_with_undetected(drift)
+    unseen = belief.unseen_step(drift)
     joints = []
     for j in range(belief.joints):
         mean, cov = means[j], covs[j]
@@ -150,6 +153,8 @@ def joint_friction(
                 remaining_revolutions=(left[0], left[1], left[2]),
                 replay_torque_nm=known_or_none(alone[j]),
                 replay_torque_std_nm=known_or_none(alone_std[j]),
+                unseen_step=known_or_none(np.expm1(unseen.log_rise[j])),
+                unseen_step_days=known_or_none(unseen.days[j]),
             )
         )
     return tuple(joints)

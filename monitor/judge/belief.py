@@ -12,7 +12,7 @@ from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, 
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState
 from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_from_document
-from monitor.judge.drift.undetected_change import undetected_change
+from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
 from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
@@ -123,6 +123,10 @@ class Belief:
         more, more_var = undetected_change(self.filter_state, H, settings)
         return self.wear + more, np.sqrt(self.wear_std**2 + more_var)
 
+    def unseen_step(self, settings: DriftSettings) -> UnseenStep:
+        """The largest step of the last days that may be unseen [log], (J,) each."""
+        return unseen_step(self.filter_state, settings)
+
     def noise_std(self, settings: DriftSettings) -> Array:
         """(J,) standard deviation of y between replays [log]."""
         return np.sqrt(self.filter_state.noise_var(self.joints, settings))
@@ -137,7 +141,7 @@ class Belief:
         more, more_var = undetected_change(filter_state, filter_state.reference_row(self.reference_temperature_c, self.slot), settings)
         mean, std = mean + more, np.sqrt(std**2 + more_var)
         torque = np.where(self.filter_state.replays > 0, np.exp(mean), np.nan)
-        return torque, torque * np.hypot(std, settings.between_floor)
+        return torque, torque * std
 
     def lines(self, settings: TemperatureSettings) -> tuple[Line, Line]:
         """fc(T) and fv(T) without wear, referred to T0."""

@@ -153,6 +153,10 @@ class Friction(Document):
     remaining_revolutions: list[Maybe] = Field(default=[None, None, None], description="P10, P50, P90 of remaining life, in use")
     replay_torque_nm: Maybe = Field(default=None, description="at reference speed and temperature, of this replay alone")
     replay_torque_std_nm: Maybe = Field(default=None, description="what one replay differs from the next included")
+    unseen_step: Maybe = Field(
+        default=None, description="fraction; a larger step of friction, unseen_step_days ago, would have been detected in nine of ten"
+    )
+    unseen_step_days: Maybe = Field(default=None, description="null with unseen_step: nothing is known of so short a time yet")
 
 
 class Event(Alert):

@@ -18,12 +18,13 @@ from monitor.model.robot import Mounting, load_robot
 from monitor.studies.figures import Rate, Share
 from monitor.studies.performance_card import card, notes
 from monitor.studies.rehearsal import detection
-from monitor.studies.rehearsal.detection import Kind, Reported, delay, detection_row, false_alarms, onsets
+from monitor.studies.rehearsal.detection import Covered, Kind, Reported, delay, detection_row, false_alarms, onsets
 from monitor.studies.rehearsal.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, play
 from monitor.studies.rehearsal.rehearse import rehearse
 from monitor.studies.rehearsal.remaining_life import life
 
+NOTHING = Covered(float("nan"), float("nan"))
 ASSESS = AssessSettings()
 FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise from its own replays alone
 
@@ -61,12 +62,15 @@ def test_wear_is_not_taken_for_noise():
 
 
 def test_undetected_changes_widen_the_interval_and_change_no_alert():
-    """10 % a year in 24 arms: friction's 90 % interval contains the truth more often than the filter's, and every alert is the same."""
+    """10 % a year in 24 arms: 90 % intervals of friction hold it until it is detected, where the filter's do not; alerts are the same.
+
+    Over all joints, of which most do not wear, they hold it in 85 to 97 %.
+    """
     wear = Wear(joint=np.arange(24) % 6.0, onset_day=np.full(24, 60.0), step=np.zeros(24), per_day=np.full(24, 0.1 / 365.0))
     blind = replace(ASSESS, drift=replace(ASSESS.drift, onsets_per_year=0.0))
     with_mixture, before = (play(FleetSettings(arms=24, days=170, seed=5, scenarios=COMPARABLE), one, wear) for one in (ASSESS, blind))
-    assert with_mixture.covered_worn > before.covered_worn + 0.05
-    assert np.mean(with_mixture.covered) < np.mean(before.covered) + 0.05  # the sound joints' hardly grow
+    assert with_mixture.covered_undetected > max(0.65, before.covered_undetected + 0.2)  # 82 % where wear may begin on any day of a year
+    assert 0.85 < np.mean(with_mixture.covered) < 0.97
     assert np.array_equal(with_mixture.tier_day, before.tier_day, equal_nan=True)
 
 
@@ -127,7 +131,7 @@ def test_thresholds_that_alert_never_or_always_still_give_plain_json():
     deaf = play(FleetSettings(arms=2, days=63, seed=3, scenarios=COMPARABLE), ASSESS, wear)
     wolf = replace(deaf, tier_day=np.zeros_like(deaf.tier_day))
     for played in (deaf, wolf):
-        row = json.loads(json.dumps(detection_row("2 % step", 0.02, 0.0, delay(Reported.of(played, wear)), float("nan")), allow_nan=False))
+        row = json.loads(json.dumps(detection_row("2 % step", 0.02, 0.0, delay(Reported.of(played, wear)), NOTHING), allow_nan=False))
         assert row["median_days"] is None
         assert row["right_joint"]["share"] is None
         assert row["interval_90"] is None
@@ -153,7 +157,7 @@ def test_the_card_marks_what_was_not_reached():
     share = {"hits": 10.0, "of": 10.0}
     wear = onsets(12, 1, step=0.05, latest=70)
     delays = delay(Reported.of(play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
-    rows = [detection_row(name, 0.05, 0.0, delays, 0.9) for name in ("5 % step", "10 %/year")]
+    rows = [detection_row(name, 0.05, 0.1, delays, Covered(0.9, 0.9)) for name in ("5 % step", "10 %/year")]
     document = {
         "robot_years": 100.0,
         "learning_days": 60,

@@ -67,8 +67,9 @@ def judge(
             known[joint, condition.name] = transition.alert
             transitions.append(transition)
     alerts = tuple(known.values())
-    wear = belief.wear_with_undetected(drift or DriftSettings())
-    joints = tuple(joint_state(situation, *wear, alerts) for situation in situations)
+    published = drift or DriftSettings()
+    wear, unseen = belief.wear_with_undetected(published), belief.unseen_step(published)
+    joints = tuple(joint_state(situation, *wear, unseen, alerts) for situation in situations)
     state, why = arm_state(arm, joints, alerts)
     after = Health(
         state=state,

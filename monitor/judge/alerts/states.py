@@ -7,19 +7,24 @@ from monitor.judge.alerts.condition import ArmSituation, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, outside_learnt_range
 from monitor.judge.alerts.health import Alert, JointHealth
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, State
+from monitor.judge.alerts.unseen_step import unseen_step_text
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
+from monitor.judge.drift.undetected_change import UnseenStep
 from monitor.recording import Array
 
 Reason = tuple[State, str]
 
 
-def joint_state(situation: JointSituation, wear: Array, wear_std: Array, alerts: tuple[Alert, ...]) -> JointHealth:
+def joint_state(situation: JointSituation, wear: Array, wear_std: Array, unseen: UnseenStep, alerts: tuple[Alert, ...]) -> JointHealth:
     """The joint's health with its state after a replay.
 
-    wear, wear_std : (J,) logarithm of friction torque, as it is published; alerts : of the arm and all joints, after the replay.
+    wear, wear_std, unseen : (J,) logarithm of friction torque, as it is published; alerts : of the arm and all joints, after the replay.
     """
     joint, at = situation.health, situation.belief.at_unix_s
-    normal = f"friction {math.expm1(wear[situation.j]):+z.1%} ± {wear_std[situation.j]:.1%} since the beginning"
+    j = situation.j
+    normal = f"friction {math.expm1(wear[j]):+z.1%} ± {wear_std[j]:.1%} since the beginning"
+    if math.isfinite(unseen.days[j]):
+        normal += f"; {unseen_step_text(math.expm1(unseen.log_rise[j]), unseen.days[j])}"
     active = [alert for alert in alerts if alert.active and alert.joint == joint.joint]
     reasons: list[Reason] = [(NORMAL, normal), *_of_replay(situation), *map(_of_alert, active)]
     state, why = max(reasons, key=_precedence)

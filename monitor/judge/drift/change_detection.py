@@ -167,14 +167,17 @@ def likelihood_ratios(
     Innovations since n replays are a mean of n: chance carries it across z standard deviations n times less often, at the rate
     e^(−z²/2)/n (Rice, 1945). So that false detections are equally frequent at every age, the threshold falls with age.
     """
-    ratio = glr_score**2 / np.maximum(information, 1e-12)
-    by_age = 2.0 * np.log(np.maximum(ages, 1.0))  # (N, W)
-    ratio = np.where(enough[:, None, :], ratio, 0.0)
-    relative = ratio.copy()
-    relative[:, 0] /= np.maximum(settings.shift_sigma**2 - by_age, LEAST_SIGMA**2)
-    threshold = np.where(ages >= RATE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
-    relative[:, 1] /= np.maximum(threshold - by_age, LEAST_SIGMA**2)
-    return ratio, relative
+    ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(information, 1e-12), 0.0)
+    return ratio, ratio / thresholds(ages, settings)
+
+
+def thresholds(ages: Array, settings: DriftSettings) -> Array:
+    """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change, see `likelihood_ratios`."""
+    by_age = 2.0 * np.log(np.maximum(ages, 1.0))
+    of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
+    of_step = np.full_like(ages, settings.shift_sigma**2)
+    lowest: Array = np.maximum(np.stack([of_step - by_age, of_rate - by_age], axis=1), LEAST_SIGMA**2)
+    return lowest
 
 
 def change_posterior(

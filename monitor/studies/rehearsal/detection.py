@@ -130,13 +130,20 @@ def parts(kind: Kind, seed: int) -> list[Part]:
     return [Part(kind, len(group), seed + 1000 * k) for k, group in enumerate(np.array_split(np.arange(kind.arms), count))]
 
 
-def play_part(base: FleetSettings, assess: AssessSettings, part: Part) -> tuple[Reported, float]:
-    """What was reported of a part, and the share of 90 % intervals that contained the truth in joints that wear."""
+class Covered(NamedTuple):
+    """Share of 90 % intervals of friction that contained the truth in joints that wear, from the onset on."""
+
+    worn: float  # on every day
+    undetected: float  # until the joint's first tier
+
+
+def play_part(base: FleetSettings, assess: AssessSettings, part: Part) -> tuple[Reported, Covered]:
+    """What was reported of a part, and how often the intervals contained the truth."""
     kind, arms, seed = part
     wear = onsets(arms, seed, step=kind.step, per_day=kind.per_year / DAYS_A_YEAR)
     days = days_to_play(kind.step, kind.per_year)
     played = play(replace(base, arms=arms, days=days, seed=seed + 1, scenarios=COMPARABLE), assess, wear)
-    return Reported.of(played, wear), played.covered_worn
+    return Reported.of(played, wear), Covered(played.covered_worn, played.covered_undetected)
 
 
 def days_to_play(step: float, per_year: float) -> int:
@@ -144,14 +151,14 @@ def days_to_play(step: float, per_year: float) -> int:
     return LATEST_ONSET + (60 if step >= 0.05 else 120 if per_year >= 0.3 else 250)
 
 
-def kind_document(kind: Kind, groups: Sequence[tuple[Reported, float]]) -> dict[str, Any]:
+def kind_document(kind: Kind, groups: Sequence[tuple[Reported, Covered]]) -> dict[str, Any]:
     """The detection of one kind of wear, from all its parts, as a document."""
     reported = Reported.together([group for group, _ in groups])
-    covered = float(np.average([share for _, share in groups], weights=[len(group.own) for group, _ in groups]))
-    return detection_row(kind.label, kind.step, kind.per_year, delay(reported), covered)
+    covered = np.average([shares for _, shares in groups], axis=0, weights=[len(group.own) for group, _ in groups])
+    return detection_row(kind.label, kind.step, kind.per_year, delay(reported), Covered(*map(float, covered)))
 
 
-def detection_row(label: str, step: float, per_year: float, found: Delay, interval_90: float) -> dict[str, Any]:
+def detection_row(label: str, step: float, per_year: float, found: Delay, covered: Covered) -> dict[str, Any]:
     """The detection of one kind of wear, as a document."""
     return {
         "wear": label,
@@ -167,5 +174,6 @@ def detection_row(label: str, step: float, per_year: float, found: Delay, interv
         ],
         "right_joint": share_document(found.right_joint),
         "wear_tier_median_days": finite_or_none(found.wear_tier_median_days),
-        "interval_90": finite_or_none(interval_90),
+        "interval_90": finite_or_none(covered.worn),
+        "interval_90_undetected": finite_or_none(covered.undetected),
     }

@@ -36,6 +36,7 @@ class Played:
     early: int  # alerts while learning: first rises to any tier, of joints and of arms
     covered: Array  # (A,) share of days and joints whose 90 % interval of friction at T0 contained the truth
     covered_worn: float  # the same of joints that wear, after the onset; NaN where none does
+    covered_undetected: float  # the same until the joint's first tier; NaN where there is no such day
     slope_error_per_k: Array  # (A, J) [1/K] dependence on temperature that the temperature law leaves in friction
     state: DriftState  # after the last day
 
@@ -95,7 +96,7 @@ def play(
             early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
         else:
             alerts.add(day, evidence)
-            accuracy.add(now, result)
+            accuracy.add(now, result, undetected=np.isnan(alerts.tier[:, 0]))
         if watch:
             watch(day, now, state)
     assert state is not None
@@ -108,6 +109,7 @@ def play(
         early=int(early.sum()),
         covered=accuracy.covered(),
         covered_worn=accuracy.covered_worn(),
+        covered_undetected=accuracy.covered_undetected(),
         slope_error_per_k=accuracy.slope_per_k(),
         state=state,
     )
@@ -166,21 +168,27 @@ class _Accuracy:
         self._fleet, self._drift = fleet, drift
         self._covered, self._replays = np.zeros(N), np.zeros(N)
         self._worn_covered, self._worn_replays = 0.0, 0.0
+        self._undetected_covered, self._undetected_replays = 0.0, 0.0
         self._sums = np.zeros((N, 5))  # n, Σx, Σy, Σx², Σxy of the regression of friction left over on temperature
 
-    def add(self, now: Day, result: StepResult) -> None:
-        """One more day: whether the 90 % interval at T0 contains the truth, and what the temperature law leaves."""
+    def add(self, now: Day, result: StepResult, *, undetected: np.ndarray) -> None:
+        """One more day: whether the 90 % interval at T0 contains the truth, and what the temperature law leaves.
+
+        undetected : (N,) joints without a tier so far.
+        """
         fleet, state, joints = self._fleet, result.state, result.state.filter_state
         here = np.repeat(now.replayed, fleet.joints)
         T, T0, slot = now.seen.temperature_c, state.reference_temperature_c, state.slot
         truth = np.log(fleet.torque(T0.reshape(fleet.arms, fleet.joints), np.exp(now.worn))).ravel()
         mean, std = joints.reference(T0, slot)
         more, more_var = undetected_change(joints, joints.reference_row(T0, slot), self._drift)
-        inside = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var + self._drift.between_floor**2)
+        inside = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var)
         self._covered, self._replays = self._covered + (inside & here), self._replays + here
         worn = (now.worn.ravel() > 0) & here
         self._worn_covered += float((inside & worn).sum())
         self._worn_replays += float(worn.sum())
+        self._undetected_covered += float((inside & worn & undetected).sum())
+        self._undetected_replays += float((worn & undetected).sum())
         # truth at the true temperature, less what the filter expects at the measured one, without its noise
         measured = joints.reference(np.where(np.isfinite(T), T, joints.origin_c), slot)[0]
         expected = mean + measured - joints.reference(T0, slot)[0]
@@ -198,6 +206,10 @@ class _Accuracy:
     def covered_worn(self) -> float:
         """The same of all joints that wear; NaN where there is none."""
         return self._worn_covered / self._worn_replays if self._worn_replays else float("nan")
+
+    def covered_undetected(self) -> float:
+        """The same until their first tier; NaN where there is no such day."""
+        return self._undetected_covered / self._undetected_replays if self._undetected_replays else float("nan")
 
     def slope_per_k(self) -> Array:
         """(A, J) [1/K] slope of the friction left over, by least squares; NaN where temperature did not vary."""

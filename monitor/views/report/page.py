@@ -8,6 +8,7 @@ import numpy as np
 
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.staleness import stale_text
+from monitor.judge.alerts.unseen_step import unseen_steps_text
 from monitor.views.report.charts import STATE_COLOURS, friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 from monitor.views.units import PERCENT_PER_MONTH
@@ -146,7 +147,8 @@ def _joints(report: Mapping[str, Any]) -> str:
         Column("fc [Nm]"),
         Column("fv [Nm·s/rad]"),
     ]
-    return table([*columns, Column("T [°C]")], rows)
+    unseen = unseen_steps_text(report["joints"])
+    return table([*columns, Column("T [°C]")], rows) + (paragraph(unseen, "dim") if unseen else "")
 
 
 def _life(life: Mapping[str, Any]) -> str:

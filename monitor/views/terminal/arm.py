@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from monitor.judge.alerts.unseen_step import unseen_steps_text
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
 from monitor.views.units import PERCENT_PER_MONTH
 
@@ -44,6 +45,8 @@ def print_status(document: dict[str, Any]) -> None:
         console.print(f"[yellow]{health['stale_why']}[/]", highlight=False)
     if document["friction"]:
         console.print(_friction_table(document["friction"], health["joints"] if health else []))
+        if unseen := unseen_steps_text(document["friction"]):
+            console.print(unseen, highlight=False)
     for alert in health["alerts"] if health else []:
         if alert.get("active"):
             console.print(

@@ -183,6 +183,7 @@ function figures() {
   if (own) {
     rows.push(
       ["Wear", `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)} %`],
+      ...(own.unseen_step == null ? [] : [["Fresh step", `of the last ${own.unseen_step_days.toFixed(0)} days, up to ${(100 * own.unseen_step).toFixed(0)} % may be unseen`]]),
       ["Pace", `${signed(3000 * own.wear_rate_per_day)} ± ${(3000 * own.wear_rate_std_per_day).toFixed(1)} % a month`],
       [`Friction at ${own.reference_speed_rad_s} rad/s, ${own.reference_temperature_c.toFixed(1)} °C`, `${number(own.reference_torque_nm, 2)} ± ${number(own.reference_torque_std_nm, 2)} Nm`],
       ["Coulomb fc", `${number(own.coulomb_nm, 2)} ± ${number(own.coulomb_std_nm, 2)} Nm`],
