@@ -10,7 +10,7 @@ from monitor.identify.identification import Identification
 from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Health, Transition
-from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life
+from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life_of_joint
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain
 from monitor.judge.drift.observation import observe
@@ -122,13 +122,18 @@ def joint_friction(
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
     means, covs = belief.wear_and_rate()
+    state = belief.drift_state
     wear, wear_std = belief.wear_with_undetected(drift)
     unseen = belief.unseen_step(drift)
     joints = []
     for j in range(belief.joints):
         mean, cov = means[j], covs[j]
         factor = math.exp(wear[j])
-        life = remaining_life(mean, cov, wear_walk_per_sqrt_day=drift.wear_walk_per_sqrt_day, settings=prognosis)
+        life = remaining_life_of_joint(state, j, drift, prognosis)
+        # the filter's rate is that of a straight line; an accelerating joint is faster by now
+        rate, rate_std = float(mean[1]), math.sqrt(max(cov[1, 1], 0.0))
+        if life.rate_per_day is not None and life.rate_std_per_day is not None:
+            rate, rate_std = life.rate_per_day, life.rate_std_per_day
         usual = belief.usage.per_day[j]
         left = tuple(None if days is None else known_or_none(days * usual) for days in (life.p10_days, life.p50_days, life.p90_days))
         joints.append(
@@ -145,8 +150,8 @@ def joint_friction(
                 reference_torque_std_nm=known_or_none(torque_std[j]),
                 wear=factor - 1.0,
                 wear_std=factor * float(wear_std[j]),
-                wear_rate_per_day=float(mean[1]),
-                wear_rate_std_per_day=math.sqrt(max(cov[1, 1], 0.0)),
+                wear_rate_per_day=rate,
+                wear_rate_std_per_day=rate_std,
                 remaining_life=life,
                 revolutions=known_or_none(belief.usage.revolutions[j]),
                 revolutions_per_day=known_or_none(usual),

@@ -8,12 +8,13 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.judge.document import array, entry, key_of, plain
 from monitor.judge.drift.contexts import OpenedContext
-from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState
+from monitor.judge.drift.filter_state import KINDS, RATE, SLOTS, STATES, WEAR, WINDOW, FilterState, begin_history
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState
 from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_from_document
 from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
 from monitor.judge.drift.usage import Usage, usage_from_document
+from monitor.judge.drift.wear_history import LEVELS_SUM, empty_history
 from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
@@ -186,7 +187,7 @@ def belief_from_document(document: Any) -> Belief:
                 )
                 for o in ledger
             ),
-            filter_state=_filter_state(entry(document, "track", where=where), J),
+            filter_state=_filter_state(entry(document, "track", where=where), J, slot=ledger[-1]["slot"] or 0),
             usage=usage_from_document(entry(document, "usage", where=where), J),
             mass_estimate=mass_estimate_from_document(entry(document, "weights", where=where)),
             viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
@@ -199,7 +200,8 @@ def belief_from_document(document: Any) -> Belief:
         raise BadInput(f"belief: {wrong!r}") from None
 
 
-def _filter_state(document: Any, J: int) -> FilterState:
+def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
+    """The filter's state; where an older release kept no history, it begins with what the filter knows, with the level in `slot`."""
     shapes: dict[str, tuple[int, ...]] = {
         "mean": (J, STATES),
         "cov": (J, STATES, STATES),
@@ -208,8 +210,14 @@ def _filter_state(document: Any, J: int) -> FilterState:
         "raw_glr_scores": (J, KINDS, WINDOW),
         "glr_informations": (J, KINDS, WINDOW),
         "ages": (J, WINDOW),
+        "history": (J, -1, LEVELS_SUM + SLOTS + 1),
     }
-    return FilterState(**{f.name: array(document, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in fields(FilterState)})
+    kept = isinstance(document, dict) and "history" in document
+    complete = document if kept else {**document, "history": empty_history(J, SLOTS)}
+    state = FilterState(
+        **{f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in fields(FilterState)}
+    )
+    return state if kept else begin_history(state, np.full(J, slot))
 
 
 def _context(document: dict[str, Any]) -> Context:

@@ -128,6 +128,13 @@ class RemainingLife(Document):
     p90_days: Maybe
     verdict: str
     before_service_probability: Fraction = Field(default=0.0, description="that the limit is met before the next service")
+    path: str | None = Field(default=None, description="the likeliest path of friction: slowing, straight or accelerating")
+    path_probability: Fraction | None = Field(default=None, description="of that path; null: a straight one is assumed")
+    accelerating_probability: Fraction | None = Field(default=None, description="that friction rises faster and faster")
+    accelerating_p50_days: Maybe = Field(default=None, description="the median, should it")
+    rate_per_day: Maybe = Field(default=None, description="wear rate now, a fraction per usual day, averaged over the paths")
+    rate_std_per_day: Maybe = None
+    assumption: str = Field(default="", description="what the days assume, in words")
 
 
 class Friction(Document):

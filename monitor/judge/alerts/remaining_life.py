@@ -1,12 +1,15 @@
-"""The days until friction reaches its limit: first passage of a Wiener process with drift, averaged over the posterior of its rate.
+"""The days until friction reaches its limit, along the path that friction has taken so far.
 
-For one rate ν the time to rise by d is inverse Gaussian (Chhikara & Folks, 1989). The posterior of (wear, rate) enters by a fixed
-lattice, so the same posterior always gives the same result. The result is when friction crosses a threshold; a gear may break earlier
-or later.
+By the joint's (wear, rate) alone, friction goes on along a straight line, and the days are the first passage of a Wiener process with
+drift, averaged over the posterior of its rate: for one rate ν the time to rise by d is inverse Gaussian (Chhikara & Folks, 1989). The
+posterior enters by a fixed lattice, so that the same posterior always gives the same result. With the joint's history, friction goes on
+along a mixture of slowing, straight and accelerating paths (`wear_paths`). The result is when friction crosses a threshold; a gear may
+break earlier or later.
 """
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -14,7 +17,11 @@ import numpy as np
 import scipy
 from annotated_types import Interval
 
+from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
 from monitor.judge.bounds import check_bounds
+from monitor.judge.drift.filter_state import RATE, WEAR
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import DriftState
 from monitor.recording import Array
 
 DAYS = np.geomspace(0.05, 20_000.0, 48)  # coarse table of the distribution; 20 000 days, or 54 years, are the longest prediction
@@ -22,6 +29,8 @@ FINE_POINTS = 96  # of the fine table, between the coarse points beside P10 and 
 # A golden-ratio lattice over (rate, wear given the rate) with equally likely points. With few Gauss nodes the mixture of nearly sharp
 # passages would be a staircase, and its quantiles would be the steps.
 NODES = 199
+FAMILIES = {"slowing": SLOWING, "straight": STRAIGHT, "accelerating": ACCELERATING}
+WORTH_TELLING = 0.05  # probability from which it is said when an accelerating path would reach the limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,27 +55,102 @@ class RemainingLife(NamedTuple):
     p90_days: float | None
     verdict: str  # "trend" | "no_trend" | "reached"
     before_service_probability: float = 0.0  # that friction reaches the limit within `service_days`
+    path: str | None = None  # the likeliest: slowing | straight | accelerating; None where no date is given
+    path_probability: float | None = None  # of that one
+    accelerating_probability: float | None = None  # None where only (wear, rate) are known: then the path is assumed to be straight
+    accelerating_p50_days: float | None = None  # the median, should the path accelerate
+    rate_per_day: float | None = None  # wear rate now, a fraction per usual day, averaged over the paths; None as the quantiles
+    rate_std_per_day: float | None = None
+    assumption: str = ""  # what the days assume, in words; empty where no date is given
 
 
-def remaining_life(mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> RemainingLife:
+def remaining_life(
+    mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings, paths: WearPaths | None = None
+) -> RemainingLife:
     """The remaining life of one joint.
 
     mean (2,), cov (2, 2) : posterior of wear w = log(F/F0) and of the wear rate, a fraction of F0 per usual day.
-    The same work every day adds the same rise of friction every day, so friction approaches the limit along a straight line.
+    paths : along which friction goes on, from the joint's history; without it, the same work every day adds the same rise of friction, so
+    that friction approaches the limit along a straight line. `remaining_life_of_joint` has them from the state.
     """
     mean, cov = as_rise(mean, cov)
     trend = float(scipy.special.ndtr(mean[1] / max(math.sqrt(cov[1, 1]), 1e-300)))
     if mean[0] >= settings.limit_rise:
         return RemainingLife(trend, 0.0, 0.0, 0.0, "reached", 1.0)
-    service = float(_mixture(mean, cov, np.array([settings.service_days]), wear_walk_per_sqrt_day, settings)[0])
+
+    def straight(days: Array) -> Array:
+        return _mixture(mean, cov, days, wear_walk_per_sqrt_day, settings)
+
     if trend < settings.trend_sure:
-        return RemainingLife(trend, None, None, None, "no_trend", service)
-    coarse = _mixture(mean, cov, DAYS, wear_walk_per_sqrt_day, settings)
-    first, last = np.searchsorted(coarse, [0.1, 0.9])  # P10 and P90 lie between these points and the ones before
-    days = np.geomspace(DAYS[max(first - 1, 0)], DAYS[min(last, len(DAYS) - 1)], FINE_POINTS)
-    reached = _mixture(mean, cov, days, wear_walk_per_sqrt_day, settings)
-    p10, p50, p90 = (_quantile(days, reached, p) for p in (0.1, 0.5, 0.9))
-    return RemainingLife(trend, p10, p50, p90, "trend", service)
+        return RemainingLife(trend, None, None, None, "no_trend", float(straight(np.array([settings.service_days]))[0]))
+    if paths is None:
+        p10, p50, p90 = _quantiles(straight)
+        service, rate = float(straight(np.array([settings.service_days]))[0]), (float(mean[1]), math.sqrt(cov[1, 1]))
+        return RemainingLife(
+            trend, p10, p50, p90, "trend", service, "straight", None, None, None, *rate, "if friction goes on along a straight line"
+        )
+
+    def reached(days: Array, weight: Array) -> Array:
+        probability: Array = paths.reached(days, settings.limit_rise, wear_walk_per_sqrt_day) @ weight
+        return np.maximum.accumulate(probability)
+
+    p10, p50, p90 = _quantiles(lambda days: reached(days, paths.weight))
+    probability = {name: paths.probability(family) for name, family in FAMILIES.items()}
+    likeliest = max(probability, key=lambda name: probability[name])
+    faster = paths.weight * ACCELERATING[paths.shape]
+    sooner = _quantiles(lambda days: reached(days, faster / faster.sum()))[1] if probability["accelerating"] >= WORTH_TELLING else None
+    rate = paths.rate()
+    return RemainingLife(
+        trend_probability=trend,
+        p10_days=p10,
+        p50_days=p50,
+        p90_days=p90,
+        verdict="trend",
+        before_service_probability=float(reached(np.array([settings.service_days]), paths.weight)[0]),
+        path=likeliest,
+        path_probability=probability[likeliest],
+        accelerating_probability=probability["accelerating"],
+        accelerating_p50_days=sooner,
+        rate_per_day=rate[0],
+        rate_std_per_day=rate[1],
+        assumption=_assumption(likeliest, probability, sooner),
+    )
+
+
+def remaining_life_of_joint(state: DriftState, n: int, drift: DriftSettings, prognosis: PrognosisSettings) -> RemainingLife:
+    """The remaining life of joint n of a state, along the path that its friction has taken so far.
+
+    A joint whose friction begins to rise on day 60, by 30 % in the square of the time to day 360, asked on day 300:
+
+    >>> import numpy as np
+    >>> from monitor.judge.drift.observation import Observation
+    >>> from monitor.judge.drift.step import Replay, initial_state, step
+    >>> from monitor.judge.temperature.laws import TemperatureSettings
+    >>> drift, temperature = DriftSettings(), TemperatureSettings()
+    >>> rng, state = np.random.default_rng(1), None
+    >>> for day in range(300):
+    ...     torque = 10.0 * np.exp(0.02 * rng.normal(size=6))
+    ...     torque[1] *= 1.0 + 0.3 * (max(day - 60, 0) / 300) ** 2
+    ...     observation = Observation(
+    ...         log_torque=np.log(torque),
+    ...         variance=np.full(6, 0.005**2),
+    ...         temperature_c=30.0 + rng.normal(size=6),
+    ...         viscous_share=np.full(6, 0.4),
+    ...         warming_k_per_min=np.zeros(6),
+    ...         coulomb_nm=0.6 * torque,
+    ...         viscous_nm_s_per_rad=torque,
+    ...     )
+    ...     if state is None:
+    ...         state = initial_state(observation, 6, drift, temperature)
+    ...     state = step(state, Replay(observation=observation, days=np.array([float(day > 0)])), drift, temperature).state
+    >>> life = remaining_life_of_joint(state, 1, drift, PrognosisSettings())
+    >>> life.path
+    'accelerating'
+    """
+    joints, pair = state.filter_state, [WEAR, RATE]
+    mean, cov = joints.mean[n, pair], joints.cov[n][np.ix_(pair, pair)]
+    paths = wear_paths(joints, n, int(state.slot[n]), state.joints_per_arm, drift)
+    return remaining_life(mean, cov, wear_walk_per_sqrt_day=drift.wear_walk_per_sqrt_day, settings=prognosis, paths=paths)
 
 
 def as_rise(mean: Array, cov: Array) -> tuple[Array, Array]:
@@ -114,6 +198,24 @@ def _mixture(mean: Array, cov: Array, days: Array, walk: float, settings: Progno
     rise = settings.limit_rise - wear
     mixed: Array = np.mean(first_passage(days[:, None], rise, rate, walk), axis=1)  # (D, M) → (D,)
     return mixed
+
+
+def _quantiles(reached: Callable[[Array], Array]) -> tuple[float | None, float | None, float | None]:
+    """P10, P50 and P90 [d] of a distribution function of days; None where it does not reach them within 20 000 days."""
+    coarse = reached(DAYS)
+    first, last = np.searchsorted(coarse, [0.1, 0.9])  # P10 and P90 lie between these points and the ones before
+    days = np.geomspace(DAYS[max(first - 1, 0)], DAYS[min(last, len(DAYS) - 1)], FINE_POINTS)
+    fine = reached(days)
+    return _quantile(days, fine, 0.1), _quantile(days, fine, 0.5), _quantile(days, fine, 0.9)
+
+
+def _assumption(likeliest: str, probability: dict[str, float], sooner: float | None) -> str:
+    """What the days assume: the likeliest path, and when friction reaches the limit if it accelerates."""
+    words = {"slowing": "slows down", "straight": "goes on along a straight line", "accelerating": "goes on accelerating"}
+    text = f"if friction {words[likeliest]} as it does so far ({100 * probability[likeliest]:.0f} %)"
+    if sooner is not None and likeliest != "accelerating":
+        text += f"; a path that accelerates ({100 * probability['accelerating']:.0f} %) reaches the limit in {sooner:.0f} d"
+    return text
 
 
 def _quantile(days: Array, reached: Array, p: float) -> float | None:

@@ -17,6 +17,7 @@ import numpy as np
 from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.wear_history import age_history, empty_history, history_of_posterior, rescale_work, settle_slot
 from monitor.recording import Array
 
 WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # w [log], ẇ [1/usual day], n [log], β [1/K], γ [1/K²], λ [1/(K/min)]; then the levels
@@ -30,6 +31,7 @@ DIFFUSE_VAR = 100.0  # [log²] of an unknown level: e^±10 covers every torque, 
 LOG_RISE = np.array([-3.0, 3.0])  # [log] bounds of wear: no joint has 20 times its friction, or a twentieth of it
 SLOPE_CHANGE = 0.15  # [fraction] by which another load may change β: it shifts the share of viscous friction
 HOLIDAY = 10.0  # times the usual interval: so long a pause says nothing about the usual interval
+SURE_SIGMAS = 1.645  # a wear rate further above 0 is surely positive: 95 %, as for remaining life
 ORDINARY, SETTLING, STEP, OUTLIER, UNRESOLVED = range(5)  # what the last replay was to a joint; the filter learns from the first three
 
 
@@ -59,6 +61,7 @@ class FilterState:
     glr_informations: Array = field(metadata={"key": "informations"})  # (N, 2, W) Σ G²/S
     agreeing: Array  # (N,) number of replays that agree with the last one: 1, or all since a change that was detected
     stepped: Array  # (N,) [log] wear that came in steps
+    history: Array  # (N, B, K) the course of friction so far, see `wear_history`
 
     @property
     def joints(self) -> int:
@@ -180,7 +183,23 @@ def initial_filter(
         glr_informations=np.zeros((N, KINDS, WINDOW)),
         agreeing=np.ones(N),
         stepped=np.zeros(N),
+        history=empty_history(N, SLOTS),
     )
+
+
+def begin_history(state: FilterState, slot: Array) -> FilterState:
+    """The state of a release that kept no history, with one along a straight line to its wear. slot : (N,) of the context in force."""
+    rate, rate_std = state.mean[:, RATE], np.sqrt(np.maximum(state.cov[:, RATE, RATE], 0.0))
+    history = history_of_posterior(
+        state.level(slot),
+        state.wear,
+        rate,
+        sure=(rate > SURE_SIGMAS * rate_std) & (state.wear > 0),
+        slot=slot,
+        slots=SLOTS,
+        days=state.replays * state.interval_days,
+    )
+    return replace(state, history=history)
 
 
 def predict_filter(state: FilterState, days: Array, joints_per_arm: int, settings: DriftSettings, use: Array | None = None) -> FilterState:
@@ -217,7 +236,7 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
     responses = state.responses.copy()
     responses[..., WEAR] = (grown[:, None, None] * responses[..., WEAR] + use[:, None, None] * responses[..., RATE]) / then[:, None, None]
     responses[..., NOISE] *= decay[:, None, None]
-    return replace(state, mean=mean, cov=cov, responses=responses)
+    return replace(state, mean=mean, cov=cov, responses=responses, history=age_history(state.history, use, days))
 
 
 def rescale_rate(state: FilterState, factor: Array) -> FilterState:
@@ -227,7 +246,7 @@ def rescale_rate(state: FilterState, factor: Array) -> FilterState:
     cov[:, RATE, :] *= factor[:, None]
     cov[:, :, RATE] *= factor[:, None]
     responses[..., RATE] *= factor[:, None, None]
-    return replace(state, mean=mean, cov=cov, responses=responses)
+    return replace(state, mean=mean, cov=cov, responses=responses, history=rescale_work(state.history, factor))
 
 
 def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterState:
@@ -236,6 +255,7 @@ def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterStat
     Wear that coincides with the change cannot be observed. Another load changes the share of viscous friction, and with it the slope.
     """
     cov, mean, responses = state.cov.copy(), state.mean.copy(), state.responses.copy()
+    history = settle_slot(state.history, slot, state.level(slot), opened)
     n = np.flatnonzero(opened)
     at = LEVELS + slot[n]
     cov[n, at, :] = 0.0
@@ -244,7 +264,7 @@ def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterStat
     mean[n, at] = 0.0
     responses[n, :, :, at] = 0.0
     cov[n, SLOPE, SLOPE] += (SLOPE_CHANGE * mean[n, SLOPE]) ** 2
-    return replace(state, mean=mean, cov=cov, responses=responses)
+    return replace(state, mean=mean, cov=cov, responses=responses, history=history)
 
 
 def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings) -> FilterState:
@@ -261,7 +281,7 @@ def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings)
     return replace(state, mean=mean, cov=cov, residual=np.where(new, np.nan, state.residual), **cleared)
 
 
-_HISTORY = ("replays", "outliers", "gate_run", "stepped", "responses", "glr_scores", "raw_glr_scores", "glr_informations")
+_HISTORY = ("replays", "outliers", "gate_run", "stepped", "responses", "glr_scores", "raw_glr_scores", "glr_informations", "history")
 
 
 def _of(mask: np.ndarray, like: Array) -> np.ndarray:

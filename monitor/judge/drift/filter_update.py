@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.judge.drift.change_detection import advance_bank, detect_change
-from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, STEP, UNRESOLVED, FilterState
+from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, SLOPE, STEP, UNRESOLVED, FilterState
 from monitor.judge.drift.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.kalman import update
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.wear_history import add_replay
 from monitor.recording import Array
 
 OFTEN, FEWEST = 0.1, 3  # share and number of outliers from which they are the joint's noise, and no longer left out of it
@@ -34,6 +35,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     K = np.where(learnt[:, None], innovation.state_cov / innovation.var[:, None], 0.0)
     found = change.of_baseline | change.of_wear
     after = bank.after_update(K, restarted=found)
+    history = np.where(change.of_baseline[:, None, None], 0.0, state.history)
     z = innovation.normalised
     consistency = state.consistency + (z**2 - state.consistency) / CONSISTENCY_REPLAYS
     return replace(
@@ -54,6 +56,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
         glr_informations=after.information_now,
         agreeing=change.agreeing,
         stepped=state.stepped + change.stepped,
+        history=add_replay(history, innovation.row[:, SLOPE:], innovation.log_torque, learnt & innovation.sensed),
     )
 
 

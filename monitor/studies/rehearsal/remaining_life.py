@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.assess import AssessSettings
-from monitor.judge.alerts.remaining_life import remaining_life
-from monitor.judge.drift.filter_state import RATE, WEAR
+from monitor.judge.alerts.remaining_life import remaining_life_of_joint
 from monitor.judge.drift.step import DriftState
 from monitor.recording import Array
 from monitor.studies.figures import DAYS_A_YEAR, Share
@@ -93,13 +92,7 @@ def answers_of(rate: Array, joint: np.ndarray, assess: AssessSettings, base: Fle
 
 def _answer(state: DriftState, n: int, truth: float, assess: AssessSettings) -> Answer:
     """The monitor's prediction for joint n of the fleet against the true remaining revolutions."""
-    joints, pair = state.filter_state, [WEAR, RATE]
-    predicted = remaining_life(
-        joints.mean[n, pair],
-        joints.cov[n][np.ix_(pair, pair)],
-        wear_walk_per_sqrt_day=assess.drift.wear_walk_per_sqrt_day,
-        settings=assess.prognosis,
-    )
+    predicted = remaining_life_of_joint(state, n, assess.drift, assess.prognosis)
     if predicted.p50_days is None or predicted.p10_days is None:
         return Answer(near=False, covered=None)
     usual = state.usage.per_day[n]

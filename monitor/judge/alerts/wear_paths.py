@@ -1,0 +1,192 @@
+"""Along which path friction rises: a mixture over slowing, straight and accelerating paths, fitted to the course of friction so far.
+
+With z friction over that without wear, and s the work since the onset of wear, each path is
+
+    z = A + S·[a step] + C·g(s),   g(s) = s^p  or  e^(κ·s/s_now) − 1.
+
+The shape of g, the onset and the day of the step are on a grid. For each point of it the posterior of (A, S, C) is Gaussian, since z is
+linear in them; the component is weighted by its prior and by its marginal likelihood (O'Hagan, Kendall's Advanced Theory of Statistics 2B,
+ch. 11; the size of the noise is integrated out). Observed are the blocks of `wear_history`, corrected with the temperature law and the
+levels of today. Their noise is the filter's AR(1) process, with the doubt of that law and of the levels of other contexts.
+
+Shapes: B blocks, P pairs of a shape and an onset, M components of the mixture.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from monitor.judge.drift.filter_state import CURVE, LAG, LEVELS, SLOPE, SLOTS, FilterState
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.wear_history import AGE, COUNT, SLOPE_SUM, WORK_AGE
+from monitor.recording import Array
+
+POWERS = np.array([0.33, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, *[1.0] * 7])  # p of every shape
+GROWTHS = np.array([*[0.0] * 7, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0])  # κ; 0 is a power. Friction rises e^κ times as fast as at the onset
+SLOWING, STRAIGHT = POWERS < 1.0, (POWERS == 1.0) & (GROWTHS == 0.0)
+ACCELERATING = ~(SLOWING | STRAIGHT)
+# Prior of the three families, spread evenly over their shapes. Wear that settles rises with the root of time, steady wear along a straight
+# line, and towards the end of a gear's life it accelerates (the three phases of a wear curve). Before the curvature shows, the dangerous
+# error is to miss the last: it has half of the weight or more.
+FAMILIES = ((SLOWING, 0.2), (STRAIGHT, 0.2), (ACCELERATING, 0.6))
+PRIOR = np.sum([share * family / family.sum() for family, share in FAMILIES], axis=0)
+ONSETS = 32  # of the grid, evenly over the history
+STEPS = 20  # days at which friction may have stepped, evenly over the blocks
+STEP_PROBABILITY = 0.25  # prior, as RATES_PER_STEP of the change bank has it
+STEP_STD = 0.1  # prior of S, a fraction of friction …
+RISE_STD = 0.3  # … of the rise C·g so far …
+LEVEL_STD = 0.5  # … and of A, around 1
+OTHER_LEVEL_STD = 1.0  # [log] of a level in another context than the one in force
+NOISE_BLOCKS = 20.0  # weight of the filter's noise beside the noise that the blocks show
+FEWEST_BLOCKS = 8  # fewer show no path
+KEPT = 0.995  # of the weight; the least likely components are left out
+GAUSS = ((0.5 * np.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (-0.5 * np.sqrt(0.6), 5 / 18))  # places in a block of width 1, and their weights
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WearPaths:
+    """The mixture of one joint, (M, …) each."""
+
+    weight: Array  # (M,) sum 1
+    shape: np.ndarray  # (M,) index of POWERS and GROWTHS
+    since: Array  # (M,) [usual days] of work since the onset
+    mean: Array  # (M, 3) of A, S and the rise so far C·g
+    cov: Array  # (M, 3, 3)
+
+    def reached(self, days: Array, limit_rise: float, wear_walk_per_sqrt_day: float) -> Array:
+        """(D, M) probability that friction is above the limit after usual days (D,), by each component."""
+        growth = path(self.shape, self.since, self.since + days[:, None]) / path(self.shape, self.since, self.since)  # (D, M)
+        # the limit counts from the lowest level: that before a rise, and that after a fall
+        now = np.stack([np.full_like(self.since, -limit_rise), np.where(self.mean[:, 1] < 0, -limit_rise, 1.0)], axis=1)
+        above = np.sum(now * self.mean[:, :2], axis=1) + growth * self.mean[:, 2]
+        fixed = np.einsum("mi,mij,mj->m", now, self.cov[:, :2, :2], now)
+        shared = np.sum(now * self.cov[:, :2, 2], axis=1)
+        var = fixed + 2.0 * growth * shared + growth**2 * self.cov[:, 2, 2] + (wear_walk_per_sqrt_day**2 * days)[:, None]
+        reached: Array = scipy.special.ndtr(above / np.sqrt(var))
+        return reached
+
+    def rate(self) -> tuple[float, float]:
+        """Mean and standard deviation of the wear rate now, a fraction of friction without wear in a usual day."""
+        relative = _relative_rate(self.shape, self.since)
+        each, var = relative * self.mean[:, 2], relative**2 * self.cov[:, 2, 2]
+        mean = float(self.weight @ each)
+        return mean, float(np.sqrt(self.weight @ (var + (each - mean) ** 2)))
+
+    def probability(self, family: np.ndarray) -> float:
+        """Probability that the path is one of a family of shapes: SLOWING, STRAIGHT or ACCELERATING."""
+        return float(self.weight @ family[self.shape])
+
+
+class _Blocks(NamedTuple):
+    """The course of friction of one joint, (B,) each."""
+
+    work_age: Array  # [usual days]
+    width: Array  # [usual days]
+    friction: Array  # z, over the friction that the filter expects without wear
+    root: Array  # (B, B) lower Cholesky factor of the covariance of z
+
+
+def wear_paths(state: FilterState, n: int, slot: int, joints_per_arm: int, settings: DriftSettings) -> WearPaths | None:
+    """The mixture of joint n, whose context in force has its level in `slot`; None while its history is too short."""
+    blocks = _blocks(state, n, slot, joints_per_arm, settings)
+    return None if blocks is None else _fit(blocks)
+
+
+def path(shape: np.ndarray, since: Array, s: Array) -> Array:
+    """g(s) of shapes (M,) whose onset is `since` (M,) usual days ago; s : (…, M), 0 at the onset and before it."""
+    s = np.maximum(s, 0.0)
+    growth = GROWTHS[shape]
+    g: Array = np.where(growth > 0, np.expm1(np.minimum(growth * s / since, 300.0)), s ** POWERS[shape])
+    return g
+
+
+def _relative_rate(shape: np.ndarray, since: Array) -> Array:
+    """(M,) g'/g now, at s = `since` [1/usual day]."""
+    growth = GROWTHS[shape]
+    rate: Array = np.where(growth > 0, growth / -np.expm1(-np.maximum(growth, 1e-9)), POWERS[shape]) / since
+    return rate
+
+
+def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings: DriftSettings) -> _Blocks | None:
+    """The blocks of joint n, corrected; None where there are too few."""
+    kept = state.history[n][state.history[n][:, COUNT] > 0]
+    if len(kept) < FEWEST_BLOCKS:
+        return None
+    count = kept[:, COUNT]
+    sums = kept / count[:, None]
+    law = [SLOPE, CURVE, LAG, *range(LEVELS, LEVELS + SLOTS)]
+    rows = sums[:, SLOPE_SUM:-1]  # (B, 3 + SLOTS)
+    friction = np.exp(sums[:, -1] - rows @ state.mean[n, law])
+    doubt = np.zeros((len(law), len(law)))  # of the law; the level in force is A
+    doubt[:3, :3] = state.cov[n][np.ix_(law[:3], law[:3])]
+    others = np.array([3 + k for k in range(SLOTS) if k != slot])
+    doubt[others, others] = OTHER_LEVEL_STD**2
+    var = float(state.noise_var(joints_per_arm, settings)[n])
+    rho = float(state.autocorrelation(joints_per_arm, settings)[n])
+    V = var * _correlated(count, sums[:, AGE] / float(state.interval_days[n]), rho) + np.diag(settings.between_floor**2 / count)
+    V = (V + rows @ doubt @ rows.T) * friction[:, None] * friction
+    work_per_replay = sums[-1, WORK_AGE] / max(sums[-1, AGE], 1e-9) * float(state.interval_days[n])
+    return _Blocks(sums[:, WORK_AGE], count * work_per_replay, friction, np.linalg.cholesky(V))
+
+
+def _correlated(count: Array, age: Array, rho: float) -> Array:
+    """(B, B) covariance of the means of blocks of a unit AR(1) process; count, age : (B,) number of replays, mean age in replays."""
+    if rho < 1e-6:
+        return np.diag(1.0 / count)
+    tail = (1.0 - rho**count) / (1.0 - rho)  # 1 + ρ + … of a block
+    apart = np.maximum(np.abs(age[:, None] - age) - 0.5 * (count[:, None] + count), 0.0)
+    K = rho ** (apart + 1.0) * tail[:, None] * tail / (count[:, None] * count)
+    K[np.diag_indices(len(count))] = (count * (1.0 + rho) / (1.0 - rho) - 2.0 * rho * tail / (1.0 - rho)) / count**2
+    return K
+
+
+def _fit(blocks: _Blocks) -> WearPaths:
+    """The mixture over shapes, onsets and steps."""
+    age, width, oldest = blocks.work_age, blocks.width, float(blocks.work_age.max())
+    shape = np.repeat(np.arange(len(POWERS)), ONSETS)  # (P,)
+    since: Array = np.tile(oldest * (np.arange(ONSETS) + 0.5) / ONSETS, len(POWERS))  # (P,)
+    at, of = (np.array(each)[:, None, None] for each in zip(*GAUSS, strict=True))
+    grown = np.sum(of * path(shape, since, since - age[:, None] - at * width[:, None]), axis=0) / path(shape, since, since)  # (B, P)
+    step_age = np.quantile(age, (np.arange(STEPS) + 0.5) / STEPS)
+    stepped = np.clip((step_age - age[:, None]) / width[:, None] + 0.5, 0.0, 1.0)  # (B, STEPS) share of each block since the step
+    columns = np.concatenate([np.ones((len(age), 1)), stepped, grown, blocks.friction[:, None] - 1.0], axis=1)
+    white = scipy.linalg.solve_triangular(blocks.root, columns, lower=True)
+    mean, cov, evidence = _regressions(white[:, 0], white[:, 1 : 1 + STEPS], white[:, 1 + STEPS : -1], white[:, -1])
+    evidence += np.log(PRIOR[shape])
+    order = np.argsort(evidence, axis=None)[::-1]
+    weight = np.exp(evidence.ravel()[order] - evidence.max())
+    likely = order[: np.searchsorted(np.cumsum(weight) / weight.sum(), KEPT) + 1]
+    weight = weight[: len(likely)] / weight[: len(likely)].sum()
+    k, m = np.unravel_index(likely, evidence.shape)
+    centre = mean[k, m]
+    centre[:, 0] += 1.0
+    return WearPaths(weight=weight, shape=shape[m], since=since[m], mean=centre, cov=cov[k, m])
+
+
+def _regressions(one: Array, steps: Array, paths: Array, z: Array) -> tuple[Array, Array, Array]:
+    """Mean, covariance and log evidence of (A − 1, S, C·g) for no step and for each of them, with each path: (1 + STEPS, P, …).
+
+    one, steps, paths, z : (B,), (B, STEPS), (B, P), (B,) columns and observation, whitened with the filter's noise.
+    """
+    K, P = steps.shape[1], paths.shape[1]
+    X, b = np.zeros((K + 1, P, 3, 3)), np.zeros((K + 1, P, 3))  # the information and what it points to
+    X[:] = np.diag(np.array([LEVEL_STD, STEP_STD, RISE_STD]) ** -2.0)
+    X[..., 0, 0] += one @ one
+    X[1:, :, 0, 1] = X[1:, :, 1, 0] = (one @ steps)[:, None]
+    X[1:, :, 1, 1] += np.sum(steps**2, axis=0)[:, None]
+    X[..., 0, 2] = X[..., 2, 0] = one @ paths
+    X[1:, :, 1, 2] = X[1:, :, 2, 1] = steps.T @ paths
+    X[..., 2, 2] += np.sum(paths**2, axis=0)
+    b[..., 0], b[1:, :, 1], b[..., 2] = one @ z, (steps.T @ z)[:, None], z @ paths
+    cov = np.linalg.inv(X)
+    mean = np.einsum("kpi,kpij->kpj", b, cov)
+    rest = NOISE_BLOCKS + z @ z - np.sum(b * mean, axis=2)
+    dof = NOISE_BLOCKS + len(z)
+    evidence = 0.5 * np.linalg.slogdet(cov)[1] - 0.5 * dof * np.log(rest)
+    evidence += np.log([1.0 - STEP_PROBABILITY, *[STEP_PROBABILITY / K] * K])[:, None]
+    cov[0, :, 1, :] = cov[0, :, :, 1] = 0.0  # without a step
+    cov *= (rest / (dof - 2.0))[..., None, None]  # variance of Student's t
+    evidence += scipy.special.log_ndtr(mean[..., 2] / np.sqrt(cov[..., 2, 2]))  # friction rises along a path
+    return mean, cov, evidence
