@@ -5,9 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.assess import AssessSettings
-from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life
-from monitor.judge.drift.filter_state import RATE, WEAR
-from monitor.judge.drift.step import DriftState
+from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
 from monitor.studies.figures import Share, finite_or_none, share_document
 from monitor.studies.rehearsal.play import JudgedDay
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
@@ -43,19 +41,8 @@ class Lives:
             self._open[arm, k] = False
             joint = arm * fleet.joints + int(np.argmax(fleet.worn[arm]))
             left = fleet.onset_day[arm] + fleet.unit_days[arm] - judged.day
-            predicted = prediction(judged.result.state, joint, self._assess)
+            predicted = remaining_life_of_joint(judged.result.state, joint, self._assess.drift, self._assess.prognosis)
             self.answers.append(LifeAnswer(int(fleet.group[arm]), ASKED_AT[k], predicted, float(left)))
-
-
-def prediction(state: DriftState, n: int, assess: AssessSettings) -> RemainingLife:
-    """The judge's prediction for joint n of a fleet."""
-    joints, pair = state.filter_state, [WEAR, RATE]
-    return remaining_life(
-        joints.mean[n, pair],
-        joints.cov[n][np.ix_(pair, pair)],
-        wear_walk_per_sqrt_day=assess.drift.wear_walk_per_sqrt_day,
-        settings=assess.prognosis,
-    )
 
 
 def life_documents(answers: list[LifeAnswer], group: int) -> list[dict[str, Any]]:
