@@ -15,6 +15,7 @@ import zenoh
 from command_line import program
 from excitations import short
 from sim_process import Spawned, eventually
+from simulated_arm import AT_START
 from typer.testing import CliRunner
 
 from monitor.cli.main import app
@@ -29,8 +30,8 @@ HOST = f"127.0.6.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
 
 @pytest.fixture(scope="module")
 def remote():
-    """A simulated UR5."""
-    spawned = Spawned(HOST)
+    """A simulated UR5 that stands where `short()` begins."""
+    spawned = Spawned(HOST, AT_START)
     try:
         with spawned.remote() as remote:
             yield remote
