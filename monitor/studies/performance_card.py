@@ -18,6 +18,7 @@ from monitor.studies.rehearsal.detection import LATEST_ONSET, Kind, detected
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
 from monitor.studies.rehearsal.rehearse import rehearse
+from monitor.studies.rehearsal.worlds.card import ARMS, SEED_ABOVE, world_documents, worlds_section
 from monitor.studies.torque_study import study_arm, summary, surrogate
 
 TARGET = Path("docs/validation.md")
@@ -68,11 +69,12 @@ def card(
     *,
     seed: int,
     arm_days_a_minute: float,
+    worlds: str = "",
 ) -> str:
     """The card as Markdown.
 
     document : of `rehearse`. quieter : detection of the kinds of wear that were also played at σ = 1 %. torque, physics : `summary` and
-    `surrogate` of the arms of full physics. arm_days_a_minute : speed of one process.
+    `surrogate` of the arms of full physics. arm_days_a_minute : speed of one process. worlds : the section of them.
     """
     text = HEAD.format(
         seed=seed,
@@ -88,7 +90,7 @@ def card(
     text += _intervals(document, arm_days_a_minute)
     text += _torque_rows(torque)
     text += _intervals_of_wear(document)
-    return text + notes(text)
+    return text + notes(text) + worlds
 
 
 def _false_alerts(document: dict[str, Any]) -> str:
@@ -189,8 +191,10 @@ def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = 
         one_arm = partial(study_arm, excitation=excitation, settings=assess, replays=REPLAYS, tests=TESTS, clock=time.process_time)
         studied = list(pool.map(one_arm, range(1000 * seed, 1000 * seed + max(arms // 75, 2))))
         rows = [{"between_std": 0.01, **one.result()} for one in later]
+        of_worlds = {"arms": min(ARMS, arms), "seed": seed + SEED_ABOVE}
+        worlds = worlds_section(world_documents(assess, **of_worlds, each=pool.map), **of_worlds)
     torque, physics = summary(studied, replays=REPLAYS, tests=TESTS), surrogate(studied, base.within_std)
-    return card(document, rows, torque, physics, seed=seed, arm_days_a_minute=arm_days_a_minute)
+    return card(document, rows, torque, physics, seed=seed, arm_days_a_minute=arm_days_a_minute, worlds=worlds)
 
 
 def beside(text: str, page: Path) -> str:

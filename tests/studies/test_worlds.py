@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import RemainingLife
+from monitor.studies.rehearsal.worlds.card import arms_of, worlds_section
 from monitor.studies.rehearsal.worlds.change import Payload, RunningIn, Wandering, Yearly
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
 from monitor.studies.rehearsal.worlds.lives import LifeAnswer, life_documents
@@ -226,10 +227,15 @@ def test_an_episode_ends_after_thirty_days_without():
     assert episodes.first[[0, 2]].tolist() == [70, 65]
 
 
+@cache
+def judged(name):
+    """A document of six healthy arms, and of three with each kind of wear."""
+    return json.loads(json.dumps(play_world(WORLDS[name], ASSESS, arms=6, days=480, seed=2), allow_nan=False))
+
+
 def test_a_plain_world_is_judged_and_its_document_is_plain_json():
-    """Six healthy arms, half as many with each kind of wear: steps are found, in their joints; every figure is JSON."""
-    document = play_world(WORLDS["plain"], ASSESS, arms=6, days=480, seed=2)
-    document = json.loads(json.dumps(document, allow_nan=False))
+    """Steps are found, in their joints; every figure is JSON."""
+    document = judged("plain")
     step, rate = document["detection"]
     assert step["arms"] + step["raised_before"] == 3
     assert step["median_days"] < 40
@@ -238,6 +244,35 @@ def test_a_plain_world_is_judged_and_its_document_is_plain_json():
     assert document["false_advisories"]["counted"]["events"] <= 4
     assert 0.7 < document["interval_90"]["healthy"] <= 1.0
     assert world_line(document).startswith("plain")
+
+
+def test_the_card_has_a_row_a_world_with_its_goals():
+    """With what is not counted in a world told beside it, and remaining life in a table of its own."""
+    plain = judged("plain")
+    kinds = {
+        "kinds": ["rising", "falling"],
+        **{key: plain["false_advisories"]["counted"][key] for key in ("events", "per_year", "at_most")},
+    }
+    told = {**plain, "world": "told", "false_advisories": {**plain["false_advisories"], "counted": kinds}}
+    life = [{**row, "remaining_life": life_documents([LifeAnswer(0, 0.5, said(100.0), 100.0)], 0)} for row in plain["detection"]]
+    text = worlds_section([plain, told, {**plain, "world": "lives", "detection": life}], arms=64, seed=7)
+    rows = [line for line in text.splitlines() if line.startswith("| ")]
+    assert all(line.count("|") == 8 for line in rows)
+    assert "told: common in" in rows[2]
+    assert "(≤ 11 " in rows[1]
+    assert sum("P50 within" in line or "5 % step | 50 %" in line for line in rows) == 2
+    assert "from seed 7" in text
+
+
+def test_every_world_of_the_card_has_arms():
+    """Fewer where nobody set a goal beforehand."""
+    assert arms_of("noise-3", 64) == (64, 24)
+    assert arms_of("plain", 64)[0] > 64 > arms_of("weekdays", 64)[0] >= 16
+
+
+def said(days):
+    """A prediction whose P10 and P90 are ten per cent off its P50; None: no date."""
+    return RemainingLife(1.0, None if days is None else 0.9 * days, days, None if days is None else 1.1 * days, "trend")
 
 
 def test_an_advisory_of_the_worn_joint_before_the_onset_is_no_detection():
@@ -254,10 +289,6 @@ def test_an_advisory_of_the_worn_joint_before_the_onset_is_no_detection():
 
 def test_remaining_life_is_asked_at_half_and_at_three_quarters():
     """Exact predictions hold and are near; one that is twice the truth is not near; no date is counted as such."""
-
-    def said(days):
-        return RemainingLife(1.0, None if days is None else 0.9 * days, days, None if days is None else 1.1 * days, "trend")
-
     answers = [LifeAnswer(0, 0.5, said(days), 100.0) for days in (100.0, 200.0, None)] + [LifeAnswer(0, 0.75, said(100.0), 100.0)]
     half, late = life_documents(answers, 0)
     assert half["p10_p90_holds"]["hits"] == 1

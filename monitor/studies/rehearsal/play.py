@@ -143,6 +143,15 @@ def judged_days(
         yield JudgedDay(day, now, result, evidence)
 
 
+def interval_holds(truth: Array, state: DriftState, drift: DriftSettings) -> np.ndarray:
+    """(N,) whether the 90 % interval of log friction at T0 holds the truth (N,); undetected changes belong to the interval."""
+    joints, T0, slot = state.filter_state, state.reference_temperature_c, state.slot
+    mean, std = joints.reference(T0, slot)
+    more, more_var = undetected_change(joints, joints.reference_row(T0, slot), drift)
+    inside: np.ndarray = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var)
+    return inside
+
+
 class _AlertDays:
     """The first day of every alert; NaN before it came."""
 
@@ -179,10 +188,9 @@ class _Accuracy:
         fleet, state, joints = self._fleet, result.state, result.state.filter_state
         here = np.repeat(now.replayed, fleet.joints)
         T, T0, slot = now.seen.temperature_c, state.reference_temperature_c, state.slot
+        mean = joints.reference(T0, slot)[0]
         truth = np.log(fleet.torque(T0.reshape(fleet.arms, fleet.joints), np.exp(now.worn))).ravel()
-        mean, std = joints.reference(T0, slot)
-        more, more_var = undetected_change(joints, joints.reference_row(T0, slot), self._drift)
-        inside = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var)
+        inside = interval_holds(truth, state, self._drift)
         self._covered, self._replays = self._covered + (inside & here), self._replays + here
         worn = (now.worn.ravel() > 0) & here
         self._worn_covered += float((inside & worn).sum())

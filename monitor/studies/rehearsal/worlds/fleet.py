@@ -29,6 +29,7 @@ class Goal:
     counted: tuple[str, ...] = ("rising", "falling", "common")  # … others are the right word for what happens there
     within_days: tuple[tuple[str, float], ...] = ()  # of wear, by name: the median of days to detection
     nine_of_ten_days: tuple[tuple[str, float], ...] = ()  # likewise, nine of ten arms
+    interval: tuple[float, float] | None = None  # share of 90 % intervals of healthy joints that hold the truth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +46,7 @@ class World:
     gap: tuple[float, int] = (0.0, 0)  # gaps a year and arm, and their length [days]
     channels: bool = True  # whether the optional fields of `Observation` are given
     goal: Goal = field(default_factory=Goal)
+    listed: bool = True  # whether goals were set for it before anybody had played it
 
 
 class WorldFleet:

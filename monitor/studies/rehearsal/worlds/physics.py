@@ -87,6 +87,7 @@ class Heat:
     """
 
     season_k: float = 4.0  # amplitude of the year in the room
+    sharpness: float = 0.0  # of the seasons: 0 a sine, 3 half a year each with some weeks between
     coldest_day: float | None = None  # of the first year; None: arms begin at any time of the year
     weather_k: float = 1.2  # standard deviation of the daily weather, correlated over about four days
     lag_min: tuple[float, float] = (3.0, 6.0)  # of the grease behind the motor, drawn for each joint
@@ -103,7 +104,10 @@ class Heat:
         weather[0] = shock[0]
         for day in range(1, days):
             weather[day] = 0.75 * weather[day - 1] + np.sqrt(1.0 - 0.75**2) * shock[day]
-        room = rng.uniform(18.0, 24.0, arms) - self.season_k * np.cos(2.0 * np.pi * (t - phase) / 365.0) + self.weather_k * weather
+        season = np.cos(2.0 * np.pi * (t - phase) / 365.0)
+        if self.sharpness > 0:
+            season = np.tanh(self.sharpness * season) / np.tanh(self.sharpness)
+        room = rng.uniform(18.0, 24.0, arms) - self.season_k * season + self.weather_k * weather
         monday = np.where(t % 7 == 0, -2.0, 0.0)
         base = (room + monday)[..., None] + 3.0 + rng.normal(size=(arms, joints))
         since = rng.uniform(*self.started_min, (days, arms))[..., None]

@@ -8,10 +8,9 @@ import numpy as np
 
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Evidence
-from monitor.judge.drift.undetected_change import undetected_change
 from monitor.recording import Array
-from monitor.studies.figures import DAYS_A_YEAR, NINETY, Rate, Share, finite_or_none, share_document
-from monitor.studies.rehearsal.play import LEARNING_DAYS, JudgedDay, judged_days
+from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, finite_or_none, share_document
+from monitor.studies.rehearsal.play import LEARNING_DAYS, interval_holds, judged_days
 from monitor.studies.rehearsal.worlds.fleet import World, WorldFleet
 from monitor.studies.rehearsal.worlds.lives import LifeAnswer, Lives, life_documents
 
@@ -24,9 +23,10 @@ common alert (of all joints together). In some worlds a kind is the right word f
 from a day between 60 and 425 on; days to detection run from the onset to the first tier of the joint that wears (of any of them, or the
 common alert, where three or more wear), the onset's day included; arms in which that was raised before the onset are left out. Right joint:
 no other joint's tier came between onset and detection, of the arms where anything was found. Coverage: share of days on which the 90 %
-interval of friction at T0 (with the undetected-change mixture) holds the truth, healthy and worn joints. Remaining life is asked at 50 and
-75 % of the time from the onset to the limit, where wear has such a time: P10–P90 holds, P50 within 20 %, median of P50 over the truth.
-The judge's functions are the daemon's (`step` without `settle_on_learnt`, `weigh_evidence`); nobody counts revolutions."""
+interval of friction at T0 (with the undetected-change mixture) holds the truth, of healthy joints, of worn ones from the onset on, of these
+until the detection. Remaining life is asked at 50 and 75 % of the time from the onset to the limit, where wear has such a time: P10–P90
+holds, P50 within 20 %, median of P50 over the truth. The judge's functions are the daemon's (`step` without `settle_on_learnt`,
+`weigh_evidence`); nobody counts revolutions."""
 
 
 class Episodes:
@@ -56,8 +56,8 @@ class Verdicts:
     found_day: Array  # (A,) first tier of a joint that wears, on or after the onset
     before: np.ndarray  # (A,) it was raised already before the onset
     wrong: np.ndarray  # (A,) another joint's tier came between onset and detection
-    hits: Array  # (2,) replays of healthy joints, and of worn ones after the onset, whose 90 % interval held the truth …
-    of: Array  # (2,) … of so many
+    held: Array  # (A, 3) replays whose 90 % interval held the truth: of healthy joints, of worn ones, of these until the detection …
+    of: Array  # (A, 3) … of so many
     lives: list[LifeAnswer]
     seconds: float
 
@@ -67,7 +67,7 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
     started, A, J = time.process_time(), fleet.arms, fleet.joints
     rising, falling, common = Episodes(A * J), Episodes(A * J), Episodes(A)
     found, before, wrong = np.full(A, np.inf), np.zeros(A, dtype=bool), np.zeros(A, dtype=bool)
-    hits, of = np.zeros(2), np.zeros(2)
+    held, of = np.zeros((A, 3)), np.zeros((A, 3))
     many = fleet.worn.sum(axis=1) >= 3
     previously, lives = np.zeros(A, dtype=bool), Lives(fleet, assess)
     for judged in judged_days(fleet, fleet.days, assess, count_use=False):
@@ -85,10 +85,13 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         previously = own
         lives.add(judged)
         if day >= LEARNING_DAYS:
-            hit, known = _covered(judged, fleet, assess)
-            worn = (judged.now.worn > 0).ravel()
-            hits += [np.sum(hit & known & ~worn), np.sum(hit & known & worn)]
-            of += [np.sum(known & ~worn), np.sum(known & worn)]
+            T0 = judged.result.state.reference_temperature_c.reshape(A, J)
+            holds = interval_holds(fleet.log_torque_at(day, T0).ravel(), judged.result.state, assess.drift).reshape(A, J)
+            worn = judged.now.worn > 0
+            for k, mask in enumerate((~worn, worn, worn & np.isinf(found)[:, None])):
+                counted = mask & judged.now.replayed[:, None]
+                held[:, k] += (holds & counted).sum(axis=1)
+                of[:, k] += counted.sum(axis=1)
     return Verdicts(
         fleet=fleet,
         rising=rising,
@@ -97,7 +100,7 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         found_day=found,
         before=before,
         wrong=wrong,
-        hits=hits,
+        held=held,
         of=of,
         lives=lives.answers,
         seconds=time.process_time() - started,
@@ -110,17 +113,6 @@ def _found(raised: np.ndarray, evidence: Evidence, worn: np.ndarray, many: np.nd
     return result
 
 
-def _covered(judged: JudgedDay, fleet: WorldFleet, assess: AssessSettings) -> tuple[np.ndarray, np.ndarray]:
-    """(A·J,) whether the 90 % interval of friction at T0 holds the truth, and where there is one."""
-    state, joints = judged.result.state, judged.result.state.filter_state
-    T0, slot = state.reference_temperature_c, state.slot
-    truth = fleet.log_torque_at(judged.day, T0.reshape(fleet.arms, fleet.joints)).ravel()
-    mean, std = joints.reference(T0, slot)
-    more, more_var = undetected_change(joints, joints.reference_row(T0, slot), assess.drift)
-    inside = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var + assess.drift.between_floor**2)
-    return inside, np.repeat(judged.now.replayed, fleet.joints)
-
-
 def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
     """The figures of a world, as one document: advisories from its healthy arms, detection from those that wear."""
     fleet, world = healthy.fleet, healthy.fleet.world
@@ -130,8 +122,6 @@ def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
         for name, episodes in (("rising", healthy.rising), ("falling", healthy.falling), ("common", healthy.common))
     }
     counted = sum(int(rates[name]["events"]) for name in world.goal.counted)
-    with np.errstate(invalid="ignore"):
-        covered = (healthy.hits + worn.hits) / (healthy.of + worn.of)
     return {
         "world": world.name,
         "sentence": world.sentence,
@@ -144,15 +134,23 @@ def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
             **rates,
         },
         "detection": [{**_detection(worn, k), "remaining_life": life_documents(worn.lives, k)} for k in range(len(world.wear))],
-        "interval_90": {"healthy": finite_or_none(float(covered[0])), "worn": finite_or_none(float(covered[1]))},
+        "interval_90": {"healthy": _covered(healthy, 0), "worn": _covered(worn, 1)},
         "goal": {
             "false_advisories": world.goal.false,
             "median_days": dict(world.goal.within_days),
             "nine_of_ten_days": dict(world.goal.nine_of_ten_days),
+            "interval_90": None if world.goal.interval is None else list(world.goal.interval),
         },
         "processor_s": healthy.seconds + worn.seconds,
         "arm_days": fleet.arms * fleet.days + worn.fleet.arms * worn.fleet.days,
     }
+
+
+def _covered(verdicts: Verdicts, k: int, arms: np.ndarray | None = None) -> float | None:
+    """Share of the k-th kind of replays whose interval held the truth, of all arms or of some; None without any."""
+    here = slice(None) if arms is None else arms
+    of = float(verdicts.of[here, k].sum())
+    return float(verdicts.held[here, k].sum()) / of if of else None
 
 
 def _rate(events: int, years: float, **more: int) -> dict[str, Any]:
@@ -173,17 +171,22 @@ def _detection(verdicts: Verdicts, k: int) -> dict[str, Any]:
         "median_days": finite_or_none(float(np.median(days))) if n else None,
         "p90_days": finite_or_none(float(np.quantile(days, 0.9, method="higher"))) if n else None,
         "within_30_days": share_document(Share(hits=int((days <= SOON_DAYS).sum()), of=n)),
+        "interval_90_undetected": _covered(verdicts, 2, fleet.group == k),
         "never": share_document(Share(hits=int((~found).sum()), of=n)),
         "right_joint": share_document(Share(hits=int((found & ~verdicts.wrong[here]).sum()), of=int(found.sum()))),
     }
 
 
-def play_world(world: World, assess: AssessSettings, *, arms: int, days: int, seed: int) -> dict[str, Any]:
-    """A world's figures, as one document: `arms` healthy ones over `days`, and half as many of each kind of wear, no longer than needed."""
+def play_world(world: World, assess: AssessSettings, *, arms: int, days: int, seed: int, worn: int | None = None) -> dict[str, Any]:
+    """A world's figures, as one document.
+
+    arms : healthy ones, over `days`. worn : arms of each kind of wear, no longer than needed; None: half as many as healthy ones.
+    """
+    each = max(arms // 2, 1) if worn is None else worn
     latest = max((wear.latest_day + DAYS_A_YEAR * (wear.life_years or (1.0, 1.0))[1] for wear in world.wear), default=0.0)
     healthy = WorldFleet(world, healthy=arms, worn=0, days=days, seed=seed)
-    worn = WorldFleet(world, healthy=0, worn=max(arms // 2, 1), days=min(days, int(latest)), seed=seed + 1_000_000)
-    return world_document(judge_world(healthy, assess), judge_world(worn, assess))
+    wearing = WorldFleet(world, healthy=0, worn=each, days=min(days, int(latest)), seed=seed + 1_000_000)
+    return world_document(judge_world(healthy, assess), judge_world(wearing, assess))
 
 
 def world_line(document: dict[str, Any]) -> str:
@@ -202,7 +205,7 @@ def world_line(document: dict[str, Any]) -> str:
         right = row["right_joint"]["share"]
         line += (
             f" | {row['wear']}: {median}/{p90} d{asked}, ≤30 d {_whole(row['within_30_days']['share'])}, "
-            f"never {_whole(row['never']['share'])}, right {_whole(right)}, "
+            f"never {_whole(row['never']['share'])}, 90 % until then {_whole(row['interval_90_undetected'])}, right {_whole(right)}, "
             f"before {row['raised_before']}/{row['arms'] + row['raised_before']}"
         )
         for life in row["remaining_life"]:
