@@ -7,9 +7,11 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.document import array, entry, key_of, plain
+from monitor.judge.drift.channel_state import channels_from_document
 from monitor.judge.drift.contexts import OpenedContext
-from monitor.judge.drift.filter_state import KINDS, RATE, SLOTS, STATES, WEAR, WINDOW, FilterState, begin_history
+from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState
 from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_from_document
 from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
@@ -214,9 +216,9 @@ def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
     }
     kept = isinstance(document, dict) and "history" in document
     complete = document if kept else {**document, "history": empty_history(J, SLOTS)}
-    state = FilterState(
-        **{f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in fields(FilterState)}
-    )
+    arrays = [f for f in fields(FilterState) if f.name != "channels"]
+    values = {f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in arrays}
+    state = FilterState(**values, channels=channels_from_document(complete.get("channels"), J))
     return state if kept else begin_history(state, np.full(J, slot))
 
 

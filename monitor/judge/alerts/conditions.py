@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import scipy
 
+from monitor.judge.alerts.beside import joint_beside
 from monitor.judge.alerts.condition import (
     AlertCondition,
     AlertTier,
@@ -45,14 +46,15 @@ def _rising(name: str, situation: JointSituation, _: Confirmations) -> Condition
     if name != _kind_of_rise(situation):
         return None
     j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
-    change = math.expm1(evidence.excess[j])
+    beside = joint_beside(evidence.beside, evidence.excess, j)
+    change = math.expm1(max(evidence.excess[j], beside.rise))
     confirmations = max(situation.health.rising, key=lambda each: each.replays)
     return ConditionStatus(
         raise_tier=int(evidence.raises[j]) if evidence.raises[j] >= 0 else None,
         hold_tier=max((k for k in range(3) if change >= settings.clear_fraction * settings.rises[k]), default=None),
         change=change,
-        probabilities=evidence.above[j],
-        text=partial(_friction_text, situation, confirmations),
+        probabilities=np.maximum(evidence.above[j], beside.above(settings)),
+        text=partial(beside.text, j, partial(_friction_text, situation, confirmations)),
         attribution=situation.attribution,
     )
 

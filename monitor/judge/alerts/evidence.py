@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from monitor.judge.alerts.beside import ChannelRise, rise_beside, tiers_beside
 from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
@@ -35,6 +36,7 @@ class WearAfterReplay:
     day: Array  # UTC day of the replay, counted from 1970-01-01
     agreeing: Array  # replays, this one included, that are known to agree with it
     interval_days: Array  # usual time between replays [d]
+    beside: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,6 +64,7 @@ class Evidence(NamedTuple):
     raises: Array  # (N,) index of the highest tier that may be raised; −1: none
     falls: np.ndarray  # (N,) whether fallen friction may be raised
     together: np.ndarray  # (A,) whether a common rise or fall may be raised
+    beside: ChannelRise | None = None  # what the channels beside F(v*) found
 
 
 def nothing_counted(joints: int, arms: int) -> Counts:
@@ -104,6 +107,7 @@ def wear_of_state(state: FilterState, usable: np.ndarray, day: float) -> WearAft
         day=np.full(state.joints, float(day)),
         agreeing=state.agreeing,
         interval_days=state.interval_days,
+        beside=rise_beside(state.channels),
     )
 
 
@@ -132,6 +136,7 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
     agree[:, 1] = significant & (above[:, 1] >= settings.wear_sure)
     agree[:, 2] = significant & (above[:, 2] >= settings.limit_sure)
     agree[:, FALLING] = below >= settings.wear_sure
+    agree[:, :FALLING] |= tiers_beside(after.beside, excess, settings)
 
     counts = _counted(before, after, agree, (common > 0) | (fallen < 0))
     enough = (counts.replays >= settings.min_replays) & (counts.days >= settings.min_days)
@@ -146,6 +151,7 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
         raises=np.max(np.where(enough[:, :FALLING], np.arange(FALLING), -1), axis=1),
         falls=enough[:, FALLING],
         together=(counts.arm_replays >= settings.min_replays) & (counts.arm_days >= settings.min_days),
+        beside=after.beside,
     )
 
 

@@ -18,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from monitor.judge.drift.filter_state import CURVE, LAG, LEVELS, SLOPE, SLOTS, FilterState
+from monitor.judge.drift.filter_state import CURVE, LAG, LEVELS, SLOPE, FilterState
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.wear_history import AGE, COUNT, SLOPE_SUM, WORK_AGE
 from monitor.recording import Array
 

@@ -5,7 +5,7 @@ import re
 from dataclasses import replace
 from typing import NamedTuple
 
-from monitor.judge.drift.filter_state import SLOTS
+from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Context
 
 COMPARABLE = ("serial", "joint_serials", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest", "maintenance")

@@ -11,17 +11,19 @@ equal wear, so friction increases along a straight line and its logarithm does n
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
+from monitor.judge.drift.channel_state import ChannelState
 from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.wear_history import age_history, empty_history, history_of_posterior, rescale_work, settle_slot
 from monitor.recording import Array
 
 WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # w [log], ẇ [1/usual day], n [log], β [1/K], γ [1/K²], λ [1/(K/min)]; then the levels
-SLOTS = 4  # contexts whose levels are kept at the same time
 LEVELS = 6  # index of the first level
 STATES = LEVELS + SLOTS  # S
 WINDOW = 48  # W, number of replays at which a sudden change may have begun: the latest ones, and fewer of the older ones …
@@ -62,6 +64,7 @@ class FilterState:
     agreeing: Array  # (N,) number of replays that agree with the last one: 1, or all since a change that was detected
     stepped: Array  # (N,) [log] wear that came in steps
     history: Array  # (N, B, K) the course of friction so far, see `wear_history`
+    channels: ChannelState | None = None  # beside y; None before the first replay, and in beliefs of releases without them
 
     @property
     def joints(self) -> int:
@@ -277,7 +280,7 @@ def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings)
     cov[np.ix_(new, pair)] = 0.0
     cov[np.ix_(new, np.arange(STATES), pair)] = 0.0
     cov[new, RATE, RATE] = settings.rate_std_per_day**2
-    cleared = {name: np.where(_of(new, getattr(state, name)), 0.0, getattr(state, name)) for name in _HISTORY}
+    cleared: dict[str, Any] = {name: np.where(_of(new, getattr(state, name)), 0.0, getattr(state, name)) for name in _HISTORY}
     return replace(state, mean=mean, cov=cov, residual=np.where(new, np.nan, state.residual), **cleared)
 
 

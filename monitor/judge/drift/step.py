@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.judge.drift.channels import ChannelReplay, update_channels
 from monitor.judge.drift.filter_state import (
     FilterState,
     initial_filter,
@@ -168,6 +169,7 @@ def step(
     inside = inside_range(state.viscous.range_c, observation.temperature_c, temperature.margin_k)  # the range before this replay
     state = remember_baseline(state, observation, drift)
     state = replace(state, filter_state=update_filter(state.filter_state, observation, state.slot, state.joints_per_arm, drift))
+    state = replace(state, filter_state=look_beside(state, joint, observation))
     counted = state.filter_state.learnt_from & np.isfinite(observation.temperature_c) if settle_on_learnt else joint.replayed
     state = settle_reference(state, observation.temperature_c, counted, drift)
     return StepResult(learn_laws(state, observation), observation, inside, stuck)
@@ -192,6 +194,13 @@ def per_joint(state: DriftState, replay: Replay) -> JointReplay:
         undeclared=of_arms(replay.undeclared, False),
         revolutions=np.full(N, np.nan) if replay.revolutions is None else np.where(here, replay.revolutions, np.nan),
     )
+
+
+def look_beside(state: DriftState, joint: JointReplay, observation: Observation) -> FilterState:
+    """The filter state with the channels beside F(v*) after this replay: wear that F(v*) does not show."""
+    joints = state.filter_state
+    replay = ChannelReplay(observation, joints.origin_c, state.slot, joint.opened, joint.replaced)
+    return replace(joints, channels=update_channels(joints.channels, replay, state.joints_per_arm))
 
 
 def check_sensors(state: DriftState, joint: JointReplay) -> tuple[DriftState, np.ndarray]:

@@ -1,0 +1,298 @@
+"""Wear that F(v*) does not show: a change of the contrast log fc − log fv, of friction at two more speeds, or of the fit's residual.
+
+Each channel of each joint is a number y a replay. The baseline is a regression of all replays older than the window on temperature:
+
+    y = a_c − β·t + γ·t² + λ·Ṫ + noise,      a_c the level in context c.
+
+The last replays, 5 to 28 of them, are compared with it. Their mean deviates by chance with the variance
+
+    κ·σ²·f(n, ρ) + hᵀ·P·h,      f(n, ρ) = (1+ρ)/((1−ρ)·n) − 2ρ·(1−ρⁿ)/(n·(1−ρ))²,
+
+with P the covariance of the baseline, h the mean row of the replays, and σ², ρ and κ learnt from the replays that leave the window: κ is
+the ratio of the mean square of the window's mean to what correlated noise explains, so noise of any colour is known by what it does to
+means.
+Replays count with at most `CLIPPED` σ, so a heavy tail is no change. What the arm's joints do together is no wear of one of them.
+While a change is found, the baseline does not learn.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.judge.drift.channel_state import (
+    CONTRAST,
+    CURVE,
+    DIFFUSE_VAR,
+    FAST,
+    FEATURES,
+    LAG,
+    PRIOR_REPLAYS,
+    RESIDUAL,
+    SLOPE,
+    SLOW,
+    WINDOW,
+    ChannelState,
+    no_channels,
+)
+from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.slots import SLOTS
+from monitor.recording import Array
+
+AGES = np.array([5, 7, 10, 14, 20, 28])  # [replays] since a change; between them the loss of evidence is below a tenth
+LENGTHS = np.append(AGES, WINDOW).astype(float)  # (A + 1,)
+SINCE = (np.arange(WINDOW) < LENGTHS[:, None]).astype(float)  # (A + 1, W) which replays a mean is of
+LEAST_KNOWN = 4  # replays of these that are known
+CLIPPED = 4.5  # [σ] a replay counts with no more than this: most noise has longer tails than a Gaussian
+SIGMAS = 5.5  # of the mean since the change: 0.002 a robot-year of Gaussian noise, the rest is for noise that changes
+LEAST_LEARNT = 12  # [replays] that noise must be learnt from, for each joint, before a change may be found
+HELD = 0.5  # share of both thresholds at which a change that was found is over
+LEAST_SHIFT = np.array([0.12, 0.04, 0.04, 0.2])  # (C,) [log] smaller ones are within the error of the temperature law and of the fit
+LEAST_STD = np.array([0.02, 0.01, 0.01, 0.02])  # (C,) [log] least noise of a replay that is assumed
+CAUTION = (
+    20.0  # variance estimated from n replays is multiplied by 1 + CAUTION/(n + ALIKE): noise has heavy tails, and replays are correlated
+)
+NEWEST, PERSISTS = 3, 0.5  # replays, and the share of the shift that they must have: a shock decays, and wear stays
+MEMORY = 300.0  # [replays] over which noise is averaged
+ALIKE = 30.0  # [replays] weight of the arm's mean noise in each joint's
+MOST_CORRELATION = 0.95
+SLOW_WEIGHT = 2.0  # [windows] weight of the prior that noise is no slower than its correlation says
+SLOW_CAUTION = 1.15  # a mean of squares that leaves out the largest is too small
+LARGEST_RATIO = 2.0  # a mean of any number of replays varies no more than this over the variance of one
+
+
+class ChannelReplay(NamedTuple):
+    """One replay as the channels need it, (N,) each."""
+
+    observation: Observation
+    origin_c: Array  # that temperature is counted from
+    slot: Array
+    opened: np.ndarray  # the slot's level is unknown
+    replaced: np.ndarray  # the joint was replaced
+
+
+def update_channels(before: ChannelState | None, replay: ChannelReplay, joints_per_arm: int) -> ChannelState:
+    """The channels after a replay. Joints without friction or without temperature, and channels without a value, stay as they are."""
+    state = no_channels(len(replay.slot)) if before is None else before
+    state = restart(state, replay.slot, replay.opened, replay.replaced)
+    seen = replay.observation
+    t = seen.temperature_c - replay.origin_c
+    here = np.isfinite(seen.log_torque) & np.isfinite(t)
+    if not here.any():
+        return state
+    values = channel_values(seen)
+    C = np.flatnonzero(np.isfinite(values).any(axis=1) | np.isfinite(state.values).any(axis=(1, 2)))  # channels that anybody measures
+    warming = np.where(np.isfinite(seen.warming_k_per_min), seen.warming_k_per_min, 0.0)
+    state = learn_oldest(state, C, here, joints_per_arm)
+    t = np.where(here, t, 0.0)
+
+    def pushed(old: Array, new: Array) -> Array:
+        moved = np.concatenate([np.broadcast_to(new[..., None], (*old.shape[:-1], 1)), old[..., :-1]], axis=-1)
+        return np.where(here[:, None], moved, old)
+
+    state = replace(
+        state,
+        values=pushed(state.values, values),
+        t=pushed(state.t, t),
+        warming=pushed(state.warming, warming),
+        slot=pushed(state.slot, replay.slot.astype(float)),
+        log_torque=np.where(here, seen.log_torque, state.log_torque),
+    )
+    return look_for_changes(state, C, here, joints_per_arm)
+
+
+def channel_values(seen: Observation) -> Array:
+    """(C, N) the channels of a replay; NaN where a figure is missing or no friction."""
+    N = len(seen.log_torque)
+
+    def log(value: Array) -> Array:
+        positive = np.isfinite(value) & (value > 0)
+        return np.where(positive, np.log(np.where(positive, value, 1.0)), np.nan)
+
+    def optional(value: Array) -> Array:
+        return value if np.shape(value) == (N,) else np.full(N, np.nan)
+
+    values = np.empty((4, N))
+    values[CONTRAST] = log(seen.coulomb_nm) - log(seen.viscous_nm_s_per_rad)
+    values[SLOW] = optional(seen.log_torque_slow) - seen.log_torque
+    values[FAST] = optional(seen.log_torque_fast) - seen.log_torque
+    values[RESIDUAL] = log(optional(seen.residual_rms_nm))
+    return values
+
+
+def rows(t: Array, warming: Array, slot: Array) -> Array:
+    """(…, P) regressors of replays."""
+    H = np.empty((*t.shape, FEATURES))
+    H[..., :SLOTS] = slot[..., None] == np.arange(SLOTS)
+    H[..., SLOPE], H[..., CURVE], H[..., LAG] = t, t * t, warming
+    return H
+
+
+def restart(state: ChannelState, slot: Array, opened: np.ndarray, replaced: np.ndarray) -> ChannelState:
+    """The state with an unknown level in the slot of the joints in `opened`, and in every slot of those in `replaced`."""
+    if not (opened.any() or replaced.any()):
+        return state
+    mean, cov, values = state.mean.copy(), state.cov.copy(), state.values.copy()
+    for k in range(SLOTS):
+        n = np.flatnonzero(replaced | (opened & (slot == k)))
+        cov[:, n, k, :] = 0.0
+        cov[:, n, :, k] = 0.0
+        cov[:, n, k, k] = DIFFUSE_VAR
+        mean[:, n, k] = 0.0
+        values[:, (state.slot == k) & (replaced | (opened & (slot == k)))[:, None]] = np.nan
+    new = replaced | opened
+    return replace(
+        state,
+        mean=mean,
+        cov=cov,
+        values=values,
+        last=np.where(new, np.nan, state.last),
+        shift=np.where(new, 0.0, state.shift),
+        shift_std=np.where(new, 0.0, state.shift_std),
+        found=np.where(new, 0.0, state.found),
+    )
+
+
+def correlation(state: ChannelState, C: np.ndarray, joints_per_arm: int) -> Array:
+    """(C, N) of successive replays' noise, one value for each arm: the mean over its joints, without the largest and the smallest."""
+    rho = np.sort((state.product[C] / state.variance[C]).reshape(len(C), -1, joints_per_arm), axis=-1)
+    trim = 1 if joints_per_arm > 3 else 0
+    each = np.clip(rho[..., trim : joints_per_arm - trim].mean(axis=-1), 0.0, MOST_CORRELATION)
+    of_joints: Array = np.repeat(each, joints_per_arm, axis=-1)
+    return of_joints
+
+
+def noise_variance(state: ChannelState, C: np.ndarray, joints_per_arm: int) -> Array:
+    """(C, N) of one replay around the baseline: the joint's own, shrunk towards the arm's mean."""
+    own, n = state.variance[C], state.weight[C]
+    mean = np.repeat(own.reshape(len(C), -1, joints_per_arm).mean(axis=-1), joints_per_arm, axis=-1)
+    cautious = (n * own + ALIKE * mean) / (n + ALIKE) * (1.0 + CAUTION / (n + ALIKE))
+    shrunk: Array = np.maximum(cautious, LEAST_STD[C, None] ** 2)
+    return shrunk
+
+
+def of_mean(rho: Array, n: Array) -> Array:
+    """Variance of the mean of n replays over that of one, with noise of a correlation ρ."""
+    away = 1.0 - rho
+    ratio: Array = (1.0 + rho) / (away * n) - 2.0 * rho * (1.0 - rho**n) / (n * away) ** 2
+    return ratio
+
+
+def slow_noise(state: ChannelState, C: np.ndarray, joints_per_arm: int) -> Array:
+    """(C, N) κ of each arm, at least 1: the joint with the largest ratio may have worn, and is left out."""
+    each = np.sort(state.slow_ratio[C].reshape(len(C), -1, joints_per_arm), axis=-1)
+    kept = each[..., :-1] if joints_per_arm > 2 else each
+    of_joints: Array = np.repeat(np.maximum(SLOW_CAUTION * kept.mean(axis=-1), 1.0), joints_per_arm, axis=-1)
+    return of_joints
+
+
+def learn_oldest(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_per_arm: int) -> ChannelState:
+    """The state whose baseline and noise have learnt the oldest replay of the window, which leaves it."""
+    y = state.values[C, :, -1]
+    h = rows(state.t[:, -1], state.warming[:, -1], state.slot[:, -1])  # (N, P)
+    learns = here & np.isfinite(y) & (state.found[C] == 0)
+    if not learns.any():
+        return state
+    mean, cov = state.mean[C], state.cov[C]
+    rho, sigma2 = correlation(state, C, joints_per_arm), noise_variance(state, C, joints_per_arm)
+    Ph = np.einsum("cnpq,nq->cnp", cov, h)
+    level_var = np.einsum("cnp,np->cn", Ph, h)
+    e = np.where(learns, y - np.einsum("cnp,np->cn", mean, h), 0.0)
+    clip = CLIPPED * np.sqrt(sigma2 + level_var)
+    clipped = np.clip(e, -clip, clip)
+    # correlated replays teach as much as fewer independent ones
+    gain = np.where(learns, 1.0, 0.0)[..., None] * Ph / (level_var + sigma2 * (1.0 + rho) / (1.0 - rho))[..., None]
+    settled = learns & (level_var < 0.5 * sigma2)
+    n = np.where(settled, np.minimum(state.weight[C] + 1.0, MEMORY), state.weight[C])
+    variance = np.where(settled, state.variance[C] + (clipped**2 - level_var - state.variance[C]) / n, state.variance[C])
+    pair = settled & np.isfinite(state.last[C])
+    product = np.where(pair, state.product[C] + (clipped * np.nan_to_num(state.last[C]) - state.product[C]) / n, state.product[C])
+
+    def with_channels(old: Array, new: Array) -> Array:
+        out = old.copy()
+        out[C] = new
+        return out
+
+    return replace(
+        state,
+        mean=with_channels(state.mean, mean + gain * clipped[..., None]),
+        cov=with_channels(state.cov, cov - gain[..., :, None] * Ph[..., None, :]),
+        variance=with_channels(state.variance, np.maximum(variance, LEAST_STD[C, None] ** 2)),
+        product=with_channels(state.product, product),
+        weight=with_channels(state.weight, n),
+        last=with_channels(state.last, np.where(settled, clipped, np.where(here & np.isfinite(y), np.nan, state.last[C]))),
+    )
+
+
+def look_for_changes(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_per_arm: int) -> ChannelState:
+    """The state with the likeliest change of each joint's channels among the window's replays, for the joints in `here` (N,)."""
+    H = rows(state.t, state.warming, state.slot)  # (N, W, P)
+    mean, cov = state.mean[C], state.cov[C]
+    rho, sigma2 = correlation(state, C, joints_per_arm), noise_variance(state, C, joints_per_arm)
+    e = state.values[C] - np.einsum("nwp,cnp->cnw", H, mean)
+    known = np.isfinite(e)
+    clip = CLIPPED * np.sqrt(sigma2)[..., None]
+    count = known @ SINCE.T  # (C, N, A + 1)
+    middle = SINCE @ H / LENGTHS[:, None]  # (N, A + 1, P)
+    level_var = np.einsum("cnaq,naq->cna", np.matmul(middle, cov), middle)
+    slow = slow_noise(state, C, joints_per_arm)[..., None]
+    many = np.maximum(count, 1.0)
+    one = of_mean(rho[..., None], LENGTHS) * LENGTHS / many  # variance of the mean over that of one replay, without slow noise
+    var: Array = sigma2[..., None] * np.minimum(slow * one, LARGEST_RATIO) + level_var
+    full = np.where(known, e, 0.0) @ SINCE.T / many
+    # against the baseline's own error a replay is not clipped: an unknown level may be anywhere
+    limit = clip + CLIPPED * np.sqrt(level_var[..., -1:])
+    short = np.where(known, np.clip(e, -limit, limit), 0.0) @ SINCE.T / many
+    enough = count >= np.maximum(LEAST_KNOWN, LENGTHS // 2)
+    enough[..., -1] = False  # the whole window is for κ alone
+    common = _common(np.where(enough, short, np.nan), joints_per_arm)
+    z = np.where(enough, _beyond(short, common) / np.sqrt(var), 0.0)
+    best = np.argmax(np.abs(z), axis=-1)[..., None]
+
+    def pick(value: Array) -> Array:
+        return np.take_along_axis(value, best, axis=-1)[..., 0]
+
+    shift, sigmas = pick(_beyond(full, common)), np.abs(pick(z))
+    before = state.found[C] > 0
+    needed = np.where(before, HELD, 1.0)
+    sure = state.weight[C] >= PRIOR_REPLAYS + LEAST_LEARNT
+    newest = np.where(known, e, 0.0)[..., :NEWEST].sum(axis=-1) / np.maximum(known[..., :NEWEST].sum(axis=-1), 1)
+    sure &= before | (newest * np.sign(shift) >= PERSISTS * np.abs(shift))
+    found = sure & (sigmas >= needed * SIGMAS) & (np.abs(shift) >= needed * LEAST_SHIFT[C, None])
+    level = np.einsum("np,cnp->cn", H[:, 0], mean)
+    ratio = full[..., -1] ** 2 / (sigma2 * one[..., -1] + level_var[..., -1])
+    learns = (count[..., -1] >= 0.5 * WINDOW) & (level_var[..., -1] < 0.5 * sigma2) & ~found
+    replays = state.weight[C] + SLOW_WEIGHT * WINDOW
+    slow_ratio = np.where(learns, state.slow_ratio[C] + (ratio - state.slow_ratio[C]) / replays, state.slow_ratio[C])
+
+    def with_channels(old: Array, new: Array) -> Array:
+        out = old.copy()
+        out[C] = np.where(here, new, old[C])
+        return out
+
+    return replace(
+        state,
+        shift=with_channels(state.shift, shift),
+        shift_std=with_channels(state.shift_std, np.sqrt(pick(var))),
+        level=with_channels(state.level, level),
+        found=with_channels(state.found, found.astype(float)),
+        slow_ratio=with_channels(state.slow_ratio, slow_ratio),
+    )
+
+
+def _common(means: Array, joints_per_arm: int) -> Array:
+    """(C, N, A) median over the arm's joints of the means since a change; 0 for an arm of one or two joints."""
+    if joints_per_arm < 3:
+        return np.zeros_like(means)
+    C, N, A = means.shape
+    of_arm = np.sort(means.reshape(C, -1, joints_per_arm, A), axis=2)  # NaN last
+    known = np.isfinite(of_arm).sum(axis=2, keepdims=True)
+    low = np.take_along_axis(of_arm, np.maximum((known - 1) // 2, 0), axis=2)
+    high = np.take_along_axis(of_arm, np.minimum(known // 2, joints_per_arm - 1), axis=2)
+    median = np.where(known >= 3, 0.5 * (low + high), 0.0)
+    return np.repeat(median, joints_per_arm, axis=2).reshape(C, N, A)
+
+
+def _beyond(value: Array, common: Array) -> Array:
+    """The part of a change beyond the common one: nothing is left of a change that is smaller and on the same side."""
+    return np.where(common >= 0, value - np.clip(value, 0.0, common), value - np.clip(value, common, 0.0))
