@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -60,15 +61,21 @@ def test_a_wrong_mass_scales_all_gains_and_its_uncertainty_is_part_of_theirs(pai
     assert np.min(correlation) > 0.8
 
 
-def synthetic(payload_kg, com_m, seed, noise=1.0, friction=1.0, rate_hz=50.0):
-    """Currents of an arm with the paper's friction, payload by a regressor of known parameters."""
+@lru_cache
+def noise_free(payload_kg, com_m, friction, rate_hz):
+    """Times, motion and torque of an arm with the paper's friction, payload by a regressor of known parameters."""
     t_s, (q, qd, qdd) = excitation(UR5, seed=5).sampled(rate_hz)
     standard = UR5.nominal_parameters(with_inertia=True).reshape(6, PER_JOINT).copy()
     standard[:, 10:] = np.stack([friction * COULOMB_NM, friction * VISCOUS, ROTOR_KG_M2], axis=1)
     com = np.array(com_m)
     J = payload_kg * (com @ com * np.eye(3) - np.outer(com, com))
     standard[-1, :10] += [payload_kg, *(payload_kg * com), J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2]]
-    torque = regressor(UR5, GROUND, q, qd, qdd) @ standard.ravel()
+    return t_s, q, qd, qdd, regressor(UR5, GROUND, q, qd, qdd) @ standard.ravel()
+
+
+def synthetic(payload_kg, com_m, seed, noise=1.0, friction=1.0, rate_hz=50.0):
+    """A recording of that motion with noise in the currents."""
+    t_s, q, qd, qdd, torque = noise_free(payload_kg, com_m, friction, rate_hz)
     rng = np.random.default_rng(seed)
     current = torque / TRUE + noise * 0.04 * rng.normal(size=torque.shape)
     return Recording(t_s=t_s, q=q, qd=qd, qdd=qdd, current=current, source=f"synthetic-{payload_kg:g}kg.csv")
