@@ -19,7 +19,7 @@ from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
 from monitor.recording import Array
 
 REFERENCE_RAD_S = 0.4  # the speed at which friction is unchanged while the contrast turns; the rises depend on it weakly
-AT_LOW, AT_HIGH, AT_PLACE = "low speed", "high speed", "one place"
+AT_LOW, AT_HIGH, AT_PLACE = f"{SLOW_RAD_S:g} rad/s", f"{FAST_RAD_S:g} rad/s", "one place"
 KINDS = (AT_LOW, AT_HIGH, AT_PLACE)
 NOTHING = -np.inf  # [log] rise where no channel found a change
 
@@ -53,7 +53,7 @@ class JointBeside(NamedTuple):
         if not np.isfinite(self.rise):
             return of_reference()
         percent = f"{np.expm1(self.rise):+z.0%} ± {np.exp(self.rise) * self.std:.0%}"
-        found = f"friction at {self.kind} {percent}, where friction at the reference speed hardly changed"
+        found = f"friction at {self.kind} rose by {percent} against friction at {REFERENCE_RAD_S:g} rad/s"
         if self.kind == AT_PLACE:
             found = (
                 f"torque that the fit does not explain is {self.ratio:.1f} times that of before, {percent} of friction: wear at one place"

@@ -1,0 +1,184 @@
+"""Wear that F(v*) does not show: contrast, residual and friction at other speeds."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.judge.alerts.beside import AT_LOW, AT_PLACE, KINDS, joint_beside, rise_beside, tiers_beside
+from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
+from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.document import plain
+from monitor.judge.drift.channel_state import CHANNELS, CONTRAST, RESIDUAL, ChannelState, channels_from_document
+from monitor.judge.drift.channels import ChannelReplay, of_mean, update_channels
+from monitor.judge.drift.observation import NOT_MEASURED, Observation
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import Replay, initial_state, step
+from monitor.judge.temperature.laws import TemperatureSettings
+
+J, WORN, ONSET = 6, 2, 90
+DRY, VISCOUS = 1.2, 0.82  # of wear at low speed: with as much dry as viscous friction, F(0.4 rad/s) rises by 1 %
+
+
+def replays(
+    days: int,
+    *,
+    arms: int = 2,
+    seed: int = 1,
+    swing_k: float = 5.0,
+    std: float = 0.06,
+    low: bool = False,
+    place: bool = False,
+    joint: slice = slice(WORN, None, J),
+) -> Iterator[Observation]:
+    """Healthy joints with anti-correlated fc and fv, and wear of one kind in some joints from ONSET on."""
+    rng, N = np.random.default_rng(seed), arms * J
+    turn, level = np.zeros(N), np.zeros(N)
+    for day in range(days):
+        turn = 0.5 * turn + 0.87 * std * rng.normal(size=N)
+        level = 0.5 * level + 0.87 * 0.02 * rng.normal(size=N)
+        T = 30.0 + swing_k * np.sin(2.0 * np.pi * day / 365.0) + rng.normal(size=N)
+        fc, fv, residual = np.full(N, 4.0), 10.0 * np.exp(-0.015 * (T - 30.0)), 0.4 * np.exp(0.05 * rng.normal(size=N))
+        if low and day >= ONSET:
+            fc[joint], fv[joint] = DRY * fc[joint], VISCOUS * fv[joint]
+        if place and day >= ONSET:
+            residual[joint] *= 2.0
+        F, contrast = (fc + 0.4 * fv) * np.exp(level), np.log(fc / fv) + turn
+        fv = F / (np.exp(contrast) + 0.4)
+        yield Observation(np.log(F), np.full(N, 2.5e-5), T, 0.4 * fv / F, np.zeros(N), F - 0.4 * fv, fv, residual_rms_nm=residual)
+
+
+def lived(seen: Iterator[Observation], change: Callable[[Observation], Observation] = lambda each: each) -> list[ChannelState]:
+    """The channels after each replay, in one context."""
+    states: list[ChannelState] = []
+    for each in map(change, seen):
+        N = len(each.log_torque)
+        no = np.zeros(N, dtype=bool)
+        replay = ChannelReplay(each, np.full(N, 30.0), np.zeros(N, dtype=int), no, no)
+        states.append(update_channels(states[-1] if states else None, replay, J))
+    return states
+
+
+def first_found(states: list[ChannelState], channel: int) -> np.ndarray:
+    """(N,) day on which a channel found a change for the first time; infinite for never."""
+    found = np.array([state.found[channel] > 0 for state in states])
+    return np.where(found.any(axis=0), np.argmax(found, axis=0), np.inf)
+
+
+@pytest.mark.parametrize(("kind", "channel"), [("low", CONTRAST), ("place", RESIDUAL)])
+def test_wear_that_leaves_friction_at_the_reference_speed_is_found_within_30_days(kind, channel):
+    """The worn joints are found, and no other."""
+    states = lived(replays(ONSET + 35, low=kind == "low", place=kind == "place"))
+    days = first_found(states, channel) - ONSET
+    worn = np.arange(len(days)) % J == WORN
+    assert np.all((days[worn] >= 0) & (days[worn] < 27))  # and three replays that agree
+    assert not any(state.found[:, ~worn].any() for state in states)
+
+
+@pytest.mark.parametrize("swing_k", [5.0, 20.0])
+def test_a_healthy_year_is_quiet_though_contrast_follows_temperature(swing_k):
+    """Viscous friction falls by 1.5 %/K: over 40 K the contrast moves by 0.6 and no joint is worn."""
+    assert not any(state.found.any() for state in lived(replays(365, arms=1, swing_k=swing_k)))
+
+
+def test_what_all_joints_do_together_is_wear_of_none():
+    """A firmware that scales the residual, or a change of grease in all joints, names no joint."""
+    assert not any(state.found.any() for state in lived(replays(ONSET + 30, low=True, place=True, joint=slice(None))))
+
+
+def test_one_shock_that_decays_is_no_wear():
+    """A replay 20 σ away, whose echo halves from replay to replay, as correlated noise of heavy tails has them."""
+
+    def shocked() -> Iterator[Observation]:
+        for day, seen in enumerate(replays(ONSET + 20)):
+            echo = np.zeros(len(seen.log_torque))
+            echo[WORN] = 1.2 * 0.5 ** (day - ONSET) if day >= ONSET else 0.0
+            yield seen._replace(coulomb_nm=seen.coulomb_nm * np.exp(echo))
+
+    assert not any(state.found.any() for state in lived(shocked()))
+
+
+def test_the_fleet_example_tells_low_speed_wear_with_its_channel():
+    """Through the public step, without the optional fields: wear_rising's tiers rise, and the joint's record says why."""
+    drift, temperature, health = DriftSettings(), TemperatureSettings(), HealthSettings()
+    state, counts, raised = None, nothing_counted(J, 1), {}
+    for day, every in enumerate(replays(ONSET + 35, arms=1, low=True)):
+        seen = every._replace(residual_rms_nm=NOT_MEASURED)
+        state = initial_state(seen, J, drift, temperature) if state is None else state
+        result = step(state, Replay(observation=seen, days=np.array([float(day > 0)])), drift, temperature)
+        state = result.state
+        usable = state.filter_state.learnt_from & result.inside_range
+        evidence = weigh_evidence(wear_of_state(state.filter_state, usable, day), counts, J, health)
+        counts = evidence.counts
+        for j in np.flatnonzero(evidence.raises >= 0):
+            raised.setdefault(int(j), day)
+    assert list(raised) == [WORN]
+    assert ONSET < raised[WORN] <= ONSET + 30
+    found = joint_beside(evidence.beside, evidence.excess, WORN)
+    assert found.kind == AT_LOW
+    assert np.expm1(found.rise) == pytest.approx(0.10, abs=0.03)  # (1.2·4 + 0.82·1)/5 over (1.2·4 + 0.82·4)/8
+    assert "0.1 rad/s" in found.text(WORN, lambda: "")
+
+
+def test_wear_at_one_place_never_raises_the_limit():
+    """What the fit does not explain is told up to the wear tier: the configured limit is one of friction at the reference speed."""
+    states = lived(replays(ONSET + 35, place=True), lambda seen: seen._replace(residual_rms_nm=10.0 * seen.residual_rms_nm))
+    beside = rise_beside(states[-1])
+    assert beside is not None
+    assert KINDS[beside.kind[WORN]] == AT_PLACE
+    assert beside.rise[WORN] > np.log(1.3)
+    N = len(beside.rise)
+    tiers = tiers_beside(beside, np.zeros(N), HealthSettings())
+    assert tiers[WORN].tolist() == [True, True, False]
+
+
+def test_a_new_context_and_a_new_joint_begin_again():
+    """What was found before the joint was replaced is no finding of the new one."""
+    states = lived(replays(ONSET + 35, low=True))
+    N = states[-1].found.shape[1]
+    assert states[-1].found[CONTRAST, WORN] == 1
+    last = list(replays(ONSET + 36, low=True))[-1]
+    no, one = np.zeros(N, dtype=bool), np.arange(N) == WORN
+    for opened, replaced in ((one, no), (no, one)):
+        after = update_channels(states[-1], ChannelReplay(last, np.full(N, 30.0), np.zeros(N, dtype=int), opened, replaced), J)
+        assert not after.found[:, WORN].any()
+        assert after.found[CONTRAST, WORN + J] == 1
+
+
+@settings(max_examples=20)
+@given(bad=st.sampled_from([np.nan, 0.0, -1.0, np.inf]), name=st.sampled_from(["coulomb_nm", "viscous_nm_s_per_rad", "residual_rms_nm"]))
+def test_absurd_figures_silence_a_channel(bad, name):
+    """A figure that is no friction teaches nothing and finds nothing."""
+    states = lived(replays(8, arms=1), lambda seen: seen._replace(**{name: np.full(J, bad)}))
+    channel = RESIDUAL if name == "residual_rms_nm" else CONTRAST
+    assert np.isnan(states[-1].values[channel]).all()
+    assert not states[-1].found.any()
+
+
+@given(rho=st.floats(0.0, 0.95), n=st.integers(1, 40))
+def test_the_variance_of_a_mean_is_that_of_the_autoregression(rho, n):
+    """Against the double sum over ρ^|i−j|."""
+    i = np.arange(n)
+    whole = (rho ** np.abs(i[:, None] - i)).sum() / n**2
+    assert of_mean(np.array(rho), np.array(float(n))) == pytest.approx(whole, rel=1e-6)
+
+
+def test_channels_are_stored_exactly_and_an_older_belief_has_none():
+    """The document is the state, and its absence is a state that begins to learn."""
+    state = lived(replays(50, arms=1))[-1]
+    again = channels_from_document(plain(state), J)
+    assert again is not None
+    for f in fields(ChannelState):
+        assert np.array_equal(getattr(again, f.name), getattr(state, f.name), equal_nan=True), f.name
+    assert channels_from_document(None, J) is None
+
+
+def test_joints_of_other_arms_do_not_matter():
+    """A fleet judged together is judged as its arms are alone."""
+    together = lived(replays(60, arms=2))[-1]
+    alone = lived(replays(60, arms=2), lambda seen: Observation(*(part[:J] if len(part) else part for part in seen)))[-1]
+    assert np.allclose(together.shift[:, :J], alone.shift, atol=1e-9)
+    assert len(CHANNELS) == len(together.shift)
