@@ -10,6 +10,7 @@ from monitor.judge.document import array, entry, key_of, plain
 from monitor.judge.drift.channel_state import channels_from_document
 from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
+from monitor.judge.drift.reference import reference_from_document
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState
@@ -87,7 +88,7 @@ class Belief:
 
     @property
     def wear(self) -> Array:
-        """(J,) mean of wear w [log]."""
+        """(J,) mean of wear w [log], above the lowest friction held."""
         return self.filter_state.wear
 
     @property
@@ -111,20 +112,27 @@ class Belief:
         return self.filter_state.slope_at(self.reference_temperature_c)
 
     def level(self) -> Array:
-        """(J,) log friction torque at T0 in the context in force, without wear."""
+        """(J,) log friction torque at T0 in the context in force, without wear: the lowest that was surely held."""
         return self.filter_state.reference(self.reference_temperature_c, self.slot)[0] - self.wear
 
     def wear_and_rate(self) -> tuple[Array, Array]:
-        """Mean (J, 2) and covariance (J, 2, 2) of wear w = log(F/F0) and of the wear rate, a fraction of F0 per usual day."""
+        """Mean (J, 2) and covariance (J, 2, 2) of wear w = log(F/F0) and of the wear rate, a fraction of F0 per usual day.
+
+        F0 is the lowest friction that was surely held: the level that alerts count rises from.
+        """
         pair = [WEAR, RATE]
         return self.filter_state.mean[:, pair], self.filter_state.cov[:, pair][:, :, pair]
 
     def wear_with_undetected(self, settings: DriftSettings) -> tuple[Array, Array]:
-        """Mean and standard deviation of wear [log], (J,) each, with undetected changes: for a person to read, and not for alerts."""
+        """Mean and standard deviation of friction over that at the beginning [log], (J,) each, with undetected changes.
+
+        It is for a person to read, and not for alerts.
+        """
         H = np.zeros((self.joints, STATES))
         H[:, WEAR] = 1.0
         more, more_var = undetected_change(self.filter_state, H, settings)
-        return self.wear + more, np.sqrt(self.wear_std**2 + more_var)
+        moved = self.filter_state.counted_from
+        return self.filter_state.change + more, np.sqrt(self.wear_std**2 + moved.moved_var + more_var)
 
     def unseen_step(self, settings: DriftSettings) -> UnseenStep:
         """The largest step of the last days that may be unseen [log], (J,) each."""
@@ -216,9 +224,13 @@ def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
     }
     kept = isinstance(document, dict) and "history" in document
     complete = document if kept else {**document, "history": empty_history(J, SLOTS)}
-    arrays = [f for f in fields(FilterState) if f.name != "channels"]
+    arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from")]
     values = {f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in arrays}
-    state = FilterState(**values, channels=channels_from_document(complete.get("channels"), J))
+    state = FilterState(
+        **values,
+        counted_from=reference_from_document(complete.get("counted_from"), J),
+        channels=channels_from_document(complete.get("channels"), J),
+    )
     return state if kept else begin_history(state, np.full(J, slot))
 
 

@@ -72,7 +72,7 @@ def test_a_jump_right_after_the_baseline_is_wear_although_it_is_gated(first, siz
     jumped = {day: size * (np.arange(6) == 2) for day in range(first, 30)}
     belief = lived(a_year(8, days=30, wear=jumped))[-1]
     expected = np.log1p(size) if first >= DRIFT.baseline_replays else 0.0
-    assert belief.wear[2] == pytest.approx(expected, abs=0.06)
+    assert belief.filter_state.change[2] == pytest.approx(expected, abs=0.06)
 
 
 def test_every_one_of_the_last_replays_may_be_the_start_of_a_change():

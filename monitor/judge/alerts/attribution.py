@@ -18,7 +18,7 @@ def attribute_change(belief: Belief, j: int) -> Attribution | None:
     T = belief.temperature_c[j] if math.isfinite(belief.temperature_c[j]) else T0
     now, first = np.full(J, belief.contexts[-1].slot or 0), np.full(J, _first_slot(belief))
     at = [filter_state.reference(np.full(J, t), slot)[0][j] for t, slot in ((T0, first), (T0, now), (T, now))]
-    temperature, payload, wear = float(at[2] - at[1]), float(at[1] - at[0]), float(belief.wear[j])
+    temperature, payload, wear = float(at[2] - at[1]), float(at[1] - at[0]), float(belief.filter_state.change[j])
     whole = float(y - y0)
     return Attribution(whole=whole, temperature=temperature, payload=payload, wear=wear, rest=whole - temperature - payload - wear)
 

@@ -19,8 +19,10 @@ from monitor.judge.alerts.condition import (
 )
 from monitor.judge.alerts.health import TIERS, Confirmations
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC
+from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
+from monitor.recording import DAY_S
 
 WEAR_RISING, SUDDEN_STEP, STORE_RESTORED, NOTHING_LEARNT = "wear_rising", "sudden_step", "store_restored", "nothing_learnt"
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
@@ -42,7 +44,7 @@ def _kind_of_rise(situation: JointSituation) -> str:
 
 
 def _rising(name: str, situation: JointSituation, _: Confirmations) -> ConditionStatus | None:
-    """Friction of one joint above that of the beginning; None where its rise is the other one of `RISES`."""
+    """Friction of one joint above the lowest that it surely held; None where its rise is the other one of `RISES`."""
     if name != _kind_of_rise(situation):
         return None
     j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
@@ -60,27 +62,33 @@ def _rising(name: str, situation: JointSituation, _: Confirmations) -> Condition
 
 
 def _falling(situation: JointSituation, _: Confirmations) -> ConditionStatus:
-    """Friction of one joint below that of the beginning."""
+    """Friction of one joint below that of the beginning, running-in left out."""
     j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
-    change = math.expm1(situation.belief.wear[j])
+    change = math.expm1(evidence.fall[j])
     return ConditionStatus(
         raise_tier=0 if evidence.falls[j] else None,
         hold_tier=0 if change <= -settings.clear_fraction * settings.wear_rise else None,
         change=change,
         probabilities=evidence.below[[j, j, j]],
-        text=partial(_friction_text, situation, situation.health.falling),
+        text=partial(_friction_text, situation, situation.health.falling, since_beginning=True),
         attribution=situation.attribution,
     )
 
 
-def _friction_text(situation: JointSituation, confirmations: Confirmations) -> str:
-    """Friction before and after, the replays that agree, and the causes of the change."""
+def _friction_text(situation: JointSituation, confirmations: Confirmations, *, since_beginning: bool = False) -> str:
+    """Friction before and after, the replays that agree, and the causes of the change.
+
+    since_beginning : whether before is the beginning, as for a fall, and not the lowest level held, as for a rise.
+    """
     belief, j, causes = situation.belief, situation.j, situation.attribution
-    level, wear = float(belief.level()[j]), belief.wear[j]
-    std = math.exp(wear) * belief.wear_std[j]
+    wear, reference = belief.wear[j], belief.filter_state.counted_from
+    now = float(belief.level()[j] + wear)
+    change = float(situation.arm.evidence.fall[j]) if since_beginning else wear
+    std = math.exp(change) * math.hypot(belief.wear_std[j], math.sqrt(reference.fallen_var[j]) if since_beginning else 0.0)
     text = (
         f"Joint {j + 1}: friction at {belief.reference_speed_rad_s:g} rad/s and {belief.reference_temperature_c[j]:.1f} °C went from "
-        f"{math.exp(level):.2f} to {math.exp(level + wear):.2f} N·m ({math.expm1(wear):+z.1%} ± {std:.1%}), temperature "
+        f"{math.exp(now - change):.2f} to {math.exp(now):.2f} N·m ({math.expm1(change):+z.1%} ± {std:.1%}"
+        f"{'' if since_beginning else _above_lowest(belief, j)}), temperature "
         f"taken out ({belief.slope[j]:.2%}/K); {confirmations.replays} replays on {confirmations.days} days in a row agree."
     )
     if causes is None:
@@ -91,6 +99,16 @@ def _friction_text(situation: JointSituation, confirmations: Confirmations) -> s
     )
 
 
+def _above_lowest(belief: Belief, j: int) -> str:
+    """From which level a rise counts; empty where that is the level at the beginning."""
+    reference = belief.filter_state.counted_from
+    if not math.isfinite(reference.held_days[j]):
+        return ""
+    since = np.datetime64(int(belief.at_unix_s - reference.held_days[j] * DAY_S), "s").astype("datetime64[D]")
+    fell = math.expm1(reference.fallen[j] + reference.run_in[j])
+    return f" above the lowest level held, {fell:+z.1%} from the beginning, reached by {since}"
+
+
 # --- friction of most joints together -----------------------------------------------------------------------
 
 
@@ -98,15 +116,18 @@ def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus:
     """Friction that rose, or fell, in most joints together."""
     belief, evidence, settings = situation.belief, situation.evidence, situation.settings
     together = evidence.common[0] + evidence.fallen[0]  # one of them is 0
-    change = math.expm1(together) if together else math.expm1(float(np.median(belief.wear)))
+    risen, fallen = evidence.risen, evidence.fall + belief.filter_state.counted_from.shared
+    usual = float(np.median(risen)) if np.median(risen) > 0 else float(np.median(fallen))
+    change = math.expm1(together) if together else math.expm1(usual)
     rose, fell = change >= settings.clear_fraction * settings.advisory_rise, change <= -settings.clear_fraction * settings.wear_rise
     # of the change itself: the probabilities of the single joints in `evidence` are of what is beyond the common change
-    beyond = belief.wear - math.log1p(settings.advisory_rise) if change >= 0 else math.log1p(-settings.wear_rise) - belief.wear
+    beyond = risen - math.log1p(settings.advisory_rise) if change >= 0 else math.log1p(-settings.wear_rise) - fallen
+    std = np.sqrt(belief.wear_std**2 + belief.filter_state.counted_from.moved_var)
     return ConditionStatus(
         raise_tier=0 if evidence.together[0] else None,
         hold_tier=0 if rose or fell else None,
         change=change,
-        probabilities=np.full(3, float(np.median(scipy.special.ndtr(beyond / np.maximum(belief.wear_std, 1e-9))))),
+        probabilities=np.full(3, float(np.median(scipy.special.ndtr(beyond / np.maximum(std, 1e-9))))),
         text=partial(_common_text, change, situation.common),
     )
 

@@ -29,7 +29,7 @@ MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise fo
 class WearAfterReplay:
     """Estimated wear after a replay, and what the replay counts for, (N,) each: N joints of A arms, arm by arm."""
 
-    wear: Array  # logarithm of friction torque over that at the beginning
+    wear: Array  # logarithm of friction torque over the lowest that the joint surely held
     wear_std: Array
     known: np.ndarray  # whether any replay has updated the joint
     usable: np.ndarray  # whether this replay counts, for or against a change
@@ -37,6 +37,11 @@ class WearAfterReplay:
     agreeing: Array  # replays, this one included, that are known to agree with it
     interval_days: Array  # usual time between replays [d]
     beside: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
+    # None of the following is 0: wear then counts from the beginning, and no joint ever changed together with the others
+    fallen: Array | None = None  # logarithm of that lowest friction over that at the beginning, ≤ 0, running-in left out
+    fallen_std: Array | None = None
+    shared: Array | None = None  # what the joint changed together with most joints of its arm; not part of `wear`
+    shared_std: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,6 +69,8 @@ class Evidence(NamedTuple):
     raises: Array  # (N,) index of the highest tier that may be raised; −1: none
     falls: np.ndarray  # (N,) whether fallen friction may be raised
     together: np.ndarray  # (A,) whether a common rise or fall may be raised
+    risen: Array  # (N,) friction above the lowest held, what the joint changed together with the others included, logarithm
+    fall: Array  # (N,) friction over that at the beginning, logarithm, without running-in and without what joints changed together
     beside: ChannelRise | None = None  # what the channels beside F(v*) found
 
 
@@ -99,6 +106,7 @@ def wear_after_replay(belief: Belief, usable: np.ndarray) -> WearAfterReplay:
 
 def wear_of_state(state: FilterState, usable: np.ndarray, day: float) -> WearAfterReplay:
     """The wear of the N joints of a filter state after a replay; usable : (N,), day : as in `WearAfterReplay`, the same for all joints."""
+    reference = state.counted_from
     return WearAfterReplay(
         wear=state.wear,
         wear_std=state.wear_std,
@@ -108,6 +116,10 @@ def wear_of_state(state: FilterState, usable: np.ndarray, day: float) -> WearAft
         agreeing=state.agreeing,
         interval_days=state.interval_days,
         beside=rise_beside(state.channels),
+        fallen=reference.fallen,
+        fallen_std=np.sqrt(reference.fallen_var),
+        shared=reference.shared,
+        shared_std=np.sqrt(reference.shared_var),
     )
 
 
@@ -123,13 +135,18 @@ def advisory_sigmas(joints: int, settings: HealthSettings) -> float:
 def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, settings: HealthSettings) -> Evidence:
     """The evidence after a replay; before : the counts after the replay before."""
     J, wear, std = joints_per_arm, after.wear, np.maximum(after.wear_std, MIN_WEAR_STD)
+    zero = np.zeros(len(wear))
+    shared = zero if after.shared is None else after.shared
+    risen, risen_std = wear + shared, std if after.shared_std is None else np.hypot(std, after.shared_std)
+    fall = wear if after.fallen is None else wear + after.fallen
+    fall_std = std if after.fallen_std is None else np.hypot(std, after.fallen_std)
     least_fall = math.log1p(-settings.wear_rise)  # a common fall is reported from where the fall of one joint is
-    common = _common_rise(wear, std, after.known, J, settings, math.log1p(settings.advisory_rise))
-    fallen = -_common_rise(-wear, std, after.known, J, settings, -least_fall)
-    excess, rises = wear - np.repeat(common, J), np.log1p(settings.rises)
+    common = _common_rise(risen, risen_std, after.known, J, settings, math.log1p(settings.advisory_rise))
+    fallen = -_common_rise(-(fall + shared), np.hypot(fall_std, risen_std), after.known, J, settings, -least_fall)
+    excess, rises = wear - not_of_one_joint(wear, shared, after.known, J, settings.common_share), np.log1p(settings.rises)
     sigmas = excess / std
     above = scipy.special.ndtr((excess[:, None] - rises) / std[:, None])  # (N, 3)
-    below = scipy.special.ndtr((least_fall + np.repeat(fallen, J) - wear) / std)  # (N,)
+    below = scipy.special.ndtr((least_fall + np.repeat(fallen, J) - fall) / fall_std)  # (N,)
     significant = sigmas >= advisory_sigmas(J, settings)
     agree = np.empty((len(wear), COLUMNS), dtype=bool)
     agree[:, 0] = significant & (excess >= rises[0])
@@ -152,6 +169,8 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
         falls=enough[:, FALLING],
         together=(counts.arm_replays >= settings.min_replays) & (counts.arm_days >= settings.min_days),
         beside=after.beside,
+        risen=risen,
+        fall=fall,
     )
 
 
@@ -189,6 +208,23 @@ def _count(
     more, gone = agree & usable, ~agree & usable
     new_days = np.where(gone, 0.0, days + (more & (last != day)) * weight[1])
     return np.where(gone, 0.0, replays + more * weight[0]), new_days, np.where(gone, -1.0, np.where(more, day, last))
+
+
+def not_of_one_joint(wear: Array, shared: Array, known: np.ndarray, joints_per_arm: int, share: float) -> Array:
+    """(N,) the part of each joint's wear that most joints of its arm have too, logarithm, ≥ 0.
+
+    share : of the joints that is most of them; two thirds, so that the rise of two in six is theirs, however large. A joint whose part
+    of a common change was taken for wear of its own, because it was detected before that of the others, has as much of it left as they
+    have had.
+    """
+    J = joints_per_arm
+    risen = np.where(known, wear + shared, np.nan).reshape(-1, J)
+    count = known.reshape(-1, J).sum(axis=1)
+    ordered = np.sort(risen, axis=1)  # NaN last
+    at = np.clip(count - np.ceil(share * count - 1e-9), 0, J - 1).astype(int)
+    most = np.where(count >= MIN_JOINTS_TOGETHER, ordered[np.arange(len(count)), at], 0.0)
+    left: Array = np.maximum(np.repeat(np.maximum(most, 0.0), J) - np.maximum(shared, 0.0), 0.0)
+    return left
 
 
 def _common_rise(wear: Array, std: Array, known: np.ndarray, joints_per_arm: int, settings: HealthSettings, least: float) -> Array:

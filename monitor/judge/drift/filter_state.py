@@ -18,6 +18,7 @@ import numpy as np
 from monitor.judge.drift.channel_state import ChannelState
 from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.wear_history import age_history, empty_history, history_of_posterior, rescale_work, settle_slot
@@ -63,6 +64,7 @@ class FilterState:
     glr_informations: Array = field(metadata={"key": "informations"})  # (N, 2, W) Σ G²/S
     agreeing: Array  # (N,) number of replays that agree with the last one: 1, or all since a change that was detected
     stepped: Array  # (N,) [log] wear that came in steps
+    counted_from: Reference  # from which level wear counts
     history: Array  # (N, B, K) the course of friction so far, see `wear_history`
     channels: ChannelState | None = None  # beside y; None before the first replay, and in beliefs of releases without them
 
@@ -75,6 +77,11 @@ class FilterState:
     def wear(self) -> Array:
         """(N,) mean of w."""
         return self.mean[:, WEAR]
+
+    @property
+    def change(self) -> Array:
+        """(N,) log of friction over that at the beginning: wear, and what was moved out of it since."""
+        return self.wear + self.counted_from.moved
 
     @property
     def wear_std(self) -> Array:
@@ -187,6 +194,7 @@ def initial_filter(
         agreeing=np.ones(N),
         stepped=np.zeros(N),
         history=empty_history(N, SLOTS),
+        counted_from=from_beginning(N),
     )
 
 
@@ -272,16 +280,19 @@ def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterStat
 
 def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings) -> FilterState:
     """The state with no wear and unknown levels in every slot for the joints in `new` (N,). The slope becomes less certain."""
+    slope_var = state.cov[new, SLOPE, SLOPE] + (SLOPE_CHANGE * state.mean[new, SLOPE]) ** 2  # once, and not once a slot
     for slot in range(SLOTS):
         state = open_slot(state, np.full(state.joints, slot), new)
     mean, cov = state.mean.copy(), state.cov.copy()
+    cov[new, SLOPE, SLOPE] = slope_var
     pair = np.array([WEAR, RATE])
     mean[np.ix_(new, pair)] = 0.0
     cov[np.ix_(new, pair)] = 0.0
     cov[np.ix_(new, np.arange(STATES), pair)] = 0.0
     cov[new, RATE, RATE] = settings.rate_std_per_day**2
     cleared: dict[str, Any] = {name: np.where(_of(new, getattr(state, name)), 0.0, getattr(state, name)) for name in _HISTORY}
-    return replace(state, mean=mean, cov=cov, residual=np.where(new, np.nan, state.residual), **cleared)
+    fresh = forget(state.counted_from, new)
+    return replace(state, mean=mean, cov=cov, counted_from=fresh, residual=np.where(new, np.nan, state.residual), **cleared)
 
 
 _HISTORY = ("replays", "outliers", "gate_run", "stepped", "responses", "glr_scores", "raw_glr_scores", "glr_informations", "history")

@@ -23,6 +23,7 @@ from monitor.judge.drift.filter_state import (
     update_interval,
 )
 from monitor.judge.drift.filter_update import update_filter
+from monitor.judge.drift.lowest_level import count_from_lowest
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.usage import Usage, no_usage, update_usage
@@ -168,7 +169,8 @@ def step(
     state = age(state, joint.days, joint.revolutions, drift)
     inside = inside_range(state.viscous.range_c, observation.temperature_c, temperature.margin_k)  # the range before this replay
     state = remember_baseline(state, observation, drift)
-    state = replace(state, filter_state=update_filter(state.filter_state, observation, state.slot, state.joints_per_arm, drift))
+    updated = update_filter(state.filter_state, observation, state.slot, state.joints_per_arm, drift)
+    state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift))
     state = replace(state, filter_state=look_beside(state, joint, observation))
     counted = state.filter_state.learnt_from & np.isfinite(observation.temperature_c) if settle_on_learnt else joint.replayed
     state = settle_reference(state, observation.temperature_c, counted, drift)
@@ -288,7 +290,7 @@ def settle_reference(state: DriftState, temperature_c: Array, counted: np.ndarra
 
 def learn_laws(state: DriftState, observation: Observation) -> DriftState:
     """The state with the temperature laws after this replay, wear divided out. Joints that the filter did not learn from are left out."""
-    unworn = np.where(state.filter_state.learnt_from, np.exp(-state.filter_state.wear), np.nan)
+    unworn = np.where(state.filter_state.learnt_from, np.exp(-state.filter_state.change), np.nan)
     T = observation.temperature_c
     return replace(
         state,

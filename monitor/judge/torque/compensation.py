@@ -30,7 +30,7 @@ def build_model(identification: Identification, belief: Belief, *, coulomb: Line
         coulomb=coulomb,
         viscous=viscous,
         friction_correlation=_friction_correlation(identification),
-        wear=belief.wear,
+        wear=belief.filter_state.change,  # the laws are those of the beginning
         wear_std=belief.wear_std,
         residual_rms_nm=residual_rms_nm,
         residual_friction=_residual_friction(identification),
