@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import KINDS, OLDEST, RATE, WEAR, WINDOW, FilterState, open_slot
+from monitor.judge.drift.blame import common_changes, pool_over_arms
+from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, SLOTS, WEAR, WINDOW, FilterState, open_slot
 from monitor.judge.drift.innovation import Gate, Innovation
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.settings import DriftSettings
@@ -67,6 +68,9 @@ class Change(NamedTuple):
     of_wear: np.ndarray  # (N,) a change of wear or of its rate
     stepped: Array  # (N,) the part of it that is a step, log
     agreeing: Array  # (N,) number of replays that agree with this one: 1, or all since the change
+    common: np.ndarray  # (N,) a change that most joints of the arm had together: it is in the levels, and not in wear
+    shared: Array  # (N,) the size of that change, log
+    shared_var: Array  # (N,) its variance
 
 
 def advance_bank(state: FilterState, innovation: Innovation, gate: Gate) -> ChangeBank:
@@ -129,7 +133,9 @@ def add_candidates(state: FilterState, resolved: np.ndarray) -> ChangeBank:
     )
 
 
-def detect_change(state: FilterState, bank: ChangeBank, innovation: Innovation, gate: Gate, slot: Array, settings: DriftSettings) -> Change:
+def detect_change(
+    state: FilterState, bank: ChangeBank, innovation: Innovation, gate: Gate, slot: Array, joints_per_arm: int, settings: DriftSettings
+) -> Change:
     """Which joints have changed, and their state with the change taken over.
 
     A single outlier never proves a change. `gate_run` outliers in a row on one side always do, from the first of them on.
@@ -145,16 +151,26 @@ def detect_change(state: FilterState, bank: ChangeBank, innovation: Innovation, 
     counts = innovation.resolved & ~innovation.settling
     found = ((np.max(relative, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gate.gated)
     of_baseline = found & ~np.any(ratios > 0, axis=(1, 2))
-    of_wear = found & ~of_baseline
+    common = common_changes(
+        found & ~of_baseline,
+        relative,
+        np.where(gate.gated[:, None, None], bank.raw_glr_score_now, bank.glr_score_now),
+        bank.information_now,
+        counts,
+        joints_per_arm,
+    )
+    of_baseline &= ~common
+    of_wear = (found & ~of_baseline) | common
+    ratios = pool_over_arms(ratios, common, joints_per_arm)
     mean, cov = state.mean, state.cov
     if of_baseline.any():
         fresh = open_slot(state, slot, of_baseline)
         mean, cov = fresh.mean, fresh.cov
-    stepped, agreeing = np.zeros(N), np.ones(N)
+    taken = Taken(mean, cov, *np.zeros((4, N)))
     if of_wear.any():
-        mean, cov, stepped, age = change_posterior(mean, cov, bank, ratios, innovation, of_wear, in_a_row)
-        agreeing += age
-    return Change(mean, cov, of_baseline, of_wear, stepped, agreeing)
+        taken = change_posterior(mean, cov, bank, ratios, innovation, of_wear, common, in_a_row)
+    agreeing = np.where(common, 1.0, 1.0 + taken.age)
+    return Change(taken.mean, taken.cov, of_baseline, of_wear, taken.stepped, agreeing, common, taken.shared, taken.shared_var)
 
 
 def likelihood_ratios(
@@ -180,10 +196,28 @@ def thresholds(ages: Array, settings: DriftSettings) -> Array:
     return lowest
 
 
+class Taken(NamedTuple):
+    """What a state takes over of its changes."""
+
+    mean: Array  # (N, S)
+    cov: Array  # (N, S, S)
+    stepped: Array  # (N,) the part that is a step, log
+    age: Array  # (N,) [replays] of the likeliest change
+    shared: Array  # (N,) the part that went to the levels, because most joints had it, log
+    shared_var: Array  # (N,) its variance
+
+
 def change_posterior(
-    mean: Array, cov: Array, bank: ChangeBank, ratios: Array, innovation: Innovation, found: np.ndarray, in_a_row: np.ndarray
-) -> tuple[Array, Array, Array, Array]:
-    """Mean and covariance as if the change had been predicted, the part of it that is a step (N,), and the age of the likeliest (N,).
+    mean: Array,
+    cov: Array,
+    bank: ChangeBank,
+    ratios: Array,
+    innovation: Innovation,
+    found: np.ndarray,
+    common: np.ndarray,
+    in_a_row: np.ndarray,
+) -> Taken:
+    """Mean and covariance as if the changes in `found` (N,) had been predicted; those in `common` (N,) as changes of the levels.
 
     Which change it was, and since when, is as uncertain as the candidates' likelihoods say: the state takes over their mean and the spread
     between them. This replay is left to the update that follows; where it disagrees with the estimated size, the variance grows until it
@@ -201,6 +235,7 @@ def change_posterior(
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
     size = 0.5 * (clipped + full)
     g = bank.responses[n].reshape(len(n), M, -1)  # (n, M, S)
+    g, to_level = to_levels(g, common[n])
     moved = g * size[:, :, None]
     shift = np.einsum("nm,nms->ns", weight, moved)
     best = np.argmax(weight, axis=1)
@@ -215,10 +250,25 @@ def change_posterior(
     mean, cov = mean.copy(), cov.copy()
     mean[n] += shift
     cov[n] += symmetric(spread)
-    stepped, age = np.zeros(len(mean)), np.zeros(len(mean))
-    stepped[n] = (weight * size)[:, :WINDOW].sum(axis=1)
+    stepped, age, shared, shared_var = np.zeros((4, len(mean)))
+    stepped[n] = np.where(common[n], 0.0, (weight * size)[:, :WINDOW].sum(axis=1))
     age[n] = bank.ages[n, best % WINDOW]
-    return mean, cov, stepped, age
+    shared[n] = np.sum(weight * size * to_level, axis=1)
+    shared_var[n] = np.sum(weight * (var * to_level**2 + (size * to_level - shared[n, None]) ** 2), axis=1)
+    return Taken(mean, cov, stepped, age, shared, shared_var)
+
+
+def to_levels(g: Array, common: np.ndarray) -> tuple[Array, Array]:
+    """The responses g (n, M, S) with the wear of the joints in `common` (n,) in every level instead, and that wear (n, M).
+
+    The rate of such a change is left out: the arm begins anew at the level that it has now. If it goes on, that is detected again.
+    """
+    wear = np.where(common[:, None], g[..., WEAR], 0.0)
+    moved = g.copy()
+    moved[..., LEVELS : LEVELS + SLOTS] += wear[..., None]
+    moved[common, :, WEAR] = 0.0
+    moved[common, :, RATE] = 0.0
+    return moved, wear
 
 
 def candidate_weights(ratio: Array, precision: Array, ages: Array, prior_std: Array) -> Array:

@@ -9,8 +9,9 @@ from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING,
 from monitor.judge.drift.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.kalman import update
 from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.reference import with_common_change
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.wear_history import add_replay
+from monitor.judge.drift.wear_history import add_replay, move_level
 from monitor.recording import Array
 
 OFTEN, FEWEST = 0.1, 3  # share and number of outliers from which they are the joint's noise, and no longer left out of it
@@ -26,7 +27,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     innovation = innovate(state, observation, slot, joints_per_arm, settings)
     gate = gate_outliers(state, innovation, settings)
     bank = advance_bank(state, innovation, gate)
-    change = detect_change(state, bank, innovation, gate, slot, settings)
+    change = detect_change(state, bank, innovation, gate, slot, joints_per_arm, settings)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
     learnt = event <= STEP
 
@@ -35,7 +36,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     K = np.where(learnt[:, None], innovation.state_cov / innovation.var[:, None], 0.0)
     found = change.of_baseline | change.of_wear
     after = bank.after_update(K, restarted=found)
-    history = np.where(change.of_baseline[:, None, None], 0.0, state.history)
+    history = np.where(change.of_baseline[:, None, None], 0.0, move_level(state.history, change.shared))
     z = innovation.normalised
     consistency = state.consistency + (z**2 - state.consistency) / CONSISTENCY_REPLAYS
     return replace(
@@ -57,6 +58,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
         agreeing=change.agreeing,
         stepped=state.stepped + change.stepped,
         history=add_replay(history, innovation.row[:, SLOPE:], innovation.log_torque, learnt & innovation.sensed),
+        counted_from=with_common_change(state.counted_from, change.shared, change.shared_var),
     )
 
 

@@ -55,6 +55,13 @@ def add_replay(history: Array, row: Array, log_torque: Array, learnt: np.ndarray
     return older
 
 
+def move_level(history: Array, shared: Array) -> Array:
+    """The history before the levels move by `shared` (N,), without wear: its replays move with them."""
+    moved = history.copy()
+    moved[:, :, -1] += history[:, :, COUNT] * shared[:, None]
+    return moved
+
+
 def settle_slot(history: Array, slot: Array, level: Array, opened: np.ndarray) -> Array:
     """The history before another context takes the slot (N,) of the joints in `opened` (N,).
 

@@ -1,0 +1,60 @@
+"""Whether a change that was detected in one joint is that joint's own: before it is blamed, the other joints are looked at.
+
+A new current scale of the controller, a supply, a payload that nobody declared changes the friction of most joints in one replay. Some
+joint shows it first, by chance or because it carries more. So the evidence for the same change at the same age is pooled over the others.
+"""
+
+import numpy as np
+
+from monitor.recording import Array
+
+MOST = 2.0 / 3.0  # share of an arm's joints that a common change is in
+TOGETHER_SIGMA = 2.8  # [σ] of pooled evidence in the weakest of them: by chance 1 in 400 where the others do not change
+BOUNDED = 2.5  # [σ] one joint counts for no more: two or three joints that wear at a time are no common change
+FEWEST_JOINTS = 4  # with fewer, the weakest are too few to show it
+
+
+def common_changes(
+    found: np.ndarray, relative: Array, glr_score: Array, information: Array, usable: np.ndarray, joints_per_arm: int
+) -> np.ndarray:
+    """(N,) joints of arms whose detected change is one of most joints, those included in which it was not detected yet.
+
+    found : (N,) joints with a change detected now. relative : (N, 2, W) each candidate's likelihood ratio over its threshold. glr_score,
+    information : (N, 2, W) of the candidates. usable : (N,) whether this replay and its bank say something of the joint.
+
+    The kind and the age are those of the arm's clearest change; its sign gives the side. Of the joints, the strongest third does not count,
+    so that one or two joints that wear do not make it common.
+    """
+    J = joints_per_arm
+    common = np.zeros(len(found), dtype=bool)
+    if J < FEWEST_JOINTS:
+        return common
+    arms = np.flatnonzero(found.reshape(-1, J).any(axis=1))
+    if not len(arms):
+        return common
+    joints = arms[:, None] * J + np.arange(J)  # (a, J)
+    flat = len(relative[0].ravel())
+    strength = np.where(found[joints][..., None], relative[joints].reshape(len(arms), J, flat), -np.inf)
+    best = np.argmax(strength.reshape(len(arms), -1), axis=1)
+    first, candidate = best // flat, best % flat
+    row = np.arange(len(arms))
+    s = glr_score[joints].reshape(len(arms), J, flat)[row, :, candidate]  # (a, J)
+    info = information[joints].reshape(len(arms), J, flat)[row, :, candidate]
+    z = s / np.sqrt(np.maximum(info, 1e-12)) * np.sign(s[row, first])[:, None]
+    here = usable[joints] & (info > 0)
+    z = np.where(here, np.minimum(z, BOUNDED), np.inf)
+    weakest = np.sort(z, axis=1)  # unusable joints last
+    count = np.ceil(MOST * here.sum(axis=1) - 1e-9).astype(int)  # of those that count
+    counts = np.arange(J) < count[:, None]
+    pooled = np.where(counts, np.where(np.isfinite(weakest), weakest, 0.0), 0.0).sum(axis=1) / np.sqrt(np.maximum(count, 1))
+    together = (pooled >= TOGETHER_SIGMA) & (here.sum(axis=1) >= FEWEST_JOINTS)
+    common[joints] = together[:, None] & here
+    return common
+
+
+def pool_over_arms(ratios: Array, common: np.ndarray, joints_per_arm: int) -> Array:
+    """The likelihood ratios (N, 2, W), of the joints in `common` (N,) summed over those of their arm: which change it was, all show."""
+    if not common.any():
+        return ratios
+    of_arm = np.where(common[:, None, None], ratios, 0.0).reshape(-1, joints_per_arm, *ratios.shape[1:]).sum(axis=1)
+    return np.where(common[:, None, None], np.repeat(of_arm, joints_per_arm, axis=0), ratios)
