@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.blame import common_changes, pool_over_arms
-from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, SLOTS, WEAR, WINDOW, FilterState, open_slot
+from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, WEAR, WINDOW, FilterState, open_slot
 from monitor.judge.drift.innovation import Gate, Innovation
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Array
 
 CLIPPED = 3.0  # [σ] an ordinary replay counts for a change with no more than this: noise has longer tails than a Gaussian

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import LEVELS, RATE, SLOTS, STATES, WEAR, FilterState
+from monitor.judge.drift.filter_state import LEVELS, RATE, STATES, WEAR, FilterState
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Array
 
 SURE = 2.0  # [σ] by which wear must lie below 0 to be a fall
