@@ -138,7 +138,7 @@ def test_the_grease_follows_the_motor():
     rng = np.random.default_rng(1)
     at = {}
     for minutes in (0.01, 30.0, 600.0):
-        heat = Heat(lag_min=(20.0, 20.0), started_min=(minutes, minutes)).at_replays(rng, 50, 10, 6)
+        heat = Heat(lag_min=(20.0, 20.0), started_min=(minutes, minutes)).at_replays(rng, (50, 10, 6))
         at[minutes] = np.mean(heat.motor_c - heat.grease_c)
     assert at[0.01] == pytest.approx(0.0, abs=0.01)
     assert at[600.0] == pytest.approx(0.0, abs=0.01)

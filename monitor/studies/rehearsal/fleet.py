@@ -93,6 +93,8 @@ def unworn(arms: int) -> Wear:
 class Fleet:
     """Arms of one model, each with its own friction law, weather, work and noise."""
 
+    replays_a_day = 1
+
     def __init__(self, settings: FleetSettings, wear: Wear | None = None) -> None:
         """Every random number comes from `settings.seed`."""
         self.settings = settings

@@ -3,6 +3,7 @@
 The learning days at the beginning are left out of every figure but `Played.early`.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -54,15 +55,21 @@ class LivingFleet(Protocol):
         """J, per arm."""
         ...
 
-    def morning(self, day: int) -> Day:
-        """The replays of a day; called for every day in turn."""
+    @property
+    def replays_a_day(self) -> int:
+        """Of every arm, evenly spread."""
+        ...
+
+    def morning(self, number: int) -> Day:
+        """The replays of that number, or of that day where there is one a day; called for every number in turn."""
         ...
 
 
 class JudgedDay(NamedTuple):
-    """A day, and what the judge made of it."""
+    """A day's replays, or a part's of it, and what the judge made of them."""
 
-    day: int
+    number: int  # of the replay
+    day: float
     now: Day
     result: StepResult
     evidence: Evidence
@@ -90,7 +97,7 @@ def play(
     state: DriftState | None = None
     early = np.zeros(A * J + A, dtype=bool)
     alerts, accuracy = _AlertDays(fleet), _Accuracy(fleet, assess.drift)
-    for day, now, result, evidence in judged_days(fleet, settings.days, assess, count_use=count_use, settle_on_learnt=True):
+    for day, _, now, result, evidence in judged_days(fleet, settings.days, assess, count_use=count_use, settle_on_learnt=True):
         state = result.state
         if day < learning:
             early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
@@ -122,8 +129,8 @@ def judged_days(
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
     counts, last = nothing_counted(A * J, A), np.zeros(A)
-    for day in range(days):
-        now = fleet.morning(day)
+    for number in range(days * fleet.replays_a_day):
+        day, now = number / fleet.replays_a_day, fleet.morning(number)
         if state is None:
             state = initial_state(now.seen, J, assess.drift, assess.temperature)
         replay = Replay(
@@ -138,9 +145,9 @@ def judged_days(
         result = step(state, replay, assess.drift, assess.temperature, settle_on_learnt=settle_on_learnt)
         state = result.state
         usable = state.filter_state.learnt_from & result.inside_range
-        evidence = weigh_evidence(wear_of_state(state.filter_state, usable, day), counts, J, assess.health)
+        evidence = weigh_evidence(wear_of_state(state.filter_state, usable, math.floor(day)), counts, J, assess.health)
         counts = evidence.counts
-        yield JudgedDay(day, now, result, evidence)
+        yield JudgedDay(number, day, now, result, evidence)
 
 
 def interval_holds(truth: Array, state: DriftState, drift: DriftSettings) -> np.ndarray:

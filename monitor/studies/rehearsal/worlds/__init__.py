@@ -4,5 +4,5 @@ Nothing in here reads a setting or an assumption of `monitor.judge`: `physics` h
 differs from replay to replay, `change` what happens to healthy joints, `wear` what is to be detected. A `World` joins one of each under a
 name, `table` lists them, `fleet` plays one over years as arrays, and `verdicts` counts what the judge made of it.
 
-Shapes: D days, A arms, J joints.
+Shapes: D days, R replays of each arm (as many as days, where there is one a day), A arms, J joints.
 """

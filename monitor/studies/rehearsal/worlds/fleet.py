@@ -42,6 +42,7 @@ class World:
     changes: tuple[Change, ...] = ()
     heat: Heat = field(default_factory=Heat)
     wear: tuple[Wear, ...] = (STEP_5, RATE_10)
+    replays_a_day: int = 1
     missed: float = 0.01  # share of mornings without a replay
     gap: tuple[float, int] = (0.0, 0)  # gaps a year and arm, and their length [days]
     channels: bool = True  # whether the optional fields of `Observation` are given
@@ -57,25 +58,25 @@ class WorldFleet:
 
         healthy : arms without wear, worn : arms with each kind of wear.
         """
-        self.world, self.days, self.joints = world, days, JOINTS
+        self.world, self.days, self.joints, self.replays_a_day = world, days, JOINTS, world.replays_a_day
         self.arms = healthy + worn * len(world.wear)
         self.group = np.concatenate([np.full(healthy, -1), np.repeat(np.arange(len(world.wear)), worn)])  # (A,) −1: healthy
         self._seed = seed
-        shape: Shape = (days, self.arms, JOINTS)
+        shape, every = (days, self.arms, JOINTS), world.replays_a_day
+        replays: Shape = (days * every, self.arms, JOINTS)
         rng = self._rng
         self.law = Friction.drawn(rng(0), self.arms)
-        self.heat: Temperatures = world.heat.at_replays(rng(1), *shape)
-        self._noise = world.noise(rng(2), shape)
+        self.heat: Temperatures = world.heat.at_replays(rng(1), replays, every)
+        self._noise = world.noise(rng(2), replays)
         self.onset_day, self.unit_days, self.worn = self._onsets(rng(3))
         changes = [change(rng(4, k), shape) for k, change in enumerate(world.changes)]
         changes += [
             wear.factors(self.onset_day, self.unit_days, self.worn & (self.group == k)[:, None], days) if worn else Factors()
             for k, wear in enumerate(world.wear)
         ]
-        self._dry, self._viscous, self._gain, self._misfit = (
-            sum_to(shape, [getattr(each, name) for each in changes]) for name in Factors._fields
-        )
-        self._replayed = self._presence(rng(5))
+        daily = (sum_to(shape, [getattr(each, name) for each in changes]) for name in Factors._fields)
+        self._dry, self._viscous, self._gain, self._misfit = (np.repeat(each, every, axis=0) if every > 1 else each for each in daily)
+        self._replayed = np.repeat(self._presence(rng(5)), every, axis=0)
         self._observe(rng(6))
 
     def _rng(self, *key: int) -> np.random.Generator:
@@ -110,7 +111,7 @@ class WorldFleet:
         return replayed
 
     def _observe(self, rng: np.random.Generator) -> None:
-        """What `identify` makes of every replay, from the law's straight line; (D, A, J) each."""
+        """What `identify` makes of every replay, from the law's straight line; (R, A, J) each."""
         grease, shape = self.heat.grease_c, self._noise.shape
         dry, viscous = np.exp(self._dry), np.exp(self._viscous)
         fc, fv = self.law.line(grease, dry, viscous)
@@ -129,7 +130,7 @@ class WorldFleet:
         self._warming = self.heat.warming_k_per_min + 0.03 * rng.normal(size=shape)
 
     def _beside(self, speed_rad_s: float, error_nm_s_per_rad: Array, rng: np.random.Generator) -> Array:
-        """(D, A, J) log F that the fit finds at another speed, whose error turns the line about the reference speed."""
+        """(R, A, J) log F that the fit finds at another speed, whose error turns the line about the reference speed."""
         torque = self.law.torque(speed_rad_s, self.heat.grease_c, np.exp(self._dry), np.exp(self._viscous))
         turned = error_nm_s_per_rad * (speed_rad_s - REFERENCE_RAD_S) / torque
         own = BESIDE_STD * rng.normal(size=torque.shape)
@@ -140,44 +141,45 @@ class WorldFleet:
     def _nothing_turned(self) -> Array:
         return np.zeros((self.arms, JOINTS))
 
-    def morning(self, day: int) -> Day:
-        """The replays of a day, in any order of days."""
-        torque, share, here = np.exp(self._y[day]), self._share[day], self._replayed[day]
+    def morning(self, number: int) -> Day:
+        """The replays of that number, in any order."""
+        r, day = number, number / self.replays_a_day
+        torque, share, here = np.exp(self._y[r]), self._share[r], self._replayed[r]
         since = np.where(np.isfinite(self.onset_day), np.maximum(day - self.onset_day, 0.0), 0.0)
         return Day(
             replayed=here,
             slot=np.zeros(self.arms, dtype=int),
             opened=np.zeros(self.arms, dtype=bool),
             seen=Observation(
-                log_torque=np.where(here[:, None], self._y[day], np.nan).ravel(),
-                variance=self._variance[day].ravel(),
-                temperature_c=self._measured[day].ravel(),
+                log_torque=np.where(here[:, None], self._y[r], np.nan).ravel(),
+                variance=self._variance[r].ravel(),
+                temperature_c=self._measured[r].ravel(),
                 viscous_share=share.ravel(),
-                warming_k_per_min=self._warming[day].ravel(),
+                warming_k_per_min=self._warming[r].ravel(),
                 coulomb_nm=((1.0 - share) * torque).ravel(),
                 viscous_nm_s_per_rad=(share * torque / REFERENCE_RAD_S).ravel(),
-                **(self._channels(day) if self.world.channels else {}),
+                **(self._channels(r) if self.world.channels else {}),
             ),
-            truth=self._truth[day],
+            truth=self._truth[r],
             worn=self.worn * (day >= self.onset_day)[:, None].astype(float),
             revolutions=self._nothing_turned,
             used_days=since,
         )
 
-    def _channels(self, day: int) -> dict[str, Array]:
-        """The optional fields of a day's observation."""
+    def _channels(self, number: int) -> dict[str, Array]:
+        """The optional fields of an observation."""
         fields = {"residual_rms_nm": self._residual, "log_torque_slow": self._slow, "log_torque_fast": self._fast}
-        return {name: np.where(self._replayed[day][:, None], each[day], np.nan).ravel() for name, each in fields.items()}
+        return {name: np.where(self._replayed[number][:, None], each[number], np.nan).ravel() for name, each in fields.items()}
 
-    def log_torque_at(self, day: int, temperature_c: Array) -> Array:
-        """(A, J) true log friction at the reference speed on a day, were motor and grease of one temperature (A, J)."""
-        torque = self.law.torque(REFERENCE_RAD_S, temperature_c, np.exp(self._dry[day]), np.exp(self._viscous[day]))
-        result: Array = np.log(torque) + self._gain[day]
+    def log_torque_at(self, number: int, temperature_c: Array) -> Array:
+        """(A, J) true log friction at the reference speed at the replay of that number, were motor and grease of one temperature (A, J)."""
+        torque = self.law.torque(REFERENCE_RAD_S, temperature_c, np.exp(self._dry[number]), np.exp(self._viscous[number]))
+        result: Array = np.log(torque) + self._gain[number]
         return result
 
 
 def sum_to(shape: Shape, parts: list[Array | float]) -> Array:
-    """The sum of factors' logarithms, broadcast to (D, A, J) without a copy where nothing varies."""
+    """The sum of factors' logarithms, broadcast to that shape without a copy where nothing varies."""
     total: Array | float = 0.0
     for part in parts:
         total = total + part

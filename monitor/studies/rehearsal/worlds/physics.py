@@ -11,11 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.recording import Array
+from monitor.studies.rehearsal.worlds.noise import autoregressive
 
 REFERENCE_RAD_S = 0.4  # the friction torque at this speed is what the judge follows
 SIZE_NM = np.array([11.0, 14.0, 9.0, 2.3, 2.0, 2.2])  # friction of the six joints at 0.4 rad/s and 25 °C, as a UR5's
 VOGEL_C = -110.0  # T_∞ of the grease
 REPLAY_SPEEDS_RAD_S = 1.5 * np.sin(np.linspace(0.05, 1.52, 24))  # a joint that swings: most samples are fast
+WEATHER_RHO = 0.75  # from day to day
 SENSOR_STEP_K = 1.0 / 16.0  # resolution of the temperature sensor
 
 
@@ -72,7 +74,7 @@ class Friction:
 
 
 class Temperatures(NamedTuple):
-    """Temperatures at the replays, (D, A, J) each."""
+    """Temperatures at the replays, (R, A, J) each."""
 
     grease_c: Array
     motor_c: Array
@@ -95,23 +97,20 @@ class Heat:
     warm_up_k: tuple[float, float] = (4.0, 10.0)  # steady rise by the work before the replay, drawn for each day
     warm_up_min: float = 40.0  # τ of the motor
 
-    def at_replays(self, rng: np.random.Generator, days: int, arms: int, joints: int) -> Temperatures:
-        """The temperatures at the replays of all days."""
-        t = np.arange(days)[:, None]
+    def at_replays(self, rng: np.random.Generator, shape: tuple[int, int, int], replays_a_day: int = 1) -> Temperatures:
+        """The temperatures (R, A, J) at all replays."""
+        replays, arms, joints = shape
+        t = np.arange(replays)[:, None] / replays_a_day
         phase = rng.uniform(0.0, 365.0, arms) if self.coldest_day is None else np.full(arms, self.coldest_day)
-        weather = np.empty((days, arms))
-        shock = rng.normal(size=(days, arms))
-        weather[0] = shock[0]
-        for day in range(1, days):
-            weather[day] = 0.75 * weather[day - 1] + np.sqrt(1.0 - 0.75**2) * shock[day]
+        weather = autoregressive(rng.normal(size=(replays, arms)), WEATHER_RHO ** (1.0 / replays_a_day))
         season = np.cos(2.0 * np.pi * (t - phase) / 365.0)
         if self.sharpness > 0:
             season = np.tanh(self.sharpness * season) / np.tanh(self.sharpness)
         room = rng.uniform(18.0, 24.0, arms) - self.season_k * season + self.weather_k * weather
-        monday = np.where(t % 7 == 0, -2.0, 0.0)
+        monday = np.where(np.floor(t) % 7 == 0, -2.0, 0.0)
         base = (room + monday)[..., None] + 3.0 + rng.normal(size=(arms, joints))
-        since = rng.uniform(*self.started_min, (days, arms))[..., None]
-        rise = rng.uniform(*self.warm_up_k, (days, arms))[..., None] * rng.uniform(0.7, 1.3, (arms, joints))
+        since = rng.uniform(*self.started_min, (replays, arms))[..., None]
+        rise = rng.uniform(*self.warm_up_k, (replays, arms))[..., None] * rng.uniform(0.7, 1.3, (arms, joints))
         tau, lag = self.warm_up_min, rng.uniform(*self.lag_min, (arms, joints))
         left = np.exp(-since / tau)
         # lag·Ṫ_g = T_m − T_g from equal temperatures at the start

@@ -193,6 +193,19 @@ _OTHERS = (
         changes=(Payload(kept_days=30.0),),
         wear=(STEP_5,),
     ),
+    World(
+        name="twice-a-day-replay",
+        sentence="two replays a day, what differs belongs to the replay: σ 2 %, ρ 0.25",
+        replays_a_day=2,
+        noise=Correlated(rho=0.25),
+    ),
+    World(
+        name="twice-a-day-time",
+        sentence="two replays a day, what differs belongs to the time: σ 2 %, ρ 0.9 from one to the next",
+        replays_a_day=2,
+        noise=Correlated(rho=0.9),
+        goal=Goal(false=0.2),
+    ),
 )
 
 WORLDS: dict[str, World] = {world.name: world for world in (*_LISTED, *(replace(each, listed=False) for each in _OTHERS))}

@@ -37,7 +37,7 @@ class Episodes:
         self.count = np.zeros(size, dtype=int)  # of episodes after learning
         self._last = np.full(size, -np.inf)
 
-    def add(self, day: int, on: np.ndarray, learning: int) -> None:
+    def add(self, day: float, on: np.ndarray, learning: int) -> None:
         """One more day; what was on while learning and never went off is no new episode."""
         new = on & (day - self._last > CLEAR_DAYS) & (day >= learning)
         self.first[new & np.isinf(self.first)] = day
@@ -86,7 +86,7 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         lives.add(judged)
         if day >= LEARNING_DAYS:
             T0 = judged.result.state.reference_temperature_c.reshape(A, J)
-            holds = interval_holds(fleet.log_torque_at(day, T0).ravel(), judged.result.state, assess.drift).reshape(A, J)
+            holds = interval_holds(fleet.log_torque_at(judged.number, T0).ravel(), judged.result.state, assess.drift).reshape(A, J)
             worn = judged.now.worn > 0
             for k, mask in enumerate((~worn, worn, worn & np.isinf(found)[:, None])):
                 counted = mask & judged.now.replayed[:, None]
