@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import program
+from command_line import ended, program
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = "14.87,13.26,11.13,10.62,11.03,11.47"
@@ -15,11 +15,11 @@ COMMANDS = ("run", "simulate", "replay", "identify", "base", "energy", "predict"
 
 def refused(*arguments: str) -> str:
     """What the program prints on standard error when it refuses the arguments."""
-    ended = program(*arguments)
-    assert ended.returncode == 2, ended.stderr
-    assert "Traceback" not in ended.stderr
-    assert ended.stdout == ""
-    return ended.stderr
+    done = ended(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    return done.stderr
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -36,17 +36,17 @@ def test_help_names_every_command_and_imports_nothing_heavy():
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command: str):
     """Each command has a help page."""
-    ended = program(command, "--help")
-    assert ended.returncode == 0
-    assert len(ended.stdout.splitlines()) > 5
+    done = ended(command, "--help")
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) > 5
 
 
 def test_a_real_recording_is_identified_as_json(real_data: Path):
     """UR10e, fitted to 50 s, validated on 30 s: errors are at most 9, 5, 6, 8, 8 and 7 %, and 85 % below the manufacturer's parameters."""
     trained, held_out = (str(real_data / "ur10e" / f"ur-20_02_{name}.csv") for name in ("12-50sec_12harm", "10-30sec_12harm"))
-    ended = program("identify", trained, "--robot", "ur10e", "--columns", COLUMNS, "--gains", GAINS, "--validate", held_out, "--json")
-    assert ended.returncode == 0, ended.stderr
-    document = json.loads(ended.stdout)
+    done = program("identify", trained, "--robot", "ur10e", "--columns", COLUMNS, "--gains", GAINS, "--validate", held_out, "--json")
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
     (validation,) = document["validation"]
     for relative, limit in zip(validation["relative_rms"], (0.09, 0.05, 0.06, 0.08, 0.08, 0.07), strict=True):
         assert relative <= limit
@@ -72,7 +72,9 @@ def test_wrong_arguments_are_sentences(tmp_path: Path):
     """The message says what was wrong and what would be right."""
     table = tmp_path / "table.csv"
     table.write_text("timestamp,actual_q_0\n0.0,1.0\n")
-    assert "known are" in refused("identify", str(table), "--robot", "ur7")
+    by_a_process = program("identify", table, "--robot", "ur7")
+    assert (by_a_process.returncode, by_a_process.stdout) == (2, "")
+    assert "known are" in by_a_process.stderr == refused("identify", table, "--robot", "ur7")
     assert "cannot be read" in refused("status", "--config", str(tmp_path / "no.toml"))
     assert "one a joint" in refused("identify", str(table), "--robot", "ur5", "--gains", "1,2")
     assert "ROLL,PITCH,YAW" in refused("identify", str(table), "--robot", "ur5", "--mounting", "sideways")
@@ -95,6 +97,6 @@ def test_before_the_first_run_the_commands_say_what_is_missing(tmp_path: Path, f
         (["replay", "--config", str(config), "-o", str(tmp_path / "r.parquet")], "allow_motion", 2),
         (["replay", "--config", str(config), "-o", str(tmp_path / "r.csv")], "Parquet", 2),
     ):
-        ended = program(*arguments)
-        assert (ended.returncode, message in ended.stderr) == (code, True), ended.stderr
-        assert "Traceback" not in ended.stderr
+        done = ended(*arguments)
+        assert (done.returncode, message in done.stderr) == (code, True), done.stderr
+        assert "Traceback" not in done.stderr

@@ -2,14 +2,13 @@
 
 import json
 import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import printed
+from command_line import ended, printed
 
 from monitor.assess import assess
 from monitor.errors import BadInput
@@ -46,7 +45,7 @@ def recordings(tmp_path_factory) -> list[Path]:
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "monitor", *arguments], capture_output=True, text=True, cwd=ROOT, check=False)
+    return ended(*arguments, cwd=ROOT)
 
 
 def test_a_series_gives_the_daemons_verdicts(recordings):

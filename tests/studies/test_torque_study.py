@@ -35,7 +35,7 @@ def test_after_sixteen_replays_temperatures_halve_the_error():
 
     The 90 % intervals contain 75 to 99 % of the samples.
     """
-    found = arm(41, 16, 6)
+    found = arm(41, 16, 4)
     assert found.ratio < 0.5
     with_T, without = np.nanmean(found.friction_error_nm**2, axis=1)
     assert np.sqrt(with_T.sum() / without.sum()) < 0.2
@@ -46,7 +46,7 @@ def test_after_sixteen_replays_temperatures_halve_the_error():
 def test_the_range_is_that_of_the_temperatures_that_count(monkeypatch):
     """A joint outside the temperatures of the study does not count for the errors, nor for the range beside them."""
     monkeypatch.setattr(torque, "WARMEST_C", 30.0)
-    found = arm(41, 6, 4)
+    found = arm(41, 3, 2)
     assert np.isnan(found.friction_error_nm).any()
     assert found.range_c[1] <= 30.0
 
