@@ -7,6 +7,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.document import array, entry, key_of, plain
+from monitor.judge.drift.chance import chance_from_document
 from monitor.judge.drift.channel_state import channels_from_document
 from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
@@ -223,13 +224,15 @@ def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
         "history": (J, -1, LEVELS_SUM + SLOTS + 1),
     }
     kept = isinstance(document, dict) and "history" in document
-    complete = document if kept else {**document, "history": empty_history(J, SLOTS)}
-    arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from")]
+    complete = {"activity": [1.0] * J, **document}  # releases without it
+    complete = complete if kept else {**complete, "history": empty_history(J, SLOTS)}
+    arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from", "chance")]
     values = {f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in arrays}
     state = FilterState(
         **values,
         counted_from=reference_from_document(complete.get("counted_from"), J),
         channels=channels_from_document(complete.get("channels"), J),
+        chance=chance_from_document(complete.get("chance"), J),
     )
     return state if kept else begin_history(state, np.full(J, slot))
 

@@ -148,7 +148,8 @@ def detect_change(
     # a change needs several replays; one that began while hardly anything was known belongs to the baseline
     enough = (bank.ages >= settings.gate_run - 1) & (bank.ages <= (since - settings.baseline_replays)[:, None])
     glr_score = np.where(in_a_row[:, None, None], bank.raw_glr_score_now, bank.glr_score_now)
-    ratios, relative = likelihood_ratios(glr_score, bank.information_now, bank.ages, enough, settings)
+    expected = bank.information_now * state.chance.of_starts()  # mean square of a score where nothing changed
+    ratios, relative = likelihood_ratios(glr_score, expected, bank.ages, enough, settings)
     counts = innovation.resolved & ~innovation.settling
     found = ((np.max(relative, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gate.gated)
     of_baseline = found & ~np.any(ratios > 0, axis=(1, 2))
@@ -156,7 +157,7 @@ def detect_change(
         found & ~of_baseline,
         relative,
         np.where(gate.gated[:, None, None], bank.raw_glr_score_now, bank.glr_score_now),
-        bank.information_now,
+        expected,
         counts,
         joints_per_arm,
     )
@@ -174,17 +175,16 @@ def detect_change(
     return Change(taken.mean, taken.cov, of_baseline, of_wear, taken.stepped, agreeing, common, taken.shared, taken.shared_var)
 
 
-def likelihood_ratios(
-    glr_score: Array, information: Array, ages: Array, enough: np.ndarray, settings: DriftSettings
-) -> tuple[Array, Array]:
+def likelihood_ratios(glr_score: Array, expected: Array, ages: Array, enough: np.ndarray, settings: DriftSettings) -> tuple[Array, Array]:
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
-    enough : (N, W) whether a start has enough replays before it and since.
+    expected : (N, 2, W) mean square of the score where nothing changed. enough : (N, W) whether a start has enough replays before it and
+    since.
 
     Innovations since n replays are a mean of n: chance carries it across z standard deviations n times less often, at the rate
     e^(−z²/2)/n (Rice, 1945). So that false detections are equally frequent at every age, the threshold falls with age.
     """
-    ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(information, 1e-12), 0.0)
+    ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(expected, 1e-12), 0.0)
     return ratio, ratio / thresholds(ages, settings)
 
 

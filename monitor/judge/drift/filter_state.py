@@ -15,8 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from monitor.judge.drift.chance import Chance, nothing_seen
 from monitor.judge.drift.channel_state import ChannelState
 from monitor.judge.drift.kalman import predict
+from monitor.judge.drift.noise import alike, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings
@@ -50,6 +52,7 @@ class FilterState:
     step_var: Array  # (N,) γ₁: half the mean square difference of successive replays' noise, without the noise within a replay
     product: Array  # (N,) c₁: mean product of successive replays' noise
     noise_weight: Array  # (N,) number of replays in both
+    activity: Array  # (N,) γ₁ of the last weeks over γ₁, of all joints of the arm
     residual: Array  # (N,) of the last replay against its prediction without noise; NaN where the next one must not be compared with it
     consistency: Array  # (N,) running mean of normalised innovations squared: 1 where the filter is consistent
     innovation: Array  # (N,) of the last replay; NaN where it was unresolved
@@ -64,6 +67,7 @@ class FilterState:
     glr_informations: Array = field(metadata={"key": "informations"})  # (N, 2, W) Σ G²/S
     agreeing: Array  # (N,) number of replays that agree with the last one: 1, or all since a change that was detected
     stepped: Array  # (N,) [log] wear that came in steps
+    chance: Chance  # by how much more chance moves friction than the model says, by age
     counted_from: Reference  # from which level wear counts
     history: Array  # (N, B, K) the course of friction so far, see `wear_history`
     channels: ChannelState | None = None  # beside y; None before the first replay, and in beliefs of releases without them
@@ -85,8 +89,8 @@ class FilterState:
 
     @property
     def wear_std(self) -> Array:
-        """(N,) standard deviation of w."""
-        return np.sqrt(np.maximum(self.cov[:, WEAR, WEAR], 0.0))
+        """(N,) standard deviation of w, with what chance adds beyond the model."""
+        return np.sqrt(np.maximum(self.cov[:, WEAR, WEAR], 0.0) * self.chance.of_wear())
 
     @property
     def learnt_from(self) -> np.ndarray:
@@ -107,12 +111,11 @@ class FilterState:
         return np.repeat(rho, J)
 
     def noise_var(self, joints_per_arm: int, settings: DriftSettings) -> Array:
-        """(N,) variance of the noise between replays: σ² = γ₁/(1 − ρ), shrunk towards the arm's mean, and larger after few replays."""
-        var = self.step_var / (1.0 - self.autocorrelation(joints_per_arm, settings))
-        mean = np.repeat(var.reshape(-1, joints_per_arm).mean(axis=1), joints_per_arm)
-        n, alike = self.noise_weight, settings.alike_replays
-        cautious: Array = (n * var + alike * mean) / (n + alike) * (1.0 + settings.caution / np.sqrt(n))
-        return cautious
+        """(N,) variance of the noise between replays at present: σ² = γ₁/(1 − ρ), larger after few replays."""
+        usual = alike(self.step_var, self.noise_weight, joints_per_arm)
+        cautious = 1.0 + settings.caution / np.sqrt(self.noise_weight)
+        var: Array = usual * present(self.activity, joints_per_arm) * cautious / (1.0 - self.autocorrelation(joints_per_arm, settings))
+        return var
 
     def level(self, slot: Array) -> Array:
         """(N,) mean of the level in a slot (N,), at the origin."""
@@ -179,6 +182,7 @@ def initial_filter(
         step_var=var * (1.0 - rho),
         product=var * rho,
         noise_weight=np.full(N, settings.between_replays),
+        activity=np.ones(N),
         residual=unknown,
         consistency=np.ones(N),
         innovation=unknown,
@@ -195,6 +199,7 @@ def initial_filter(
         stepped=np.zeros(N),
         history=empty_history(N, SLOTS),
         counted_from=from_beginning(N),
+        chance=nothing_seen(N),
     )
 
 
@@ -292,7 +297,9 @@ def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings)
     cov[new, RATE, RATE] = settings.rate_std_per_day**2
     cleared: dict[str, Any] = {name: np.where(_of(new, getattr(state, name)), 0.0, getattr(state, name)) for name in _HISTORY}
     fresh = forget(state.counted_from, new)
-    return replace(state, mean=mean, cov=cov, counted_from=fresh, residual=np.where(new, np.nan, state.residual), **cleared)
+    chance = state.chance.since_change(np.zeros(state.joints), new, np.zeros(state.joints))
+    residual = np.where(new, np.nan, state.residual)
+    return replace(state, mean=mean, cov=cov, counted_from=fresh, chance=chance, residual=residual, **cleared)
 
 
 _HISTORY = ("replays", "outliers", "gate_run", "stepped", "responses", "glr_scores", "raw_glr_scores", "glr_informations", "history")

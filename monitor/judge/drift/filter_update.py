@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from monitor.judge.drift.chance import learn_chance
 from monitor.judge.drift.change_detection import advance_bank, detect_change
 from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, SLOPE, STEP, UNRESOLVED, FilterState
 from monitor.judge.drift.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.kalman import update
+from monitor.judge.drift.noise import follow
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import with_common_change
 from monitor.judge.drift.settings import DriftSettings
@@ -37,6 +39,8 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     found = change.of_baseline | change.of_wear
     after = bank.after_update(K, restarted=found)
     history = np.where(change.of_baseline[:, None, None], 0.0, move_level(state.history, change.shared))
+    counts = innovation.resolved & ~innovation.settling & ~gate.gated
+    chance = learn_chance(state.chance, bank.glr_score_now, bank.information_now, bank.ages, counts, joints_per_arm)
     z = innovation.normalised
     consistency = state.consistency + (z**2 - state.consistency) / CONSISTENCY_REPLAYS
     return replace(
@@ -59,6 +63,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
         stepped=state.stepped + change.stepped,
         history=add_replay(history, innovation.row[:, SLOPE:], innovation.log_torque, learnt & innovation.sensed),
         counted_from=with_common_change(state.counted_from, change.shared, change.shared_var),
+        chance=chance.since_change(learnt, change.of_wear, change.agreeing),
     )
 
 
@@ -100,8 +105,9 @@ def update_noise(state: FilterState, innovation: Innovation, event: Array, joint
     step_var = np.where(usable, state.step_var + (half - state.step_var) / n, state.step_var)
     alike = clipped * clipped_before - rho * np.minimum(shared, 0.0)
     product = np.where(usable, state.product + (alike - state.product) / n, state.product)
+    activity = follow(state.activity, np.where(usable, half / step_var, np.nan), joints_per_arm)
     # the replays before and after a silent one are still compared with each other
     silent = (event == UNRESOLVED) | ((event == ORDINARY) & ~innovation.sensed)
     residual = np.where(silent, state.residual, np.where(informative, now, np.nan))
     floor = settings.between_floor**2
-    return replace(state, step_var=np.maximum(step_var, floor), product=product, noise_weight=n, residual=residual)
+    return replace(state, step_var=np.maximum(step_var, floor), product=product, noise_weight=n, activity=activity, residual=residual)

@@ -20,7 +20,7 @@ class DriftSettings:
     # friction at much lower speeds is stiction, and at much higher ones few trajectories reach it
     reference_speed_rad_s: Annotated[float, Interval(ge=0.2, le=0.6)] = 0.4  # F repeats to 1.3–2.3 % here, where fv alone scatters 4–10 %
     between_std: Annotated[float, Interval(ge=1e-6, le=0.5)] = 0.02  # [log] prior noise between replays
-    between_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 15.0  # [replays] weight of that prior: real joints scatter by 1.3–2.3 %
+    between_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 4.0  # [replays] weight of that prior: real joints scatter by 1.3–2.3 %
     between_floor: Annotated[float, Interval(ge=1e-6, le=0.1)] = (
         0.003  # [log] least noise that is assumed: temperatures have a resolution of 1/16 K, and friction is not constant
     )
@@ -30,7 +30,7 @@ class DriftSettings:
     caution: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.4  # noise estimated from n replays is multiplied by 1 + caution/√n
     memory_replays: Annotated[float, Interval(ge=2.0, le=1e5)] = 300.0  # [replays] over which the noise is averaged
     autocorrelation: Annotated[float, Interval(ge=0.0, le=0.95)] = 0.5  # prior correlation of the noise of successive replays
-    autocorrelation_max: Annotated[float, Interval(ge=0.0, le=0.95)] = 0.8  # largest that is assumed, so that the filter still learns
+    autocorrelation_max: Annotated[float, Interval(ge=0.0, le=0.95)] = 0.95  # largest that is assumed, so that the filter still learns
     rate_std_per_day: Annotated[float, Interval(ge=1e-6, le=0.1)] = 1e-5  # prior wear rate of a healthy joint; larger ones are detected
     rate_walk_per_sqrt_day: Annotated[float, Interval(gt=0.0, le=0.01)] = 1e-6  # random walk of the wear rate
     pace_walk_per_sqrt_day: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.001  # the same as a fraction of the wear rate

@@ -42,7 +42,8 @@ def undetected_change(state: FilterState, H: Array, settings: DriftSettings) -> 
     kind = np.repeat([1.0, RATES_PER_STEP], WINDOW)
     # a candidate stands for every start up to the next older one
     span = np.tile(np.diff(state.ages, axis=1, append=state.ages[:, -1:] + 1.0), KINDS)  # (N, M) [replays]
-    glr_score, information = state.glr_scores.reshape(N, -1), state.glr_informations.reshape(N, -1)
+    inflation = state.chance.of_starts().reshape(N, -1)
+    glr_score, information = state.glr_scores.reshape(N, -1) / inflation, state.glr_informations.reshape(N, -1) / inflation
     effect = np.einsum("na,nkwa->nkw", H, state.responses).reshape(N, -1)  # (N, M) of a unit change
     precision = information + usual**-2.0
     size = glr_score / precision
@@ -65,7 +66,7 @@ def unseen_step(state: FilterState, settings: DriftSettings) -> UnseenStep:
     old_enough = (days > FRESH_DAYS - 0.5) & (state.ages >= settings.gate_run - 1)
     first = np.argmax(old_enough, axis=1)  # ages are ascending
     row = np.arange(N)
-    information = state.glr_informations[row, 0, first]
+    information = state.glr_informations[row, 0, first] / state.chance.of_starts()[row, 0, first]
     threshold = np.sqrt(thresholds(state.ages, settings)[row, 0, first])
     log_rise = (threshold + FOUND_SIGMAS) / np.sqrt(np.maximum(information, 1e-12))
     known = old_enough.any(axis=1) & (log_rise <= NOTHING_KNOWN)

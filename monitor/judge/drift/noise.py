@@ -1,0 +1,44 @@
+"""The size of the noise between replays, from all joints of an arm: how alike they are, and how noisy the last weeks were.
+
+Shapes: N joints, J per arm.
+"""
+
+import numpy as np
+
+from monitor.recording import Array
+
+RECENT_REPLAYS = 25.0  # memory of the arm's present noise: six joints then tell its variance to 10 %
+LARGEST_SQUARE = 9.0  # [γ₁] one replay of a joint says no more about the present noise
+DIFFERENCES = 3.0  # variance of a mean of n half squared differences of successive noises, times n, over γ₁² (von Neumann, 1941)
+ALIKE_VAR, ALIKE_JOINTS = 0.1, 2.0  # prior variance of log γ₁ between the joints of an arm, and its weight in joints
+
+
+def alike(step_var: Array, replays: Array, joints_per_arm: int) -> Array:
+    """(N,) γ₁ of each joint, nearer to the arm's the less the joints of this arm differ beyond chance (James and Stein, 1961)."""
+    J = joints_per_arm
+    log = np.log(step_var).reshape(-1, J)
+    chance = (DIFFERENCES / replays).reshape(-1, J)
+    mean = log.mean(axis=1, keepdims=True)
+    differ = np.maximum(np.sum((log - mean) ** 2 - chance, axis=1, keepdims=True), 0.0)
+    between = (ALIKE_JOINTS * ALIKE_VAR + differ) / (ALIKE_JOINTS + J - 1.0)
+    each: Array = np.exp(mean + (log - mean) * between / (between + chance)).ravel()
+    return each
+
+
+def follow(activity: Array, square: Array, joints_per_arm: int) -> Array:
+    """(N,) the activity after a replay. square : (N,) half the squared difference of two noises over γ₁; NaN where it is none."""
+    square = np.clip(square, 0.0, LARGEST_SQUARE).reshape(-1, joints_per_arm)
+    known = np.isfinite(square)
+    number = known.sum(axis=1)
+    mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(number, 1)
+    before = activity.reshape(-1, joints_per_arm)[:, 0]
+    # as many joints as replayed say something
+    return np.repeat(before + (mean - before) * number / (joints_per_arm * RECENT_REPLAYS), joints_per_arm)
+
+
+def present(activity: Array, joints_per_arm: int) -> Array:
+    """(N,) factor of the usual variance at present: 1 unless the last weeks differ from it by more than chance (James and Stein, 1961)."""
+    chance = DIFFERENCES / (joints_per_arm * 2.0 * RECENT_REPLAYS)
+    away = activity - 1.0
+    factor: Array = 1.0 + away * np.maximum(1.0 - chance / np.maximum(away**2, 1e-12), 0.0)
+    return factor
