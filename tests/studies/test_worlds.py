@@ -50,6 +50,18 @@ def test_correlated_noise_has_its_size_and_its_correlation(rho, degrees):
     assert np.mean(x[1:] * x[:-1]) / np.mean(x * x) == pytest.approx(rho, abs=0.02)
 
 
+def test_noise_may_be_shared_by_the_joints_of_an_arm_and_differ_in_its_correlation():
+    """Half of the variance in common is a correlation of a half between joints; ρ between 0 and 0.9 from joint to joint."""
+    shared = fleet("noise-shared", 1000)._noise
+    between = np.corrcoef(shared[:, 0].T)[np.triu_indices(6, 1)]
+    assert between.mean() == pytest.approx(0.5, abs=0.12)
+    x = drawn(Correlated(std=0.02, rho=(0.0, 0.9)))
+    rho = np.mean(x[1:] * x[:-1], axis=0) / np.mean(x * x, axis=0)
+    assert rho.min() < 0.12
+    assert rho.max() > 0.8
+    assert x.std() == pytest.approx(0.02, rel=0.05)
+
+
 def test_students_noise_has_students_tails():
     """White t₃ scaled to unit variance exceeds 5 σ in 0.32 % of replays; Gaussian noise never does here."""
     far = [np.mean(np.abs(drawn(Correlated(std=1.0, rho=0.0, degrees=each))) > 5.0) for each in (3.0, None)]

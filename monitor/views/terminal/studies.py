@@ -106,6 +106,16 @@ def print_world(document: dict[str, Any]) -> None:
         shares = [whole_percent(row[key]["share"]) for key in ("within_30_days", "never", "right_joint")]
         table.add_row(row["wear"], str(row["arms"]), *days, *shares)
     console.print(table)
+    lives = [(row["wear"], life) for row in document["detection"] for life in row["remaining_life"]]
+    if lives:
+        table = table_of(
+            ("wear", "at", "no date", "P10–P90 holds", "P50 within 20 %", "P50 / truth"), left=("wear",), title="remaining life, asked at"
+        )
+        for wear, life in lives:
+            shares = [whole_percent(life[key]["share"]) for key in ("p10_p90_holds", "p50_near")]
+            of_life = (whole_percent(life["at_share_of_life"]), f"{life['without_date']} of {life['asked']}")
+            table.add_row(wear, *of_life, *shares, number(life["p50_over_truth"], ".2f"))
+        console.print(table)
     interval = document["interval_90"]
     console.print(
         f"90 % intervals of friction hold the truth in {whole_percent(interval['healthy'])} of the days of healthy joints, and in "

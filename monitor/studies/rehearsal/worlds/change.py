@@ -70,13 +70,16 @@ class Wandering:
     std: float = 0.02
     memory_days: float = 120.0
     common: bool = True
+    dry: float = 1.0  # times the walk: dry friction, viscous friction, what the fit leaves
+    viscous: float = 1.0
+    residual: float = 0.0
 
     def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Dry and viscous friction alike."""
+        """The walk since the first day."""
         of = (shape[1], 1) if self.common else shape[1:]
         log = self.std * autoregressive(rng.normal(size=(shape[0], *of)), float(np.exp(-1.0 / self.memory_days)))
         log = log - log[0]
-        return Factors(log, log)
+        return Factors(self.dry * log, self.viscous * log, residual=self.residual * log)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -67,7 +67,7 @@ class WorldFleet:
         rng = self._rng
         self.law = Friction.drawn(rng(0), self.arms)
         self.heat: Temperatures = world.heat.at_replays(rng(1), replays, every)
-        self._noise = world.noise(rng(2), replays)
+        self._noise = np.broadcast_to(world.noise(rng(2), replays), replays)
         self.onset_day, self.unit_days, self.worn = self._onsets(rng(3))
         changes = [change(rng(4, k), shape) for k, change in enumerate(world.changes)]
         changes += [

@@ -21,31 +21,38 @@ class Noise(Protocol):
         ...
 
 
-def autoregressive(shocks: Array, rho: float) -> Array:
+def autoregressive(shocks: Array, rho: float | Array) -> Array:
     """x_d = ρ·x_(d−1) + √(1 − ρ²)·e_d along the first axis, stationary from the first day; unit shocks give unit variance."""
-    driven = np.sqrt(1.0 - rho**2) * shocks
+    driven = np.sqrt(1.0 - np.square(rho)) * shocks
     driven[0] = shocks[0]
-    result: Array = scipy.signal.lfilter([1.0], [1.0, -rho], driven, axis=0)
-    return result
+    if isinstance(rho, float):
+        result: Array = scipy.signal.lfilter([1.0], [1.0, -rho], driven, axis=0)
+        return result
+    for day in range(1, len(driven)):
+        driven[day] += rho * driven[day - 1]
+    return driven
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correlated:
-    """First-order autoregression, Gaussian or with Student's shocks; σ is one for all joints or differs from joint to joint."""
+    """First-order autoregression, Gaussian or with Student's shocks; σ and ρ are one for all joints or differ from joint to joint."""
 
     std: float | tuple[float, float] = 0.02  # or the ends of a log-uniform distribution over joints
-    rho: float = 0.5
+    rho: float | tuple[float, float] = 0.5  # or the ends of a uniform one
+    common: bool = False  # to the joints of an arm
     degrees: float | None = None  # of freedom of Student's t, scaled to the same variance; None: Gaussian
 
     def __call__(self, rng: np.random.Generator, shape: Shape) -> Array:
         """(D, A, J) noise of log friction."""
         low, high = self.std if isinstance(self.std, tuple) else (self.std, self.std)
+        shape = (*shape[:2], 1) if self.common else shape
         std = np.exp(rng.uniform(np.log(low), np.log(high), shape[1:]))
+        rho = rng.uniform(*self.rho, shape[1:]) if isinstance(self.rho, tuple) else self.rho
         if self.degrees is None:
             shocks = rng.normal(size=shape)
         else:
             shocks = rng.standard_t(self.degrees, size=shape) * np.sqrt((self.degrees - 2.0) / self.degrees)
-        return std * autoregressive(shocks, self.rho)
+        return std * autoregressive(shocks, rho)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,5 +118,7 @@ class Sum:
 
     def __call__(self, rng: np.random.Generator, shape: Shape) -> Array:
         """(D, A, J) noise of log friction."""
-        result: Array = np.sum([law(rng, shape) for law in self.laws], axis=0)
-        return result
+        total = np.zeros(shape)
+        for law in self.laws:
+            total += law(rng, shape)
+        return total

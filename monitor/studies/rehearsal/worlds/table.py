@@ -206,6 +206,37 @@ _OTHERS = (
         noise=Correlated(rho=0.9),
         goal=Goal(false=0.2),
     ),
+    World(
+        name="noise-shared",
+        sentence="half of the variance is common to the arm's joints; σ 2 %, ρ 0.5",
+        noise=Sum(laws=(Correlated(std=0.0141), Correlated(std=0.0141, common=True))),
+    ),
+    World(
+        name="rho-mixed",
+        sentence="ρ from 0 to 0.9, σ from 1 to 4 % from joint to joint",
+        noise=Correlated(std=(0.01, 0.04), rho=(0.0, 0.9)),
+        goal=Goal(false=0.15),
+    ),
+    World(
+        name="shift-of-kinds",
+        sentence="a slow walk of 4 % from dry to viscous friction and back, of each joint",
+        changes=(Wandering(common=False, std=0.04, dry=1.0, viscous=-0.9),),
+        goal=Goal(false=0.3),
+    ),
+    World(
+        name="walk-of-residual",
+        sentence="what the fit leaves walks by 15 % within four months, of each joint",
+        changes=(Wandering(common=False, std=0.15, dry=0.0, viscous=0.0, residual=1.0),),
+        goal=Goal(false=0.3),
+    ),
+    World(
+        name="everything",
+        sentence="σ 1–3 % and ρ 0–0.8 from joint to joint, t₄ of a third of it, running-in, ±1 % a year in common, gaps of a week",
+        noise=Sum(laws=(Correlated(std=(0.01, 0.03), rho=(0.0, 0.8)), Correlated(std=0.007, rho=0.0, degrees=4.0))),
+        changes=(RunningIn(), Yearly(amplitude=0.01)),
+        gap=(3.0, 7),
+        goal=Goal(false=0.2),
+    ),
 )
 
 WORLDS: dict[str, World] = {world.name: world for world in (*_LISTED, *(replace(each, listed=False) for each in _OTHERS))}
