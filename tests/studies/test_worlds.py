@@ -279,7 +279,7 @@ def test_the_card_has_a_row_a_world_with_its_goals():
 def test_every_world_of_the_card_has_arms():
     """Fewer where nobody set a goal beforehand."""
     assert arms_of("noise-3", 64) == (64, 24)
-    assert arms_of("plain", 64)[0] > 64 > arms_of("weekdays", 64)[0] >= 16
+    assert arms_of("plain", 64)[0] > 64 > arms_of("weekdays", 64)[0] >= 12
 
 
 def said(days):
