@@ -149,6 +149,9 @@ def remaining_life_of_joint(state: DriftState, n: int, drift: DriftSettings, pro
     """
     joints, pair = state.filter_state, [WEAR, RATE]
     mean, cov = joints.mean[n, pair], joints.cov[n][np.ix_(pair, pair)]
+    straight = remaining_life(mean, cov, wear_walk_per_sqrt_day=drift.wear_walk_per_sqrt_day, settings=prognosis)
+    if straight.verdict != "trend":
+        return straight
     paths = wear_paths(joints, n, int(state.slot[n]), state.joints_per_arm, drift)
     return remaining_life(mean, cov, wear_walk_per_sqrt_day=drift.wear_walk_per_sqrt_day, settings=prognosis, paths=paths)
 

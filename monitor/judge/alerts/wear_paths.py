@@ -31,15 +31,20 @@ ACCELERATING = ~(SLOWING | STRAIGHT)
 # Prior of the three families, spread evenly over their shapes. Wear that settles rises with the root of time, steady wear along a straight
 # line, and towards the end of a gear's life it accelerates (the three phases of a wear curve). Before the curvature shows, the dangerous
 # error is to miss the last: it has half of the weight or more.
-FAMILIES = ((SLOWING, 0.2), (STRAIGHT, 0.2), (ACCELERATING, 0.6))
+FAMILIES = ((SLOWING, 0.2), (STRAIGHT, 0.15), (ACCELERATING, 0.65))
 PRIOR = np.sum([share * family / family.sum() for family, share in FAMILIES], axis=0)
 ONSETS = 32  # of the grid, evenly over the history
-STEPS = 20  # days at which friction may have stepped, evenly over the blocks
+STEPS_PER_BLOCK = 2  # days at which friction may have stepped
+LIKELY_STEPS = 8  # of these, the likeliest along a straight path are tried with every path
 STEP_PROBABILITY = 0.25  # prior, as RATES_PER_STEP of the change bank has it
 STEP_STD = 0.1  # prior of S, a fraction of friction …
 RISE_STD = 0.3  # … of the rise C·g so far …
 LEVEL_STD = 0.5  # … and of A, around 1
 OTHER_LEVEL_STD = 1.0  # [log] of a level in another context than the one in force
+RUNNING_IN_DAYS = (20.0, 60.0)  # friction of a new joint falls with such time constants …
+RUNNING_IN_STD = 0.03  # … by such a fraction each
+SLOW_DAYS = 100.0  # [d] correlation time of what friction does beside its wear and its daily noise
+SLOW_STDS = ((0.0, 0.6), (0.005, 0.2), (0.01, 0.13), (0.02, 0.07))  # its standard deviation, a fraction, and prior: the blocks show which
 NOISE_BLOCKS = 20.0  # weight of the filter's noise beside the noise that the blocks show
 FEWEST_BLOCKS = 8  # fewer show no path
 KEPT = 0.995  # of the weight; the least likely components are left out
@@ -84,9 +89,10 @@ class _Blocks(NamedTuple):
     """The course of friction of one joint, (B,) each."""
 
     work_age: Array  # [usual days]
+    age: Array  # [d]
     width: Array  # [usual days]
     friction: Array  # z, over the friction that the filter expects without wear
-    root: Array  # (B, B) lower Cholesky factor of the covariance of z
+    cov: Array  # (B, B) of z, without what is slow
 
 
 def wear_paths(state: FilterState, n: int, slot: int, joints_per_arm: int, settings: DriftSettings) -> WearPaths | None:
@@ -127,9 +133,13 @@ def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings
     var = float(state.noise_var(joints_per_arm, settings)[n])
     rho = float(state.autocorrelation(joints_per_arm, settings)[n])
     V = var * _correlated(count, sums[:, AGE] / float(state.interval_days[n]), rho) + np.diag(settings.between_floor**2 / count)
-    V = (V + rows @ doubt @ rows.T) * friction[:, None] * friction
+    V += rows @ doubt @ rows.T
+    for tau in RUNNING_IN_DAYS:
+        new = np.exp((sums[:, AGE] - sums[:, AGE].max()) / tau)
+        V += RUNNING_IN_STD**2 * new[:, None] * new
+    V *= friction[:, None] * friction
     work_per_replay = sums[-1, WORK_AGE] / max(sums[-1, AGE], 1e-9) * float(state.interval_days[n])
-    return _Blocks(sums[:, WORK_AGE], count * work_per_replay, friction, np.linalg.cholesky(V))
+    return _Blocks(sums[:, WORK_AGE], sums[:, AGE], count * work_per_replay, friction, V)
 
 
 def _correlated(count: Array, age: Array, rho: float) -> Array:
@@ -144,18 +154,23 @@ def _correlated(count: Array, age: Array, rho: float) -> Array:
 
 
 def _fit(blocks: _Blocks) -> WearPaths:
-    """The mixture over shapes, onsets and steps."""
+    """The mixture over shapes, onsets, steps and the size of slow noise."""
     age, width, oldest = blocks.work_age, blocks.width, float(blocks.work_age.max())
     shape = np.repeat(np.arange(len(POWERS)), ONSETS)  # (P,)
     since: Array = np.tile(oldest * (np.arange(ONSETS) + 0.5) / ONSETS, len(POWERS))  # (P,)
     at, of = (np.array(each)[:, None, None] for each in zip(*GAUSS, strict=True))
     grown = np.sum(of * path(shape, since, since - age[:, None] - at * width[:, None]), axis=0) / path(shape, since, since)  # (B, P)
-    step_age = np.quantile(age, (np.arange(STEPS) + 0.5) / STEPS)
-    stepped = np.clip((step_age - age[:, None]) / width[:, None] + 0.5, 0.0, 1.0)  # (B, STEPS) share of each block since the step
-    columns = np.concatenate([np.ones((len(age), 1)), stepped, grown, blocks.friction[:, None] - 1.0], axis=1)
-    white = scipy.linalg.solve_triangular(blocks.root, columns, lower=True)
-    mean, cov, evidence = _regressions(white[:, 0], white[:, 1 : 1 + STEPS], white[:, 1 + STEPS : -1], white[:, -1])
-    evidence += np.log(PRIOR[shape])
+    step_age = np.interp(np.arange(STEPS_PER_BLOCK * len(age)) / STEPS_PER_BLOCK, np.arange(len(age)) + 0.5, age)
+    stepped = np.clip((step_age - age[:, None]) / width[:, None] + 0.5, 0.0, 1.0)  # (B, steps) share of each block since the step
+    columns = np.concatenate([np.ones((len(age), 1)), blocks.friction[:, None] - 1.0, stepped, grown], axis=1)
+    slow = np.exp(-np.abs(blocks.age[:, None] - blocks.age) / SLOW_DAYS) * blocks.friction[:, None] * blocks.friction
+    prior, parts = np.log(PRIOR[shape]), []
+    for std, probability in SLOW_STDS:
+        root = np.linalg.cholesky(blocks.cov + std**2 * slow)
+        white = scipy.linalg.solve_triangular(root, columns, lower=True)
+        mean, cov, evidence = _with_steps(white, stepped.shape[1], straight=STRAIGHT[shape])
+        parts.append((mean, cov, evidence + prior + np.log(probability) - np.sum(np.log(np.diag(root)))))
+    mean, cov, evidence = (np.concatenate(each) for each in zip(*parts, strict=True))  # (4·K, P, …)
     order = np.argsort(evidence, axis=None)[::-1]
     weight = np.exp(evidence.ravel()[order] - evidence.max())
     likely = order[: np.searchsorted(np.cumsum(weight) / weight.sum(), KEPT) + 1]
@@ -166,28 +181,42 @@ def _fit(blocks: _Blocks) -> WearPaths:
     return WearPaths(weight=weight, shape=shape[m], since=since[m], mean=centre, cov=cov[k, m])
 
 
-def _regressions(one: Array, steps: Array, paths: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Mean, covariance and log evidence of (A − 1, S, C·g) for no step and for each of them, with each path: (1 + STEPS, P, …).
+def _with_steps(white: Array, steps: int, *, straight: np.ndarray) -> tuple[Array, Array, Array]:
+    """`_regressions` without a step and with each of the likeliest; white : (B, 2 + steps + P) columns 1, z, steps and paths, whitened."""
+    one, z, of_steps, paths = white[:, 0], white[:, 1], white[:, 2 : 2 + steps], white[:, 2 + steps :]
+    each = _regressions(one, z, of_steps, paths[:, straight])[2].max(axis=1)
+    likely = np.argsort(each)[-LIKELY_STEPS:]
+    without = _regressions(one, z, np.zeros((len(z), 1)), paths)
+    without[1][..., 1, :] = without[1][..., :, 1] = 0.0
+    with_step = _regressions(one, z, of_steps[:, likely], paths)
+    odds = np.log(STEP_PROBABILITY / steps)
+    return (
+        np.concatenate([without[0], with_step[0]]),
+        np.concatenate([without[1], with_step[1]]),
+        np.concatenate([without[2] + np.log(1.0 - STEP_PROBABILITY), with_step[2] + odds]),
+    )
 
-    one, steps, paths, z : (B,), (B, STEPS), (B, P), (B,) columns and observation, whitened with the filter's noise.
+
+def _regressions(one: Array, z: Array, steps: Array, paths: Array) -> tuple[Array, Array, Array]:
+    """Mean, covariance and log evidence of (A − 1, S, C·g) for each step with each path: (K, P, …).
+
+    one, z, steps, paths : (B,), (B,), (B, K), (B, P) columns and observation, whitened with the filter's noise.
     """
     K, P = steps.shape[1], paths.shape[1]
-    X, b = np.zeros((K + 1, P, 3, 3)), np.zeros((K + 1, P, 3))  # the information and what it points to
+    X, b = np.zeros((K, P, 3, 3)), np.zeros((K, P, 3))  # the information and what it points to
     X[:] = np.diag(np.array([LEVEL_STD, STEP_STD, RISE_STD]) ** -2.0)
     X[..., 0, 0] += one @ one
-    X[1:, :, 0, 1] = X[1:, :, 1, 0] = (one @ steps)[:, None]
-    X[1:, :, 1, 1] += np.sum(steps**2, axis=0)[:, None]
+    X[..., 0, 1] = X[..., 1, 0] = (one @ steps)[:, None]
+    X[..., 1, 1] += np.sum(steps**2, axis=0)[:, None]
     X[..., 0, 2] = X[..., 2, 0] = one @ paths
-    X[1:, :, 1, 2] = X[1:, :, 2, 1] = steps.T @ paths
+    X[..., 1, 2] = X[..., 2, 1] = steps.T @ paths
     X[..., 2, 2] += np.sum(paths**2, axis=0)
-    b[..., 0], b[1:, :, 1], b[..., 2] = one @ z, (steps.T @ z)[:, None], z @ paths
+    b[..., 0], b[..., 1], b[..., 2] = one @ z, (steps.T @ z)[:, None], z @ paths
     cov = np.linalg.inv(X)
     mean = np.einsum("kpi,kpij->kpj", b, cov)
     rest = NOISE_BLOCKS + z @ z - np.sum(b * mean, axis=2)
     dof = NOISE_BLOCKS + len(z)
-    evidence = 0.5 * np.linalg.slogdet(cov)[1] - 0.5 * dof * np.log(rest)
-    evidence += np.log([1.0 - STEP_PROBABILITY, *[STEP_PROBABILITY / K] * K])[:, None]
-    cov[0, :, 1, :] = cov[0, :, :, 1] = 0.0  # without a step
+    evidence = 0.5 * np.linalg.slogdet(cov)[1] - np.log(STEP_STD) - 0.5 * dof * np.log(rest)
     cov *= (rest / (dof - 2.0))[..., None, None]  # variance of Student's t
     evidence += scipy.special.log_ndtr(mean[..., 2] / np.sqrt(cov[..., 2, 2]))  # friction rises along a path
     return mean, cov, evidence
