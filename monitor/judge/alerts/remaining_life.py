@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from annotated_types import Interval
 
+from monitor.judge.alerts.life_text import STRAIGHT_TEXT, assumption_text
 from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
 from monitor.judge.bounds import check_bounds
 from monitor.judge.drift.filter_state import RATE, WEAR
@@ -86,9 +87,7 @@ def remaining_life(
     if paths is None:
         p10, p50, p90 = _quantiles(straight)
         service, rate = float(straight(np.array([settings.service_days]))[0]), (float(mean[1]), math.sqrt(cov[1, 1]))
-        return RemainingLife(
-            trend, p10, p50, p90, "trend", service, "straight", None, None, None, *rate, "if friction goes on along a straight line"
-        )
+        return RemainingLife(trend, p10, p50, p90, "trend", service, "straight", None, None, None, *rate, STRAIGHT_TEXT)
 
     def reached(days: Array, weight: Array) -> Array:
         probability: Array = paths.reached(days, settings.limit_rise, wear_walk_per_sqrt_day) @ weight
@@ -113,7 +112,7 @@ def remaining_life(
         accelerating_p50_days=sooner,
         rate_per_day=rate[0],
         rate_std_per_day=rate[1],
-        assumption=_assumption(likeliest, probability, sooner),
+        assumption=assumption_text(likeliest, probability[likeliest], probability["accelerating"], sooner),
     )
 
 
@@ -210,15 +209,6 @@ def _quantiles(reached: Callable[[Array], Array]) -> tuple[float | None, float |
     days = np.geomspace(DAYS[max(first - 1, 0)], DAYS[min(last, len(DAYS) - 1)], FINE_POINTS)
     fine = reached(days)
     return _quantile(days, fine, 0.1), _quantile(days, fine, 0.5), _quantile(days, fine, 0.9)
-
-
-def _assumption(likeliest: str, probability: dict[str, float], sooner: float | None) -> str:
-    """What the days assume: the likeliest path, and when friction reaches the limit if it accelerates."""
-    words = {"slowing": "slows down", "straight": "goes on along a straight line", "accelerating": "goes on accelerating"}
-    text = f"if friction {words[likeliest]} as it does so far ({100 * probability[likeliest]:.0f} %)"
-    if sooner is not None and likeliest != "accelerating":
-        text += f"; a path that accelerates ({100 * probability['accelerating']:.0f} %) reaches the limit in {sooner:.0f} d"
-    return text
 
 
 def _quantile(days: Array, reached: Array, p: float) -> float | None:

@@ -212,11 +212,11 @@ def _regressions(one: Array, z: Array, steps: Array, paths: Array) -> tuple[Arra
     X[..., 1, 2] = X[..., 2, 1] = steps.T @ paths
     X[..., 2, 2] += np.sum(paths**2, axis=0)
     b[..., 0], b[..., 1], b[..., 2] = one @ z, (steps.T @ z)[:, None], z @ paths
-    cov = np.linalg.inv(X)
-    mean = np.einsum("kpi,kpij->kpj", b, cov)
+    cov = np.asarray(np.linalg.inv(X), dtype=float)
+    mean: Array = np.einsum("kpi,kpij->kpj", b, cov)
     rest = NOISE_BLOCKS + z @ z - np.sum(b * mean, axis=2)
     dof = NOISE_BLOCKS + len(z)
-    evidence = 0.5 * np.linalg.slogdet(cov)[1] - np.log(STEP_STD) - 0.5 * dof * np.log(rest)
+    evidence: Array = 0.5 * np.linalg.slogdet(cov)[1] - np.log(STEP_STD) - 0.5 * dof * np.log(rest)
     cov *= (rest / (dof - 2.0))[..., None, None]  # variance of Student's t
     evidence += scipy.special.log_ndtr(mean[..., 2] / np.sqrt(cov[..., 2, 2]))  # friction rises along a path
     return mean, cov, evidence

@@ -108,11 +108,13 @@ def history_of_posterior(level: Array, wear: Array, rate: Array, *, sure: np.nda
     ages = np.concatenate([rises, before], axis=1)  # (N, 2·SEEDED), youngest first
     straight = np.log1p(np.expm1(wear)[:, None] * (1.0 - rises / rising[:, None]))
     worn = np.concatenate([np.where(sure[:, None], straight, wear[:, None]), np.zeros((N, SEEDED))], axis=1)
+    # as many replays as there were, about: a straight line is what the filter has found
+    count = np.maximum(np.repeat(np.stack([rising, days - rising], axis=1), SEEDED, axis=1) / SEEDED, FULL)
     seeded = history[:, : 2 * SEEDED]
-    seeded[..., COUNT] = FULL
-    seeded[..., WORK_AGE] = seeded[..., AGE] = FULL * ages
-    seeded[np.arange(N), :, LEVELS_SUM + slot] = FULL
-    seeded[..., -1] = FULL * (level[:, None] + worn)
+    seeded[..., COUNT] = count
+    seeded[..., WORK_AGE] = seeded[..., AGE] = count * ages
+    seeded[np.arange(N), :, LEVELS_SUM + slot] = count
+    seeded[..., -1] = count * (level[:, None] + worn)
     begun = empty_history(N, slots)
     begun[known] = history[known]
     return begun

@@ -7,6 +7,7 @@ times the noise within one. `tests/studies` compares its distribution with that 
 Shapes: A arms, J joints per arm.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -45,6 +46,9 @@ class FleetSettings:
     scenarios: tuple[str, ...] = SCENARIOS  # assigned to the arms in turn
 
 
+Path = Callable[[Array], Array]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Wear:
     """True wear: one joint of each arm has a step and a constant rate from a day on; the others do not wear."""
@@ -53,10 +57,12 @@ class Wear:
     onset_day: Array  # (A,)
     step: Array  # (A,) fraction
     per_day: Array  # (A,) fraction
+    path: Path | None = None  # what a fraction worn along the straight line is in truth; None: the same
 
     def at(self, day: float, joints: int, used_days: Array) -> Array:
         """(A, J) factor of friction on a day, after `used_days` (A,) mean days of work since the onset."""
-        worn = np.where(day >= self.onset_day, self.step + self.per_day * used_days, 0.0)
+        straight = self.per_day * used_days
+        worn = np.where(day >= self.onset_day, self.step + (straight if self.path is None else self.path(straight)), 0.0)
         factor = np.ones((len(self.joint), joints))
         factor[np.arange(len(self.joint)), self.joint.astype(int)] += worn
         return factor

@@ -61,6 +61,7 @@ def rehearse(
             "p10_p90_holds": share_document(life.interval),
             "alpha_lambda_at_half_life": share_document(life.alpha_lambda),
             "no_trend": life.no_trend,
+            "by_path": list(life.by_path),
         },
     }
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.staleness import stale_text
 from monitor.judge.alerts.unseen_step import unseen_steps_text
 from monitor.views.report.charts import STATE_COLOURS, friction_over_temperature, friction_over_time, friction_over_time_caption
@@ -148,7 +149,9 @@ def _joints(report: Mapping[str, Any]) -> str:
         Column("fv [Nm·s/rad]"),
     ]
     unseen = unseen_steps_text(report["joints"])
-    return table([*columns, Column("T [°C]")], rows) + (paragraph(unseen, "dim") if unseen else "")
+    assumptions = assumptions_text(report["joints"])
+    said = "".join(paragraph(text, "dim") for text in (assumptions, unseen) if text)
+    return table([*columns, Column("T [°C]")], rows) + said
 
 
 def _life(life: Mapping[str, Any]) -> str:

@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.unseen_step import unseen_steps_text
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
 from monitor.views.units import PERCENT_PER_MONTH
@@ -45,8 +46,9 @@ def print_status(document: dict[str, Any]) -> None:
         console.print(f"[yellow]{health['stale_why']}[/]", highlight=False)
     if document["friction"]:
         console.print(_friction_table(document["friction"], health["joints"] if health else []))
-        if unseen := unseen_steps_text(document["friction"]):
-            console.print(unseen, highlight=False)
+        for text in (assumptions_text(document["friction"]), unseen_steps_text(document["friction"])):
+            if text:
+                console.print(text, highlight=False)
     for alert in health["alerts"] if health else []:
         if alert.get("active"):
             console.print(

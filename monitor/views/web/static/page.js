@@ -181,6 +181,7 @@ function figures() {
   shown.append(chip(state.state), ...(state.stale ? [stale()] : []));
   const rows = [["State", shown], ["Learnt of it last", state.learnt_at ? moment(state.learnt_at) : "never"], ["Life left to the limit", life(own)]];
   if (own) {
+    if (own.remaining_life.assumption) rows.push(["Life left assumes", own.remaining_life.assumption]);
     rows.push(
       ["Wear", `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)} %`],
       ...(own.unseen_step == null ? [] : [["Fresh step", `of the last ${own.unseen_step_days.toFixed(0)} days, up to ${(100 * own.unseen_step).toFixed(0)} % may be unseen`]]),
