@@ -163,7 +163,7 @@ def test_the_variance_of_a_mean_is_that_of_the_autoregression(rho, n):
     """Against the double sum over ρ^|i−j|."""
     i = np.arange(n)
     whole = (rho ** np.abs(i[:, None] - i)).sum() / n**2
-    assert of_mean(np.array(rho), np.array(float(n))) == pytest.approx(whole, rel=1e-6)
+    assert of_mean(np.array(rho), float(n)) == pytest.approx(whole, rel=1e-6)
 
 
 def test_channels_are_stored_exactly_and_an_older_belief_has_none():

@@ -21,6 +21,7 @@ from monitor.recording import Array
 REFERENCE_RAD_S = 0.4  # the speed at which friction is unchanged while the contrast turns; the rises depend on it weakly
 AT_LOW, AT_HIGH, AT_PLACE = f"{SLOW_RAD_S:g} rad/s", f"{FAST_RAD_S:g} rad/s", "one place"
 KINDS = (AT_LOW, AT_HIGH, AT_PLACE)
+LEAST_STD = 0.01  # [log] a straight line is no law of friction: what it says of another speed is not better known than this
 NOTHING = -np.inf  # [log] rise where no channel found a change
 
 
@@ -41,16 +42,21 @@ class JointBeside(NamedTuple):
     kind: str
     ratio: float
 
+    @property
+    def found(self) -> bool:
+        """Whether a channel found more than friction at the reference speed shows."""
+        return bool(np.isfinite(self.rise))
+
     def above(self, settings: HealthSettings) -> Array:
         """(3,) probability that the rise is above that of each tier."""
-        if not np.isfinite(self.rise):
+        if not self.found:
             return np.zeros(3)
         probability: Array = scipy.special.ndtr((self.rise - np.log1p(settings.rises)) / max(self.std, 1e-9))
         return probability
 
     def text(self, j: int, of_reference: Callable[[], str]) -> str:
         """The alert's text: of the channel where one found more than F(v*) shows, and of F(v*)."""
-        if not np.isfinite(self.rise):
+        if not self.found:
             return of_reference()
         percent = f"{np.expm1(self.rise):+z.0%} ± {np.exp(self.rise) * self.std:.0%}"
         found = f"friction at {self.kind} rose by {percent} against friction at {REFERENCE_RAD_S:g} rad/s"
@@ -76,7 +82,7 @@ def rise_beside(state: ChannelState | None) -> ChannelRise | None:
     known = np.isfinite(largest) & (largest > 0)
     return ChannelRise(
         rise=np.where(known, largest, NOTHING),
-        std=np.where(known, np.maximum(largest - lower, 1e-3), 0.0),
+        std=np.where(known, np.maximum(largest - lower, LEAST_STD), 0.0),
         kind=kind,
         ratio=np.exp(np.where(_found(state, RESIDUAL), state.shift[RESIDUAL], 0.0)),
     )

@@ -34,12 +34,18 @@ HAS_RISEN = "has risen by more than the tier's rise"
 
 
 def _kind_of_rise(situation: JointSituation) -> str:
-    """The condition of a joint's risen friction: the active one; else a step where most of the wear came as one."""
+    """The condition of a joint's risen friction: the active one; else a step where most of the wear came as one.
+
+    What friction at the reference speed does not show is wear: nobody can tell by the other channels whether it came at once.
+    """
     belief, j = situation.belief, situation.j
     for condition in RISES:
         alert = situation.arm.alerts.get((j + 1, condition))
         if alert is not None and alert.active:
             return condition
+    evidence = situation.arm.evidence
+    if joint_beside(evidence.beside, evidence.excess, j).found:
+        return WEAR_RISING
     return SUDDEN_STEP if belief.filter_state.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
 
 

@@ -6,12 +6,12 @@ Each channel of each joint is a number y a replay. The baseline is a regression 
 
 The last replays, 5 to 28 of them, are compared with it. Their mean deviates by chance with the variance
 
-    κ·σ²·f(n, ρ) + hᵀ·P·h,      f(n, ρ) = (1+ρ)/((1−ρ)·n) − 2ρ·(1−ρⁿ)/(n·(1−ρ))²,
+    κ·σ²·(1+ρ)/((1−ρ)·n) + hᵀ·P·h,
 
 with P the covariance of the baseline, h the mean row of the replays, and σ², ρ and κ learnt from the replays that leave the window: κ is
 the ratio of the mean square of the window's mean to what correlated noise explains, so noise of any colour is known by what it does to
 means.
-Replays count with at most `CLIPPED` σ, so a heavy tail is no change. What the arm's joints do together is no wear of one of them.
+Whitened replays count with at most `CLIPPED` σ, so a heavy tail is no change. What the arm's joints do together is no wear of one of them.
 While a change is found, the baseline does not learn.
 """
 
@@ -43,8 +43,9 @@ AGES = np.array([5, 7, 10, 14, 20, 28])  # [replays] since a change; between the
 LENGTHS = np.append(AGES, WINDOW).astype(float)  # (A + 1,)
 SINCE = (np.arange(WINDOW) < LENGTHS[:, None]).astype(float)  # (A + 1, W) which replays a mean is of
 LEAST_KNOWN = 4  # replays of these that are known
-CLIPPED = 4.5  # [σ] a replay counts with no more than this: most noise has longer tails than a Gaussian
+CLIPPED = 3.5  # [σ] a replay counts with no more than this: most noise has longer tails than a Gaussian
 SIGMAS = 5.5  # of the mean since the change: 0.002 a robot-year of Gaussian noise, the rest is for noise that changes
+SETTLED = 0.25  # share of a replay's noise below which the baseline's variance must be, so that residuals are evidence of noise
 LEAST_LEARNT = 12  # [replays] that noise must be learnt from, for each joint, before a change may be found
 HELD = 0.5  # share of both thresholds at which a change that was found is over
 LEAST_SHIFT = np.array([0.12, 0.04, 0.04, 0.2])  # (C,) [log] smaller ones are within the error of the temperature law and of the fit
@@ -58,7 +59,6 @@ ALIKE = 30.0  # [replays] weight of the arm's mean noise in each joint's
 MOST_CORRELATION = 0.95
 SLOW_WEIGHT = 2.0  # [windows] weight of the prior that noise is no slower than its correlation says
 SLOW_CAUTION = 1.15  # a mean of squares that leaves out the largest is too small
-LARGEST_RATIO = 2.0  # a mean of any number of replays varies no more than this over the variance of one
 
 
 class ChannelReplay(NamedTuple):
@@ -171,8 +171,8 @@ def noise_variance(state: ChannelState, C: np.ndarray, joints_per_arm: int) -> A
     return shrunk
 
 
-def of_mean(rho: Array, n: Array) -> Array:
-    """Variance of the mean of n replays over that of one, with noise of a correlation ρ."""
+def of_mean(rho: Array, n: float) -> Array:
+    """Variance of the mean of n replays over that of one: (1+ρ)/((1−ρ)·n) − 2ρ·(1−ρⁿ)/(n·(1−ρ))², with noise of a correlation ρ."""
     away = 1.0 - rho
     ratio: Array = (1.0 + rho) / (away * n) - 2.0 * rho * (1.0 - rho**n) / (n * away) ** 2
     return ratio
@@ -201,10 +201,11 @@ def learn_oldest(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_pe
     clip = CLIPPED * np.sqrt(sigma2 + level_var)
     clipped = np.clip(e, -clip, clip)
     # correlated replays teach as much as fewer independent ones
-    gain = np.where(learns, 1.0, 0.0)[..., None] * Ph / (level_var + sigma2 * (1.0 + rho) / (1.0 - rho))[..., None]
-    settled = learns & (level_var < 0.5 * sigma2)
+    R = sigma2 * (1.0 + rho) / (1.0 - rho)
+    gain = np.where(learns, 1.0, 0.0)[..., None] * Ph / (level_var + R)[..., None]
+    settled = learns & (level_var < SETTLED * R)
     n = np.where(settled, np.minimum(state.weight[C] + 1.0, MEMORY), state.weight[C])
-    variance = np.where(settled, state.variance[C] + (clipped**2 - level_var - state.variance[C]) / n, state.variance[C])
+    variance = np.where(settled, state.variance[C] + (clipped**2 - state.variance[C]) / n, state.variance[C])
     pair = settled & np.isfinite(state.last[C])
     product = np.where(pair, state.product[C] + (clipped * np.nan_to_num(state.last[C]) - state.product[C]) / n, state.product[C])
 
@@ -224,46 +225,73 @@ def learn_oldest(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_pe
     )
 
 
-def look_for_changes(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_per_arm: int) -> ChannelState:
-    """The state with the likeliest change of each joint's channels among the window's replays, for the joints in `here` (N,)."""
+class Means(NamedTuple):
+    """The replays since each possible change against the baseline, (C, N, A + 1) each; the last mean is of the whole window."""
+
+    newest: Array  # (C, N) mean of the `NEWEST` replays
+    level: Array  # (C, N) of the baseline at the last replay
+    number: Array  # of known replays
+    full: Array  # mean of their deviations
+    robust: Array  # the same by deviations without what the replay before explains, none of them beyond `CLIPPED` of its σ
+    var: Array  # of `robust` by chance
+    ratio: Array  # (C, N) square of the window's mean over what correlated noise and the baseline explain; NaN where that is not known
+
+
+def means_since(state: ChannelState, C: np.ndarray, joints_per_arm: int) -> Means:
+    """How far the replays since each possible change are from the baseline.
+
+    Whitened noise is clipped, and not the noise itself: a shock that decays counts once, and wear counts in every replay.
+    """
     H = rows(state.t, state.warming, state.slot)  # (N, W, P)
     mean, cov = state.mean[C], state.cov[C]
     rho, sigma2 = correlation(state, C, joints_per_arm), noise_variance(state, C, joints_per_arm)
-    e = state.values[C] - np.einsum("nwp,cnp->cnw", H, mean)
-    known = np.isfinite(e)
-    clip = CLIPPED * np.sqrt(sigma2)[..., None]
-    count = known @ SINCE.T  # (C, N, A + 1)
+    deviation = state.values[C] - np.einsum("nwp,cnp->cnw", H, mean)
+    known = np.isfinite(deviation)
+    e = np.where(known, deviation, 0.0)
+    count = known @ SINCE.T
+    many = np.maximum(count, 1.0)
     middle = SINCE @ H / LENGTHS[:, None]  # (N, A + 1, P)
     level_var = np.einsum("cnaq,naq->cna", np.matmul(middle, cov), middle)
-    slow = slow_noise(state, C, joints_per_arm)[..., None]
-    many = np.maximum(count, 1.0)
-    one = of_mean(rho[..., None], LENGTHS) * LENGTHS / many  # variance of the mean over that of one replay, without slow noise
-    var: Array = sigma2[..., None] * np.minimum(slow * one, LARGEST_RATIO) + level_var
-    full = np.where(known, e, 0.0) @ SINCE.T / many
+    R = (sigma2 * (1.0 + rho) / (1.0 - rho))[..., None]  # n times the variance of the mean of n replays, for large n
+    before = np.concatenate([np.where(known[..., 1:], e[..., 1:], e[..., :-1]), e[..., -1:]], axis=-1)
     # against the baseline's own error a replay is not clipped: an unknown level may be anywhere
-    limit = clip + CLIPPED * np.sqrt(level_var[..., -1:])
-    short = np.where(known, np.clip(e, -limit, limit), 0.0) @ SINCE.T / many
-    enough = count >= np.maximum(LEAST_KNOWN, LENGTHS // 2)
+    limit = CLIPPED * np.sqrt(sigma2 * (1.0 - rho**2) + level_var[..., -1])[..., None]
+    white = np.where(known, np.clip(e - rho[..., None] * before, -limit, limit), 0.0) / (1.0 - rho[..., None])
+    full = e @ SINCE.T / many
+    explained = sigma2 * of_mean(rho, LENGTHS[-1]) * LENGTHS[-1] / many[..., -1] + level_var[..., -1]
+    measured = (count[..., -1] >= 0.5 * WINDOW) & (level_var[..., -1] < SETTLED * R[..., 0])
+    return Means(
+        newest=e[..., :NEWEST].sum(axis=-1) / np.maximum(known[..., :NEWEST].sum(axis=-1), 1),
+        level=np.einsum("np,cnp->cn", H[:, 0], mean),
+        number=count,
+        full=full,
+        robust=white @ SINCE.T / many,
+        var=slow_noise(state, C, joints_per_arm)[..., None] * R / many + level_var,
+        ratio=np.where(measured, full[..., -1] ** 2 / explained, np.nan),
+    )
+
+
+def look_for_changes(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_per_arm: int) -> ChannelState:
+    """The state with the likeliest change of each joint's channels among the window's replays, for the joints in `here` (N,)."""
+    means = means_since(state, C, joints_per_arm)
+    enough = means.number >= np.maximum(LEAST_KNOWN, LENGTHS // 2)
     enough[..., -1] = False  # the whole window is for κ alone
-    common = _common(np.where(enough, short, np.nan), joints_per_arm)
-    z = np.where(enough, _beyond(short, common) / np.sqrt(var), 0.0)
+    common = _common(np.where(enough, means.robust, np.nan), joints_per_arm)
+    z = np.where(enough, _beyond(means.robust, common) / np.sqrt(means.var), 0.0)
     best = np.argmax(np.abs(z), axis=-1)[..., None]
 
     def pick(value: Array) -> Array:
         return np.take_along_axis(value, best, axis=-1)[..., 0]
 
-    shift, sigmas = pick(_beyond(full, common)), np.abs(pick(z))
+    shift, sigmas = pick(_beyond(means.full, common)), np.abs(pick(z))
     before = state.found[C] > 0
     needed = np.where(before, HELD, 1.0)
     sure = state.weight[C] >= PRIOR_REPLAYS + LEAST_LEARNT
-    newest = np.where(known, e, 0.0)[..., :NEWEST].sum(axis=-1) / np.maximum(known[..., :NEWEST].sum(axis=-1), 1)
-    sure &= before | (newest * np.sign(shift) >= PERSISTS * np.abs(shift))
+    sure &= before | (means.newest * np.sign(shift) >= PERSISTS * np.abs(shift))
     found = sure & (sigmas >= needed * SIGMAS) & (np.abs(shift) >= needed * LEAST_SHIFT[C, None])
-    level = np.einsum("np,cnp->cn", H[:, 0], mean)
-    ratio = full[..., -1] ** 2 / (sigma2 * one[..., -1] + level_var[..., -1])
-    learns = (count[..., -1] >= 0.5 * WINDOW) & (level_var[..., -1] < 0.5 * sigma2) & ~found
     replays = state.weight[C] + SLOW_WEIGHT * WINDOW
-    slow_ratio = np.where(learns, state.slow_ratio[C] + (ratio - state.slow_ratio[C]) / replays, state.slow_ratio[C])
+    learns = np.isfinite(means.ratio) & ~found
+    slow_ratio = np.where(learns, state.slow_ratio[C] + (means.ratio - state.slow_ratio[C]) / replays, state.slow_ratio[C])
 
     def with_channels(old: Array, new: Array) -> Array:
         out = old.copy()
@@ -273,8 +301,8 @@ def look_for_changes(state: ChannelState, C: np.ndarray, here: np.ndarray, joint
     return replace(
         state,
         shift=with_channels(state.shift, shift),
-        shift_std=with_channels(state.shift_std, np.sqrt(pick(var))),
-        level=with_channels(state.level, level),
+        shift_std=with_channels(state.shift_std, np.sqrt(pick(means.var))),
+        level=with_channels(state.level, means.level),
         found=with_channels(state.found, found.astype(float)),
         slow_ratio=with_channels(state.slow_ratio, slow_ratio),
     )
