@@ -1,8 +1,11 @@
 """What the tests share: where the real recordings are, and loopback addresses that no two tests use at once."""
 
 import os
+import shutil
 import socket
-from collections.abc import Callable
+import tempfile
+import time
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: threads for matrices this small only wait for each other
@@ -44,6 +47,10 @@ REAL_TIME = (
 LONG = ("acquire/", "store/test_series.py", "studies/", "test_assess.py", "golden/", "cli/", "design/")
 GIVE_WAY = 19  # niceness of the other workers: they hardly delay the arm, and get what it leaves
 ON_THE_WIRE = (*REAL_TIME, "acquire/", "simulate/", "publish/")
+BESIDE_THE_ARM = 2  # workers; further ones begin when no arm moves in real time any more, and use the time in which tests wait
+MOSTLY_WAITING = ("simulate/", "publish/")  # two thirds of their time; they come when there are more workers
+SHARED = "JOINT_MONITOR_TESTS"  # environment: a folder of this run, which all workers see
+AT_MOST_S = 1200.0  # the worker with the arm was killed
 
 
 @pytest.hookimpl(tryfirst=True)  # before the plugin that puts the groups into the names: by these it distributes them
@@ -68,13 +75,55 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _rank(item: pytest.Item) -> int:
-    """Where a test stands in the order: the real-time tests, modules with a shared fixture, folders of long tests, the others."""
+    """Where a test stands in the order: in real time, with a fixture of its module, in folders of long tests, mostly waiting, other."""
     place = item.path.relative_to(ROOT / "tests").as_posix()
     if place.startswith(REAL_TIME):
         return next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix))
-    if _has_module_fixture(item):
+    if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING):
         return len(REAL_TIME)
-    return len(REAL_TIME) + next((rank for rank, prefix in enumerate(LONG, start=1) if place.startswith(prefix)), len(LONG) + 1)
+    order = (*LONG, *MOSTLY_WAITING)
+    return len(REAL_TIME) + next((rank for rank, prefix in enumerate(order, start=1) if place.startswith(prefix)), len(order) + 1)
+
+
+def _in_real_time(item: pytest.Item | None) -> bool:
+    return item is not None and item.path.relative_to(ROOT / "tests").as_posix().startswith(REAL_TIME)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The process that starts the workers makes the folder that they share."""
+    if not hasattr(config, "workerinput"):
+        os.environ[SHARED] = tempfile.mkdtemp(prefix="joint-monitor-tests-")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """It removes the folder at the end."""
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ[SHARED], ignore_errors=True)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # around the time limit: waiting is no part of a test
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, object, object]:
+    """A worker that would be one too many beside an arm in real time waits until the last such test is over."""
+    number = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    if number >= BESIDE_THE_ARM and not _in_real_time(item) and any(map(_in_real_time, item.session.items)):
+        until = time.monotonic() + AT_MOST_S
+        while not _over().exists() and time.monotonic() < until:
+            time.sleep(0.5)
+    result = yield
+    if _in_real_time(item) and not _in_real_time(nextitem):
+        _over().touch()
+    return result
+
+
+def pytest_sessionfinish() -> None:
+    """A worker that ends, for whatever reason, keeps nobody waiting."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        _over().touch()
+
+
+def _over() -> Path:
+    """It exists once no test of this run moves an arm in real time any more."""
+    return Path(os.environ[SHARED]) / "no arm moves"
 
 
 @pytest.hookimpl(tryfirst=True)
