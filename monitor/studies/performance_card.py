@@ -18,7 +18,7 @@ from monitor.studies.rehearsal.detection import LATEST_ONSET, Kind, detected
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
 from monitor.studies.rehearsal.rehearse import rehearse
-from monitor.studies.rehearsal.worlds.card import ARMS, SEED_ABOVE, world_documents, worlds_section
+from monitor.studies.rehearsal.worlds.card import ARMS, SEED_ABOVE, WORLDS_HEAD, world_documents, worlds_section
 from monitor.studies.torque_study import study_arm, summary, surrogate
 
 TARGET = Path("docs/validation.md")
@@ -191,8 +191,7 @@ def make(excitation: Excitation, *, arms: int, seed: int, workers: int | None = 
         one_arm = partial(study_arm, excitation=excitation, settings=assess, replays=REPLAYS, tests=TESTS, clock=time.process_time)
         studied = list(pool.map(one_arm, range(1000 * seed, 1000 * seed + max(arms // 75, 2))))
         rows = [{"between_std": 0.01, **one.result()} for one in later]
-        of_worlds = {"arms": min(ARMS, arms), "seed": seed + SEED_ABOVE}
-        worlds = worlds_section(world_documents(assess, **of_worlds, each=pool.map), **of_worlds)
+    worlds = played_worlds(arms=arms, seed=seed, workers=workers)
     torque, physics = summary(studied, replays=REPLAYS, tests=TESTS), surrogate(studied, base.within_std)
     return card(document, rows, torque, physics, seed=seed, arm_days_a_minute=arm_days_a_minute, worlds=worlds)
 
@@ -201,6 +200,19 @@ def beside(text: str, page: Path) -> str:
     """The card, followed by what the page contains below the card's end."""
     rest = page.read_text("utf-8").partition(END)[2] if page.is_file() else ""
     return text + END + rest if rest else text
+
+
+def with_worlds(page: str, worlds: str) -> str:
+    """A page whose card has this section of the worlds, and is otherwise as it was."""
+    made, end, rest = page.partition(END)
+    return made.partition(WORLDS_HEAD)[0] + worlds + end + rest
+
+
+def played_worlds(*, arms: int, seed: int, workers: int | None = None) -> str:
+    """The card's section of the worlds, of the card's seed."""
+    of_worlds = {"arms": min(ARMS, arms), "seed": seed + SEED_ABOVE}
+    with ProcessPoolExecutor(workers) as pool:
+        return worlds_section(world_documents(AssessSettings(), **of_worlds, each=pool.map), **of_worlds)
 
 
 def _surrogate(physics: dict[str, Any]) -> str:
@@ -288,9 +300,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=None, help="processes; as many as there are cores")
     parser.add_argument("--output", type=Path, default=TARGET)
+    parser.add_argument("--only-worlds", action="store_true", help="the section of the worlds anew; the rest of the page stays")
     arguments = parser.parse_args()
     if arguments.arms < 16:
         parser.error("--arms: expected 16 or more, two of each scenario")
+    if arguments.only_worlds:
+        worlds = played_worlds(arms=arguments.arms, seed=arguments.seed, workers=arguments.workers)
+        arguments.output.write_text(with_worlds(arguments.output.read_text("utf-8"), worlds), "utf-8")
+        sys.stdout.write(worlds)
+        return
     excitation = replace(excitation_from_document(json.loads(EXCITATION.read_text("utf-8"))), repetitions=1)
     text = make(excitation, arms=arguments.arms, seed=arguments.seed, workers=arguments.workers)
     arguments.output.write_text(beside(text, arguments.output), "utf-8")

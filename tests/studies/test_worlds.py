@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import RemainingLife
-from monitor.studies.rehearsal.worlds.card import arms_of, worlds_section
+from monitor.studies.performance_card import END, with_worlds
+from monitor.studies.rehearsal.worlds.card import WORLDS_HEAD, arms_of, worlds_section
 from monitor.studies.rehearsal.worlds.change import Payload, RunningIn, Wandering, Yearly
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
 from monitor.studies.rehearsal.worlds.lives import LifeAnswer, life_documents
@@ -274,6 +275,14 @@ def test_the_card_has_a_row_a_world_with_its_goals():
     assert "(≤ 11 " in rows[1]
     assert sum("P50 within" in line or "5 % step | 50 %" in line for line in rows) == 2
     assert "from seed 7" in text
+
+
+def test_the_worlds_alone_are_written_anew():
+    """What stands above and below their section stays; a page without the section gets it."""
+    page = f"# Figures\n\nold\n{END}rest"
+    first = with_worlds(page, f"{WORLDS_HEAD}one\n")
+    assert first == f"# Figures\n\nold\n{WORLDS_HEAD}one\n{END}rest"
+    assert with_worlds(first, f"{WORLDS_HEAD}two\n") == first.replace("one", "two")
 
 
 def test_every_world_of_the_card_has_arms():

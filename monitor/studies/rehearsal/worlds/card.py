@@ -18,9 +18,8 @@ SEED_ABOVE = 1000  # of the worlds, above the card's: seeds from 1 to 99 were fo
 Each = Callable[[Callable[[str], Any], Iterable[str]], Iterable[Any]]
 """`map`, or that of a pool of processes."""
 
+WORLDS_HEAD = "\n## Worlds that nobody assumed\n"
 HEAD = """
-## Worlds that nobody assumed
-
 Each row is a world with friction, heat, noise and wear of its own, from seed {seed}; `joint-monitor rehearse --world NAME` plays it.
 
 - The generators know nothing of the judge. Dry friction has a Stribeck effect that decays exponentially, viscous friction follows a power
@@ -64,7 +63,7 @@ def worlds_section(documents: Sequence[dict[str, Any]], *, arms: int, seed: int)
     """The section of the card, of the documents of all worlds; arms, seed : as in `world_documents`."""
     first_other = next(name for name, world in WORLDS.items() if not world.listed)
     usual, plain, others = (arms_of(name, arms) for name in ("noise-3", "plain", first_other))
-    text = HEAD.format(
+    text = WORLDS_HEAD + HEAD.format(
         seed=seed,
         arms=usual[0],
         plain=plain[0],
