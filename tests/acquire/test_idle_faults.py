@@ -27,9 +27,9 @@ BEFORE: tuple[tuple[str, str, dict[str, Any]], ...] = (  # the condition, and th
     ("remote_control", "remote", {"state": "off"}),
     ("no_other_program", "foreign_program", {"seconds": 60.0, "moves": "off"}),
     ("software", "version", {"version": "3.3.4"}),
-    ("safety_mode", "protective_stop", {}),
     ("safety_mode", "safeguard_stop", {}),
     ("safety_mode", "emergency_stop", {}),
+    ("safety_mode", "protective_stop", {}),  # the last one: its unlock would be waited for five seconds
 )
 
 
