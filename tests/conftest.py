@@ -48,7 +48,8 @@ LONG = ("acquire/", "store/test_series.py", "studies/", "test_assess.py", "golde
 GIVE_WAY = 19  # niceness of the other workers: they hardly delay the arm, and get what it leaves
 ON_THE_WIRE = (*REAL_TIME, "acquire/", "simulate/", "publish/")
 BESIDE_THE_ARM = 2  # workers; further ones begin when no arm moves in real time any more, and use the time in which tests wait
-MOSTLY_WAITING = ("simulate/", "publish/")  # two thirds of their time; they come when there are more workers
+# for a client, a browser, a period: two thirds of the time on the wire; they come when there are more workers, the longest first
+MOSTLY_WAITING = ("views/", "service/", "simulate/", "publish/")
 SHARED = "JOINT_MONITOR_TESTS"  # environment: a folder of this run, which all workers see
 AT_MOST_S = 1200.0  # the worker with the arm was killed
 

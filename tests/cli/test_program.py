@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from command_line import ended, program
 
+from monitor.publish.client import Client
+
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = "14.87,13.26,11.13,10.62,11.03,11.47"
 COMMANDS = ("run", "simulate", "replay", "identify", "base", "energy", "predict", "watch", "status", "demo")
@@ -82,8 +84,9 @@ def test_wrong_arguments_are_sentences(tmp_path: Path):
     assert "loopback" in refused("simulate", "--bind", "192.168.0.4")
 
 
-def test_before_the_first_run_the_commands_say_what_is_missing(tmp_path: Path, free_port: int):
+def test_before_the_first_run_the_commands_say_what_is_missing(tmp_path: Path, free_port: int, monkeypatch):
     """Without history or daemon, each command says so in a sentence."""
+    monkeypatch.setitem(Client.__init__.__kwdefaults__, "timeout_s", 0.5)  # of patience; a user has five seconds
     config = tmp_path / "cell.toml"
     config.write_text(
         f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "history"\n'
