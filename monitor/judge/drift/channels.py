@@ -12,7 +12,7 @@ with P the covariance of the baseline, h the mean row of the replays, and σ², 
 the ratio of the mean square of the window's mean to what correlated noise explains, so noise of any colour is known by what it does to
 means.
 Whitened replays count with at most `CLIPPED` σ, so a heavy tail is no change. What the arm's joints do together is no wear of one of them.
-While a change is found, the baseline does not learn.
+While a change is found, or half a suspicion lasts, the baseline does not learn.
 """
 
 from dataclasses import replace
@@ -47,6 +47,7 @@ CLIPPED = 3.5  # [σ] a replay counts with no more than this: most noise has lon
 SIGMAS = 5.5  # of the mean since the change: 0.002 a robot-year of Gaussian noise, the rest is for noise that changes
 SETTLED = 0.25  # share of a replay's noise below which the baseline's variance must be, so that residuals are evidence of noise
 LEAST_LEARNT = 12  # [replays] that noise must be learnt from, for each joint, before a change may be found
+SUSPECT = 4.0  # [σ] from which the baseline does not learn: a change that is not found at once is not taken for the baseline
 HELD = 0.5  # share of both thresholds at which a change that was found is over
 LEAST_SHIFT = np.array([0.12, 0.04, 0.04, 0.2])  # (C,) [log] smaller ones are within the error of the temperature law and of the fit
 LEAST_STD = np.array([0.02, 0.01, 0.01, 0.02])  # (C,) [log] least noise of a replay that is assumed
@@ -190,7 +191,9 @@ def learn_oldest(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_pe
     """The state whose baseline and noise have learnt the oldest replay of the window, which leaves it."""
     y = state.values[C, :, -1]
     h = rows(state.t[:, -1], state.warming[:, -1], state.slot[:, -1])  # (N, P)
-    learns = here & np.isfinite(y) & (state.found[C] == 0)
+    shift = np.abs(state.shift[C])
+    suspect = (shift >= SUSPECT * state.shift_std[C]) & (shift >= LEAST_SHIFT[C, None])
+    learns = here & np.isfinite(y) & (state.found[C] == 0) & ~suspect
     if not learns.any():
         return state
     mean, cov = state.mean[C], state.cov[C]
