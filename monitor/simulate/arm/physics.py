@@ -69,7 +69,8 @@ class Arm:
         self._copper = self.thermal.winding_ohm / self.gain_nm_per_a**2  # W per (N·m)²
         # arrays instead of numbers: at this size numpy takes twice as long for array·number as for array·array
         self._half, self._one = np.full(J, 0.5), np.ones(J)
-        self._integral_top = np.full(J, SERVO_INTEGRAL_MAX_RAD_S)
+        self._integral_top, self._integral_least = np.full(J, SERVO_INTEGRAL_MAX_RAD_S), np.full(J, -SERVO_INTEGRAL_MAX_RAD_S)
+        self._step_s, self._h, self._half_h = 0.0, np.zeros(J), np.zeros(J)  # the last step's length, and the half of it
         self._stiffness, self._damping = np.full(J, SERVO_RAD_S**2), np.full(J, 2.0 * SERVO_RAD_S)
         self._patience = np.full(J, SERVO_INTEGRAL_PER_S)
         self._stribeck, self._smooth = np.full(J, -1.0 / STRIBECK_RAD_S**2), np.full(J, SMOOTH_SPEED_RAD_S**2)
@@ -154,7 +155,7 @@ class Arm:
 
     def _servo(self, h: float, target: Target, M: Array, n: Array, q_m: Array, v_m: Array) -> tuple[Array, Array | None]:
         error = target.q - q_m
-        integral = np.minimum(np.maximum(self._integral + h * error, -self._integral_top), self._integral_top)
+        integral = np.minimum(np.maximum(self._integral + self._lengths(h)[0] * error, self._integral_least), self._integral_top)
         wanted = self._stiffness * (error + self._patience * integral) + self._damping * (target.qd - v_m) + target.qdd
         if self._believed_differs:
             M = pin.crba(self.assumed_model, self._assumed_data, q_m)
@@ -196,18 +197,25 @@ class Arm:
         self._slide, self._sliding = np.zeros_like(self.qd), False
 
     def _middle(self, h: float) -> tuple[Array, Array, Array, Array]:
-        half = h * self._half
+        half = self._lengths(h)[1]
         q_m = self.q + half * self.qd
         v_m = self.qd + half * self.qdd
         M: Array = pin.crba(self.model, self._data, q_m)
         n: Array = pin.nonLinearEffects(self.model, self._data, q_m, v_m)
         return M, n.copy(), q_m, v_m
 
-    def _integrate(self, h: float, torque: Array, M: Array, n: Array, q_m: Array) -> None:
-        v, law = self.qd, self.law
+    def _lengths(self, h: float) -> tuple[Array, Array]:
+        """(J,) the length of a step and (J,) the half of it; nearly all steps have the same."""
+        if h != self._step_s:
+            self._step_s, self._h = h, np.full(len(self.q), h)
+            self._half_h = h * self._half
+        return self._h, self._half_h
+
+    def _integrate(self, step_s: float, torque: Array, M: Array, n: Array, q_m: Array) -> None:
+        v, (h, half_h) = self.qd, self._lengths(step_s)
         load = self.load_nm = self.torque_nm - self.friction_nm - self.rotor_kg_m2 * self.qdd  # in the step before
         speed2 = v * v
-        D = (self._one + law.stiction * np.exp(speed2 * self._stribeck)) * (self._dry_nm + self._dry_load * np.abs(load))
+        D = (self._one + self.law.stiction * np.exp(speed2 * self._stribeck)) * (self._dry_nm + self._dry_load * np.abs(load))
         half = h * (self._half_concave * (speed2 + self._smooth) ** self._power + self._half_linear)
         A = M.copy(order="F")
         A.flat[:: len(v) + 1] += half
@@ -217,7 +225,7 @@ class Arm:
         after = self._slide_or_stick(A, M.dot(v) - half * v + h * free, h * D)
         self.qdd = (after - v) / h
         self.friction_nm = free - M.dot(self.qdd)
-        self.q, self.qd = q_m + (0.5 * h) * after, after
+        self.q, self.qd = q_m + half_h * after, after
         self.torque_before_nm, self.torque_nm = self.torque_nm, torque
 
     def _slide_or_stick(self, A: Array, b: Array, D: Array) -> Array:
