@@ -20,6 +20,7 @@ from monitor.judge.alerts.condition import (
 from monitor.judge.alerts.health import TIERS, Confirmations
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC
 from monitor.judge.belief import Belief
+from monitor.judge.drift.blame import LOADED
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
 from monitor.recording import DAY_S
@@ -27,6 +28,7 @@ from monitor.recording import DAY_S
 WEAR_RISING, SUDDEN_STEP, STORE_RESTORED, NOTHING_LEARNT = "wear_rising", "sudden_step", "store_restored", "nothing_learnt"
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
 SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are unreliable
+MOSTLY_LOAD = 1.5  # times the median joint's change, in shoulder and elbow: then a payload is likelier than a supply
 HAS_RISEN = "has risen by more than the tier's rise"
 
 
@@ -134,15 +136,17 @@ def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus:
         hold_tier=0 if rose or fell else None,
         change=change,
         probabilities=np.full(3, float(np.median(scipy.special.ndtr(beyond / np.maximum(std, 1e-9))))),
-        text=partial(_common_text, change, situation.common),
+        text=partial(_common_text, change, situation),
     )
 
 
-def _common_text(change: float, common: Confirmations) -> str:
+def _common_text(change: float, situation: ArmSituation) -> str:
+    common, shared = situation.common, situation.belief.filter_state.counted_from.shared
     direction, cause = ("risen", "the wear") if change >= 0 else ("fallen", "the grease")
-    return (
-        f"Friction has {direction} in most joints together, by about {change:+z.1%} in {common.replays} replays: not {cause} of one joint."
-    )
+    most = np.argsort(-np.abs(shared))[: len(LOADED)]
+    load = len(shared) > max(LOADED) and set(most) == set(LOADED) and np.abs(shared[most]).min() > MOSTLY_LOAD * np.median(np.abs(shared))
+    where = "shoulder and elbow most, as an undeclared payload makes it" if load else "most joints together"
+    return f"Friction has {direction} in {where}, by about {change:+z.1%} in {common.replays} replays: not {cause} of one joint."
 
 
 # --- data and declarations ----------------------------------------------------------------------------------

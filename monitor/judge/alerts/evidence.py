@@ -141,8 +141,13 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
     fall = wear if after.fallen is None else wear + after.fallen
     fall_std = std if after.fallen_std is None else np.hypot(std, after.fallen_std)
     least_fall = math.log1p(-settings.wear_rise)  # a common fall is reported from where the fall of one joint is
-    common = _common_rise(risen, risen_std, after.known, J, settings, math.log1p(settings.advisory_rise))
+    least_rise = math.log1p(settings.advisory_rise)
+    common = _common_rise(risen, risen_std, after.known, J, settings, least_rise)
     fallen = -_common_rise(-(fall + shared), np.hypot(fall_std, risen_std), after.known, J, settings, -least_fall)
+    if after.shared is not None and after.shared_std is not None:  # most joints changed together, though not all of them as much
+        largest = _largest_shared(shared, np.maximum(after.shared_std, MIN_WEAR_STD), J, settings)
+        fallen = np.where((fallen == 0.0) & (largest <= least_fall), largest, fallen)
+        common = np.where((common == 0.0) & (fallen == 0.0) & (largest >= least_rise), largest, common)
     excess, rises = wear - not_of_one_joint(wear, shared, after.known, J, settings.common_share), np.log1p(settings.rises)
     sigmas = excess / std
     above = scipy.special.ndtr((excess[:, None] - rises) / std[:, None])  # (N, 3)
@@ -225,6 +230,14 @@ def not_of_one_joint(wear: Array, shared: Array, known: np.ndarray, joints_per_a
     most = np.where(count >= MIN_JOINTS_TOGETHER, ordered[np.arange(len(count)), at], 0.0)
     left: Array = np.maximum(np.repeat(np.maximum(most, 0.0), J) - np.maximum(shared, 0.0), 0.0)
     return left
+
+
+def _largest_shared(shared: Array, std: Array, joints_per_arm: int, settings: HealthSettings) -> Array:
+    """(A,) the largest common change of any joint of the arm that is sure, logarithm, of either sign; 0 where none is."""
+    J = joints_per_arm
+    sure = np.where(np.abs(shared) >= advisory_sigmas(J, settings) * std, shared, 0.0).reshape(-1, J)
+    largest: Array = sure[np.arange(len(sure)), np.argmax(np.abs(sure), axis=1)]
+    return largest
 
 
 def _common_rise(wear: Array, std: Array, known: np.ndarray, joints_per_arm: int, settings: HealthSettings, least: float) -> Array:

@@ -4,26 +4,33 @@ A new current scale of the controller, a supply, a payload that nobody declared 
 joint shows it first, by chance or because it carries more. So the evidence for the same change at the same age is pooled over the others.
 """
 
+import math
+
 import numpy as np
 
 from monitor.recording import Array
 
 MOST = 2.0 / 3.0  # share of an arm's joints that a common change is in
-TOGETHER_SIGMA = 2.8  # [σ] of pooled evidence in the weakest of them: by chance 1 in 400 where the others do not change
+TOGETHER_SIGMA = 2.5  # [σ] of pooled evidence in the weakest of them: by chance 1 in 160 where the others do not change
 BOUNDED = 2.5  # [σ] one joint counts for no more: two or three joints that wear at a time are no common change
 FEWEST_JOINTS = 4  # with fewer, the weakest are too few to show it
+LOADED = (1, 2)  # shoulder and elbow, from 0: what the arm carries loads their gears most
+LOADED_SIGMA, ALIKE = 2.0, 2.0  # [σ] of evidence in both of them; and how many times the smaller change the larger one may be
+LOAD_MOST = 0.07  # [log] largest change that is taken for one of load: a tool that makes more is heavier than what is left undeclared
 
 
 def common_changes(
-    found: np.ndarray, relative: Array, glr_score: Array, information: Array, usable: np.ndarray, joints_per_arm: int
+    found: np.ndarray, relative: Array, glr_score: Array, expected: Array, wear: Array, usable: np.ndarray, joints_per_arm: int
 ) -> np.ndarray:
     """(N,) joints of arms whose detected change is one of most joints, those included in which it was not detected yet.
 
     found : (N,) joints with a change detected now. relative : (N, 2, W) each candidate's likelihood ratio over its threshold. glr_score,
-    information : (N, 2, W) of the candidates. usable : (N,) whether this replay and its bank say something of the joint.
+    expected : (N, 2, W) its score, and the mean square of that where nothing changed. wear : (N, 2, W) [log] that a score of 1 stands for.
+    usable : (N,) whether this replay and its bank say something of the joint.
 
     The kind and the age are those of the arm's clearest change; its sign gives the side. Of the joints, the strongest third does not count,
-    so that one or two joints that wear do not make it common.
+    so that one or two joints that wear do not make it common. A small change of shoulder and elbow at one time is what a payload makes: the
+    other joints hardly show it.
     """
     J = joints_per_arm
     common = np.zeros(len(found), dtype=bool)
@@ -39,17 +46,35 @@ def common_changes(
     first, candidate = best // flat, best % flat
     row = np.arange(len(arms))
     s = glr_score[joints].reshape(len(arms), J, flat)[row, :, candidate]  # (a, J)
-    info = information[joints].reshape(len(arms), J, flat)[row, :, candidate]
-    z = s / np.sqrt(np.maximum(info, 1e-12)) * np.sign(s[row, first])[:, None]
-    here = usable[joints] & (info > 0)
+    chance = expected[joints].reshape(len(arms), J, flat)[row, :, candidate]
+    z = s / np.sqrt(np.maximum(chance, 1e-12)) * np.sign(s[row, first])[:, None]
+    here = usable[joints] & (chance > 0)
     z = np.where(here, np.minimum(z, BOUNDED), np.inf)
     weakest = np.sort(z, axis=1)  # unusable joints last
-    count = np.ceil(MOST * here.sum(axis=1) - 1e-9).astype(int)  # of those that count
+    strongest = J - math.ceil(MOST * J - 1e-9)  # as many of them do not count, however few joints are usable
+    count = np.maximum(here.sum(axis=1) - strongest, 0)
     counts = np.arange(J) < count[:, None]
     pooled = np.where(counts, np.where(np.isfinite(weakest), weakest, 0.0), 0.0).sum(axis=1) / np.sqrt(np.maximum(count, 1))
     together = (pooled >= TOGETHER_SIGMA) & (here.sum(axis=1) >= FEWEST_JOINTS)
+    size = wear[joints].reshape(len(arms), J, flat)[row, :, candidate] * s
+    together |= _loaded(z, size * np.sign(s[row, first])[:, None], here)
     common[joints] = together[:, None] & here
     return common
+
+
+def _loaded(z: Array, size: Array, here: np.ndarray) -> np.ndarray:
+    """(a,) whether a change is what a payload makes, from its evidence [σ] and its size [log] towards its side, (a, J) each."""
+    pair = list(LOADED)
+    if z.shape[1] <= max(pair):
+        return np.zeros(len(z), dtype=bool)
+    smaller, larger = size[:, pair].min(axis=1), size[:, pair].max(axis=1)
+    both = (
+        here[:, pair].all(axis=1)
+        & (z[:, pair].min(axis=1) >= LOADED_SIGMA)
+        & (z[:, pair].max(axis=1) >= z.max(axis=1, where=here, initial=0.0))
+    )
+    loaded: np.ndarray = both & (larger <= ALIKE * smaller) & (larger <= LOAD_MOST)
+    return loaded
 
 
 def pool_over_arms(ratios: Array, common: np.ndarray, joints_per_arm: int) -> Array:

@@ -27,6 +27,7 @@ DENSE = 28  # none of the youngest starts is dropped: without a step's first rep
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
 RATE_STD_PER_DAY = 0.01  # [1/day] prior standard deviation of a new wear rate
+EARLY_STEP = 0.15  # [log] so much is a change even among the first replays: neither noise nor running-in makes it in a week
 STEP_STD = 0.2  # [log] prior standard deviation of a step
 RATES_PER_STEP = 3.0  # prior odds: joints begin to wear more often than they jump
 
@@ -69,6 +70,7 @@ class Change(NamedTuple):
     of_wear: np.ndarray  # (N,) a change of wear or of its rate
     stepped: Array  # (N,) the part of it that is a step, log
     agreeing: Array  # (N,) number of replays that agree with this one: 1, or all since the change
+    since: Array  # (N,) number of replays since the change, this one included: 1 where there is none
     common: np.ndarray  # (N,) a change that most joints of the arm had together: it is in the levels, and not in wear
     shared: Array  # (N,) the size of that change, log
     shared_var: Array  # (N,) its variance
@@ -145,8 +147,10 @@ def detect_change(
     in_a_row = gate.in_a_row
     # outliers before this one were not learned from, but they are replays since the baseline
     since = state.replays + np.where(in_a_row, np.abs(gate.run) - 1.0, 0.0)
-    # a change needs several replays; one that began while hardly anything was known belongs to the baseline
-    enough = (bank.ages >= settings.gate_run - 1) & (bank.ages <= (since - settings.baseline_replays)[:, None])
+    # a change needs several replays; one that began while hardly anything was known belongs to the baseline, unless it is large
+    large = in_a_row & (np.abs(innovation.value) >= EARLY_STEP)
+    baseline = np.where(large, settings.gate_run, settings.baseline_replays)
+    enough = (bank.ages >= settings.gate_run - 1) & (bank.ages <= (since - baseline)[:, None])
     glr_score = np.where(in_a_row[:, None, None], bank.raw_glr_score_now, bank.glr_score_now)
     expected = bank.information_now * state.chance.of_starts()  # mean square of a score where nothing changed
     ratios, relative = likelihood_ratios(glr_score, expected, bank.ages, enough, settings)
@@ -158,6 +162,7 @@ def detect_change(
         relative,
         np.where(gate.gated[:, None, None], bank.raw_glr_score_now, bank.glr_score_now),
         expected,
+        bank.responses[..., WEAR] / np.maximum(bank.information_now, 1e-12),
         counts,
         joints_per_arm,
     )
@@ -171,8 +176,9 @@ def detect_change(
     taken = Taken(mean, cov, *np.zeros((4, N)))
     if of_wear.any():
         taken = change_posterior(mean, cov, bank, ratios, innovation, of_wear, common, in_a_row)
-    agreeing = np.where(common, 1.0, 1.0 + taken.age)
-    return Change(taken.mean, taken.cov, of_baseline, of_wear, taken.stepped, agreeing, common, taken.shared, taken.shared_var)
+    since = 1.0 + taken.age
+    agreeing = np.where(common, 1.0, since)  # it is none of the joint
+    return Change(taken.mean, taken.cov, of_baseline, of_wear, taken.stepped, agreeing, since, common, taken.shared, taken.shared_var)
 
 
 def likelihood_ratios(glr_score: Array, expected: Array, ages: Array, enough: np.ndarray, settings: DriftSettings) -> tuple[Array, Array]:

@@ -29,7 +29,7 @@ def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings) 
     if not fallen.any():
         return state
     moved = np.where(fallen, state.wear, 0.0)
-    slow = fallen & running_in(state)
+    slow = fallen & running_in(state, moved, state.agreeing)
     reference = replace(
         reference,
         fallen=reference.fallen + np.where(slow, 0.0, moved),
@@ -40,10 +40,13 @@ def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings) 
     return replace(begin_here(state, fallen, settings.rate_std_per_day), counted_from=reference)
 
 
-def running_in(state: FilterState) -> np.ndarray:
-    """(N,) whether a fall of the joint now is running-in: slow, and in its first months."""
-    at_once = (state.wear <= -AT_ONCE) & (state.agreeing * state.interval_days <= AT_ONCE_DAYS) & (state.agreeing > 1.0)
-    early: np.ndarray = (state.replays * state.interval_days <= RUN_IN_DAYS) & ~at_once
+def running_in(state: FilterState, fall: Array, agreeing: Array) -> np.ndarray:
+    """(N,) whether a change by `fall` (N,) is running-in: downwards, slow, and in the joint's first months.
+
+    agreeing : (N,) replays that it took; 1 where it was detected earlier.
+    """
+    at_once = (fall <= -AT_ONCE) & (agreeing * state.interval_days <= AT_ONCE_DAYS) & (agreeing > 1.0)
+    early: np.ndarray = (fall < 0) & (state.replays * state.interval_days <= RUN_IN_DAYS) & ~at_once
     return early
 
 

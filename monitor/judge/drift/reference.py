@@ -51,9 +51,20 @@ def forget(reference: Reference, new: np.ndarray) -> Reference:
     return replace(reference, **{f.name: np.where(new, getattr(fresh, f.name), getattr(reference, f.name)) for f in fields(Reference)})
 
 
-def with_common_change(reference: Reference, shared: Array, var: Array) -> Reference:
-    """The reference after a change (N,) that most joints of an arm had together, with its variance (N,); both 0 where there was none."""
-    return replace(reference, shared=reference.shared + shared, shared_var=reference.shared_var + var)
+def with_common_change(reference: Reference, shared: Array, var: Array, running_in: np.ndarray) -> Reference:
+    """The reference after a change (N,) that most joints of an arm had together, with its variance (N,); both 0 where there was none.
+
+    running_in : (N,) whether it is none of the arm, but all of its joints run in.
+    """
+    ran, common = np.where(running_in, shared, 0.0), np.where(running_in, 0.0, shared)
+    return replace(
+        reference,
+        run_in=reference.run_in + ran,
+        fallen_var=reference.fallen_var + np.where(running_in, var, 0.0),
+        shared=reference.shared + common,
+        shared_var=reference.shared_var + np.where(running_in, 0.0, var),
+        held_days=np.where(ran < 0, 0.0, reference.held_days),
+    )
 
 
 def reference_from_document(document: Any, joints: int) -> Reference:
