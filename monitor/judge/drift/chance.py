@@ -35,6 +35,7 @@ REFERENCE_AGE = 22.0  # [replays]
 PLAIN = 0.5  # prior probability that the model is true
 OVERLAP = 0.5  # independent part of the scores of neighbouring ages, and of the two kinds
 SPECTRUM_SCORES = 20.0  # [independent scores] weight of what the spectra above predict for an age against its own mean
+LOPSIDED = 2.0  # times the rises the falls of an arm's joints are by chance at most, while joints may run in
 LEAST = 0.7  # least inflation: the model's allowances for wear that wanders make it cautious at old ages
 
 
@@ -71,8 +72,13 @@ def nothing_seen(joints: int) -> Chance:
     return Chance(filling=sums, filled=counts, mean=sums, replays=counts, inflation=np.ones(sums[:, :, 0].shape), since=np.zeros(joints))
 
 
-def learn_chance(chance: Chance, score: Array, information: Array, ages: Array, counts: np.ndarray, joints_per_arm: int) -> Chance:
-    """After a replay. score, information : (N, 2, W) of the candidates, ages : (N, W), counts : (N,) whether the replay is evidence."""
+def learn_chance(
+    chance: Chance, score: Array, information: Array, ages: Array, counts: np.ndarray, young: np.ndarray, joints_per_arm: int
+) -> Chance:
+    """After a replay. score, information : (N, 2, W) of the candidates, ages : (N, W), counts : (N,) whether the replay is evidence.
+
+    young : (N,) joints that may run in now.
+    """
     known = information > 0
     ratio = np.where(known, score**2 / np.where(known, information, 1.0), 0.0)
     ratio = np.minimum(ratio, LARGEST * chance.of_starts())
@@ -91,22 +97,47 @@ def learn_chance(chance: Chance, score: Array, information: Array, ages: Array, 
         mean=chance.mean + share * (filling - filled[:, None, None] * chance.mean),
         replays=replays,
     )
-    return replace(learnt, inflation=inflation_of(learnt, ages[:, MIDDLE] + 1.0, joints_per_arm))
+    return replace(learnt, inflation=inflation_of(learnt, ages[:, MIDDLE] + 1.0, young, joints_per_arm))
 
 
-def inflation_of(chance: Chance, lengths: Array, joints_per_arm: int) -> Array:
+def inflation_of(chance: Chance, lengths: Array, young: np.ndarray, joints_per_arm: int) -> Array:
     """(N, 2, G) inflation of the variance of changes; lengths : (N, G) [replays] of the groups' changes.
 
     The means are weighed against `spectrum`: at old ages a year holds few independent scores, and at young ones many.
     """
     number = (chance.replays / lengths)[:, None]  # (N, 1, G) independent scores of one joint
-    both = chance.mean.sum(axis=2)
+    falls = falls_by_chance(chance.mean, young, joints_per_arm)
+    both = falls + chance.mean[:, :, 1]
     weight = of_others(np.broadcast_to(number, both.shape), joints_per_arm) + 0.5 * number  # half of the own scores are falls …
-    mean = of_others(number * both, joints_per_arm) + number * chance.mean[:, :, 0]  # … which add up to half of the own mean
+    mean = of_others(number * both, joints_per_arm) + number * falls  # … which add up to half of the own mean
     mean = mean / np.maximum(weight, 1e-9)
     expected = spectrum(mean, weight, lengths)
     inflated: Array = np.maximum((SPECTRUM_SCORES * expected + weight * mean) / (SPECTRUM_SCORES + weight), LEAST)
     return inflated
+
+
+def falls_by_chance(mean: Array, young: np.ndarray, joints_per_arm: int) -> Array:
+    """(N, 2, G) mean of the falls' scores, of the joints in `young` (N,) without what running-in makes.
+
+    Chance has no side. In an arm that runs in, the falls of all joints together are far above their rises: no more of them than
+    `LOPSIDED` times the rises is chance.
+    """
+    fall, rise = (of_arm(mean[:, :, side], joints_per_arm) for side in (0, 1))
+    most = LOPSIDED * np.maximum(rise, 0.5 * joints_per_arm)
+    share = np.where(young[:, None, None], np.minimum(1.0, most / np.maximum(fall, 1e-9)), 1.0)
+    falls: Array = mean[:, :, 0] * share
+    return falls
+
+
+def forget_chance(chance: Chance, which: np.ndarray) -> Chance:
+    """The chance without what a change of the level left in the scores of the joints in `which` (N,).
+
+    Chance has no side: of either, no more is kept than of the smaller one, or than the model of noise says.
+    """
+    mask, model = which[:, None, None, None], 1.0 / SIDES  # mean of χ² of one degree of freedom, on each side
+    mean = np.maximum(chance.mean.min(axis=2, keepdims=True), model)
+    filling = np.maximum(chance.filling.min(axis=2, keepdims=True), model * chance.filled[:, None, None])
+    return replace(chance, filling=np.where(mask, filling, chance.filling), mean=np.where(mask, mean, chance.mean))
 
 
 def spectrum(mean: Array, weight: Array, lengths: Array) -> Array:
@@ -124,6 +155,12 @@ def spectrum(mean: Array, weight: Array, lengths: Array) -> Array:
     probability /= probability.sum(axis=0)
     expected: Array = np.einsum("hn,hnkg->nkg", probability, inflation)
     return expected
+
+
+def of_arm(each: Array, joints_per_arm: int) -> Array:
+    """The sum over the joints of the arm, shaped as `each` (N, …)."""
+    arms = each.reshape(-1, joints_per_arm, *each.shape[1:])
+    return np.repeat(arms.sum(axis=1), joints_per_arm, axis=0)
 
 
 def of_others(each: Array, joints_per_arm: int) -> Array:

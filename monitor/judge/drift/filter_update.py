@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.judge.drift.chance import learn_chance
+from monitor.judge.drift.chance import forget_chance, learn_chance
 from monitor.judge.drift.change_detection import advance_bank, detect_change
 from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, SLOPE, STEP, UNRESOLVED, FilterState
 from monitor.judge.drift.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.kalman import update
-from monitor.judge.drift.lowest_level import running_in
+from monitor.judge.drift.lowest_level import may_run_in, running_in
 from monitor.judge.drift.noise import follow
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import with_common_change
@@ -41,7 +41,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     after = bank.after_update(K, restarted=found)
     history = np.where(change.of_baseline[:, None, None], 0.0, move_level(state.history, change.shared))
     counts = innovation.resolved & ~innovation.settling & ~gate.gated
-    chance = learn_chance(state.chance, bank.glr_score_now, bank.information_now, bank.ages, counts, joints_per_arm)
+    chance = learn_chance(state.chance, bank.glr_score_now, bank.information_now, bank.ages, counts, may_run_in(state), joints_per_arm)
     slow = running_in(state, change.shared, change.since)
     z = innovation.normalised
     consistency = state.consistency + (z**2 - state.consistency) / CONSISTENCY_REPLAYS
@@ -65,7 +65,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
         stepped=state.stepped + change.stepped,
         history=add_replay(history, innovation.row[:, SLOPE:], innovation.log_torque, learnt & innovation.sensed),
         counted_from=with_common_change(state.counted_from, change.shared, change.shared_var, slow),
-        chance=chance.since_change(learnt, change.of_wear, change.since),
+        chance=forget_chance(chance, change.common).since_change(learnt, change.of_wear, change.since),
     )
 
 

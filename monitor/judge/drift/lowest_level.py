@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from monitor.judge.drift.chance import forget_chance
 from monitor.judge.drift.filter_state import LEVELS, RATE, STATES, WEAR, FilterState
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
@@ -46,8 +47,14 @@ def running_in(state: FilterState, fall: Array, agreeing: Array) -> np.ndarray:
     agreeing : (N,) replays that it took; 1 where it was detected earlier.
     """
     at_once = (fall <= -AT_ONCE) & (agreeing * state.interval_days <= AT_ONCE_DAYS) & (agreeing > 1.0)
-    early: np.ndarray = (fall < 0) & (state.replays * state.interval_days <= RUN_IN_DAYS) & ~at_once
-    return early
+    slow: np.ndarray = (fall < 0) & may_run_in(state) & ~at_once
+    return slow
+
+
+def may_run_in(state: FilterState) -> np.ndarray:
+    """(N,) whether the joint is in its first months."""
+    young: np.ndarray = state.replays * state.interval_days <= RUN_IN_DAYS
+    return young
 
 
 def begin_here(state: FilterState, which: np.ndarray, rate_std_per_day: float) -> FilterState:
@@ -79,6 +86,7 @@ def begin_here(state: FilterState, which: np.ndarray, rate_std_per_day: float) -
         glr_scores=emptied(state.glr_scores),
         raw_glr_scores=emptied(state.raw_glr_scores),
         glr_informations=emptied(state.glr_informations),
+        chance=forget_chance(state.chance, which),
         history=emptied(state.history),  # of another level: wear to come has a path of its own
     )
 
