@@ -126,7 +126,7 @@ def test_a_walk_begins_at_nothing():
 
 
 def test_a_payload_is_felt_at_shoulder_and_elbow():
-    """A few per cent of friction there, less in the wrists, and away again after its time."""
+    """One or two per cent of friction there, less in the wrists, and away again after its time."""
     felt = drawn(Payload(kept_days=30.0)).dry
     rise = felt.max(axis=0)
     assert np.all(rise[:, [1, 2]] > 2.0 * rise[:, [3, 4, 5]].max(axis=1, keepdims=True))

@@ -96,9 +96,9 @@ class Gain:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Payload:
-    """An undeclared payload of 0.3 kg: what the gears carry rises, and dry friction with it; most at shoulder and elbow."""
+    """An undeclared payload, by default of 0.3 kg: what the gears carry rises, and dry friction with it; most at shoulder and elbow."""
 
-    rise: tuple[float, ...] = (0.003, 0.035, 0.030, 0.012, 0.008, 0.001)  # of friction at the reference speed, by joint
+    rise: tuple[float, ...] = (0.001, 0.014, 0.012, 0.005, 0.003, 0.0005)  # of friction at the reference speed, by joint
     days: tuple[float, float] = (90.0, 500.0)
     kept_days: float = np.inf
 

@@ -188,6 +188,12 @@ _OTHERS = (
         goal=Goal(counted=("rising",)),
     ),
     World(
+        name="payload-heavier",
+        sentence="0.8 kg mounted, undeclared",
+        changes=(Payload(rise=(0.003, 0.035, 0.030, 0.012, 0.008, 0.001)),),
+        goal=Goal(false=0.3),
+    ),
+    World(
         name="payload-for-a-month",
         sentence="0.3 kg mounted for a month, undeclared",
         changes=(Payload(kept_days=30.0),),
