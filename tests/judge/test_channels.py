@@ -1,14 +1,16 @@
 """Wear that F(v*) does not show: contrast, residual and friction at other speeds."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from synthetic_arm import Arm, History, weather
 
 from monitor.judge.alerts.beside import AT_LOW, AT_PLACE, KINDS, joint_beside, rise_beside, tiers_beside
+from monitor.judge.alerts.conditions import WEAR_RISING
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.document import plain
@@ -182,3 +184,21 @@ def test_joints_of_other_arms_do_not_matter():
     alone = lived(replays(60, arms=2), lambda seen: Observation(*(part[:J] if len(part) else part for part in seen)))[-1]
     assert np.allclose(together.shift[:, :J], alone.shift, atol=1e-9)
     assert len(CHANNELS) == len(together.shift)
+
+
+@pytest.mark.parametrize(("kind", "words"), [("low", "friction at 0.1 rad/s rose by +1"), ("place", "wear at one place")])
+def test_the_alert_of_an_arm_says_which_channel_found_it(kind, words):
+    """From identifications on, as the daemon judges them: one alert, wear_rising of joint 3, with the channel in its text."""
+    arm, history, texts = Arm(seed=3, autocorrelation=0.5), History(), []
+    rng = np.random.default_rng(4)
+    for day in range(ONSET + 30):
+        seen = arm.replay(weather(day, rng))
+        dry, viscous, residual = np.ones(J), np.ones(J), 0.5 * np.exp(0.05 * rng.normal(size=J))
+        if day >= ONSET and kind == "low":
+            dry[WORN], viscous[WORN] = 1.2, 0.65  # fc = 7 N·m, fv = 9 N·m·s/rad: F(0.4) stays
+        if day >= ONSET and kind == "place":
+            residual[WORN] *= 2.4
+        worn = replace(seen, coulomb_nm=dry * seen.coulomb_nm, viscous_nm_s_per_rad=viscous * seen.viscous_nm_s_per_rad, rms_nm=residual)
+        texts += [alert.text for _, alert in history.add(float(day), worn).transitions]
+    assert [(joint, condition) for _, what, joint, condition, _ in history.transitions if what == "raised"] == [(WORN + 1, WEAR_RISING)]
+    assert any(words in text for text in texts)

@@ -54,17 +54,19 @@ class JointBeside(NamedTuple):
         probability: Array = scipy.special.ndtr((self.rise - np.log1p(settings.rises)) / max(self.std, 1e-9))
         return probability
 
-    def text(self, j: int, of_reference: Callable[[], str]) -> str:
-        """The alert's text: of the channel where one found more than F(v*) shows, and of F(v*)."""
-        if not self.found:
-            return of_reference()
+    @property
+    def finding(self) -> str:
+        """What the channel found, as a clause."""
         percent = f"{np.expm1(self.rise):+z.0%} ± {np.exp(self.rise) * self.std:.0%}"
-        found = f"friction at {self.kind} rose by {percent} against friction at {REFERENCE_RAD_S:g} rad/s"
         if self.kind == AT_PLACE:
-            found = (
+            return (
                 f"torque that the fit does not explain is {self.ratio:.1f} times that of before, {percent} of friction: wear at one place"
             )
-        return f"Joint {j + 1}: {found}. {of_reference()}"
+        return f"friction at {self.kind} rose by {percent} against friction at {REFERENCE_RAD_S:g} rad/s"
+
+    def text(self, j: int, of_reference: Callable[[], str]) -> str:
+        """The alert's text: of the channel where one found more than F(v*) shows, and of F(v*)."""
+        return f"Joint {j + 1}: {self.finding}. {of_reference()}" if self.found else of_reference()
 
 
 def rise_beside(state: ChannelState | None) -> ChannelRise | None:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from monitor.judge.alerts.beside import joint_beside
 from monitor.judge.alerts.conditions import RISES
 from monitor.judge.alerts.evidence import Evidence, advisory_sigmas, counts_of, wear_after_replay, weigh_evidence
 from monitor.judge.alerts.health import TIERS, Health
@@ -29,6 +30,9 @@ def why_not_alerting(health: Health, belief: Belief, joint: int, settings: Healt
 def _too_little_change(evidence: Evidence, belief: Belief, j: int, tier: int, settings: HealthSettings) -> list[str]:
     rise, change = settings.rises[tier], math.expm1(evidence.excess[j])
     reasons = [f"next is the {TIERS[tier]} tier, from {rise:+z.0%}; friction has changed by {change:+z.1%} ± {belief.wear_std[j]:.1%}"]
+    beside = joint_beside(evidence.beside, evidence.excess, j)
+    if beside.found:
+        reasons.append(beside.finding)
     if evidence.common[0] > 0:
         reasons.append(f"all joints have risen together by {math.expm1(evidence.common[0]):+z.1%}: that is taken off")
     required = advisory_sigmas(belief.joints, settings)
