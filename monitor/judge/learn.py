@@ -219,9 +219,13 @@ def _filter_warnings(belief: Belief) -> list[DataWarning]:
     for j in np.flatnonzero(belief.event == OUTLIER):
         text = f"joint {j + 1}: {state.innovation[j]:+z.1%} from the expected friction, {abs(state.normalised[j]):.1f} σ: not learnt from"
         warnings.append(DataWarning("outlier", text))
-    for j in np.flatnonzero(belief.event == STEP):
+    together = (belief.event == STEP) & (state.agreeing <= 1.0)  # a change of the joint itself agrees with several replays
+    if together.any():
+        text = f"joints {joint_numbers(together)}: the last replays are best explained by a change of most joints together: it is no wear"
+        warnings.append(DataWarning("step", text))
+    for j in np.flatnonzero((belief.event == STEP) & ~together):
         text = f"joint {j + 1}: {state.agreeing[j]:.0f} replays are best explained by a change of the joint: "
-        text += f"wear is now {belief.wear[j]:+z.1%}"
+        text += f"friction is now {state.change[j]:+z.1%} from the beginning"
         warnings.append(DataWarning("step", text))
     unresolved = belief.event == UNRESOLVED
     if unresolved.any():

@@ -97,19 +97,20 @@ def learn_chance(
         mean=chance.mean + share * (filling - filled[:, None, None] * chance.mean),
         replays=replays,
     )
-    return replace(learnt, inflation=inflation_of(learnt, ages[:, MIDDLE] + 1.0, young, joints_per_arm))
+    falls = falls_by_chance(learnt.mean, young, joints_per_arm)
+    learnt = replace(learnt, mean=np.stack([falls, learnt.mean[:, :, 1]], axis=2))
+    return replace(learnt, inflation=inflation_of(learnt, ages[:, MIDDLE] + 1.0, joints_per_arm))
 
 
-def inflation_of(chance: Chance, lengths: Array, young: np.ndarray, joints_per_arm: int) -> Array:
+def inflation_of(chance: Chance, lengths: Array, joints_per_arm: int) -> Array:
     """(N, 2, G) inflation of the variance of changes; lengths : (N, G) [replays] of the groups' changes.
 
     The means are weighed against `spectrum`: at old ages a year holds few independent scores, and at young ones many.
     """
     number = (chance.replays / lengths)[:, None]  # (N, 1, G) independent scores of one joint
-    falls = falls_by_chance(chance.mean, young, joints_per_arm)
-    both = falls + chance.mean[:, :, 1]
+    both = chance.mean.sum(axis=2)
     weight = of_others(np.broadcast_to(number, both.shape), joints_per_arm) + 0.5 * number  # half of the own scores are falls …
-    mean = of_others(number * both, joints_per_arm) + number * falls  # … which add up to half of the own mean
+    mean = of_others(number * both, joints_per_arm) + number * chance.mean[:, :, 0]  # … which add up to half of the own mean
     mean = mean / np.maximum(weight, 1e-9)
     expected = spectrum(mean, weight, lengths)
     inflated: Array = np.maximum((SPECTRUM_SCORES * expected + weight * mean) / (SPECTRUM_SCORES + weight), LEAST)
