@@ -224,7 +224,7 @@ def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
         "history": (J, -1, LEVELS_SUM + SLOTS + 1),
     }
     kept = isinstance(document, dict) and "history" in document
-    complete = {"activity": [1.0] * J, **document}  # releases without it
+    complete = {"activity": [1.0] * J, "usual_warming": [0.0] * J, **document}  # releases without it
     complete = complete if kept else {**complete, "history": empty_history(J, SLOTS)}
     arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from", "chance")]
     values = {f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in arrays}

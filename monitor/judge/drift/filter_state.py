@@ -2,10 +2,12 @@
 
 For each joint, with y = log F, F the friction torque at the reference speed, t = T − origin and Ṫ the rate at which the joint warms:
 
-    y = a_c − β·t + γ·t² + λ·Ṫ + w + n + ε,   w⁺ = w + e^(−w)·ẇ·Δu,   n⁺ = ρ·n + noise.
+    y = a_c − β·t + γ·t² + λ·h(Ṫ) + w + n + ε,   w⁺ = w + e^(−w)·ẇ·Δu,   n⁺ = ρ·n + noise.
 
 a_c is the level in context c, w the wear, n the noise between replays with correlation ρ, ε the noise within a replay. The observations do
 not separate levels from wear: w begins at 0 with no uncertainty, and the level has all of it. A context that returns still has its level.
+h is Ṫ where the joint warms slowly, and saturates: the grease lags behind the motor's sensor by nothing at the start of work, when Ṫ is
+largest and both are equally cold, by most some time later, and by nothing in the steady state.
 Δu is work in usual days, and ẇ the increase of friction in a usual day as a fraction of the friction without wear. Equal work causes
 equal wear, so friction increases along a straight line and its logarithm does not.
 """
@@ -35,6 +37,11 @@ KINDS = 2  # of sudden changes: a step of wear, a new wear rate
 DIFFUSE_VAR = 100.0  # [log²] of an unknown level: e^±10 covers every torque, and float64 keeps 10 digits for the rest
 LOG_RISE = np.array([-3.0, 3.0])  # [log] bounds of wear: no joint has 20 times its friction, or a twentieth of it
 SLOPE_CHANGE = 0.15  # [fraction] by which another load may change β: it shifts the share of viscous friction
+FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: two heat nodes of lags 3 to 30 min leave the same 0.1 to 0.5 % of F with 0.05 to 0.2
+# The steady state may differ from what replays while warming tell by the lag's usual effect, times this. Where grease lags by 10, 20 and
+# 30 min behind a motor of 20 to 40 min, it differs by 0.3 to 0.5, 0.9 and 1.6 to 2.0 times that; the lag also flattens the slope learnt.
+LAG_UNKNOWN = 3.0
+WARMING_REPLAYS = 60.0  # memory of the usual warming rate
 HOLIDAY = 10.0  # times the usual interval: so long a pause says nothing about the usual interval
 SURE_SIGMAS = 1.645  # a wear rate further above 0 is surely positive: 95 %, as for remaining life
 ORDINARY, SETTLING, STEP, OUTLIER, UNRESOLVED = range(5)  # what the last replay was to a joint; the filter learns from the first three
@@ -65,6 +72,7 @@ class FilterState:
     glr_scores: Array = field(metadata={"key": "scores"})  # (N, 2, W) of each such change: Σ G·ν/S with ν clipped
     raw_glr_scores: Array = field(metadata={"key": "raw_scores"})  # (N, 2, W) the same with ν in full
     glr_informations: Array = field(metadata={"key": "informations"})  # (N, 2, W) Σ G²/S
+    usual_warming: Array  # (N,) [K/min] mean |h(Ṫ)| of replays; 0 in beliefs of releases without it
     agreeing: Array  # (N,) number of replays that agree with the last one: 1, or all since a change that was detected
     stepped: Array  # (N,) [log] wear that came in steps
     chance: Chance  # by how much more chance moves friction than the model says, by age
@@ -126,7 +134,7 @@ class FilterState:
         """(N, S) H of a replay at t = T − origin [K], a warming rate [K/min] and a slot, (N,) each; `noise` is the entry of n."""
         H = np.zeros((self.joints, STATES))
         H[:, WEAR], H[:, NOISE] = 1.0, noise
-        H[:, SLOPE], H[:, CURVE], H[:, LAG] = -t, t * t, warming
+        H[:, SLOPE], H[:, CURVE], H[:, LAG] = -t, t * t, saturating(warming)
         H[np.arange(self.joints), LEVELS + slot] = 1.0
         return H
 
@@ -140,10 +148,15 @@ class FilterState:
         return self.row(temperature_c - self.origin_c, np.zeros(self.joints), slot, noise=0.0)
 
     def reference(self, temperature_c: Array, slot: Array) -> tuple[Array, Array]:
-        """Mean and standard deviation of log F at a temperature (N,), wear included and noise left out, (N,) each."""
+        """Mean and standard deviation of log F at a temperature (N,) in the steady state, wear included and noise left out, (N,) each.
+
+        Where replays are made while the joint warms, the steady state is an extrapolation, and the lag's shape is not known well.
+        """
         H = self.reference_row(temperature_c, slot)
         mean = np.einsum("na,na->n", H, self.mean)
-        return mean, np.sqrt(np.maximum(np.einsum("na,nab,nb->n", H, self.cov, H), 0.0))
+        unknown = LAG_UNKNOWN * self.mean[:, LAG] * self.usual_warming
+        var = np.einsum("na,nab,nb->n", H, self.cov, H) + unknown**2
+        return mean, np.sqrt(np.maximum(var, 0.0))
 
 
 def initial_filter(
@@ -195,6 +208,7 @@ def initial_filter(
         glr_scores=np.zeros((N, KINDS, WINDOW)),
         raw_glr_scores=np.zeros((N, KINDS, WINDOW)),
         glr_informations=np.zeros((N, KINDS, WINDOW)),
+        usual_warming=np.zeros(N),
         agreeing=np.ones(N),
         stepped=np.zeros(N),
         history=empty_history(N, SLOTS),
@@ -317,6 +331,20 @@ def leave_context(state: FilterState, moved: np.ndarray) -> FilterState:
         residual=np.where(moved, np.nan, state.residual),
         gate_run=np.where(moved, 0.0, state.gate_run),
     )
+
+
+def saturating(warming: Array) -> Array:
+    """h(Ṫ) [K/min] at warming rates (N,): odd, so that the noise of a rate about zero cancels."""
+    slowed: Array = warming / (1.0 + np.abs(warming) / FAST_K_PER_MIN)
+    return slowed
+
+
+def remember_warming(state: FilterState, warming_k_per_min: Array) -> FilterState:
+    """The state with the usual warming rate after a replay at rates (N,), NaN where unknown, that the filter learned from."""
+    seen = state.learnt_from & np.isfinite(warming_k_per_min)
+    rate = np.where(seen, np.abs(saturating(warming_k_per_min)), state.usual_warming)
+    n = np.clip(state.replays, 1.0, WARMING_REPLAYS)
+    return replace(state, usual_warming=state.usual_warming + (rate - state.usual_warming) / n)
 
 
 def update_interval(state: FilterState, days: Array) -> FilterState:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import LAG, NOISE, SLOPE, FilterState
+from monitor.judge.drift.filter_state import LAG, NOISE, SLOPE, FilterState, saturating
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
@@ -45,7 +45,7 @@ def innovate(state: FilterState, observation: Observation, slot: Array, joints_p
     warming = np.where(np.isfinite(observation.warming_k_per_min), observation.warming_k_per_min, 0.0)
     blind = (state.mean[:, SLOPE] ** 2 + state.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
     # a joint that warms fast has no single temperature: the lag that the filter estimates is wrong by a third at most
-    uneven = (settings.uneven_share * state.mean[:, LAG] * warming) ** 2
+    uneven = (settings.uneven_share * state.mean[:, LAG] * saturating(warming)) ** 2
     within = np.where(resolved, observation.variance + settings.between_floor**2 + uneven + np.where(sensed, 0.0, blind), 1.0)
     y = np.where(resolved, observation.log_torque, 0.0)
 

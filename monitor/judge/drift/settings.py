@@ -45,8 +45,8 @@ class DriftSettings:
     unseen_pace_std_per_day: Annotated[float, Interval(ge=1e-6, le=0.1)] = 8e-4  # prior of their wear rate, 30 % a year …
     unseen_step_std: Annotated[float, Interval(ge=1e-4, le=1.0)] = 0.05  # … and of their step [log]
     resolution: Annotated[float, Interval(ge=1e-6, le=1.0)] = 0.25  # a larger standard deviation, as a fraction of F, is not resolved
-    grease_lag_min: Annotated[float, Interval(ge=0.0, le=60.0)] = 3.0  # [min] prior lag of the grease behind the motor's sensor …
-    grease_lag_std_min: Annotated[float, Interval(ge=0.0, le=60.0)] = 1.5  # … and its standard deviation
+    grease_lag_min: Annotated[float, Interval(ge=0.0, le=60.0)] = 5.0  # [min] prior lag of the grease behind the motor's sensor …
+    grease_lag_std_min: Annotated[float, Interval(ge=0.0, le=60.0)] = 12.0  # … and its standard deviation: up to half an hour
     uneven_share: Annotated[float, Interval(ge=0.0, le=2.0)] = 0.35  # share of the lag's effect that stays uncertain: heat has several lags
     baseline_replays: Annotated[int, Interval(ge=1, le=1000)] = 6  # a change among a joint's first replays belongs to its baseline
     settle_replays: Annotated[int, Interval(ge=0, le=1000)] = 20  # T0 is the mean temperature of so many first replays

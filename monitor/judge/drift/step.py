@@ -18,6 +18,7 @@ from monitor.judge.drift.filter_state import (
     leave_context,
     open_slot,
     predict_filter,
+    remember_warming,
     replace_joints,
     rescale_rate,
     update_interval,
@@ -171,6 +172,7 @@ def step(
     state = remember_baseline(state, observation, drift)
     updated = update_filter(state.filter_state, observation, state.slot, state.joints_per_arm, drift)
     state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift))
+    state = replace(state, filter_state=remember_warming(state.filter_state, observation.warming_k_per_min))
     state = replace(state, filter_state=look_beside(state, joint, observation))
     counted = state.filter_state.learnt_from & np.isfinite(observation.temperature_c) if settle_on_learnt else joint.replayed
     state = settle_reference(state, observation.temperature_c, counted, drift)

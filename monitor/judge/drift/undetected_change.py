@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.change_detection import RATES_PER_STEP, thresholds
-from monitor.judge.drift.filter_state import KINDS, WINDOW, FilterState
+from monitor.judge.drift.filter_state import KINDS, WEAR, WINDOW, FilterState
 from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
 
@@ -52,7 +52,8 @@ def undetected_change(state: FilterState, H: Array, settings: DriftSettings) -> 
     weight /= weight.sum(axis=1, keepdims=True)
     moved = size * effect
     mean = np.sum(weight * moved, axis=1)
-    return mean, np.sum(weight * (effect**2 / precision + (moved - mean[:, None]) ** 2), axis=1)
+    var = np.sum(weight * (effect**2 / precision + (moved - mean[:, None]) ** 2), axis=1)
+    return mean, np.maximum(var - state.cov[:, WEAR, WEAR] * H[:, WEAR] ** 2, 0.0)  # what the filter allows wear itself is in both
 
 
 def unseen_step(state: FilterState, settings: DriftSettings) -> UnseenStep:
