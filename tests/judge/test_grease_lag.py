@@ -1,0 +1,71 @@
+"""The grease lags behind the motor's sensor: what the filter learns of it, and what it says of the steady state."""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.judge.drift.filter_state import FAST_K_PER_MIN, LAG, SLOPE, initial_filter, remember_warming, saturating
+from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import DriftState, Replay, initial_state, step
+from monitor.judge.temperature.laws import TemperatureSettings
+
+DRIFT, LAWS = DriftSettings(), TemperatureSettings()
+TAU_MIN, RISE_K = 30.0, 12.0  # of the motor after the start of work
+
+
+@given(rate=st.floats(-5.0, 5.0))
+def test_the_lags_shape_is_odd_grows_and_saturates(rate: float):
+    """So the noise of a rate about zero cancels, and a slow rate counts as itself."""
+    one, other = saturating(np.array([rate, -rate]))
+    assert one == -other
+    assert abs(one) <= min(abs(rate), FAST_K_PER_MIN)
+    assert saturating(np.array([rate + 0.1]))[0] > one
+
+
+def replays(lag_min: float, days: int) -> DriftState:
+    """The state of 10 arms after daily replays at random times after the start, σ = 1 %, with grease of that lag."""
+    rng, arms = np.random.default_rng(5), 10
+    N, state = 6 * arms, None
+    for day in range(days):
+        since = np.repeat(rng.uniform(0.0, 90.0, arms), 6)
+        room = 22.0 + np.repeat(3.0 * rng.normal(size=arms), 6)
+        left = np.exp(-since / TAU_MIN)
+        motor = room + RISE_K * (1.0 - left)
+        grease = room + RISE_K * (1.0 - (TAU_MIN * left - lag_min * np.exp(-since / lag_min)) / (TAU_MIN - lag_min))
+        y = log_torque(grease) + 0.01 * rng.normal(size=N)
+        seen = Observation(y, np.full(N, 1e-5), motor, np.full(N, 0.4), RISE_K / TAU_MIN * left, 0.6 * np.exp(y), np.exp(y))
+        state = state or initial_state(seen, 6, DRIFT, LAWS)
+        state = step(state, Replay(observation=seen, days=np.full(arms, float(day > 0))), DRIFT, LAWS).state
+    assert state is not None
+    return state
+
+
+def log_torque(grease_c: np.ndarray) -> np.ndarray:
+    """Friction falls by 0.6 % a kelvin."""
+    return 2.0 - 0.006 * (grease_c - 25.0)
+
+
+def test_a_lag_of_twenty_minutes_is_learnt_and_the_steady_state_stays_within_its_interval():
+    """After 100 replays the lag is found to be longer than a short one, and four of five 90 % intervals at least hold the steady state."""
+    short, long = replays(2.0, 100), replays(20.0, 100)
+    lag = [np.median(s.filter_state.mean[:, LAG] / s.filter_state.mean[:, SLOPE]) for s in (short, long)]
+    assert lag[1] > lag[0] + 3.0
+    T0 = long.reference_temperature_c
+    mean, std = long.filter_state.reference(T0, long.slot)
+    assert np.mean(np.abs(mean - log_torque(T0)) < 1.645 * std) >= 0.8
+
+
+def test_a_replay_that_taught_nothing_leaves_the_usual_warming_rate():
+    """Nor does one of an unknown rate; the steady state is less certain the faster a joint usually warms."""
+    N = 6
+    seen = Observation(np.zeros(N), np.full(N, 1e-5), np.full(N, 30.0), np.full(N, 0.4), np.zeros(N), np.ones(N), np.ones(N))
+    state = initial_filter(seen, DRIFT, fall_per_k=0.015, fall_std_per_k=0.007, coulomb_std_per_k=0.003)
+    assert np.array_equal(remember_warming(state, np.full(N, 0.3)).usual_warming, state.usual_warming)  # nothing was learnt yet
+    learnt = replace(state, event=np.zeros(N), replays=np.ones(N))
+    assert np.array_equal(remember_warming(learnt, np.full(N, np.nan)).usual_warming, state.usual_warming)
+    warm = remember_warming(learnt, np.full(N, 0.3))
+    slot = np.zeros(N, dtype=int)
+    assert np.all(warm.reference(np.full(N, 30.0), slot)[1] > state.reference(np.full(N, 30.0), slot)[1])
