@@ -186,6 +186,16 @@ def test_a_state_without_a_history_goes_on_along_a_straight_line():
     assert wear_paths(replace(joints, history=empty_history(state.joints, SLOTS)), 1, 0, state.joints_per_arm, DRIFT) is None
 
 
+def test_a_joint_that_did_not_work_has_no_path():
+    """Replays of one hour, or of a joint without work: nothing is divided by no work, and the path is straight."""
+    state, _ = worn_fleet("straight", 2, 0.5)
+    idle = state.filter_state.history.copy()
+    idle[:, :, WORK_AGE] = 0.0
+    assert wear_paths(replace(state.filter_state, history=idle), 1, 0, state.joints_per_arm, DRIFT) is None
+    life = remaining_life_of_joint(replace(state, filter_state=replace(state.filter_state, history=idle)), 1, DRIFT, PROGNOSIS)
+    assert (life.verdict, life.path, life.accelerating_probability) == ("trend", "straight", None)
+
+
 def test_the_sentence_names_what_the_days_assume():
     """A joint with a date says so; one without, and a document of an older release, say nothing."""
     rows: list[dict[str, object]] = [

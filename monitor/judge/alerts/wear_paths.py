@@ -46,7 +46,8 @@ RUNNING_IN_STD = 0.01  # … by such a fraction each: a larger fall is found, an
 SLOW_DAYS = 100.0  # [d] correlation time of what friction does beside its wear and its daily noise
 SLOW_STDS = ((0.0, 0.8), (0.005, 0.1), (0.01, 0.06), (0.02, 0.04))  # its standard deviation, a fraction, and prior: the blocks show which
 NOISE_BLOCKS = 20.0  # weight of the filter's noise beside the noise that the blocks show
-FEWEST_BLOCKS = 8  # fewer show no path
+FEWEST_BLOCKS = 8  # fewer show no path …
+LEAST_DAYS = 5.0  # [usual days] … and so does less work
 KEPT = 0.995  # of the weight; the least likely components are left out
 GAUSS = ((0.5 * np.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (-0.5 * np.sqrt(0.6), 5 / 18))  # places in a block of width 1, and their weights
 
@@ -123,6 +124,8 @@ def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings
         return None
     count = kept[:, COUNT]
     sums = kept / count[:, None]
+    if not sums[:, WORK_AGE].max() >= LEAST_DAYS:
+        return None
     law = [SLOPE, CURVE, LAG, *range(LEVELS, LEVELS + SLOTS)]
     rows = sums[:, SLOPE_SUM:-1]  # (B, 3 + SLOTS)
     friction = np.exp(sums[:, -1] - rows @ state.mean[n, law])
@@ -139,7 +142,7 @@ def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings
         V += RUNNING_IN_STD**2 * new[:, None] * new
     V *= friction[:, None] * friction
     work_per_replay = sums[-1, WORK_AGE] / max(sums[-1, AGE], 1e-9) * float(state.interval_days[n])
-    return _Blocks(sums[:, WORK_AGE], sums[:, AGE], count * work_per_replay, friction, V)
+    return _Blocks(sums[:, WORK_AGE], sums[:, AGE], np.maximum(count * work_per_replay, 1e-3), friction, V)
 
 
 def _correlated(count: Array, age: Array, rho: float) -> Array:
