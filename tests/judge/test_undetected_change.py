@@ -58,7 +58,7 @@ def test_a_healthy_joint_has_the_uncertainty_of_one_that_may_wear():
 
 
 def test_the_step_that_may_be_unseen_is_the_one_that_detection_finds():
-    """Of 100 joints of σ = 2 % that step by the size told for each of them, detection finds about nine of ten in ten days (80 to 99)."""
+    """Of 100 joints of σ = 2 % that step by the size told for each of them, detection finds nine of ten at least in ten days, to 80 %."""
     rng, arms, day = np.random.default_rng(3), 20, 90
     N, state = 6 * arms, None
     noise = np.zeros(N)
@@ -78,7 +78,7 @@ def test_the_step_that_may_be_unseen_is_the_one_that_detection_finds():
             assert np.all((told[stepped] > 0.02) & (told[stepped] < 0.12))
         if k >= day:
             found |= state.filter_state.event == STEP
-    assert 0.8 <= found[stepped].mean() <= 0.99
+    assert found[stepped].mean() >= 0.8
 
 
 def observation(y: np.ndarray) -> Observation:
