@@ -9,7 +9,7 @@ from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import play_world
 
 DAYS = 1095  # of every healthy arm
-ARMS = 44  # healthy ones of each world that goals are set for: 125 robot-years, so that 0.05 a year prove 0.1
+ARMS = 40  # healthy ones of each world that goals are set for: 113 robot-years, so that 5 events prove 0.1 a year
 SHARE_WORN = 3 / 8  # of so many: arms with each kind of wear
 SHARE_OTHERS = 1 / 4  # of all that: in worlds that no table lists
 MORE = {"plain": 3, "paths": 2}  # times as many arms: days are compared with days, and shares of lives with bounds
