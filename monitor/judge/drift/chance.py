@@ -36,7 +36,7 @@ PLAIN = 0.5  # prior probability that the model is true
 OVERLAP = 0.5  # independent part of the scores of neighbouring ages, and of the two kinds
 SPECTRUM_SCORES = 20.0  # [independent scores] weight of what the spectra above predict for an age against its own mean
 LOPSIDED = 2.0  # times the rises the falls of an arm's joints are by chance at most, while joints may run in
-LEAST = 0.7  # least inflation: the model's allowances for wear that wanders make it cautious at old ages
+LEAST = 0.85  # least inflation: the model allows for wear that wanders, which makes it cautious at old ages
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -23,6 +23,7 @@ from monitor.recording import Array
 
 CLIPPED = 3.0  # [σ] an ordinary replay counts for a change with no more than this: noise has longer tails than a Gaussian
 CLIPPED_OUTLIER = 1.0  # [σ] and an outlier with no more than this; several in a row on one side count in full
+STAYS_SIGMA = 3.5  # [σ] by which outliers in a row must differ from a shock that fades away
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
@@ -134,6 +135,22 @@ def add_candidates(state: FilterState, resolved: np.ndarray) -> ChangeBank:
         raw_glr_score_now=raw_glr_score,
         information_now=information,
     )
+
+
+def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, rho: Array, noise_var: Array) -> np.ndarray:
+    """(N,) whether outliers in a row stay where a step leaves them, and do not fade away as noise of correlation ρ does after one shock.
+
+    After a shock every replay is ρ times the one before, and what is left of it is new noise. The filter learned from none of them, so the
+    differences of a step's scores are the outliers themselves.
+    """
+    row, longer = np.arange(len(rho)), np.clip(np.abs(gate.run) - 1.0, 1.0, DENSE).astype(int)  # (N,) replays after the first
+    raw = bank.raw_glr_score_now[:, 0]
+    total = raw[row, longer] * innovation.var
+    first = total - raw[row, longer - 1] * innovation.var
+    new = (total - first) - rho * (total - innovation.value)
+    var = (1.0 - rho**2) * noise_var + (1.0 + rho**2) * innovation.within_var
+    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * np.sqrt(longer * var)
+    return stay
 
 
 def detect_change(

@@ -36,6 +36,7 @@ OLDEST = 200  # … up to so many replays ago
 KINDS = 2  # of sudden changes: a step of wear, a new wear rate
 DIFFUSE_VAR = 100.0  # [log²] of an unknown level: e^±10 covers every torque, and float64 keeps 10 digits for the rest
 LOG_RISE = np.array([-3.0, 3.0])  # [log] bounds of wear: no joint has 20 times its friction, or a twentieth of it
+UNKNOWN_NOISE = 1.5  # times the prior noise is assumed at first: noise above its prior would be taken for changes while it is learnt
 SLOPE_CHANGE = 0.15  # [fraction] by which another load may change β: it shifts the share of viscous friction
 FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: two heat nodes of lags 3 to 30 min leave the same 0.1 to 0.5 % of F with 0.05 to 0.2
 # The steady state may differ from what replays while warming tell by the lag's usual effect, times this. Where grease lags by 10, 20 and
@@ -182,8 +183,8 @@ def initial_filter(
     std[:, LAG] = np.hypot(slope * settings.grease_lag_std_min, std[:, SLOPE] * settings.grease_lag_min)
     std[:, LEVELS:] = np.sqrt(DIFFUSE_VAR)
     rho = settings.autocorrelation
-    var = np.full(N, settings.between_std**2)
-    std[:, NOISE] = settings.between_std
+    var = np.full(N, (UNKNOWN_NOISE * settings.between_std) ** 2)
+    std[:, NOISE] = UNKNOWN_NOISE * settings.between_std
     cov = std[:, :, None] * np.eye(STATES) * std[:, None, :]
     unknown = np.full(N, np.nan)
     return FilterState(

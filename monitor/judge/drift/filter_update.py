@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.judge.drift.chance import forget_chance, learn_chance
-from monitor.judge.drift.change_detection import advance_bank, detect_change
+from monitor.judge.drift.change_detection import advance_bank, detect_change, stays
 from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, SLOPE, STEP, UNRESOLVED, FilterState
 from monitor.judge.drift.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.kalman import update
@@ -18,6 +18,7 @@ from monitor.judge.drift.wear_history import add_replay, move_level
 from monitor.recording import Array
 
 OFTEN, FEWEST = 0.1, 3  # share and number of outliers from which they are the joint's noise, and no longer left out of it
+NOISE_KNOWN = 12  # [replays] before, size and correlation of the noise are too uncertain to tell what else chance does
 CONSISTENCY_REPLAYS = 20.0  # memory of the mean of normalised innovations squared
 CLIPPED = 3.0  # [σ] one replay changes the noise estimate by no more than a residual of this size
 
@@ -30,6 +31,8 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     innovation = innovate(state, observation, slot, joints_per_arm, settings)
     gate = gate_outliers(state, innovation, settings)
     bank = advance_bank(state, innovation, gate)
+    rho, var = state.autocorrelation(joints_per_arm, settings), state.noise_var(joints_per_arm, settings)
+    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, rho, var) | (state.replays < NOISE_KNOWN)))
     change = detect_change(state, bank, innovation, gate, slot, joints_per_arm, settings)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
     learnt = event <= STEP
@@ -40,7 +43,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     found = change.of_baseline | change.of_wear
     after = bank.after_update(K, restarted=found)
     history = np.where(change.of_baseline[:, None, None], 0.0, move_level(state.history, change.shared))
-    counts = innovation.resolved & ~innovation.settling & ~gate.gated
+    counts = innovation.resolved & ~innovation.settling & ~gate.gated & (state.replays >= NOISE_KNOWN)
     chance = learn_chance(state.chance, bank.glr_score_now, bank.information_now, bank.ages, counts, may_run_in(state), joints_per_arm)
     slow = running_in(state, change.shared, change.since)
     z = innovation.normalised

@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.recording import Array
 
-RECENT_REPLAYS = 25.0  # memory of the arm's present noise: six joints then tell its variance to 10 %
+RECENT_REPLAYS = 15.0  # memory of the present noise: six joints then tell its variance to 13 %
 LARGEST_SQUARE = 9.0  # [γ₁] one replay of a joint says no more about the present noise
 DIFFERENCES = 3.0  # variance of a mean of n half squared differences of successive noises, times n, over γ₁² (von Neumann, 1941)
 ALIKE_VAR, ALIKE_JOINTS = 0.1, 2.0  # prior variance of log γ₁ between the joints of an arm, and its weight in joints

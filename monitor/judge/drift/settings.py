@@ -20,7 +20,7 @@ class DriftSettings:
     # friction at much lower speeds is stiction, and at much higher ones few trajectories reach it
     reference_speed_rad_s: Annotated[float, Interval(ge=0.2, le=0.6)] = 0.4  # F repeats to 1.3–2.3 % here, where fv alone scatters 4–10 %
     between_std: Annotated[float, Interval(ge=1e-6, le=0.5)] = 0.02  # [log] prior noise between replays
-    between_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 4.0  # [replays] weight of that prior: real joints scatter by 1.3–2.3 %
+    between_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 2.0  # [replays] weight of that prior
     between_floor: Annotated[float, Interval(ge=1e-6, le=0.1)] = (
         0.003  # [log] least noise that is assumed: temperatures have a resolution of 1/16 K, and friction is not constant
     )
@@ -38,9 +38,9 @@ class DriftSettings:
     gate_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = 4.0  # a replay further from its prediction is an outlier …
     gate_run: Annotated[int, Interval(ge=2, le=20)] = 3  # … and so many in a row on one side are a step
     shift_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = (
-        5.07  # threshold of a step one replay ago; n replays ago it is √(shift_sigma² − 2·ln n), see `likelihood_ratios`
+        5.35  # threshold of a step one replay ago; n replays ago it is √(shift_sigma² − 2·ln n), see `likelihood_ratios`
     )
-    pace_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = 4.85  # the same for a new wear rate, from 20 replays on
+    pace_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = 4.95  # the same for a new wear rate, from 20 replays on
     onsets_per_year: Annotated[float, Interval(ge=0.0, le=12.0)] = 0.3  # prior rate at which joints begin to wear, for undetected changes
     unseen_pace_std_per_day: Annotated[float, Interval(ge=1e-6, le=0.1)] = 8e-4  # prior of their wear rate, 30 % a year …
     unseen_step_std: Annotated[float, Interval(ge=1e-4, le=1.0)] = 0.05  # … and of their step [log]

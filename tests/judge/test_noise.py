@@ -1,0 +1,143 @@
+"""Noise that no model assumed: a healthy arm stays quiet, a step is still found, and beliefs from before go on."""
+
+import copy
+
+import numpy as np
+import pytest
+from synthetic_arm import CONTEXT, START_S, Arm
+
+from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
+from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.belief import belief_from_document
+from monitor.judge.drift.chance import AGES, GROUPS, LEAST, inflation_of, nothing_seen
+from monitor.judge.drift.noise import alike, follow, present
+from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import DriftState, Replay, initial_state, step
+from monitor.judge.learn import begin, learn
+from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.recording import Array
+
+J = 6
+DRIFT, LAWS, HEALTH = DriftSettings(), TemperatureSettings(), HealthSettings()
+
+
+def correlated(rng: np.random.Generator, days: int, joints: int, *, std: float, rho: float, shocks: Array | None = None) -> Array:
+    """(days, joints) noise with correlation ρ from replay to replay."""
+    new = rng.normal(size=(days, joints)) if shocks is None else shocks
+    noise = new.copy()
+    for day in range(1, days):
+        noise[day] = rho * noise[day - 1] + np.sqrt(1.0 - rho**2) * new[day]
+    return std * noise
+
+
+def flicker(rng: np.random.Generator, days: int, joints: int) -> Array:
+    """(days, joints) noise with a spectrum of 1/f and a standard deviation of 2 %."""
+    f = np.fft.rfftfreq(days)
+    f[0] = np.inf
+    wave = (rng.normal(size=(len(f), joints)) + 1j * rng.normal(size=(len(f), joints))) / np.sqrt(f)[:, None]
+    noise = np.fft.irfft(wave, days, axis=0)
+    scaled: Array = 0.02 * noise / noise.std(axis=0)
+    return scaled
+
+
+def lived(log_torque: Array, learning: int = 60) -> tuple[DriftState, np.ndarray]:
+    """The state after daily replays (days, N) at one temperature, and which joints had a tier or fell after `learning` days."""
+    N = log_torque.shape[1]
+    state, counts, alerted = None, nothing_counted(N, N // J), np.zeros(N, dtype=bool)
+    for day, y in enumerate(log_torque):
+        seen = Observation(
+            log_torque=2.0 + y,
+            variance=np.full(N, 0.005**2),
+            temperature_c=np.full(N, 30.0) + 0.1 * np.sin(day),
+            viscous_share=np.full(N, 0.4),
+            warming_k_per_min=np.zeros(N),
+            coulomb_nm=0.6 * np.exp(2.0 + y),
+            viscous_nm_s_per_rad=np.exp(2.0 + y),
+        )
+        state = state or initial_state(seen, J, DRIFT, LAWS)
+        result = step(state, Replay(observation=seen, days=np.full(N // J, float(day > 0))), DRIFT, LAWS)
+        state = result.state
+        usable = state.filter_state.learnt_from & result.inside_range
+        evidence = weigh_evidence(wear_of_state(state.filter_state, usable, day), counts, J, HEALTH)
+        counts = evidence.counts
+        alerted |= (day >= learning) & ((evidence.raises >= 0) | evidence.falls)
+    assert state is not None
+    return state, alerted
+
+
+def test_noise_of_other_colours_and_tails_raises_few_alerts():
+    """4 arms for a year in each of five worlds; a judge that knows noise of one correlation time only has some 30 alerts in them."""
+    days, N, rng = 365, 4 * J, np.random.default_rng(21)
+    worlds = [
+        correlated(rng, days, N, std=0.05, rho=0.5),
+        correlated(rng, days, N, std=0.02, rho=0.9),
+        flicker(rng, days, N),
+        correlated(rng, days, N, std=0.02, rho=0.5, shocks=rng.standard_t(3, size=(days, N)) / np.sqrt(3.0)),
+        0.02 * np.sin(2.0 * np.pi * np.arange(days)[:, None] / 365.0 + np.repeat(rng.uniform(0.0, 6.28, 4), J))
+        + correlated(rng, days, N, std=0.02, rho=0.5),
+    ]
+    _, alerted = lived(np.concatenate(worlds, axis=1))
+    assert alerted.sum() <= 10  # 5 on average, measured with other seeds; 11 or more come once in 70 times
+
+
+def test_a_shock_that_fades_is_no_step_and_a_step_is_found_at_its_third_replay():
+    """Both begin 40 % up; the shock's noise halves from replay to replay."""
+    rng, days = np.random.default_rng(2), 83
+    noise = correlated(rng, days, 2 * J, std=0.02, rho=0.5)
+    noise[80:, 1] += 0.4 * 0.5 ** np.arange(3)
+    noise[80:, J + 1] += 0.4
+    state, _ = lived(noise)
+    assert abs(state.filter_state.wear[1]) < 0.01
+    assert state.filter_state.wear[J + 1] == pytest.approx(0.4, abs=0.06)
+
+
+def test_joints_are_as_alike_as_they_prove_to_be():
+    """Few replays: near the arm's mean. Many: each its own. Equal joints stay equal, and no joint leaves the range of all."""
+    var = np.array([1.0, 1.0, 4.0, 1.0, 0.25, 1.0]) * 4e-4
+    few, many = alike(var, np.full(J, 3.0), J), alike(var, np.full(J, 300.0), J)
+    assert np.ptp(np.log(few)) < 0.6 * np.ptp(np.log(var))
+    assert np.allclose(many, var, rtol=0.1)
+    assert np.allclose(alike(np.full(J, 4e-4), np.full(J, 50.0), J), 4e-4)
+    assert few.min() >= var.min()
+    assert few.max() <= var.max()
+
+
+def test_the_present_noise_follows_the_arm_and_not_chance():
+    """Ten per cent more is chance; noise of four times the variance for a month is there after it, and no replay changes nothing."""
+    assert np.array_equal(present(np.full(J, 1.1), J), np.ones(J))
+    activity = np.ones(J)
+    for _ in range(30):
+        activity = follow(activity, np.full(J, 4.0), J)
+    assert np.all(present(activity, J) > 3.0)
+    assert np.array_equal(follow(activity, np.full(J, np.nan), J), activity)
+
+
+def test_a_joints_own_rises_never_excuse_it():
+    """However large the scores of a joint's rises, its own inflation stays; that of the other joints grows."""
+    chance = nothing_seen(J)
+    chance.replays[:] = 200.0
+    chance.mean[:] = 0.5
+    before = inflation_of(chance, np.tile(AGES + 2.0, (J, 1)), J)
+    chance.mean[3, :, 1] = 50.0
+    after = inflation_of(chance, np.tile(AGES + 2.0, (J, 1)), J)
+    assert np.allclose(after[3], before[3])
+    assert np.all(after[[0, 1, 2, 4, 5]] > before[[0, 1, 2, 4, 5]])
+    assert np.all(before >= LEAST)
+    assert before.shape == (J, 2, GROUPS)
+
+
+def test_a_belief_without_a_record_of_chance_goes_on():
+    """A belief of an earlier release is read, starts with the model's chance, keeps its wear, and the next replay raises nothing."""
+    arm = Arm(seed=1, autocorrelation=0.5)
+    belief = begin("ur5", CONTEXT, arm.replay(30.0), START_S, settings=DRIFT, laws=LAWS)
+    for day in range(40):
+        belief = learn(belief, arm.replay(30.0), CONTEXT, START_S + day * 86400.0, settings=DRIFT, laws=LAWS).belief
+    document = copy.deepcopy(belief.as_document())
+    assert np.array_equal(belief_from_document(document).filter_state.chance.mean, belief.filter_state.chance.mean)
+    del document["track"]["chance"], document["track"]["activity"]
+    carried = belief_from_document(document)
+    assert np.array_equal(carried.wear, belief.wear)
+    assert np.all(carried.filter_state.chance.inflation == 1.0)
+    after = learn(carried, arm.replay(30.0), CONTEXT, START_S + 40 * 86400.0, settings=DRIFT, laws=LAWS).belief
+    assert np.all(np.abs(after.wear - belief.wear) < 0.005)
