@@ -91,11 +91,11 @@ def test_an_accelerating_joint_is_not_told_half_its_rate():
 @pytest.mark.parametrize("path", list(PATHS))
 @pytest.mark.parametrize("share", [0.5, 0.75])
 def test_p10_to_p90_hold_eight_of_ten_on_every_path(path, share):
-    """The figures of 200 arms: 70–95 %, and the median of P50 over the truth within 0.7–1.5."""
+    """The figures of 200 arms with the short life of 300 days: 70–98 %, and the median of P50 over the truth within 0.7–1.5."""
     state, left = worn_fleet(path, 200, share, seed=1)
     lives = [life for life in lives_of(state) if life.verdict == "trend"]
     held = np.mean([life.p10_days <= left <= (life.p90_days or np.inf) for life in lives])
-    assert 0.70 < held < 0.95
+    assert 0.70 < held < 0.98
     assert 0.7 < np.median([(life.p50_days or np.inf) / left for life in lives]) < 1.5
 
 
