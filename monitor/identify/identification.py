@@ -102,6 +102,7 @@ class Identification:
     warming_k_per_min: Array | None = None  # (J,) slope of temperature; while it is positive, the grease is colder than the sensor
     mean_speed_rad_s: Array | None = None  # (J,) mean |q̇|
     residual_friction: ResidualFrictionFit | None = None  # None: not asked for
+    residual_peak_rad: Array | None = None  # (J,) where along the joint the residual is largest; NaN where it did not move
     physical: "PhysicallyConsistentArm | None" = None  # None: the method was not `consistent`
 
     @property

@@ -21,7 +21,7 @@ from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
 from monitor.identify.signals.motion import Motion, motion
 from monitor.identify.signals.temperature import mean_temperature, warming
 from monitor.identify.signals.torque import joint_torque
-from monitor.identify.validate import errors_of
+from monitor.identify.validate import errors_of, residual_peak
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base, base_parameters
 from monitor.model.friction import AUTO, PAPER, friction_law, residual_law
@@ -140,6 +140,7 @@ def identify_motions(
         temperature_c=mean_temperature(motions),
         max_speed_rad_s=np.max(np.abs(speeds), axis=0),
         mean_speed_rad_s=np.mean(np.abs(speeds), axis=0),
+        residual_peak_rad=residual_peak(np.concatenate([moved.q for moved in motions]), np.concatenate(found.residuals), moving),
         rms_nm=errors.rms_nm,
         relative_rms=errors.relative_rms,
         rms_all_nm=errors.rms_all_nm,

@@ -15,6 +15,27 @@ from monitor.model.regressor import regressor
 from monitor.model.robot import Robot
 from monitor.recording import Array, Mask, Recording
 
+PLACE_RAD = 0.1  # width of a place along a joint: wear of a tooth or a ball is as narrow, and a replay passes it in many samples
+LEAST_SAMPLES = 10  # at a place; fewer are chance
+
+
+def residual_peak(q: Array, residual: Array, moving: Mask) -> Array:
+    """(J,) middle of the place, `PLACE_RAD` wide, with the largest RMS residual [rad]; NaN where the joint did not move.
+
+    q, residual, moving : (N, J).
+    """
+    peaks = np.full(q.shape[1], np.nan)
+    for j in range(q.shape[1]):
+        place = np.floor(q[moving[:, j], j] / PLACE_RAD).astype(int)
+        if place.size == 0:
+            continue
+        first = int(place.min())
+        samples = np.bincount(place - first)
+        squares = np.bincount(place - first, residual[moving[:, j], j] ** 2)
+        mean = np.where(samples >= LEAST_SAMPLES, squares / np.maximum(samples, 1), -1.0)
+        peaks[j] = (first + int(np.argmax(mean)) + 0.5) * PLACE_RAD if mean.max() >= 0 else np.nan
+    return peaks
+
 
 class TorqueParts(NamedTuple):
     """Predicted joint torque and its parts, each (N, J) [N·m]; torque = rigid + friction."""

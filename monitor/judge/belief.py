@@ -53,6 +53,7 @@ class Belief:
     sensors: SensorHistory | None = None  # None before the first replay, and in beliefs of releases without it
     # of predicted torque; None before the first prediction, and in beliefs of releases without it
     prediction_error: PredictionErrorStatistics | None = field(default=None, metadata={"key": "doubt"})
+    residual_peak_rad: Array | None = None  # (J,) where along the joint the last replay's residual was largest; None: not known
     schema_version: int = BELIEF_SCHEMA
 
     @property
@@ -205,6 +206,9 @@ def belief_from_document(document: Any) -> Belief:
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
             sensors=sensors_from_document(document.get("sensors"), J),
             prediction_error=statistics_from_document(document.get("doubt"), J),
+            residual_peak_rad=None
+            if document.get("residual_peak_rad") is None
+            else array(document, "residual_peak_rad", (J,), where=where),
             **arrays,
         )
     except (TypeError, ValueError, KeyError) as wrong:

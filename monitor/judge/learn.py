@@ -106,7 +106,7 @@ def learn(
         revolutions=_revolutions(belief, context),
     )
     result = step(belief.drift_state, replay, settings, laws)
-    after = _after(moved, result, at_unix_s)
+    after = replace(_after(moved, result, at_unix_s), residual_peak_rad=identification.residual_peak_rad)
     if not contradicted:
         after = replace(after, mass_estimate=update_mass_estimate(moved.mass_estimate, identification))
     return LearnResult(after, tuple(_warnings(after, result, change, undeclared)), undeclared)

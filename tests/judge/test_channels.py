@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_arm import Arm, History, weather
 
-from monitor.judge.alerts.beside import AT_LOW, AT_PLACE, KINDS, joint_beside, rise_beside, tiers_beside
+from monitor.identify.validate import residual_peak
+from monitor.judge.alerts.beside import AT_LOW, AT_PLACE, KINDS, JointBeside, joint_beside, rise_beside, tiers_beside
 from monitor.judge.alerts.conditions import WEAR_RISING
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
@@ -202,3 +203,15 @@ def test_the_alert_of_an_arm_says_which_channel_found_it(kind, words):
         texts += [alert.text for _, alert in history.add(float(day), worn).transitions]
     assert [(joint, condition) for _, what, joint, condition, _ in history.transitions if what == "raised"] == [(WORN + 1, WEAR_RISING)]
     assert any(words in text for text in texts)
+
+
+def test_the_text_names_the_place_where_the_residual_is_largest():
+    """Wear over a tenth of a radian: the place is found from the samples of the motion, and a joint that stood still has none."""
+    q = np.stack([np.linspace(-1.0, 2.0, 3000), np.zeros(3000)], axis=1)
+    residual = np.where((q > 0.9) & (q < 1.0), 2.0, 1.0)
+    peaks = residual_peak(q, residual, np.array([True, False]) & np.ones_like(q, dtype=bool))
+    assert peaks[0] == pytest.approx(0.95)
+    assert np.isnan(peaks[1])
+    found = JointBeside(rise=0.1, std=0.01, kind=AT_PLACE, ratio=2.0)
+    assert "between 0.9 and 1.0 rad" in found.text(0, lambda: "", peaks)
+    assert "between" not in found.text(1, lambda: "", peaks)

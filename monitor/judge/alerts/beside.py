@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from monitor.identify.validate import PLACE_RAD
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.drift.channel_state import CONTRAST, FAST, RESIDUAL, SLOW, ChannelState
 from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
@@ -64,9 +65,17 @@ class JointBeside(NamedTuple):
             )
         return f"friction at {self.kind} rose by {percent} against friction at {REFERENCE_RAD_S:g} rad/s"
 
-    def text(self, j: int, of_reference: Callable[[], str]) -> str:
-        """The alert's text: of the channel where one found more than F(v*) shows, and of F(v*)."""
-        return f"Joint {j + 1}: {self.finding}. {of_reference()}" if self.found else of_reference()
+    def text(self, j: int, of_reference: Callable[[], str], peak_rad: Array | None = None) -> str:
+        """The alert's text: of the channel where one found more than F(v*) shows, and of F(v*).
+
+        peak_rad : (J,) where the residual of the last replay is largest; None where nobody knows.
+        """
+        if not self.found:
+            return of_reference()
+        place = ""
+        if self.kind == AT_PLACE and peak_rad is not None and np.isfinite(peak_rad[j]):
+            place = f", now largest between {peak_rad[j] - PLACE_RAD / 2:.1f} and {peak_rad[j] + PLACE_RAD / 2:.1f} rad"
+        return f"Joint {j + 1}: {self.finding}{place}. {of_reference()}"
 
 
 def rise_beside(state: ChannelState | None) -> ChannelRise | None:

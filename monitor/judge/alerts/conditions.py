@@ -64,7 +64,7 @@ def _rising(name: str, situation: JointSituation, _: Confirmations) -> Condition
         hold_tier=max((k for k in range(3) if change >= settings.clear_fraction * settings.rises[k]), default=None),
         change=change,
         probabilities=np.maximum(evidence.above[j], beside.above(settings)),
-        text=partial(beside.text, j, partial(_friction_text, situation, confirmations)),
+        text=partial(beside.text, j, partial(_friction_text, situation, confirmations), situation.belief.residual_peak_rad),
         attribution=situation.attribution,
     )
 
