@@ -46,7 +46,7 @@ LEAST_KNOWN = 4  # replays of these that are known
 CLIPPED = 3.5  # [σ] a replay counts with no more than this: most noise has longer tails than a Gaussian
 SIGMAS = 5.5  # of the mean since the change: 0.002 a robot-year of Gaussian noise, the rest is for noise that changes
 SETTLED = 0.25  # share of a replay's noise below which the baseline's variance must be, so that residuals are evidence of noise
-LEAST_LEARNT = 12  # [replays] that noise must be learnt from, for each joint, before a change may be found
+LEAST_LEARNT = 12  # [replays] that noise must be learnt from, in one joint of the arm, before a change may be found
 SUSPECT = 4.0  # [σ] from which the baseline does not learn: a change that is not found at once is not taken for the baseline
 HELD = 0.5  # share of both thresholds at which a change that was found is over
 LEAST_SHIFT = np.array([0.12, 0.04, 0.04, 0.2])  # (C,) [log] smaller ones are within the error of the temperature law and of the fit
@@ -172,6 +172,13 @@ def noise_variance(state: ChannelState, C: np.ndarray, joints_per_arm: int) -> A
     return shrunk
 
 
+def noise_known(state: ChannelState, C: np.ndarray, joints_per_arm: int) -> np.ndarray:
+    """(C, N) whether noise was learnt from enough replays of any joint of the arm: its joints have similar noise."""
+    most = state.weight[C].reshape(len(C), -1, joints_per_arm).max(axis=-1)
+    known: np.ndarray = np.repeat(most >= PRIOR_REPLAYS + LEAST_LEARNT, joints_per_arm, axis=-1)
+    return known
+
+
 def of_mean(rho: Array, n: float) -> Array:
     """Variance of the mean of n replays over that of one: (1+ρ)/((1−ρ)·n) − 2ρ·(1−ρⁿ)/(n·(1−ρ))², with noise of a correlation ρ."""
     away = 1.0 - rho
@@ -192,7 +199,7 @@ def learn_oldest(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_pe
     y = state.values[C, :, -1]
     h = rows(state.t[:, -1], state.warming[:, -1], state.slot[:, -1])  # (N, P)
     shift = np.abs(state.shift[C])
-    suspect = (shift >= SUSPECT * state.shift_std[C]) & (shift >= LEAST_SHIFT[C, None])
+    suspect = (shift >= SUSPECT * state.shift_std[C]) & (shift >= LEAST_SHIFT[C, None]) & noise_known(state, C, joints_per_arm)
     learns = here & np.isfinite(y) & (state.found[C] == 0) & ~suspect
     if not learns.any():
         return state
@@ -289,7 +296,7 @@ def look_for_changes(state: ChannelState, C: np.ndarray, here: np.ndarray, joint
     shift, sigmas = pick(_beyond(means.full, common)), np.abs(pick(z))
     before = state.found[C] > 0
     needed = np.where(before, HELD, 1.0)
-    sure = state.weight[C] >= PRIOR_REPLAYS + LEAST_LEARNT
+    sure = noise_known(state, C, joints_per_arm)
     sure &= before | (means.newest * np.sign(shift) >= PERSISTS * np.abs(shift))
     found = sure & (sigmas >= needed * SIGMAS) & (np.abs(shift) >= needed * LEAST_SHIFT[C, None])
     replays = state.weight[C] + SLOW_WEIGHT * WINDOW
