@@ -15,7 +15,7 @@ TOGETHER_SIGMA = 2.5  # [σ] of pooled evidence in the weakest of them: by chanc
 BOUNDED = 2.5  # [σ] one joint counts for no more: two or three joints that wear at a time are no common change
 FEWEST_JOINTS = 4  # with fewer, the weakest are too few to show it
 LOADED = (1, 2)  # shoulder and elbow, from 0: what the arm carries loads their gears most
-LOADED_SIGMA, ALIKE = 2.0, 2.0  # [σ] of evidence in both of them; and how many times the smaller change the larger one may be
+LOADED_SIGMA, ALIKE = 2.0, 3.0  # [σ] of evidence in both of them; and how many times the smaller change the larger one may be
 LOAD_MOST = 0.07  # [log] largest change that is taken for one of load: a tool that makes more is heavier than what is left undeclared
 
 
