@@ -9,6 +9,7 @@ from monitor.recording import Array
 
 RECENT_REPLAYS = 15.0  # memory of the present noise: six joints then tell its variance to 13 %
 LARGEST_SQUARE = 9.0  # [γ₁] one replay of a joint says no more about the present noise
+QUIETER = 4.0  # times the variance of chance that weeks of less noise must exceed: noise taken for too small raises alerts
 DIFFERENCES = 3.0  # variance of a mean of n half squared differences of successive noises, times n, over γ₁² (von Neumann, 1941)
 ALIKE_VAR, ALIKE_JOINTS = 0.1, 2.0  # prior variance of log γ₁ between the joints of an arm, and its weight in joints
 
@@ -40,5 +41,6 @@ def present(activity: Array, joints_per_arm: int) -> Array:
     """(N,) factor of the usual variance at present: 1 unless the last weeks differ from it by more than chance (James and Stein, 1961)."""
     chance = DIFFERENCES / (joints_per_arm * 2.0 * RECENT_REPLAYS)
     away = activity - 1.0
+    chance = np.where(away < 0.0, QUIETER, 1.0) * chance
     factor: Array = 1.0 + away * np.maximum(1.0 - chance / np.maximum(away**2, 1e-12), 0.0)
     return factor
