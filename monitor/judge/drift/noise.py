@@ -41,6 +41,6 @@ def present(activity: Array, joints_per_arm: int) -> Array:
     """(N,) factor of the usual variance at present: 1 unless the last weeks differ from it by more than chance (James and Stein, 1961)."""
     chance = DIFFERENCES / (joints_per_arm * 2.0 * RECENT_REPLAYS)
     away = activity - 1.0
-    chance = np.where(away < 0.0, QUIETER, 1.0) * chance
-    factor: Array = 1.0 + away * np.maximum(1.0 - chance / np.maximum(away**2, 1e-12), 0.0)
+    clear = np.where(away < 0.0, QUIETER, 1.0) * chance
+    factor: Array = 1.0 + away * np.maximum(1.0 - clear / np.maximum(away**2, 1e-12), 0.0)
     return factor

@@ -38,7 +38,7 @@ class DriftSettings:
     gate_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = 4.0  # a replay further from its prediction is an outlier …
     gate_run: Annotated[int, Interval(ge=2, le=20)] = 3  # … and so many in a row on one side are a step
     shift_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = (
-        5.35  # threshold of a step one replay ago; n replays ago it is √(shift_sigma² − 2·ln n), see `likelihood_ratios`
+        5.15  # threshold of a step one replay ago; n replays ago it is √(shift_sigma² − 2·ln n), see `likelihood_ratios`
     )
     pace_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = 4.85  # the same for a new wear rate, from 20 replays on
     onsets_per_year: Annotated[float, Interval(ge=0.0, le=12.0)] = 0.3  # prior rate at which joints begin to wear, for undetected changes
