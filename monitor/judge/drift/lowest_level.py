@@ -10,6 +10,7 @@ import numpy as np
 
 from monitor.judge.drift.chance import forget_chance
 from monitor.judge.drift.filter_state import LEVELS, RATE, STATES, WEAR, FilterState
+from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Array
@@ -69,7 +70,7 @@ def begin_here(state: FilterState, which: np.ndarray, rate_std_per_day: float) -
     M[:, WEAR, WEAR] = M[:, RATE, RATE] = 0.0
     mean, cov = state.mean.copy(), state.cov.copy()
     mean[n] = np.einsum("nab,nb->na", M, mean[n])
-    cov[n] = M @ cov[n] @ np.swapaxes(M, 1, 2)
+    cov[n] = symmetric(M @ cov[n] @ np.swapaxes(M, 1, 2))
     cov[n, RATE, RATE] = rate_std_per_day**2
 
     def emptied(array: Array) -> Array:
