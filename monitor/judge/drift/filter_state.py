@@ -39,9 +39,13 @@ LOG_RISE = np.array([-3.0, 3.0])  # [log] bounds of wear: no joint has 20 times 
 UNKNOWN_NOISE = 1.5  # times the prior noise is assumed at first: noise above its prior would be taken for changes while it is learnt
 SLOPE_CHANGE = 0.15  # [fraction] by which another load may change β: it shifts the share of viscous friction
 FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: two heat nodes of lags 3 to 30 min leave the same 0.1 to 0.5 % of F with 0.05 to 0.2
-# The steady state may differ from what replays while warming tell by the lag's usual effect, times this. Where grease lags by 10, 20 and
-# 30 min behind a motor of 20 to 40 min, it differs by 0.3 to 0.5, 0.9 and 1.6 to 2.0 times that; the lag also flattens the slope learnt.
-LAG_UNKNOWN = 3.0
+# What Ṫ does not tell of a lag L makes the steady state uncertain. Grease has T − L·Ṫ + L²·T̈ − …: the filter knows the second term, and the
+# third is L/τ times as large in a motor that warms within τ. So the uncertainty grows with L². Learnt lags are about half of the true ones,
+# because h saturates and Ṫ is noisy, and steady states were off by more than the third term: this time instead of τ covers that. It is a
+# compromise by trial: 90 % intervals hold where lags are 3–6 min and where they are 10–30 min.
+LAG_SERIES_MIN = 2.0
+LONGEST_LAG_MIN = 30.0  # more is not believed of a joint whose friction hardly depends on temperature, so that its lag is not known
+LEAST_SLOPE = 1e-3  # [1/K] the same: β of less says nothing of the lag
 WARMING_REPLAYS = 60.0  # memory of the usual warming rate
 HOLIDAY = 10.0  # times the usual interval: so long a pause says nothing about the usual interval
 SURE_SIGMAS = 1.645  # a wear rate further above 0 is surely positive: 95 %, as for remaining life
@@ -151,11 +155,12 @@ class FilterState:
     def reference(self, temperature_c: Array, slot: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of log F at a temperature (N,) in the steady state, wear included and noise left out, (N,) each.
 
-        Where replays are made while the joint warms, the steady state is an extrapolation, and the lag's shape is not known well.
+        Where replays are made while the joint warms, the steady state is an extrapolation: less certain the longer the lag.
         """
         H = self.reference_row(temperature_c, slot)
         mean = np.einsum("na,na->n", H, self.mean)
-        unknown = LAG_UNKNOWN * self.mean[:, LAG] * self.usual_warming
+        lag = np.minimum(np.abs(self.mean[:, LAG]) / np.maximum(np.abs(self.mean[:, SLOPE]), LEAST_SLOPE), LONGEST_LAG_MIN)
+        unknown = self.mean[:, LAG] * self.usual_warming * lag / LAG_SERIES_MIN
         var = np.einsum("na,nab,nb->n", H, self.cov, H) + unknown**2
         return mean, np.sqrt(np.maximum(var, 0.0))
 
