@@ -37,6 +37,7 @@ KINDS = 2  # of sudden changes: a step of wear, a new wear rate
 DIFFUSE_VAR = 100.0  # [log²] of an unknown level: e^±10 covers every torque, and float64 keeps 10 digits for the rest
 LOG_RISE = np.array([-3.0, 3.0])  # [log] bounds of wear: no joint has 20 times its friction, or a twentieth of it
 UNKNOWN_NOISE = 1.5  # times the prior noise is assumed at first: noise above its prior would be taken for changes while it is learnt
+REPLAYS_PER_LENGTH = 6.0  # of noise: a correlation over 1/(1 − ρ) replays needs so many times as many to show
 SLOPE_CHANGE = 0.15  # [fraction] by which another load may change β: it shifts the share of viscous friction
 FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: two heat nodes of lags 3 to 30 min leave the same 0.1 to 0.5 % of F with 0.05 to 0.2
 # What Ṫ does not tell of a lag L makes the steady state uncertain. Grease has T − L·Ṫ + L²·T̈ − …: the filter knows the second term, and the
@@ -115,12 +116,15 @@ class FilterState:
         """(N,) ρ of the noise of successive replays, one value for each arm: its causes are common to the arm's joints.
 
         With γ₁ = E[(εₖ − εₖ₋₁)²]/2 = σ²(1−ρ) and c₁ = E[εₖ·εₖ₋₁] = σ²ρ: ρ = c₁/(c₁ + γ₁). It is the trimmed mean over the arm's joints,
-        because beginning wear of one joint looks like correlated noise.
+        because beginning wear of one joint looks like correlated noise. Few replays cannot show a long correlation: a filter that believed
+        in it would take all of their scatter for noise that fades, and go on believing.
         """
         J = joints_per_arm
         each = np.sort((self.product / np.maximum(self.product + self.step_var, 1e-12)).reshape(-1, J), axis=1)
         trim = J // 6 + (J == 5)
-        rho = np.clip(each[:, trim : J - trim].mean(axis=1), 0.0, settings.autocorrelation_max)
+        longest = self.noise_weight.reshape(-1, J).mean(axis=1) / REPLAYS_PER_LENGTH
+        most = np.clip(1.0 - 1.0 / np.maximum(longest, 1e-9), settings.autocorrelation, settings.autocorrelation_max)
+        rho = np.clip(each[:, trim : J - trim].mean(axis=1), 0.0, most)
         return np.repeat(rho, J)
 
     def noise_var(self, joints_per_arm: int, settings: DriftSettings) -> Array:

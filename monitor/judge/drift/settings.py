@@ -20,7 +20,7 @@ class DriftSettings:
     # friction at much lower speeds is stiction, and at much higher ones few trajectories reach it
     reference_speed_rad_s: Annotated[float, Interval(ge=0.2, le=0.6)] = 0.4  # F repeats to 1.3–2.3 % here, where fv alone scatters 4–10 %
     between_std: Annotated[float, Interval(ge=1e-6, le=0.5)] = 0.02  # [log] prior noise between replays
-    between_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 2.0  # [replays] weight of that prior
+    between_replays: Annotated[float, Interval(ge=1e-6, le=1e4)] = 5.0  # [replays] weight of that prior
     between_floor: Annotated[float, Interval(ge=1e-6, le=0.1)] = (
         0.003  # [log] least noise that is assumed: temperatures have a resolution of 1/16 K, and friction is not constant
     )
