@@ -56,6 +56,8 @@ def test_histories_of_earlier_versions_are_read_and_continued(run, archive):
     assert_as_expected(f"history-{archive.name.removesuffix('.tar.gz')}", small.continued(run, archive))
     again = small.recomputed(run, archive)
     assert (again["assessments"], again["not_recomputable"], again["unknown_circumstances"]) == (small.CONTINUED, 0, 0)
+    if any(each.startswith("joint_monitor") for each in again["changed_since"]):
+        return  # the version before judged otherwise, and the document says which version it was
     for verdict in again["differing"]:  # none on the processor that wrote the history
         for line in verdict["differs"]:
             before, now = map(float, re.fullmatch(r".*?: (\S+), now (\S+)", line).groups())
