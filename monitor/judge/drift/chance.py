@@ -36,6 +36,8 @@ PLAIN = 0.5  # prior probability that the model is true
 OVERLAP = 0.5  # independent part of the scores of neighbouring ages, and of the two kinds
 SPECTRUM_SCORES = 20.0  # [independent scores] weight of what the spectra above predict for an age against its own mean
 LOPSIDED = 2.0  # times the rises the falls of an arm's joints are by chance at most, while joints may run in
+TOGETHER = 0.8  # share of an arm's joints whose falls are above their rises, from which it runs in: no more falls than rises are chance
+RATIO = 20.0  # [χ²] size of a likelihood ratio at the thresholds, where rarity matters: 5.15² − 2·ln(30) after a month
 LEAST = 0.85  # least inflation: the model allows for wear that wanders, which makes it cautious at old ages
 
 
@@ -121,10 +123,12 @@ def falls_by_chance(mean: Array, young: np.ndarray, joints_per_arm: int) -> Arra
     """(N, 2, G) mean of the falls' scores, of the joints in `young` (N,) without what running-in makes.
 
     Chance has no side. In an arm that runs in, the falls of all joints together are far above their rises: no more of them than
-    `LOPSIDED` times the rises is chance.
+    `LOPSIDED` times the rises is chance, and no more than the rises where nearly all joints fall.
     """
     fall, rise = (of_arm(mean[:, :, side], joints_per_arm) for side in (0, 1))
-    most = LOPSIDED * np.maximum(rise, 0.5 * joints_per_arm)
+    falls_more = mean[:, :, 0] > np.maximum(mean[:, :, 1], 1.0 / SIDES)
+    falling = of_arm(falls_more.astype(float), joints_per_arm)
+    most = np.where(falling >= TOGETHER * joints_per_arm, 1.0, LOPSIDED) * np.maximum(rise, 0.5 * joints_per_arm)
     share = np.where(young[:, None, None], np.minimum(1.0, most / np.maximum(fall, 1e-9)), 1.0)
     falls: Array = mean[:, :, 0] * share
     return falls
@@ -142,7 +146,10 @@ def forget_chance(chance: Chance, which: np.ndarray) -> Chance:
 
 
 def spectrum(mean: Array, weight: Array, lengths: Array) -> Array:
-    """(N, 1, G) expected inflation: a mixture over noise whose excess grows with age, by how well each explains the means of all ages.
+    """(N, 1, G) inflation: a mixture over noise whose excess grows with age, by how well each explains the means of all ages.
+
+    It is the inflation that makes a ratio at the threshold as rare as the mixture does, Σ p·exp(−RATIO/2/inflation), and not the mean
+    inflation: false detections come from the arms whose noise of years does not show yet.
 
     mean, weight : (N, 2, G) mean of χ² of one degree of freedom times the inflation, and the number of independent ones in it.
     """
@@ -154,7 +161,8 @@ def spectrum(mean: Array, weight: Array, lengths: Array) -> Array:
     log = prior + OVERLAP * likelihood / KINDS
     probability = np.exp(log - log.max(axis=0))
     probability /= probability.sum(axis=0)
-    expected: Array = np.einsum("hn,hnkg->nkg", probability, inflation)
+    crossed = np.einsum("hn,hnkg->nkg", probability, np.exp(-0.5 * RATIO / inflation))
+    expected: Array = -0.5 * RATIO / np.log(crossed)
     return expected
 
 
