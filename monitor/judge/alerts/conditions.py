@@ -29,6 +29,7 @@ WEAR_RISING, SUDDEN_STEP, STORE_RESTORED, NOTHING_LEARNT = "wear_rising", "sudde
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
 SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are unreliable
 MOSTLY_LOAD = 1.5  # times the median joint's change, in shoulder and elbow: then a payload is likelier than a supply
+UNSURE_REPLAYS = 6  # outliers in a row on one side: after so many a step has been found, or the data are unreliable
 HAS_RISEN = "has risen by more than the tier's rise"
 
 
@@ -163,11 +164,16 @@ def _arm_lacks_temperature(situation: ArmSituation) -> bool:
 
 
 def _unreliable(situation: JointSituation) -> bool:
-    """The replay does not resolve the joint's friction, or replays scatter; an undeclared change of the arm is another condition."""
+    """The replay does not resolve the joint's friction, or replays scatter.
+
+    An undeclared change of the arm is another condition, and outliers in a row on one side are a step that is not sure yet.
+    """
     belief, j = situation.belief, situation.j
     if situation.arm.undeclared.condition is not None:
         return False
-    return belief.event[j] in {UNRESOLVED, OUTLIER} or bool(belief.filter_state.consistency[j] > SCATTER_RATIO)
+    in_a_row = 2 <= abs(belief.filter_state.gate_run[j]) <= UNSURE_REPLAYS
+    outlier = belief.event[j] == OUTLIER and not in_a_row
+    return bool(belief.event[j] == UNRESOLVED or outlier or belief.filter_state.consistency[j] > SCATTER_RATIO)
 
 
 def outside_learnt_range(situation: JointSituation) -> bool:
