@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from monitor.judge.drift.chance import of_arm
 from monitor.recording import Array
 
 MOST = 2.0 / 3.0  # share of an arm's joints that a common change is in
@@ -81,5 +82,5 @@ def pool_over_arms(ratios: Array, common: np.ndarray, joints_per_arm: int) -> Ar
     """The likelihood ratios (N, 2, W), of the joints in `common` (N,) summed over those of their arm: which change it was, all show."""
     if not common.any():
         return ratios
-    of_arm = np.where(common[:, None, None], ratios, 0.0).reshape(-1, joints_per_arm, *ratios.shape[1:]).sum(axis=1)
-    return np.where(common[:, None, None], np.repeat(of_arm, joints_per_arm, axis=0), ratios)
+    pooled = of_arm(np.where(common[:, None, None], ratios, 0.0), joints_per_arm)
+    return np.where(common[:, None, None], pooled, ratios)

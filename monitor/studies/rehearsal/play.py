@@ -195,7 +195,6 @@ class _Accuracy:
         fleet, state, joints = self._fleet, result.state, result.state.filter_state
         here = np.repeat(now.replayed, fleet.joints)
         T, T0, slot = now.seen.temperature_c, state.reference_temperature_c, state.slot
-        mean = joints.reference(T0, slot)[0]
         truth = np.log(fleet.torque(T0.reshape(fleet.arms, fleet.joints), np.exp(now.worn))).ravel()
         inside = interval_holds(truth, state, self._drift)
         self._covered, self._replays = self._covered + (inside & here), self._replays + here
@@ -205,9 +204,7 @@ class _Accuracy:
         self._undetected_covered += float((inside & worn & undetected).sum())
         self._undetected_replays += float((worn & undetected).sum())
         # truth at the true temperature, less what the filter expects at the measured one, without its noise
-        measured = joints.reference(np.where(np.isfinite(T), T, joints.origin_c), slot)[0]
-        expected = mean + measured - joints.reference(T0, slot)[0]
-        left = now.truth.ravel() - expected
+        left = now.truth.ravel() - joints.reference(np.where(np.isfinite(T), T, joints.origin_c), slot)[0]
         use = joints.learnt_from & np.isfinite(T) & result.inside_range & here
         x, y = np.where(use, T - T0, 0.0), np.where(use, left, 0.0)
         self._sums += np.stack([use, x, y, x * x, x * y], axis=1)

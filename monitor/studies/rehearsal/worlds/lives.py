@@ -8,10 +8,8 @@ from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
 from monitor.studies.figures import Share, finite_or_none, share_document
 from monitor.studies.rehearsal.play import JudgedDay
+from monitor.studies.rehearsal.remaining_life import ALPHA, ASKED_AT
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
-
-ASKED_AT = (0.5, 0.75)  # shares of the time from the onset to the limit
-NEAR = 0.2  # of the true remaining life: so far off P50 may be
 
 
 class LifeAnswer(NamedTuple):
@@ -61,7 +59,7 @@ def life_documents(answers: list[LifeAnswer], group: int) -> list[dict[str, Any]
                 "asked": len(asked),
                 "without_date": len(asked) - len(dated),
                 "p10_p90_holds": share_document(Share(hits=sum(held), of=len(held))),
-                "p50_near": share_document(Share(hits=sum(abs(ratio - 1.0) <= NEAR for ratio in ratios), of=len(asked))),
+                "p50_near": share_document(Share(hits=sum(abs(ratio - 1.0) <= ALPHA for ratio in ratios), of=len(asked))),
                 "p50_over_truth": finite_or_none(float(np.median(ratios))) if ratios else None,
             }
         )
