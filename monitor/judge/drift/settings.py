@@ -10,6 +10,7 @@ from monitor.errors import BadConfiguration
 from monitor.judge.bounds import check_bounds
 
 _LEARNT = "the monitor learns it from the arm; the value stands in until it has"
+_WITHOUT_EFFECT = "it has no effect any more: how alike the joints are is learnt from them"
 _THRESHOLD = "[health] false_alarms_per_year says how rare false alerts must be"
 
 
@@ -56,7 +57,7 @@ class DriftSettings:
     # keys that older files may have: they are read, with a notice that says why they are not documented any more
     retired: ClassVar[Mapping[str, str]] = {
         "between_replays": _LEARNT,
-        "alike_replays": _LEARNT,
+        "alike_replays": _WITHOUT_EFFECT,
         "caution": _LEARNT,
         "memory_replays": _LEARNT,
         "autocorrelation_max": _LEARNT,
