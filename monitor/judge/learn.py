@@ -18,6 +18,7 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, StepResult, initial_state, step
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange, find_undeclared_change, update_mass_estimate
 from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.model.joint_names import joint_text
 from monitor.recording import DAY_S, Context
 
 WARMING_FAST_K_PER_MIN = 0.5  # as a cold UR5 does in the first quarter of an hour of work
@@ -217,14 +218,17 @@ def _filter_warnings(belief: Belief) -> list[DataWarning]:
     warnings = []
     state = belief.filter_state
     for j in np.flatnonzero(belief.event == OUTLIER):
-        text = f"joint {j + 1}: {state.innovation[j]:+z.1%} from the expected friction, {abs(state.normalised[j]):.1f} σ: not learnt from"
+        text = (
+            f"{joint_text(int(j) + 1)}: {state.innovation[j]:+z.1%} from the expected friction, {abs(state.normalised[j]):.1f} σ: "
+            "not learnt from"
+        )
         warnings.append(DataWarning("outlier", text))
     together = (belief.event == STEP) & (state.agreeing <= 1.0)  # a change of the joint itself agrees with several replays
     if together.any():
         text = f"joints {joint_numbers(together)}: the last replays are best explained by a change of most joints together: it is no wear"
         warnings.append(DataWarning("step", text))
     for j in np.flatnonzero((belief.event == STEP) & ~together):
-        text = f"joint {j + 1}: {state.agreeing[j]:.0f} replays are best explained by a change of the joint: "
+        text = f"{joint_text(int(j) + 1)}: {state.agreeing[j]:.0f} replays are best explained by a change of the joint: "
         text += f"friction is now {state.change[j]:+z.1%} from the beginning"
         warnings.append(DataWarning("step", text))
     unresolved = belief.event == UNRESOLVED

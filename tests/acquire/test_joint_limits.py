@@ -126,10 +126,10 @@ def test_a_trajectory_beyond_the_installations_joint_limits_is_refused():
     assert not found(None).checked
     narrow = found(WIDE._replace(highest_rad=(6.3, 6.3, 0.1, 6.3, 6.3, 6.3)))
     assert not narrow.holds
-    assert "joint 3 moves from" in narrow.text
+    assert "Elbow (joint 3) moves from" in narrow.text
     slow = found(WIDE._replace(speed_rad_s=(3.4, 3.4, 3.4, 0.1, 3.4, 3.4)))
     assert not slow.holds
-    assert "joint 4 moves at" in slow.text
+    assert "Wrist 1 (joint 4) moves at" in slow.text
 
 
 def test_an_endless_wrist_beyond_its_reported_limits_shows_that_they_are_not_in_force():

@@ -153,7 +153,7 @@ def test_an_endless_wrist_some_turns_on_passes_and_is_not_wound_back(recorded, t
         start = turned(inputs.excitation, inputs.robot, q).at(np.zeros(1)).q[0]
         assert np.max(np.abs(start - q)) < 0.2
     else:
-        assert all(each.startswith("approach_near: joint 6") for each in found)
+        assert all(each.startswith("approach_near: Wrist 3 (joint 6)") for each in found)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.settings import Installation
 from monitor.design.cell import plain_cell
 from monitor.errors import MotionRefused
+from monitor.model.joint_names import joint_text
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
 from monitor.simulate.arm.physics import Arm
@@ -125,7 +126,7 @@ def test_a_collision_in_an_ordinary_replay_is_found_within_a_tenth_of_a_second(u
         found = first_outside(ur5.band(), recording, ur5.excitation.pass_s)
         began = int(np.flatnonzero(np.any(np.abs(free.current - recording.current) > 1e-9, axis=1))[0])  # the first row that differs
         assert found is not None, joint
-        assert found[1].startswith(f"joint {joint} needs")
+        assert found[1].startswith(f"{joint_text(joint)} needs")
         assert (found[0] - began) / 125.0 <= 0.1
 
 

@@ -41,7 +41,7 @@ def test_a_joint_whose_friction_rose_asks_for_an_earlier_replay():
     after = at_work(np.array([0, 0, 0.5, 0, 0, 0]), spans=4, so_far=before, bias=0.1, seed=1)
     why = earlier_replay_reason(after, SETTINGS)
     assert why is not None
-    assert why.startswith("joint 3: at work, friction is +4")
+    assert why.startswith("Elbow (joint 3): at work, friction is +4")
     found = {each.joint: each for each in production_evidence(after, SETTINGS)}
     assert found[3].change == pytest.approx(0.5, abs=0.1)
     assert all(abs(found[j].change) < 2 * found[j].std for j in (1, 2, 4, 5, 6))

@@ -53,7 +53,7 @@ def test_wear_is_reported_at_the_third_replay_that_agrees():
     [alert] = health.active_alerts
     assert alert.change == pytest.approx(0.12)
     assert alert.probability > 0.99
-    assert "Joint 3" in alert.text
+    assert "Elbow (joint 3)" in alert.text
     assert "+12.0%" in alert.text
     assert alert.action
     assert health.state == health.joints[2].state == "MAINTENANCE_REQUIRED"
@@ -273,7 +273,7 @@ def test_status_names_the_stale_joints_of_a_stored_health(capsys):
     assert [joint["stale"] for joint in document["joints"]] == [True] + [False] * 5
     assert {key: value for key, value in document.items() if key not in {"stale", "stale_why", "joints"}}.items() <= stored.items()
     print_status({"robot": "cell-1", "model_revision": 2, "health": outside(document), "friction": [], "ledger": []})
-    assert "STALE: joint 1: nothing was learnt for 8 days" in " ".join(capsys.readouterr().out.split())
+    assert "STALE: Base: nothing was learnt for 8 days" in " ".join(capsys.readouterr().out.split())
     fresh = with_stale(health.as_document(), START_S + 5 * DAY_S, SETTINGS)
     assert (fresh["stale"], fresh["stale_why"]) == (False, None)
 

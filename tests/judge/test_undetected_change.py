@@ -93,4 +93,4 @@ def test_nothing_is_told_of_a_fresh_step_before_ten_days():
     assert np.isnan(belief.unseen_step(DRIFT).log_rise).all()
     assert unseen_steps_text([{"joint": 1}, {"joint": 2, "unseen_step": None}]) == ""
     told = unseen_steps_text([{"joint": 1, "unseen_step": 0.042, "unseen_step_days": 10.0}])
-    assert "one of the last 10 days may be unseen up to joint 1 4%" in told
+    assert "one of the last 10 days may be unseen up to Base 4%" in told

@@ -203,7 +203,7 @@ def test_the_sentence_names_what_the_days_assume():
         {"joint": 3, "remaining_life": {"p50_days": 10.0, "verdict": "trend"}},
         {"joint": 4, "remaining_life": {"p50_days": None, "assumption": ""}},
     ]
-    assert assumptions_text(rows) == "joint 2: the limit in 200 d if friction goes on along a straight line."
+    assert assumptions_text(rows) == "Shoulder (joint 2): the limit in 200 d if friction goes on along a straight line."
 
 
 def test_wear_of_one_joint_leaves_the_paths_of_others_alone() -> None:

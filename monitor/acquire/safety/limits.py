@@ -9,6 +9,7 @@ from monitor.design.clearance import Clearance, surroundings
 from monitor.design.proof import cell_of, recheck
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.fourier import Excitation
+from monitor.model.joint_names import joint_text
 from monitor.model.robot import Robot
 from monitor.recording import Array
 
@@ -47,7 +48,9 @@ def within_limits(excitation: Excitation, *, max_position_rad: Array, max_speed_
         beyond = np.flatnonzero(~(worst <= limit))
         if beyond.size:
             j = int(beyond[0])
-            raise MotionRefused(f"the excitation breaks the limit of joint {j + 1}: {what} {worst[j]:.4g} {unit}, at most {limit[j]:.4g}")
+            raise MotionRefused(
+                f"the excitation breaks the limit of {joint_text(j + 1)}: {what} {worst[j]:.4g} {unit}, at most {limit[j]:.4g}"
+            )
 
 
 def clear_of(cell: Cell, excitation: Excitation, robot: Robot) -> None:

@@ -9,6 +9,7 @@ from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.limits import CHECK_RATE_HZ
 from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
+from monitor.model.joint_names import joint_text
 
 ROUNDING_RAD = 1e-6  # [rad, rad/s] a trajectory may be designed up to the limit itself
 
@@ -93,10 +94,10 @@ def joint_limits(inputs: ConditionInputs) -> str:
         least, most, fastest = float(np.min(curve.q[:, j])), float(np.max(curve.q[:, j])), float(np.max(np.abs(curve.qd[:, j])))
         if not (least >= low[j] - ROUNDING_RAD and most <= high[j] + ROUNDING_RAD):
             raise MotionRefused(
-                f"joint {j + 1} moves from {least:.2f} to {most:.2f} rad; the installation allows {low[j]:.2f} to {high[j]:.2f}"
+                f"{joint_text(j + 1)} moves from {least:.2f} to {most:.2f} rad; the installation allows {low[j]:.2f} to {high[j]:.2f}"
             )
         if not fastest <= speed[j] + ROUNDING_RAD:
-            raise MotionRefused(f"joint {j + 1} moves at {fastest:.2f} rad/s; the controller's installation allows {speed[j]:.2f}")
+            raise MotionRefused(f"{joint_text(j + 1)} moves at {fastest:.2f} rad/s; the controller's installation allows {speed[j]:.2f}")
     return "the trajectory is within those of the controller's installation"
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
+from monitor.model.joint_names import joint_text
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
@@ -48,7 +49,8 @@ def drive_gains(inputs: ConditionInputs) -> str:
     if wrong.size:
         j = int(wrong[0])
         raise MotionRefused(
-            f"robot.gains_nm_per_a: with {gains[j]:g} N·m/A joint {j + 1} would need {current_a[j]:.3g} A for its largest torque; expected "
+            f"robot.gains_nm_per_a: with {gains[j]:g} N·m/A {joint_text(j + 1)} would need {current_a[j]:.3g} A for its largest "
+            f"torque; expected "
             f"{LEAST_CURRENT_A:g} to {MOST_CURRENT_A:g} A: a gain is that of the joint, the motor's torque constant times the gear ratio"
         )
     return "as configured" if inputs.installation.gains_nm_per_a else f"published for the {inputs.robot.name}"

@@ -22,6 +22,7 @@ from monitor.acquire.state import (
 )
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
+from monitor.model.joint_names import joint_text
 from monitor.model.robot import STANDARD_GRAVITY_M_S2, Mounting, Robot
 from monitor.recording import Array
 
@@ -76,11 +77,11 @@ def stationary(inputs: ConditionInputs) -> str:
     speed = np.maximum(np.abs(state.qd), np.abs(state.target_qd))  # (J,)
     j = int(np.argmax(speed))
     if not speed[j] <= STANDSTILL_RAD_S:
-        raise MotionRefused(f"the arm is moving: joint {j + 1} at {speed[j]:.3f} rad/s; expected standstill")
+        raise MotionRefused(f"the arm is moving: {joint_text(j + 1)} at {speed[j]:.3f} rad/s; expected standstill")
     hold = np.abs(state.q - state.target_q)  # (J,)
     j = int(np.argmax(hold))
     if not hold[j] <= HOLD_ERROR_RAD:
-        raise MotionRefused(f"joint {j + 1} is {hold[j]:.3f} rad from the controller's own target; at most {HOLD_ERROR_RAD}")
+        raise MotionRefused(f"{joint_text(j + 1)} is {hold[j]:.3f} rad from the controller's own target; at most {HOLD_ERROR_RAD}")
     return f"at rest, every joint within {1000.0 * hold[j]:.1f} mrad of the controller's own target"
 
 
@@ -105,7 +106,9 @@ def joints_running(inputs: ConditionInputs) -> str:
     for j, mode in enumerate(state.joint_modes):
         if mode != JOINT_MODE_RUNNING:
             name = JOINT_MODES.get(int(mode), "unknown") if math.isfinite(mode) else "unknown"
-            raise MotionRefused(f"joint {j + 1} is in mode {mode:g} ({name}); expected {JOINT_MODE_RUNNING} (running, its brake released)")
+            raise MotionRefused(
+                f"{joint_text(j + 1)} is in mode {mode:g} ({name}); expected {JOINT_MODE_RUNNING} (running, its brake released)"
+            )
     return "every drive is on, every brake is released"
 
 
@@ -170,8 +173,10 @@ def approach_near(inputs: ConditionInputs) -> str:
     far = np.abs(state.q - inputs.played.at(np.zeros(1)).q[0])  # (J,)
     j = int(np.argmax(far))
     if not far[j] <= settings.max_approach_rad:
-        raise MotionRefused(f"joint {j + 1} is {far[j]:.2f} rad from the start of the excitation; at most {settings.max_approach_rad:g}")
-    return f"joint {j + 1} has farthest to go: {far[j]:.2f} rad"
+        raise MotionRefused(
+            f"{joint_text(j + 1)} is {far[j]:.2f} rad from the start of the excitation; at most {settings.max_approach_rad:g}"
+        )
+    return f"{joint_text(j + 1)} has farthest to go: {far[j]:.2f} rad"
 
 
 def approach_clear(inputs: ConditionInputs) -> str:
@@ -193,7 +198,7 @@ def temperatures(inputs: ConditionInputs) -> str:
     outside = np.flatnonzero(~((state.temperature_c >= coldest) & (state.temperature_c <= hottest)))
     if outside.size:
         j = int(outside[0])
-        raise MotionRefused(f"joint {j + 1} is at {state.temperature_c[j]:.1f} °C; allowed are {coldest:g} to {hottest:g} °C")
+        raise MotionRefused(f"{joint_text(j + 1)} is at {state.temperature_c[j]:.1f} °C; allowed are {coldest:g} to {hottest:g} °C")
     return f"{np.min(state.temperature_c):.0f} to {np.max(state.temperature_c):.0f} °C"
 
 

@@ -17,6 +17,7 @@ from monitor.identify.validate import PLACE_RAD
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.drift.channel_state import CONTRAST, FAST, RESIDUAL, SLOW, ChannelState
 from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
+from monitor.model.joint_names import joint_text
 from monitor.recording import Array
 
 REFERENCE_RAD_S = 0.4  # the speed at which friction is unchanged while the contrast turns; the rises depend on it weakly
@@ -75,7 +76,7 @@ class JointBeside(NamedTuple):
         place = ""
         if self.kind == AT_PLACE and peak_rad is not None and np.isfinite(peak_rad[j]):
             place = f", now largest between {peak_rad[j] - PLACE_RAD / 2:.1f} and {peak_rad[j] + PLACE_RAD / 2:.1f} rad"
-        return f"Joint {j + 1}: {self.finding}{place}. {of_reference()}"
+        return f"{joint_text(j + 1)}: {self.finding}{place}. {of_reference()}"
 
 
 def rise_beside(state: ChannelState | None) -> ChannelRise | None:

@@ -23,6 +23,7 @@ from monitor.judge.belief import Belief
 from monitor.judge.drift.blame import LOADED
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
+from monitor.model.joint_names import joint_text
 from monitor.recording import DAY_S
 
 WEAR_RISING, SUDDEN_STEP, STORE_RESTORED, NOTHING_LEARNT = "wear_rising", "sudden_step", "store_restored", "nothing_learnt"
@@ -95,7 +96,7 @@ def _friction_text(situation: JointSituation, confirmations: Confirmations, *, s
     change = float(situation.arm.evidence.fall[j]) if since_beginning else wear
     std = math.exp(change) * math.hypot(belief.wear_std[j], math.sqrt(reference.fallen_var[j]) if since_beginning else 0.0)
     text = (
-        f"Joint {j + 1}: friction at {belief.reference_speed_rad_s:g} rad/s and {belief.reference_temperature_c[j]:.1f} °C went from "
+        f"{joint_text(j + 1)}: friction at {belief.reference_speed_rad_s:g} rad/s and {belief.reference_temperature_c[j]:.1f} °C went from "
         f"{math.exp(now - change):.2f} to {math.exp(now):.2f} N·m ({math.expm1(change):+z.1%} ± {std:.1%}"
         f"{'' if since_beginning else _above_lowest(belief, j)}), temperature "
         f"taken out ({belief.slope[j]:.2%}/K); {confirmations.replays} replays on {confirmations.days} days in a row agree."
@@ -185,7 +186,7 @@ def outside_learnt_range(situation: JointSituation) -> bool:
 
 def _joint_text(what: str, situation: JointSituation, confirmations: Confirmations) -> str:
     T = situation.belief.temperature_c[situation.j]
-    return f"Joint {situation.j + 1} {what.format(T=T)}, in {confirmations.replays} replays in a row."
+    return f"{joint_text(situation.j + 1)} {what.format(T=T)}, in {confirmations.replays} replays in a row."
 
 
 def _undeclared(name: str) -> Rule[ArmSituation]:

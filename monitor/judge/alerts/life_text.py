@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from monitor.model.joint_names import joint_text
+
 STRAIGHT_TEXT = "if friction goes on along a straight line"
 PATH_WORDS = {"slowing": "slows down", "straight": "goes on along a straight line", "accelerating": "goes on accelerating"}
 
@@ -24,5 +26,5 @@ def assumptions_text(rows: Sequence[Mapping[str, Any]]) -> str:
     for row in rows:
         life = row.get("remaining_life") or {}
         if life.get("p50_days") is not None and life.get("assumption"):
-            sentences.append(f"joint {row['joint']}: the limit in {life['p50_days']:.0f} d {life['assumption']}.")
+            sentences.append(f"{joint_text(row['joint'])}: the limit in {life['p50_days']:.0f} d {life['assumption']}.")
     return " ".join(sentences)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.settings import HealthSettings
+from monitor.model.joint_names import joint_name
 from monitor.recording import DAY_S
 
 
@@ -18,5 +19,5 @@ def stale_text(stale: Sequence[int], joints: int, since: str, then: str) -> str:
 
     stale : numbers of the stale joints, from 1; joints : J; since : for how long; then : the time that the state does not stand for.
     """
-    who = "all joints" if len(stale) == joints else f"joint{'s' if len(stale) > 1 else ''} {' '.join(map(str, stale))}"
+    who = "all joints" if len(stale) == joints else ", ".join(map(joint_name, stale))
     return f"STALE: {who}: nothing was learnt {since}: the state is of then, not of {then}"

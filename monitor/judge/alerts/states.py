@@ -10,6 +10,7 @@ from monitor.judge.alerts.ne107 import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES,
 from monitor.judge.alerts.unseen_step import unseen_step_text
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undetected_change import UnseenStep
+from monitor.model.joint_names import joint_text
 from monitor.recording import Array
 
 Reason = tuple[State, str]
@@ -33,7 +34,7 @@ def joint_state(situation: JointSituation, wear: Array, wear_std: Array, unseen:
 
 def arm_state(situation: ArmSituation, joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...]) -> tuple[str, str]:
     """The gravest state of the joints and of the arm's own alerts, and why."""
-    reasons = [(joint.state, f"joint {joint.joint}: {joint.why}") for joint in joints]
+    reasons = [(joint.state, f"{joint_text(joint.joint)}: {joint.why}") for joint in joints]
     reasons += [(_state_of(alert), f"{alert.condition}: {alert.text}") for alert in alerts if alert.active and alert.joint is None]
     if situation.undeclared.condition is not None:
         reasons.insert(0, (CHECK_FUNCTION, situation.undeclared.text))

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from monitor.model.joint_names import joint_name
+
 
 def unseen_step_text(rise: float, days: float) -> str:
     """Of one joint; rise : fraction."""
@@ -14,6 +16,6 @@ def unseen_steps_text(friction: Sequence[Mapping[str, Any]]) -> str:
     known = [row for row in friction if row.get("unseen_step") is not None]
     if not known:
         return ""
-    each = ", ".join(f"joint {row['joint']} {row['unseen_step']:.0%}" for row in known)
+    each = ", ".join(f"{joint_name(row['joint'])} {row['unseen_step']:.0%}" for row in known)
     days = max(row["unseen_step_days"] for row in known)
     return f"The ± of wear does not hold for a fresh step: one of the last {days:.0f} days may be unseen up to {each}."

@@ -15,6 +15,7 @@ import numpy as np
 from annotated_types import Interval
 
 from monitor.judge.torque.predictor import TorquePrediction
+from monitor.model.joint_names import joint_text
 from monitor.recording import Array
 
 MAX_STEP_S = 1.0  # a longer pause between samples counts as so long
@@ -128,7 +129,7 @@ def earlier_replay_reason(residuals: ProductionResiduals | None, settings: Resid
         j = each.joint - 1
         if each.change >= settings.rise and each.probability >= settings.sure and residuals.agreeing[j] >= settings.min_looks:
             return (
-                f"joint {each.joint}: at work, friction is {each.change:+z.0%} ± {each.std:.0%} from what is usual, "
+                f"{joint_text(each.joint)}: at work, friction is {each.change:+z.0%} ± {each.std:.0%} from what is usual, "
                 f"in {residuals.agreeing[j]:.0f} spans of motion in a row: a replay shall tell"
             )
     return None

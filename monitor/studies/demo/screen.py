@@ -8,6 +8,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from monitor.model.joint_names import joint_name
 from monitor.publish.timestamps import rfc3339
 from monitor.studies.demo.bus import Received
 from monitor.studies.demo.plan import DAYS, ONSET_DAY, WEARING_JOINT, DemoState
@@ -47,12 +48,12 @@ class Screen:
         state, received = self._state, self._received
         table = Table(title="what comes over Zenoh, beside what the simulator knows", title_justify="left")
         for title in ("joint", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "wear", "true wear", "remaining life", "state"):
-            table.add_column(title, justify="left" if title == "state" else "right")
+            table.add_column(title, justify="left" if title in {"joint", "state"} else "right")
         states = {joint["joint"]: joint["state"] for joint in received.health.get("joints", [])}
         for j, row in sorted(received.friction.items()):
             joint_state = states.get(j, "")
             table.add_row(
-                str(j),
+                f"{j} {joint_name(j)}",
                 f"{row['temperature_c']:.1f}" if row["temperature_c"] is not None else "–",
                 f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
                 f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",

@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from monitor.model.joint_names import joint_name, joint_text
 from monitor.studies.demo.bus import Received
 from monitor.studies.demo.plan import DAYS, WEARING_JOINT, DemoState
 from monitor.studies.demo.screen import percent, wear_percent
@@ -68,7 +69,7 @@ class Summary:
         row = received.friction.get(WEARING_JOINT)
         if row:
             true = percent(state.true_wear[WEARING_JOINT - 1])
-            console.print(f"joint {WEARING_JOINT} wore by {true} in truth; the monitor says {wear_percent(row)}")
+            console.print(f"{joint_text(WEARING_JOINT)} wore by {true} in truth; the monitor says {wear_percent(row)}")
         counts = f"{state.live_replays} replays over RTDE, {state.stepped_replays} stepped, {received.live_samples} live torque samples"
         console.print(f"{counts}, {self.took_s:.0f} s")
         for repeated in state.disturbed:
@@ -82,10 +83,10 @@ class Summary:
 def _torque_table(torque: dict[str, Any]) -> Table:
     table = Table(title="one torque query over Zenoh at a temperature between those of the replays", title_justify="left")
     for title in ("joint", "T [°C]", "predicted [Nm]", "truth [Nm]", "of it friction [Nm]", "RMS error, in motion"):
-        table.add_column(title, justify="right")
+        table.add_column(title, justify="left" if title == "joint" else "right")
     for j in range(6):
         table.add_row(
-            str(j + 1),
+            f"{j + 1} {joint_name(j + 1)}",
             f"{torque['temperature_c'][j]:.1f}",
             f"{torque['predicted_nm'][j]:.2f} ± {torque['std_nm'][j]:.2f}",
             f"{torque['true_nm'][j]:.2f}",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.model.joint_names import joint_text
 from monitor.recording import Array
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def friction_over_time(report: Mapping[str, Any]) -> "Figure":
         locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
         one.xaxis.set_major_locator(locator)
         one.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-        _label(one, f"joint {j + 1}", "change [%]" if j % 3 == 0 else "")
+        _label(one, joint_text(j + 1), "change [%]" if j % 3 == 0 else "")
     return figure
 
 
@@ -130,7 +131,7 @@ def friction_over_temperature(report: Mapping[str, Any]) -> "Figure":
             one.legend(fontsize="x-small", frameon=False, loc="upper right")
         if j >= 3:
             one.set_xlabel("T [°C]", fontsize="small")
-        _label(one, f"joint {j + 1}", "fv [Nm·s/rad]" if j % 3 == 0 else "")
+        _label(one, joint_text(j + 1), "fv [Nm·s/rad]" if j % 3 == 0 else "")
     return figure
 
 

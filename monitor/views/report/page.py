@@ -10,6 +10,7 @@ from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.staleness import stale_text
 from monitor.judge.alerts.unseen_step import unseen_steps_text
+from monitor.model.joint_names import joint_text
 from monitor.views.report.charts import STATE_COLOURS, friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 from monitor.views.units import PERCENT_PER_MONTH
@@ -127,7 +128,7 @@ def _joints(report: Mapping[str, Any]) -> str:
         life = row["remaining_life"]
         rows.append(
             [
-                f"joint {row['joint']}",
+                joint_text(row["joint"]),
                 Markup(_chip(states[row["joint"] - 1]) + (" <b class=warn>STALE</b>" if row["joint"] in old else "")),
                 f"{100 * row['wear']:+z.1f} ± {100 * row['wear_std']:.1f}",
                 f"{PERCENT_PER_MONTH * row['wear_rate_per_day']:+z.1f} ± {PERCENT_PER_MONTH * row['wear_rate_std_per_day']:.1f}",
@@ -168,7 +169,7 @@ def _alerts(report: Mapping[str, Any]) -> list[str]:
     """A box for each alert of the period, and a table of all transitions."""
     parts = []
     for alert in report["alerts"]:
-        place = "The arm" if alert["joint"] is None else f"Joint {alert['joint']}"
+        place = "The arm" if alert["joint"] is None else joint_text(alert["joint"])
         state = f"active, {alert['tier']}" if alert["active"] else f"cleared {_time(alert['cleared_at'])}"
         lines = [
             paragraph(
@@ -196,7 +197,7 @@ def _alerts(report: Mapping[str, Any]) -> list[str]:
         rows = [
             [
                 _time(event["at"]),
-                "arm" if event["joint"] is None else f"joint {event['joint']}",
+                "arm" if event["joint"] is None else joint_text(event["joint"]),
                 _plain(event["condition"]),
                 f"{event['kind']}, {event['tier']}",
                 _by(event),
@@ -265,7 +266,9 @@ def _unwatched(report: Mapping[str, Any]) -> list[str]:
         rows = [[_time(row["window"]), row["state"], row["reason"]] for row in unwatched["failed"]]
         parts.append(table(["window", "ended", "why"], rows))
     items = [f"No replay was learnt from between {_time(gap['from'])} and {_time(gap['to'])}." for gap in unwatched["gaps"]]
-    items += [f"Joint {row['joint']}: {row['replays']} of {row['of']} replays said nothing of its friction." for row in unwatched["joints"]]
+    items += [
+        f"{joint_text(row['joint'])}: {row['replays']} of {row['of']} replays said nothing of its friction." for row in unwatched["joints"]
+    ]
     items += [f"Warning {warning['code']} in {warning['count']} of the replays, e.g.: {warning['text']}" for warning in report["warnings"]]
     if items:
         parts.append(bullets(items))

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.unseen_step import unseen_steps_text
+from monitor.model.joint_names import joint_name, joint_text
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
 from monitor.views.units import PERCENT_PER_MONTH
 
@@ -52,7 +53,7 @@ def print_status(document: dict[str, Any]) -> None:
     for alert in health["alerts"] if health else []:
         if alert.get("active"):
             console.print(
-                f"[bold]{'arm' if alert['joint'] is None else 'J' + str(alert['joint'])} {alert['condition']}[/]: {alert['text']}"
+                f"[bold]{'arm' if alert['joint'] is None else joint_name(alert['joint'])} {alert['condition']}[/]: {alert['text']}"
             )
     if document.get("monitor"):
         if (silent_s := document.get("monitor_silent_s")) is not None:
@@ -75,12 +76,12 @@ def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]]
     states = {joint["joint"]: joint["state"] for joint in joints}
     stale = {joint["joint"] for joint in joints if joint.get("stale")}
     table = table_of(
-        ("joint", "state", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "wear [%]", "rate [%/month]", "remaining life"), left=("state",)
+        ("joint", "state", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "wear [%]", "rate [%/month]", "remaining life"), left=("joint", "state")
     )
     for row in friction:
         state = states.get(row["joint"], "")
         table.add_row(
-            str(row["joint"]),
+            f"{row['joint']} {joint_name(row['joint'])}",
             f"[{STATE_STYLE.get(state, 'white')}]{state}{' STALE' if row['joint'] in stale else ''}",
             number(row.get("temperature_c"), ".1f"),
             f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
@@ -138,7 +139,7 @@ def print_bus(found: list[dict[str, Any]]) -> None:
 def print_not_alerting(joint: int, reasons: Sequence[str]) -> None:
     """Print the reasons why a joint (from 1) has no alert of a higher tier."""
     console = Console()
-    console.print(f"joint {joint}: {'the highest tier stands' if not reasons else 'no further alert, for'}", highlight=False)
+    console.print(f"{joint_text(joint)}: {'the highest tier stands' if not reasons else 'no further alert, for'}", highlight=False)
     for reason in reasons:
         console.print(f"  {reason}", highlight=False, markup=False)
 
@@ -150,13 +151,13 @@ def print_history(rows: list[dict[str, Any]], left_out: int) -> None:
         console.print("no replay has been assessed in that time")
         return
     table = table_of(
-        ("recorded", "replay", "joint", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "F at v*, T0 [Nm]", "wear [%]"), left=("recorded",)
+        ("recorded", "replay", "joint", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "F at v*, T0 [Nm]", "wear [%]"), left=("recorded", "joint")
     )
     for row in rows:
         table.add_row(
             row["recorded_at"],
             str(row["replay"]),
-            str(row["joint"]),
+            f"{row['joint']} {joint_name(row['joint'])}",
             number(row.get("temperature_c"), ".1f"),
             pair(row.get("coulomb_nm"), row.get("coulomb_std_nm")),
             pair(row.get("viscous_nm_s_per_rad"), row.get("viscous_std_nm_s_per_rad")),

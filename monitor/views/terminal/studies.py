@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from monitor.model.joint_names import joint_text
 from monitor.views.terminal.arm import print_not_alerting
 from monitor.views.terminal.figures import number, standard_output, table_of, whole_percent
 
@@ -24,7 +25,7 @@ def print_assessment(document: dict[str, Any], why: int | None = None) -> None:
         table.add_row(row["file"], row["recorded_at"], row["verdict"], *wear)
     console.print(table)
     for alert in document["alerts"]:
-        place = "arm" if alert["joint"] is None else f"joint {alert['joint']}"
+        place = "arm" if alert["joint"] is None else joint_text(alert["joint"])
         active = "" if alert["active"] else " (cleared)"
         console.print(f"{place}: {alert['condition']}, {alert['tier']}{active}: {alert['text']} {alert['action']}", highlight=False)
     if not document["alerts"]:

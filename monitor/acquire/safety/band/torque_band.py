@@ -21,6 +21,7 @@ from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.band.expected_torque import ExpectedTorque, JointInertia, expected_torque
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.errors import MotionRefused
+from monitor.model.joint_names import joint_text
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Indices
 
@@ -149,7 +150,8 @@ class TorqueBand:
             expected, allowed = reading.measured[j] - reading.excess[j], reading.wide[side, j]
         return (
             "torque_band",
-            f"joint {j + 1} needs {reading.measured[j]:.1f} N·m where {expected:.1f} ± {allowed:.1f} were expected ({self.description})",
+            f"{joint_text(int(j) + 1)} needs {reading.measured[j]:.1f} N·m where {expected:.1f} ± {allowed:.1f} were expected "
+            f"({self.description})",
         )
 
     def seen(self, rows: int) -> Indices:

@@ -21,6 +21,7 @@ from monitor.acquire.ur.streaming.failures import StreamFailure, state_failure
 from monitor.acquire.ur.streaming.gaps import CycleGaps
 from monitor.acquire.ur.streaming.pacing import POLL_S, PacketTiming
 from monitor.acquire.ur.streaming.tracking import Tracking
+from monitor.model.joint_names import joint_text
 from monitor.recording import Array
 
 RECENT_TARGETS = 25  # 0.2 s at 125 Hz: longer than servoJ's lookahead and the servo's lag together
@@ -196,7 +197,7 @@ class Arm:
         moved = np.abs(begin_q - self.proved_q)  # (J,)
         if not np.all(moved <= MOVED_RAD):
             j = int(np.argmax(moved))
-            raise StreamFailure("no_control", f"joint {j + 1} was moved by {moved[j]:.3f} rad since the way to the start was proved")
+            raise StreamFailure("no_control", f"{joint_text(j + 1)} was moved by {moved[j]:.3f} rad since the way to the start was proved")
         self._set_watchdog()
         self.recent.append(begin_q)
         self.note_busy()

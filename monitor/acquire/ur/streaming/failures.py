@@ -7,6 +7,7 @@ import numpy as np
 from monitor.acquire import state as names
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
+from monitor.model.joint_names import joint_text
 
 EMERGENCY_MODES = {6, 7}  # safety modes: system and robot emergency stop
 PROTECTIVE_MODE, SAFEGUARD_MODE = 3, 5
@@ -88,7 +89,7 @@ def joints_failure(state: ArmState) -> StreamFailure | None:
     """The failure where a joint's drive is off or its brake is closed."""
     for j, mode in enumerate(state.joint_modes):
         if not (math.isnan(mode) or mode == names.JOINT_MODE_RUNNING):
-            return StreamFailure("robot_mode", f"joint {j + 1} is in mode {mode:g}; expected {names.JOINT_MODE_RUNNING} (running)")
+            return StreamFailure("robot_mode", f"{joint_text(j + 1)} is in mode {mode:g}; expected {names.JOINT_MODE_RUNNING} (running)")
     return None
 
 

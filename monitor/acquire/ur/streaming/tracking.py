@@ -11,6 +11,7 @@ from collections import deque
 import numpy as np
 
 from monitor.acquire.ur.streaming.failures import StreamFailure
+from monitor.model.joint_names import joint_text
 from monitor.recording import Array
 
 LAG_S = 0.04  # an arm may be so far behind the controller's target; real ones are 1 to 10 ms behind it
@@ -39,14 +40,18 @@ class Tracking:
         # a servo whose targets were late may shake for a moment; it stays within largest_rad
         self._outside = self._outside + 1 if far > allowed and not late else 0
         if far > self._largest_rad or self._outside >= ROWS:
-            return StreamFailure("following_error", f"joint {j + 1} is {far:.3f} rad from the controller's own target: something holds it")
+            return StreamFailure(
+                "following_error", f"{joint_text(j + 1)} is {far:.3f} rad from the controller's own target: something holds it"
+            )
         j, far = _farthest(own_q, sent)
         if far <= self._largest_rad:
             return None
         if late:
-            return StreamFailure("late", f"targets came late: the controller's own target of joint {j + 1} is {far:.3f} rad from them")
+            return StreamFailure(
+                "late", f"targets came late: the controller's own target of {joint_text(j + 1)} is {far:.3f} rad from them"
+            )
         # the arm follows its controller, so nothing holds it: targets do not arrive, or another program moves it
-        text = f"the controller's own target of joint {j + 1} is {far:.3f} rad from where it was sent: targets do not arrive"
+        text = f"the controller's own target of {joint_text(j + 1)} is {far:.3f} rad from where it was sent: targets do not arrive"
         return StreamFailure("stalled", text, ours=False)
 
 
