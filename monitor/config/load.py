@@ -8,6 +8,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
+import numpy as np
+
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import AssessSettings
 from monitor.config.files import find_cell, find_excitation
@@ -110,6 +112,8 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
     if robot and sections["replay"] is not None:
         cell = _checked(mistakes, "replay.cell", lambda: find_cell(chosen.cell, Mounting.parse(robot.mounting), path.parent))
         sections["replay"] = dataclasses.replace(sections["replay"], cell=cell)
+        if sections["replay"].allow_motion is True:
+            _check_gains(robot, mistakes)
     if excitation is not None and robot and excitation.robot != robot.model:
         mistakes.append(f"replay.excitation: made for a {excitation.robot}, but robot.model is {robot.model}")
     sections["bus"] = _with_zenoh_files(sections["bus"], path, mistakes)
@@ -162,6 +166,20 @@ def _check_robot(robot: RobotSettings, mistakes: list[str]) -> None:
     for plane in robot.safety_planes:
         if len(plane) != 4 or not abs(math.hypot(*plane[:3]) - 1.0) <= 1e-3:
             mistakes.append(f"robot.safety_planes: {list(plane)}: expected a, b, c, d with a² + b² + c² = 1; a·x + b·y + c·z ≤ d is free")
+
+
+def _check_gains(robot: RobotSettings, mistakes: list[str]) -> None:
+    """An arm that may move has its gains: without them no collision is noticed, and no replay can be judged."""
+    try:
+        published = load_robot(robot.model).drive_gain_nm_per_a
+    except BadInput:
+        return  # the model is a mistake of its own
+    if not robot.gains_nm_per_a and not np.all(np.isfinite(published)):
+        mistakes.append(
+            f"robot.gains_nm_per_a: missing, and the torque per ampere of a {robot.model} is not published by its manufacturer; without it "
+            "no collision is noticed and no replay can be judged. `joint-monitor init` finds the six figures and says from where; "
+            "until then set replay.allow_motion = false"
+        )
 
 
 def _adapted(excitation: Excitation, chosen: _Trajectory, mistakes: list[str]) -> Excitation:

@@ -354,3 +354,16 @@ def test_a_reload_applies_what_can_change_and_names_what_needs_a_restart(tmp_pat
     assert merged.assess.drift == dataclasses.replace(old.assess.drift, resolution=0.2)
     assert merged.state_directory == old.state_directory
     assert reloaded(old, old).text == "nothing has changed"
+
+
+def test_an_arm_that_may_move_needs_its_gains_when_the_file_is_read():
+    """An e-Series arm without gains would be refused at every window, or its replay rejected: the file says so, by the key that is missing."""
+    e_series = {"model": "ur5e", "site": "lab", "id": "cell-1"}
+    message = refusal(robot=e_series, replay={"allow_motion": True})
+    assert "robot.gains_nm_per_a" in message
+    assert "joint-monitor init" in message
+    assert "allow_motion" in message
+    assert from_document({"robot": e_series}, Path("cell.toml")).replay.allow_motion is False  # it only listens
+    known = {**e_series, "gains_nm_per_a": [10.2, 10.2, 10.1, 8.1, 8.2, 8.1]}
+    assert from_document({"robot": known, "replay": {"allow_motion": True}}, Path("cell.toml")).gains_nm_per_a is not None
+    assert from_document({**LEAST, "replay": {"allow_motion": True}}, Path("cell.toml")).gains_nm_per_a is None  # published for a UR5

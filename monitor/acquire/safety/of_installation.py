@@ -42,7 +42,7 @@ def drive_gains(inputs: ConditionInputs) -> str:
     if gains is None:
         raise MotionRefused(
             f"robot.gains_nm_per_a is empty, and the torque per ampere of a {inputs.robot.name} is not published: without it no collision "
-            "is noticed; give robot.gains_nm_per_a"
+            "is noticed and no replay can be judged; `joint-monitor init` finds it, then give robot.gains_nm_per_a"
         )
     current_a = inputs.robot.max_torque_nm / gains  # (J,) at the joint's largest torque
     wrong = np.flatnonzero(~((current_a >= LEAST_CURRENT_A) & (current_a <= MOST_CURRENT_A)))

@@ -32,7 +32,7 @@ def joint_torque(motion: Motion, robot: Robot, gains: Array | None = None) -> Ar
         if not np.all(np.isfinite(gains)):
             raise BadInput(
                 f"{robot.name}: the torque constants of this model are not published; give the joint gains "
-                f"as --gains with {robot.joints} numbers [N·m/A], or record torque"
+                f"as --gains with {robot.joints} numbers [N·m/A], in a configuration as robot.gains_nm_per_a, or record torque"
             )
     torque: Array = motion.current * gains
     return torque
