@@ -357,7 +357,7 @@ def test_a_reload_applies_what_can_change_and_names_what_needs_a_restart(tmp_pat
 
 
 def test_an_arm_that_may_move_needs_its_gains_when_the_file_is_read():
-    """An e-Series arm without gains would be refused at every window, or its replay rejected: the file says so, by the key that is missing."""
+    """An e-Series arm without gains would be refused at every window: the file says so, by the key that is missing."""
     e_series = {"model": "ur5e", "site": "lab", "id": "cell-1"}
     message = refusal(robot=e_series, replay={"allow_motion": True})
     assert "robot.gains_nm_per_a" in message

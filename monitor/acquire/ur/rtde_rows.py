@@ -1,0 +1,76 @@
+"""A few rows of RTDE variables over a plain socket, for variables that ur-rtde asks for and offers no reading of. Nothing moves by it.
+
+The protocol is version 2 of the manufacturer's Real-Time Data Exchange guide: version, output recipe, start, then rows.
+"""
+
+import socket
+import struct
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from monitor.errors import RobotUnreachable
+from monitor.recording import Array
+
+PORT = 30004
+HEAD = struct.Struct(">HB")  # length with this head, type
+VERSION, OUTPUTS, START, ROW = ord("V"), ord("O"), ord("S"), ord("U")
+VECTOR6D = struct.Struct(">6d")
+
+
+def rows_of(host: str, variables: tuple[str, ...], *, count: int, rate_hz: float, timeout_s: float) -> Array | None:
+    """`count` rows (N, V, 6) of V variables of six numbers each; None where the controller does not report one of them.
+
+    Raises RobotUnreachable where the controller does not answer as the protocol says, within timeout_s.
+    """
+    until = time.monotonic() + timeout_s
+    try:
+        with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
+            packages = _packages(connection, until)
+            _send(connection, VERSION, struct.pack(">H", 2))
+            _answer(packages, VERSION)
+            _send(connection, OUTPUTS, struct.pack(">d", rate_hz) + ",".join(variables).encode())
+            recipe = _answer(packages, OUTPUTS)
+            if recipe[1:].decode("ascii", "replace").split(",") != ["VECTOR6D"] * len(variables):
+                return None
+            _send(connection, START, b"")
+            _answer(packages, START)
+            rows: list[list[tuple[float, ...]]] = []
+            while len(rows) < count:
+                row = _answer(packages, ROW)[1:]
+                rows.append([VECTOR6D.unpack_from(row, VECTOR6D.size * k) for k in range(len(variables))])
+            return np.array(rows)
+    except (OSError, struct.error) as error:
+        raise RobotUnreachable(f"{host}: RTDE on port {PORT}: {error}") from None
+
+
+def _send(connection: socket.socket, kind: int, payload: bytes) -> None:
+    connection.sendall(HEAD.pack(HEAD.size + len(payload), kind) + payload)
+
+
+def _packages(connection: socket.socket, until: float) -> Iterator[tuple[int, bytes]]:
+    """Type and payload of every package, as they come."""
+    waiting = b""
+    while True:
+        while len(waiting) >= HEAD.size:
+            length, kind = HEAD.unpack_from(waiting)
+            if length < HEAD.size:
+                raise OSError("a package without a head")
+            if len(waiting) < length:
+                break
+            yield kind, waiting[HEAD.size : length]
+            waiting = waiting[length:]
+        left_s = until - time.monotonic()
+        if left_s <= 0.0:
+            raise OSError("no answer in time")
+        connection.settimeout(left_s)
+        data = connection.recv(65_536)
+        if not data:
+            raise OSError("the controller closed the connection")
+        waiting += data
+
+
+def _answer(packages: Iterator[tuple[int, bytes]], wanted: int) -> bytes:
+    """The payload of the next package of that type; texts for people and other packages are left out."""
+    return next(payload for kind, payload in packages if kind == wanted)

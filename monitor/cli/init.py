@@ -1,0 +1,340 @@
+"""The command `init`: asks the arm and a person, and writes the first configuration of an arm."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from monitor import __version__
+from monitor.cli.init_cell import CellAnswers, cell_of
+from monitor.cli.options import Commands, figures
+from monitor.cli.questions import Questions, number_from, numbers, text_of
+from monitor.errors import BadInput
+
+if TYPE_CHECKING:
+    from monitor.acquire.survey import Survey
+    from monitor.config.first_file import Answers
+    from monitor.service.first_gains import FirstGains
+
+FOR_ALL = Path("/etc/joint-monitor")  # where the service looks for configurations, and where it keeps their histories
+HISTORIES = Path("/var/lib/joint-monitor")
+BUS_PORT, PAGE_PORT, PORTS = 7447, 8420, 100  # the first of each kind, and how many are tried
+ALLOW_MOTION = (
+    "\nMay the arm move by the clock? Only where the file says allow_motion = true, and every condition of `joint-monitor check` holds. "
+    "Say yes only when a motion without a person is in the cell's risk assessment, somebody holds the emergency stop at the first one, and "
+    "the trajectory's way is free. You can set it later."
+)
+
+
+def init(
+    file: Annotated[Path | None, typer.Argument(help="The file to write; else ID.toml here.", show_default=False)] = None,
+    host: Annotated[str | None, typer.Option(help="Address of the controller, which is asked; - for none yet.", show_default=False)] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="The arm at --host is `joint-monitor simulate`; gains are its own.")
+    ] = False,
+    model: Annotated[str | None, typer.Option(help="Model, e.g. ur5e; else what the arm says.", show_default=False)] = None,
+    site: Annotated[str | None, typer.Option(help="Part of the bus's keys; default lab.", show_default=False)] = None,
+    robot_id: Annotated[str | None, typer.Option("--id", help="The same; default: the file's name.", show_default=False)] = None,
+    serial: Annotated[str | None, typer.Option(help="Serial number; else what the arm says.", show_default=False)] = None,
+    mounting: Annotated[
+        str | None, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW; else what gravity says.", show_default=False)
+    ] = None,
+    payload: Annotated[float | None, typer.Option(help="Payload [kg] as set in the controller.", show_default=False)] = None,
+    payload_cog: Annotated[str | None, typer.Option(help="Its centre X,Y,Z in the flange's frame [m].", show_default=False)] = None,
+    tcp_offset: Annotated[str | None, typer.Option(help="Tool centre point X,Y,Z,RX,RY,RZ [m, rad].", show_default=False)] = None,
+    tcp_speed_limit: Annotated[
+        float | None, typer.Option(help="Of the controller's safety settings [m/s]; 0: not checked.", show_default=False)
+    ] = None,
+    tool: Annotated[str | None, typer.Option(help="The mounted tool, in your words.", show_default=False)] = None,
+    gains: Annotated[str | None, typer.Option(help="Joint torque per ampere [N·m/A], six figures.", show_default=False)] = None,
+    gains_from: Annotated[
+        Path | None, typer.Option(help="A recording with actual_current and actual_current_as_torque.", show_default=False)
+    ] = None,
+    payload_pair: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(metavar="EMPTY LOADED", help="Two recordings, without and with a known mass.", show_default=False),
+    ] = None,
+    pair_payload: Annotated[float | None, typer.Option(help="That mass [kg].", show_default=False)] = None,
+    pair_cog: Annotated[str | None, typer.Option(help="Its centre X,Y,Z [m]; else on the flange.", show_default=False)] = None,
+    cell: Annotated[str | None, typer.Option(help="plain, describe, or the path of a cell's TOML file.", show_default=False)] = None,
+    table_top: Annotated[float | None, typer.Option(help="Height of the floor in the base's frame [m].", show_default=False)] = None,
+    wall: Annotated[list[str] | None, typer.Option(help="NAME=X,Y,Z/NX,NY,NZ: a point and the normal to the arm's side.")] = None,
+    box: Annotated[list[str] | None, typer.Option(help="NAME=X,Y,Z/DX,DY,DZ: centre and edge lengths [m].")] = None,
+    tool_length: Annotated[float | None, typer.Option(help="Of the tool, from the flange [m].", show_default=False)] = None,
+    tool_radius: Annotated[float | None, typer.Option(help="Of the tool [m].", show_default=False)] = None,
+    excitation: Annotated[str | None, typer.Option(help="A trajectory of yours; else the shipped one.", show_default=False)] = None,
+    timezone: Annotated[str | None, typer.Option(help="e.g. Europe/Berlin; default: this machine's.", show_default=False)] = None,
+    cron: Annotated[str | None, typer.Option(help="When to replay: minute hour day month weekday.", show_default=False)] = None,
+    window_utc: Annotated[list[str] | None, typer.Option(help='e.g. "00:00-04:00": when the arm may move; may be given again.')] = None,
+    store: Annotated[str | None, typer.Option(help="Folder of the history.", show_default=False)] = None,
+    page: Annotated[bool | None, typer.Option("--page/--no-page", help="A status page on this machine; default yes.")] = None,
+    allow_motion: Annotated[bool | None, typer.Option("--allow-motion/--no-motion", help="May the arm move? Default no.")] = None,
+    no_input: Annotated[bool, typer.Option("--no-input", help="Ask nobody: options, what the arm says, and defaults.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+) -> None:
+    """Write the configuration of an arm: asks the arm and you, checks it, and says what is next. Moves nothing."""
+    from monitor.config.files import find_excitation
+    from monitor.config.first_file import Answers, cell_text, configuration_text, write_new
+    from monitor.model.robot import Mounting, load_robot
+
+    ask = Questions(not no_input)
+    if file is not None:
+        _refuse_taken(file, force)
+    ask.say("joint-monitor init writes the configuration of one arm. Enter takes what stands in brackets; Ctrl-C writes nothing.\n")
+    address = ask.answer("--host", host, "Address of the controller (- for none yet)", "127.0.0.1" if simulated else "-", text_of())
+    found = _survey(address)
+    name = ask.answer("--model", model, "Model", found.model or None, text_of(load_robot))
+    robot = load_robot(name)
+    of_site = ask.answer("--site", site, "Site (a–z, 0–9, _ and -)", "lab", text_of(_key_part))
+    arm_id = ask.answer("--id", robot_id, "Name of the arm, unique within the site", file.stem if file else "cell-1", text_of(_key_part))
+    path = file or Path(f"{arm_id}.toml")
+    _refuse_taken(path, force)
+    number = ask.answer("--serial", serial, "Serial number (empty: the first one met)", found.serial or "", text_of())
+    stands = ask.answer("--mounting", mounting, "Mounting", found.mounting(robot) or "ground", text_of(Mounting.parse))
+    mass = ask.answer("--payload", payload, "Payload as set in the controller [kg]", found.payload_kg or 0.0, number_from(0.0, 100.0))
+    cog = found.payload_cog_m if mass else ()
+    if mass or payload_cog is not None:
+        cog = ask.answer("--payload-cog", payload_cog, "Its centre X,Y,Z [m] (- not compared)", _listed(cog), numbers(3, "coordinates"))
+    tcp = found.tcp_offset(robot)
+    tcp = ask.answer("--tcp-offset", tcp_offset, "Tool centre point X,Y,Z,RX,RY,RZ (- not compared)", _listed(tcp), numbers(6, "figures"))
+    limit = ask.answer(
+        "--tcp-speed-limit", tcp_speed_limit, "Speed limit in the safety settings [m/s] (0: not checked)", 0.0, number_from(0.0, 10.0)
+    )
+    tool_name = ask.answer("--tool", tool, "Tool, in your words", "none", text_of())
+    known = _gains(gains, gains_from, payload_pair, pair_payload, pair_cog, model=name, mounting=stands, host=address, simulated=simulated)
+    known = _accepted(known, gains is None, ask)
+    cell_answers = CellAnswers(cell, table_top, wall or [], box or [], tool_length, tool_radius)
+    around = cell_of(cell_answers, ask, path.parent)
+    zone = ask.answer("--timezone", timezone, "Time zone", _own_zone(), text_of(_zone))
+    when = ask.answer("--cron", cron, "When to replay: minute hour day month weekday", "0 3 * * *", text_of(_cron))
+    if allow_motion is None:
+        ask.say(ALLOW_MOTION)
+    may_move = ask.confirm("--allow-motion", allow_motion, "allow_motion", default=False)
+
+    cell_file = path.with_name(f"{path.stem}-cell.toml")
+    own_cell = around if isinstance(around, str) else cell_file.name
+    designed, chosen = "", excitation or ""
+    if own_cell != "plain" and not excitation:
+        chosen = f"{path.stem}-motion.json"
+        designed = f"joint-monitor design --robot {name} --mounting {stands} --cell {path.parent / own_cell} -o {path.parent / chosen}"
+    elif not excitation and stands not in {"ground", "ceiling", "wall"}:
+        raise BadInput(
+            f"no trajectory is shipped for the mounting {stands}: joint-monitor design --robot {name} --mounting {stands} -o motion.json, "
+            "then again with --excitation motion.json; nothing was written"
+        )
+    elif excitation:
+        find_excitation(excitation, path.parent)
+    bus_port, page_port = _free_ports(path)
+    with_page = ask.confirm("--page", page, f"A status page at http://127.0.0.1:{page_port}/", default=True)
+    answers = Answers(
+        model=name,
+        site=of_site,
+        id=arm_id,
+        host="127.0.0.1" if address == "-" else address,
+        mounting=stands,
+        payload_kg=mass,
+        payload_cog_m=cog,
+        tcp_offset=tcp,
+        tcp_speed_limit_m_s=limit,
+        tool=tool_name,
+        serial=number,
+        gains_nm_per_a=known.values,
+        gains_source=known.source,
+        cell=own_cell,
+        excitation=chosen,
+        designed=designed,
+        timezone=zone,
+        cron=when,
+        windows_utc=tuple(window_utc or ()),
+        store=store or _store(path, arm_id),
+        bus_port=bus_port,
+        page=f"127.0.0.1:{page_port}" if with_page else "",
+        allow_motion=may_move,
+        written=f"{__version__} on {time.strftime('%Y-%m-%d')}",
+    )
+    text = configuration_text(answers)
+    new_cell = None if isinstance(around, str) else cell_text(around.as_document())
+    if new_cell is not None:
+        write_new(cell_file, new_cell, force=force)
+    _refuse_wrong(text, path)
+    write_new(path, text, force=force)
+    typer.echo(f"{path} is written" + ("" if new_cell is None else f", and {cell_file}, what stands around the arm"))
+    typer.echo(f"gains: {known.source}")
+    _check_and_next(path, answers, reached=found.identity is not None)
+
+
+def _survey(address: str) -> "Survey":
+    """What the arm says, and a line for a person about it."""
+    from monitor.acquire.survey import Survey, survey
+    from monitor.views.terminal.progress import status
+
+    if address == "-":
+        return Survey()
+    with status(f"asking {address}"):
+        found = survey(address)
+    if found.identity is not None:
+        said = [found.model or "model unknown", f"serial {found.serial or 'unknown'}", f"software {found.identity.firmware or 'unknown'}"]
+        typer.echo(f"{address} answers: {', '.join(said)}")
+    if found.problem:
+        typer.echo(f"{found.problem}; what it does not say is asked", err=True)
+    return found
+
+
+def _gains(
+    given: str | None,
+    recording: Path | None,
+    pair: tuple[Path, Path] | None,
+    pair_kg: float | None,
+    pair_cog: str | None,
+    *,
+    model: str,
+    mounting: str,
+    host: str,
+    simulated: bool,
+) -> "FirstGains":
+    """The gains by the best source that there is. Raises BadInput where options contradict each other or show nothing."""
+    from monitor.service import first_gains
+
+    if sum(each is not None for each in (given, recording, pair)) > 1:
+        raise BadInput("--gains, --gains-from and --payload-pair each give the gains; expected one of them")
+    if (pair is None) != (pair_kg is None):
+        raise BadInput("--payload-pair EMPTY LOADED and --pair-payload KG belong together; one of them is missing")
+    if given is not None:
+        return first_gains.FirstGains(tuple(figures(given, "--gains", 6).tolist()), "as given")
+    if recording is not None:
+        return first_gains.gains_of_recording(recording, model)
+    if pair is not None and pair_kg is not None:
+        com_m = (0.0, 0.0, 0.0) if pair_cog is None else tuple(figures(pair_cog, "--pair-cog", 3, "coordinates").tolist())
+        return first_gains.gains_of_pair(first_gains.PayloadPair(*pair, pair_kg, com_m), model, mounting)
+    if simulated:
+        from monitor.simulate.remote import Remote
+
+        with Remote(host) as remote:
+            own = remote.truth()["drive_gain_nm_per_a"]
+        return first_gains.FirstGains(
+            tuple(round(value, 3) for value in own), "of this simulated arm, which knows its own; a real arm does not"
+        )
+    own_arm = None if host == "-" else first_gains.gains_of_arm(host, model)
+    return own_arm or first_gains.gains_of_model(model)
+
+
+def _accepted(found: "FirstGains", may_change: bool, ask: Questions) -> "FirstGains":
+    """The gains that were found, or those that a person gives instead."""
+    from monitor.service.first_gains import FirstGains
+
+    if not (ask.asks and may_change):
+        return found
+    ask.say(f"\nGains, joint torque per ampere: {found.source}.")
+    values = ask.answer(
+        "--gains", None, "Gains of joints 1 to 6 [N·m/A] (- none)", _listed(found.values), numbers(6, "figures, one a joint")
+    )
+    return (
+        found if values == found.values else FirstGains(values, "as given" if values else "none were given, and without them nothing moves")
+    )
+
+
+def _check_and_next(path: Path, answers: "Answers", *, reached: bool) -> None:
+    """Run the conditions of `check`, print those that do not hold, and the one command that is next."""
+    from monitor.cli.options import load_configuration
+    from monitor.service.motion import check_conditions
+    from monitor.views.terminal.progress import status
+
+    configuration = load_configuration(path)
+    failed = []
+    if reached:
+        with status("checking every condition of a motion"):
+            conditions = check_conditions(configuration)
+        failed = [each for each in conditions if not each.holds]
+        for each in failed:
+            if not (answers.designed and each.name == "trajectory_clear"):
+                typer.echo(f"  {each.name}: {each.text}")
+    names = {each.name for each in failed}
+    typer.echo("")
+    if answers.designed:
+        typer.echo("next: design a trajectory for this cell, then uncomment `excitation` in the file")
+        typer.echo(f"  {answers.designed}")
+    elif "drive_gains" in names or not (answers.gains_nm_per_a or "published" in answers.gains_source):
+        typer.echo("next: record a program of yours, once without and once with a weighed mass, then `init` again with --payload-pair")
+        typer.echo(f"  joint-monitor record --config {path} --seconds 60 -o empty.parquet")
+    elif not reached or names - {"motion_allowed"}:
+        typer.echo("next: look at every condition, when the arm is reached and ready")
+        typer.echo(f"  joint-monitor check --config {path}")
+    elif names:
+        typer.echo(f"next: only allow_motion speaks against a motion. When the arm may move, set allow_motion = true in {path}, then")
+        typer.echo(f"  joint-monitor run --config {path} --now")
+    else:
+        typer.echo("next: the first replay, slowly first; a minute until the first verdict")
+        typer.echo(f"  joint-monitor run --config {path} --now")
+
+
+def _refuse_taken(path: Path, force: bool) -> None:
+    if path.exists() and not force:
+        raise BadInput(f"{path} exists; nothing was written. Give another name, or --force to replace it")
+    if not path.parent.is_dir():
+        raise BadInput(f"{path}: the folder {path.parent} does not exist")
+
+
+def _refuse_wrong(text: str, path: Path) -> None:
+    """The file must be right before it is written. Raises BadConfiguration."""
+    import tomllib
+
+    from monitor.config.load import from_document
+    from monitor.errors import BadConfiguration
+
+    try:
+        from_document(tomllib.loads(text), path)
+    except BadConfiguration as error:
+        raise BadConfiguration(f"{error}; nothing was written") from None
+
+
+def _key_part(text: str) -> None:
+    from monitor.publish.session import prefix
+
+    prefix(text, text)
+
+
+def _zone(text: str) -> None:
+    from monitor.acquire.schedule.settings import ScheduleSettings
+
+    ScheduleSettings(timezone=text)
+
+
+def _cron(text: str) -> None:
+    from monitor.acquire.schedule.settings import ScheduleSettings
+
+    ScheduleSettings(cron=text)
+
+
+def _listed(values: tuple[float, ...]) -> str:
+    """Figures as an answer that can be typed; - for none."""
+    return ",".join(f"{value:g}" for value in values) or "-"
+
+
+def _own_zone() -> str:
+    """The name of this machine's time zone; UTC where it tells none."""
+    try:
+        name = str(Path("/etc/localtime").resolve()).partition("/zoneinfo/")[2]
+        _zone(name)
+    except (BadInput, OSError, ValueError):
+        return "UTC"
+    return "UTC" if name in {"", "Etc/UTC"} else name
+
+
+def _store(path: Path, arm_id: str) -> str:
+    """Where the history goes: beside the service's other histories, else beside the file."""
+    return str(HISTORIES / arm_id) if path.resolve().parent == FOR_ALL else f"var/{arm_id}"
+
+
+def _free_ports(path: Path) -> tuple[int, int]:
+    """A port for the bus and one for the page that no other configuration of this folder names."""
+    texts = [
+        each.read_text("utf-8", "replace") for each in path.resolve().parent.glob("*.toml") if each.is_file() and each.name != path.name
+    ]
+    taken = " ".join(texts)
+    return tuple(  # type: ignore[return-value]
+        next(port for port in range(first, first + PORTS) if f"127.0.0.1:{port}" not in taken) for first in (BUS_PORT, PAGE_PORT)
+    )
+
+
+COMMANDS: Commands = {"init": init}
