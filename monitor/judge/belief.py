@@ -115,7 +115,7 @@ class Belief:
 
     def level(self) -> Array:
         """(J,) log friction torque at T0 in the context in force, without wear: the lowest that was surely held."""
-        return self.filter_state.reference(self.reference_temperature_c, self.slot)[0] - self.wear
+        return self.filter_state.steady_mean(self.reference_temperature_c, self.slot) - self.wear
 
     def wear_and_rate(self) -> tuple[Array, Array]:
         """Mean (J, 2) and covariance (J, 2, 2) of wear w = log(F/F0) and of the wear rate, a fraction of F0 per usual day.

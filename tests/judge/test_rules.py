@@ -282,13 +282,13 @@ def test_a_change_is_attributed_to_its_causes():
     """10 K colder and 10 % of wear: the causes add up to the whole, and each has the size of the simulated cause."""
     from synthetic_arm import History
 
-    from monitor.judge.alerts.attribution import attribute_change
+    from monitor.judge.alerts.attribution import attribute_changes
 
     history, rng = History(), np.random.default_rng(3)
     for day in range(80):
         T = (30.0 if day < 10 else 30.0 + 10.0 * rng.uniform(-1, 1)) if day < 79 else 20.0
         history.add(day, Arm(seed=day, noise=0.003).replay(T, np.array([0, 0, 0.1 * (day > 60), 0, 0, 0])))
-    parts = attribute_change(history.last.belief, 2)
+    parts = attribute_changes(history.last.belief)[2]
     assert parts is not None
     assert parts.whole == pytest.approx(parts.temperature + parts.payload + parts.wear + parts.rest, abs=1e-12)
     fv, fc = 9.0 * np.exp(-0.015 * np.array([5.0, -5.0])) * 0.4, 7.0

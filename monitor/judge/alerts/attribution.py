@@ -8,19 +8,17 @@ from monitor.judge.alerts.health import Attribution
 from monitor.judge.belief import Belief
 
 
-def attribute_change(belief: Belief, j: int) -> Attribution | None:
-    """The causes of the change of joint j (from 0) since its first replays; None before there is a change to attribute."""
-    y0, y = belief.first_log_torque[j], belief.last_log_torque[j]
-    if not (math.isfinite(y0) and math.isfinite(y)):
-        return None
-    filter_state, J = belief.filter_state, belief.joints
-    T0 = belief.reference_temperature_c[j] if not math.isfinite(belief.first_temperature_c[j]) else belief.first_temperature_c[j]
-    T = belief.temperature_c[j] if math.isfinite(belief.temperature_c[j]) else T0
-    now, first = np.full(J, belief.contexts[-1].slot or 0), np.full(J, _first_slot(belief))
-    at = [filter_state.reference(np.full(J, t), slot)[0][j] for t, slot in ((T0, first), (T0, now), (T, now))]
-    temperature, payload, wear = float(at[2] - at[1]), float(at[1] - at[0]), float(belief.filter_state.change[j])
-    whole = float(y - y0)
-    return Attribution(whole=whole, temperature=temperature, payload=payload, wear=wear, rest=whole - temperature - payload - wear)
+def attribute_changes(belief: Belief) -> tuple[Attribution | None, ...]:
+    """The causes of the change of every joint since its first replays; None before there is a change to attribute."""
+    filter_state = belief.filter_state
+    whole = belief.last_log_torque - belief.first_log_torque  # (J,) as all below
+    T0 = np.where(np.isfinite(belief.first_temperature_c), belief.first_temperature_c, belief.reference_temperature_c)
+    T = np.where(np.isfinite(belief.temperature_c), belief.temperature_c, T0)
+    now, first = np.full(belief.joints, belief.contexts[-1].slot or 0), np.full(belief.joints, _first_slot(belief))
+    at_first, at_now, at_last = (filter_state.steady_mean(t, slot) for t, slot in ((T0, first), (T0, now), (T, now)))
+    temperature, payload, wear = at_last - at_now, at_now - at_first, filter_state.change
+    parts = np.stack([whole, temperature, payload, wear, whole - temperature - payload - wear], axis=1)  # (J, 5)
+    return tuple(Attribution(*of_joint) if math.isfinite(of_joint[0]) else None for of_joint in parts.tolist())
 
 
 def _first_slot(belief: Belief) -> int:

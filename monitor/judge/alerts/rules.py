@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from monitor.judge.alerts.attribution import attribute_change
+from monitor.judge.alerts.attribution import attribute_changes
 from monitor.judge.alerts.condition import AlertCondition, ArmSituation, ConditionStatus, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.evidence import FALLING, Counts, Evidence, counts_of, wear_after_replay, weigh_evidence
-from monitor.judge.alerts.health import NO_CONFIRMATIONS, Confirmations, Health, JointHealth, Transition
+from monitor.judge.alerts.health import NO_CONFIRMATIONS, Attribution, Confirmations, Health, JointHealth, Transition
 from monitor.judge.alerts.life_cycle import next_transition
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.states import arm_state, joint_state
@@ -56,7 +56,7 @@ def judge(
         alerts={alert.key: alert for alert in before.alerts},
         settings=settings,
     )
-    situations = [_joint_situation(arm, joint) for joint in before.joints]
+    situations = [_joint_situation(arm, *each) for each in zip(before.joints, attribute_changes(belief), strict=True)]
     confirmations = _confirm_arm(arm, dict(before.confirmations))
     statuses = [each for situation in situations for each in _joint_statuses(situation)] + _arm_statuses(arm, confirmations)
 
@@ -98,7 +98,7 @@ def _common(counts: Counts) -> Confirmations:
     return Confirmations(int(counts.arm_replays[0]), int(counts.arm_days[0]), int(counts.arm_last_day[0]))
 
 
-def _joint_situation(arm: ArmSituation, joint: JointHealth) -> JointSituation:
+def _joint_situation(arm: ArmSituation, joint: JointHealth, attribution: Attribution | None) -> JointSituation:
     """One joint after the replay, with the confirmations that the replay adds."""
     j, counts, belief = joint.joint - 1, arm.evidence.counts, arm.belief
     friction = [Confirmations(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
@@ -108,7 +108,7 @@ def _joint_situation(arm: ArmSituation, joint: JointHealth) -> JointSituation:
         falling=friction[FALLING],
         learnt_at_unix_s=belief.at_unix_s if belief.learnt_from[j] else joint.learnt_at_unix_s,
     )
-    situation = JointSituation(arm=arm, j=j, health=counted, attribution=attribute_change(belief, j))
+    situation = JointSituation(arm=arm, j=j, health=counted, attribution=attribution)
     before, confirmations = dict(joint.confirmations), {}
     for name, condition in CONDITIONS.items():
         if condition.joint is not None and condition.joint.shows is not None:

@@ -156,6 +156,11 @@ class FilterState:
         """(N, S) H of `reference`: wear included, noise left out."""
         return self.row(temperature_c - self.origin_c, np.zeros(self.joints), slot, noise=0.0)
 
+    def steady_mean(self, temperature_c: Array, slot: Array) -> Array:
+        """(N,) mean of `reference`."""
+        mean: Array = np.einsum("na,na->n", self.reference_row(temperature_c, slot), self.mean)
+        return mean
+
     def reference(self, temperature_c: Array, slot: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of log F at a temperature (N,) in the steady state, wear included and noise left out, (N,) each.
 
