@@ -13,7 +13,7 @@ from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.remaining_life import PrognosisSettings
 from monitor.judge.alerts.rules import judge
 from monitor.judge.alerts.settings import HealthSettings
-from monitor.judge.assessment import Assessment, joint_friction, joint_temperature
+from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import differences, with_lasting_declarations
 from monitor.judge.drift.settings import DriftSettings
@@ -106,19 +106,18 @@ def judge_identification(
     learnt = learn(belief, identification, context, at, settings=settings.drift, laws=settings.temperature, health=settings.health)
     belief = learnt.belief
     judged = judge(health, belief, settings.health, learnt.undeclared, drift=settings.drift)
-    coulomb, viscous = belief.lines(settings.temperature)
     return Assessment(
         robot=identification.robot,
         recorded_at_unix_s=at,
         source=source,
         identification=identification,
-        friction=joint_friction(identification, belief, settings.drift, settings.prognosis, coulomb=coulomb, viscous=viscous),
-        temperature=joint_temperature(identification, belief, coulomb=coulomb, viscous=viscous),
         belief=belief,
         health=judged.health,
         transitions=judged.transitions,
-        model=build_model(identification, belief, coulomb=coulomb, viscous=viscous),
         warnings=(*identification.warnings, *learnt.warnings),
+        drift=settings.drift,
+        laws=settings.temperature,
+        prognosis=settings.prognosis,
     )
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ from monitor.judge.drift.observation import observe
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.single_replay import single_torque_nm
 from monitor.judge.temperature.curves import LAWS
-from monitor.judge.temperature.laws import Line
+from monitor.judge.temperature.laws import Line, TemperatureSettings
 from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.compensation import build_model
 
 LAW_POINTS = 9  # points of the published temperature law, over the learned range
 DEPENDS_SIGMAS = 2.0  # Coulomb friction depends on temperature if its slope is beyond so many standard deviations
@@ -78,21 +80,47 @@ class JointTemperature:
     viscous_by_temperature: tuple[tuple[float, float, float], ...]  # °C, fv and its std along `law`, from which torque is predicted
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Assessment:
-    """Everything that follows from one replay."""
+    """Everything that follows from one replay.
+
+    Published figures and the model are computed when they are first asked for: who judges years of replays in turn asks only at the end.
+    """
 
     robot: str
     recorded_at_unix_s: float
     source: str
     identification: Identification
-    friction: tuple[JointFriction, ...]
-    temperature: tuple[JointTemperature, ...]
     belief: Belief
     health: Health
     transitions: tuple[Transition, ...]
-    model: CompensatedModel
     warnings: tuple[DataWarning, ...]
+    drift: DriftSettings
+    laws: TemperatureSettings
+    prognosis: PrognosisSettings
+
+    @cached_property
+    def lines(self) -> tuple[Line, Line]:
+        """fc(T) and fv(T) of the belief."""
+        return self.belief.lines(self.laws)
+
+    @cached_property
+    def friction(self) -> tuple[JointFriction, ...]:
+        """The published friction of every joint."""
+        coulomb, viscous = self.lines
+        return joint_friction(self.identification, self.belief, self.drift, self.prognosis, coulomb=coulomb, viscous=viscous)
+
+    @cached_property
+    def temperature(self) -> tuple[JointTemperature, ...]:
+        """The published temperature laws of every joint."""
+        coulomb, viscous = self.lines
+        return joint_temperature(self.identification, self.belief, coulomb=coulomb, viscous=viscous)
+
+    @cached_property
+    def model(self) -> CompensatedModel:
+        """The temperature-compensated torque model."""
+        coulomb, viscous = self.lines
+        return build_model(self.identification, self.belief, coulomb=coulomb, viscous=viscous)
 
     def as_document(self) -> dict[str, Any]:
         """The verdict of this replay as plain JSON; belief and model have documents of their own."""
