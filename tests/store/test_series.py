@@ -21,6 +21,7 @@ from monitor.simulate.stepped import stepped_replay
 from monitor.store.recordings import read_recording, write_recording
 from monitor.store.series import Entry, Series, assess_series, dated, interval_s, manifest
 from monitor.studies.rehearsal import detection
+from monitor.studies.rehearsal import rehearse as rehearsal
 from monitor.studies.rehearsal.play import LEARNING_DAYS
 
 ROOT = Path(__file__).parents[2]
@@ -79,16 +80,22 @@ def test_rehearse_answers_for_a_configuration(tmp_path, monkeypatch):
     """A small fleet gives false alarms, delays and remaining life in one object, and a picture.
 
     Wear begins within a month of the end of learning and is watched for 60 days more: by then 100 % a year is found, which is asked here.
-    That it may begin on any day of a year costs two years of each kind of wear, and `make soak` plays them.
+    That it may begin on any day of a year costs two years of each kind of wear, and `make soak` plays them. Lives are short ones, of half a
+    year and less, and every arm is asked on each path at each share of its life.
     """
     monkeypatch.setattr(detection, "onsets", partial(detection.onsets, latest=LEARNING_DAYS + 30))
     monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: LEARNING_DAYS + 90)
+    monkeypatch.setattr(rehearsal, "life_jobs", partial(rehearsal.life_jobs, per_year=(0.60, 1.20)))
     picture = tmp_path / "delays.png"
     document = json.loads(printed("rehearse", "--config", ROOT / "config/monitor.toml", "--arms", 16, "--json", "--plot", picture))
     assert document["robot_years"] == 16
     assert {row["wear"] for row in document["detection"]} >= {"5 % step", "10 %/year"}
     fast = next(row for row in document["detection"] if row["wear"] == "100 %/year")
     assert fast["median_days"] < 40
+    asked = {(row["path"], row["at_share_of_life"]): row["asked"] for row in document["remaining_life"]["by_path"]}
+    assert asked == {
+        (path, share): 12 if path == "straight" else 6 for path in ("straight", "exponential", "root") for share in (0.5, 0.75)
+    }
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
