@@ -24,6 +24,9 @@ def simulate(
     personality: Annotated[
         str | None, typer.Option(help="Values beside the motion: ideal (the default), or recorded as from real arms.", show_default=False)
     ] = None,
+    control_script: Annotated[
+        str | None, typer.Option(help="ur-rtde's script: modelled (the default), or executed line by line.", show_default=False)
+    ] = None,
     home: Annotated[
         str | None, typer.Option(metavar="Q1,…,Q6", help="Joint positions at the start [rad], as --home=….", show_default=False)
     ] = None,
@@ -57,6 +60,7 @@ def simulate(
         version=polyscope,
         protective_runtime=protective_runtime,
         personality=personality,
+        control_script=control_script,
         home_rad=numbers("--home", home),
         command_port=command_port,
     )
@@ -65,6 +69,7 @@ def simulate(
 
         options = {"--robot": robot, "--scenario": scenario, "--ambient": ambient, "--payload": payload, "--mounting": mounting}
         options |= {"--polyscope": polyscope, "--protective-runtime": protective_runtime, "--personality": personality, "--home": home}
+        options["--control-script"] = control_script
         given = [f"{option}={value}" for option, value in options.items() if value is not None]
         simulate_and_watch([f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", *given], bind, command_port)
         return

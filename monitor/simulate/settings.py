@@ -13,6 +13,7 @@ from monitor.simulate.scenario import Scenario
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # ur-rtde cannot use others
 DEFAULT_COMMAND_PORT = 30020
 PERSONALITIES = ("ideal", "recorded")
+CONTROL_SCRIPTS = ("modelled", "executed")
 PAYLOAD_COM_MAX_M = 2.0  # largest distance of a payload's centre of mass from the flange, along each axis
 
 
@@ -37,6 +38,7 @@ class SimulateSettings:
     current_noise: float = 1.0  # multiplies the noise of the recorded arms
     scenario: Scenario | None = None  # the events and the room of this arm
     personality: str = "ideal"  # what an arm publishes beside its motion: "ideal", or "recorded" as real arms were recorded
+    control_script: str = "modelled"  # what plays ur-rtde's control script: its model, or the interpreter of URScript
     protective_runtime: str = "paused"  # what a protective stop does to the program; it is not documented for real controllers
 
     def __post_init__(self) -> None:
@@ -58,6 +60,8 @@ class SimulateSettings:
             raise BadInput(f"simulate: protective_runtime = {self.protective_runtime!r}; expected paused, stopped or playing")
         if self.personality not in PERSONALITIES:
             raise BadInput(f"simulate: personality = {self.personality!r}; expected {' or '.join(PERSONALITIES)}")
+        if self.control_script not in CONTROL_SCRIPTS:
+            raise BadInput(f"simulate: control_script = {self.control_script!r}; expected {' or '.join(CONTROL_SCRIPTS)}")
         if not 0 < self.command_port < 65536:
             raise BadInput(f"simulate: command_port = {self.command_port}; expected 1 … 65535")
         if self.command_port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):

@@ -175,15 +175,20 @@ d.quit()
 print(json.dumps(results), flush=True)
 """
 
+NOT_ON_3 = {"getTargetWaypoint", "payload shows", "getStepTime", "getActualJointPositionsHistory"}  # ur-rtde leaves them out of its script
 GENERATIONS = [("ur5", "0.008"), ("ur5e", "0.002")]
 
 
+@pytest.mark.parametrize("script", ["modelled", "executed"])
 @pytest.mark.parametrize(("robot", "tick"), GENERATIONS)
-def test_the_control_and_receive_clients_agree_with_every_call(spawn, client, robot, tick):
-    """The calls cover moves, streams, stops, paths, kinematics, settings, custom scripts and refusals."""
-    results = result_of(client(CONTROL, spawn("--robot", robot).address, tick), timeout_s=90)
+def test_the_control_and_receive_clients_agree_with_every_call(spawn, client, robot, tick, script):
+    """The calls cover moves, streams, stops, paths, kinematics, settings, custom scripts and refusals.
+
+    An executed script is the text that ur-rtde sends, run line by line with its threads.
+    """
+    results = result_of(client(CONTROL, spawn("--robot", robot, "--control-script", script).address, tick), timeout_s=90)
     assert len(results) > 50
-    assert [name for name, good in results.items() if not good] == []
+    assert {name for name, good in results.items() if not good} == (NOT_ON_3 if (robot, script) == ("ur5", "executed") else set())
 
 
 @pytest.mark.parametrize(("robot", "tick"), GENERATIONS)

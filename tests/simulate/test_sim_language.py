@@ -106,7 +106,15 @@ def test_a_program_moves_the_arm_from_where_it_is():
             "not simulated: force_mode",
             (2, 3),
         ),
-        ("def bad():\n  thread other():\n  end\nend", "threads", (2, 1)),
+        ("def bad():\n  thread other(x):\n  end\nend", "a thread has none", (2, 1)),
+        ("def bad():\n  t = run nobody()\nend", "name of a thread", (2, 6)),
+        ("def bad():\n  if True:\n    force_mode(1)\n  end\nend", "not simulated: force_mode", (3, 5)),
+        (
+            "def bad():\n  thread away():\n    movej([0,-1,0,-1,0,0], a=1, v=1)\n  end\n"
+            "  t = run away()\n  sleep(0.02)\n  movej([0,0,0,0,0,0])\nend",
+            "another thread is already controlling the robot",
+            (1, 1),
+        ),
         ("def bad():\n  while 1 +:\n  end\nend", "syntax_error", (2, 1)),
         ("movej(p[10,0,0,0,0,0])", "movej: no joint positions", (1, 1)),
         ("def bad():\n  i = 0\n  while True:\n    i = i + 1\n  end\nend", "takes time", (3, 9)),
@@ -185,3 +193,81 @@ def test_a_program_pauses_and_goes_on_where_it_was():
     numbers = [int(text) for text in said(controller)]
     assert len(numbers) > before
     assert all(b == a + 1 for a, b in itertools.pairwise(numbers))
+
+
+def test_threads_take_turns_and_share_global_variables():
+    """A thread counts beside the main one until it is killed; `join` waits for another one; a thread's own variables are its own."""
+    controller = after(
+        "def beside():\n"
+        "  global count = 0\n"
+        "  global done = 0\n"
+        "  thread counting():\n"
+        "    mine = 100\n"
+        "    while True:\n"
+        "      count = count + 1\n"
+        "      sync()\n"
+        "    end\n"
+        "  end\n"
+        "  thread short():\n"
+        "    sleep(0.1)\n"
+        "    done = 1\n"
+        "  end\n"
+        "  async = run counting()\n"  # a keyword of Python is an ordinary name
+        "  sleep(0.2)\n"
+        "  kill async\n"
+        "  first = count\n"
+        "  other = run short()\n"
+        "  join other\n"
+        '  textmsg("counted ", first > 5 and count == first)\n'
+        '  textmsg("done ", done)\n'
+        "  kill 0\n"
+        "  textmsg(mine)\n"
+        "end",
+        1.0,
+    )
+    assert said(controller) == ["counted True", "done 1"]
+    assert "name_not_found:mine" in exceptions(controller)[0].text
+
+
+def test_no_other_thread_runs_in_a_critical_section():
+    """The main thread sleeps within the section; the other one goes on behind it."""
+    controller = after(
+        "def alone():\n"
+        "  global count = 0\n"
+        "  thread counting():\n    while True:\n      count = count + 1\n      sync()\n    end\n  end\n"
+        "  t = run counting()\n"
+        "  sync()\n"
+        "  enter_critical\n  before = count\n  sleep(0.1)\n  textmsg(count - before)\n  exit_critical\n"
+        "  sleep(0.1)\n  textmsg(count - before > 5)\n"
+        "end"
+    )
+    assert said(controller) == ["0", "True"]
+
+
+def test_a_thread_streams_targets_and_the_arm_stops_when_it_is_killed():
+    """servoj in a thread follows a global target, as the scripts of streaming clients do."""
+    controller = after(
+        "def stream():\n"
+        "  global target = get_actual_joint_positions()\n"
+        "  thread servo():\n    while True:\n      servoj(target, t=0.008, lookahead_time=0.05, gain=300)\n    end\n  end\n"
+        "  t = run servo()\n"
+        "  i = 0\n"
+        "  while i < 100:\n    target[0] = target[0] + 0.002\n    i = i + 1\n    sync()\n  end\n"
+        "  kill t\n"
+        "  stopj(10)\n"
+        "  write_output_float_register(0, get_target_joint_positions()[0])\n"
+        "end",
+        2.0,
+    )
+    way = 0.2 + 1.0**2 / (2 * 10)  # 100 targets of 2 mrad at 1 rad/s, and the way of the stop
+    assert controller.registers.output_doubles[0] == pytest.approx(way, abs=0.03)
+    assert controller.journal.stops[-1].kind == "program_end"
+    assert np.all(controller.reference.qd == 0.0)
+
+
+@pytest.mark.parametrize(("action", "runtime"), [("stop", Runtime.STOPPED), ("pause", Runtime.PAUSED), ("ignore", Runtime.PLAYING)])
+def test_a_watchdog_does_what_its_program_asked_for(action, runtime):
+    """It expires without packets; `ignore` ends a watch that was begun before."""
+    watched = f'  rtde_set_watchdog("input_int_register_0", 10.0, "stop")\n  rtde_set_watchdog("input_int_register_0", 10.0, "{action}")\n'
+    controller = after(f"def watched():\n{watched}  while True:\n    sync()\n  end\nend", 0.5)
+    assert controller.modes.runtime == runtime

@@ -201,7 +201,7 @@ class Controller:
             self._run(text)
 
     def _run(self, text: str) -> None:
-        script = parse(text)
+        script = parse(text, recognise=self.settings.control_script == "modelled")
         if not isinstance(script, Immediate):
             self.programs.start(script)
             return

@@ -1,7 +1,7 @@
 """Moves that a program asks for: each is checked against the limits of the arm and then given to the reference."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +61,7 @@ class Moves:
         self._last: Move | None = None
         self._servo_target: Sequence[float] | None = None
         self._servo_target_at_s = 0.0
+        self._ask_tool_speed: Callable[[Array, float], None] | None = None
 
     def start(self, move: Move) -> str:
         """Start a movej or a movel. Returns why the arm cannot make it, or an empty text."""
@@ -130,6 +131,12 @@ class Moves:
             tool = float(np.linalg.norm(self._kinematics.speed(reference.q, reference.qd)[:3]))
             deceleration = min(deceleration * fastest / max(tool, 1e-3), STOP_MAX_RAD_S2)
         reference.stop(deceleration)
+
+    def tool_speed(self, wanted: Array, acceleration: float) -> None:
+        """Make a speedl: the tool moves at a speed (6,) along the base's axes [m/s, rad/s]. Each call replaces the speed."""
+        if self._reference.mode != "speedl" or self._ask_tool_speed is None:
+            self._ask_tool_speed = motions.tool_speed(self._kinematics, self._reference, self._robot.max_speed_rad_s)
+        self._ask_tool_speed(wanted, acceleration)
 
     def sudden(self, target: Sequence[float]) -> str:
         """Check whether a servoj target (J,) is farther from the last one than the arm can have moved.

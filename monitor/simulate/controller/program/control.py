@@ -8,12 +8,9 @@ arguments for which a real controller raises a runtime exception ends the progra
 import logging
 import math
 from collections.abc import Callable
-from itertools import chain
 
 import numpy as np
 
-from monitor.recording import Array
-from monitor.simulate.arm import motions
 from monitor.simulate.arm.kinematics import se3
 from monitor.simulate.controller.modes import Runtime
 from monitor.simulate.controller.moves import Move, StopMotion
@@ -22,6 +19,7 @@ from monitor.simulate.controller.program.contact import UntilContact
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.player import Player
 from monitor.simulate.controller.program.scripts import ControlScript
+from monitor.simulate.controller.program.streams import follow, joint_speed, tool_speed
 
 log = logging.getLogger(__name__)
 
@@ -29,8 +27,6 @@ READY, DONE = 1, 2
 SERVO_J, SERVO_L, SPEED_J, SPEED_L, END = 11, 24, 9, 10, 255
 MOVES = frozenset({1, 2, 3, 4, 45})  # these commands wait until the arm may move
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})  # executed in every control period
-SERVO_TIME_MIN_S, SERVO_TIME_MAX_S = 1e-4, 10.0  # range of servoj's argument `time`; a shorter time means one control period
-LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # documented ranges of servoj's arguments
 JOG_STOP_M_S2 = 1.2  # deceleration of jogStop in ur-rtde's script
 NOT_SIMULATED = {  # commands that ur-rtde has and this controller refuses
     6: "forceMode",
@@ -63,7 +59,6 @@ class ControlProgram:
         self._writes = self._operation = 0
         self._last_refused = 0
         self._packets: list[list[float]] = []  # servoj targets since the last control period
-        self._tool_speed: Callable[[Array, float], None] | None = None
         self._write_progress(-1)
         self._write(0, READY)
 
@@ -151,36 +146,17 @@ class ControlProgram:
         machine, reference = self._machine, self._machine.reference
         time_s, lookahead_s, gain = self._call.vector(8, 3)
         targets = packets or ([self._call.vector()] if reference.mode != "servo" or command == SERVO_L else [])
-        if not all(map(math.isfinite, (*chain.from_iterable(targets), time_s, lookahead_s, gain))):
-            machine.supervisor.protective_stop("servoj with a target that is not a number")
-            return False
         if command == SERVO_L:
             found = machine.moves.inverse(np.array(targets[-1]))
             if found is None:
                 machine.supervisor.protective_stop("servol: no joint positions for the target")
                 return False
             targets = [found.tolist()]
-        jump = machine.moves.sudden(targets[-1]) if targets else ""
-        if jump:
-            machine.supervisor.protective_stop(f"servoj: {jump}")
-            return False
-        time_s = min(time_s, SERVO_TIME_MAX_S) if time_s > SERVO_TIME_MIN_S else 0.0
-        lookahead_s, gain = min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1])
-        reference.follow(targets, time_s, lookahead_s, gain)
-        return True
+        return follow(machine, targets, time_s, lookahead_s, gain)
 
     def _speed(self, command: int) -> None:
         """Give the speed of speedj or speedl to the reference."""
-        machine, reference = self._machine, self._machine.reference
-        wanted, acceleration = np.array(self._call.vector()), self._call.vector(6, 1)[0]
-        if not (np.isfinite(wanted).all() and math.isfinite(acceleration)):
-            machine.supervisor.protective_stop("speedj with a target that is not a number")
-        elif command == SPEED_J:
-            reference.speed(wanted, acceleration)
-        else:
-            if reference.mode != "speedl" or self._tool_speed is None:
-                self._tool_speed = motions.tool_speed(machine.kinematics, reference, machine.robot.max_speed_rad_s)
-            self._tool_speed(wanted, acceleration)
+        (joint_speed if command == SPEED_J else tool_speed)(self._machine, np.array(self._call.vector()), self._call.vector(6, 1)[0])
 
     def _once(self, command: int) -> None:
         machine, call = self._machine, self._call
@@ -233,9 +209,7 @@ class ControlProgram:
         frames = {1: machine.kinematics.at(machine.measurements.latest.q), 2: se3(figures[8:14])}
         rotation = frames[int(figures[6])].rotation if int(figures[6]) in frames else np.eye(3)
         if machine.modes.may_move:
-            if machine.reference.mode != "speedl" or self._tool_speed is None:
-                self._tool_speed = motions.tool_speed(machine.kinematics, machine.reference, machine.robot.max_speed_rad_s)
-            self._tool_speed(np.concatenate((rotation @ figures[:3], rotation @ figures[3:6])), figures[7])
+            tool_speed(machine, np.concatenate((rotation @ figures[:3], rotation @ figures[3:6])), figures[7])
 
     def _move(self, command: int) -> None:
         speed, acceleration = self._call.vector(6, 2)

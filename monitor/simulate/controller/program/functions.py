@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.simulate.arm.kinematics import composed, pose_of, se3
+from monitor.simulate.controller.program.contact import touched
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.steps import text_of
 
@@ -56,8 +57,13 @@ def _norm(_: Machine | None, value: Value) -> float:
     return math.hypot(*map(float, value)) if isinstance(value, list) else abs(float(value))
 
 
-def _inverse(machine: Machine, pose: Value, near: Value = None) -> Value:
-    found = machine.moves.inverse(_figures(pose), None if near is None else _figures(near))
+def _solution(machine: Machine, pose: Value, near: Value) -> np.ndarray | None:
+    return machine.moves.inverse(_figures(pose), None if near is None else _figures(near))
+
+
+def _inverse(machine: Machine, pose: Value, near: Value = None, *_: Value) -> Value:
+    """get_inverse_kin; the largest errors of position and orientation behind `near` are not modelled."""
+    found = _solution(machine, pose, near)
     if found is None:
         raise ValueError(f"get_inverse_kin: no joint positions for {text_of(pose)}")
     return found.tolist()
@@ -119,12 +125,40 @@ PURE: dict[str, Callable[..., Value]] = {
     "pose_trans": lambda _, first, second: Pose(composed(_figures(first), _figures(second)).tolist()),
     "pose_inv": lambda _, pose: Pose(pose_of(se3(_figures(pose)).inverse()).tolist()),
     "pose_add": lambda _, first, second: Pose(_pose_add(_figures(first), _figures(second))),
+    "pose_sub": lambda _, first, second: Pose(_pose_add(_figures(first), -_figures(second))),
+    # modes of force control and freedrive that never begin here: their settings and ends change nothing
+    **dict.fromkeys(("force_mode_set_damping", "force_mode_set_gain_scaling"), lambda _, _value: None),
+    **dict.fromkeys(("end_force_mode", "end_teach_mode", "end_freedrive_mode", "zero_ftsensor"), lambda _: None),
+    "get_freedrive_status": lambda _: 0,
 }
 
 
 def _pose_add(first: np.ndarray, second: np.ndarray) -> list[float]:
     turned = pose_of(se3(np.concatenate((np.zeros(3), first[3:]))) * se3(np.concatenate((np.zeros(3), second[3:]))))
     return [*(first[:3] + second[:3]).tolist(), *turned[3:].tolist()]
+
+
+def _within(machine: Machine, target: Value) -> bool:
+    """is_within_safety_limits of a pose or of joint positions."""
+    figures = _figures(target)
+    return machine.moves.inverse(figures) is not None if getattr(target, "is_pose", False) else not machine.limits.outside(figures)
+
+
+def _waypoint(machine: Machine) -> Value:
+    at = machine.moves.waypoint
+    return Pose((machine.kinematics.pose(machine.reference.q) if at is None else at).tolist())
+
+
+def _back(machine: Machine, steps: Value) -> Value:
+    """Joint positions some control periods ago."""
+    history = machine.measurements.history
+    return history[-1 - min(max(int(steps), 0), len(history) - 1)].tolist()
+
+
+def _external_torque(machine: Machine) -> Value:
+    """The torque that neither the model of the controller nor friction explains [N·m]."""
+    arm = machine.arm
+    return (arm.torque_nm - machine.installation.target_moment(machine.reference) - arm.friction_nm).tolist()
 
 
 ASKING: dict[str, Callable[..., Value]] = {
@@ -138,7 +172,18 @@ ASKING: dict[str, Callable[..., Value]] = {
     "get_forward_kin": _forward,
     "get_inverse_kin": _inverse,
     "get_tcp_offset": lambda machine: Pose(machine.kinematics.tool.tolist()),
+    "get_target_tcp_speed": lambda machine: machine.kinematics.speed(machine.reference.q, machine.reference.qd).tolist(),
+    "get_actual_tool_flange_pose": lambda machine: Pose(pose_of(machine.kinematics.flange(machine.measurements.latest.q)).tolist()),
+    "get_target_waypoint": _waypoint,
+    "get_inverse_kin_has_solution": lambda machine, pose, near=None, *_: _solution(machine, pose, near) is not None,
+    "is_within_safety_limits": _within,
+    "get_joint_torques": _external_torque,
+    "get_target_joint_accelerations": lambda machine: machine.reference.qdd.tolist(),
+    "get_actual_joint_positions_history": _back,
+    "tool_contact": lambda machine, *_, **_named: int(touched(machine)),
     "get_target_payload": lambda machine: machine.installation.payload[0],
+    "get_target_payload_cog": lambda machine: list(machine.installation.payload[1:4]),
+    "get_target_payload_inertia": lambda machine: list(machine.installation.inertia_kg_m2),
     "get_steptime": lambda machine: machine.clock.tick_s,
     "is_steady": lambda machine: machine.standing,
     **{

@@ -26,13 +26,15 @@ CALLS_MAX = 40  # functions within functions
 NESTING_MAX = 3  # lists within lists
 
 Scope = dict[str, Value]
-Evaluation = Generator[Step, None, Value]
+Steps = Generator[Step, int | None, None]  # who plays the steps answers `Run` with the number of the thread
+Evaluation = Generator[Step, int | None, Value]
 OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Mod: operator.mod,
+    ast.BitXor: lambda a, b: bool(a) != bool(b),
 }
 COMPARISONS: dict[type[ast.AST], Callable[[Any, Any], bool]] = {
     ast.Lt: operator.lt,
@@ -48,10 +50,6 @@ class NeedsMachine(Exception):
     """An expression asks for the state of a controller, and there is none."""
 
 
-class _Halted(Exception):
-    """The program said `halt`."""
-
-
 class _Returned(Exception):
     """A function returned."""
 
@@ -59,15 +57,40 @@ class _Returned(Exception):
         self.value = value
 
 
-def run(program: Source, machine: Machine | None) -> Iterator[Step]:
-    """The steps of a program as they come. Raises ScriptError where a real controller raises a runtime exception.
+class Halted(Exception):
+    """A program said `halt`: all its threads end."""
+
+
+class Execution:
+    """One execution of a program: its main thread and those that it starts share the global variables.
 
     Without a machine, a program that asks for the state of the controller raises NeedsMachine.
     """
-    running = _Run(program, machine)
+
+    def __init__(self, program: Source, machine: Machine | None) -> None:
+        self._program, self._machine = program, machine
+        self._globals: Scope = {}
+
+    def main(self) -> Steps:
+        """The steps of the program as they come. Raises ScriptError where a real controller raises a runtime exception, and Halted."""
+        return self._steps(self._program.body, self._globals)
+
+    def thread(self, name: str) -> Steps:
+        """The steps of a thread. Raises as `main`."""
+        return self._steps(self._program.threads[name], {})
+
+    def _steps(self, block: Block, scope: Scope) -> Steps:
+        try:
+            yield from _Run(self._program, self._machine, self._globals).block(block, scope)
+        except _Returned:
+            return
+
+
+def run(program: Source, machine: Machine | None) -> Iterator[Step]:
+    """The steps of a program without threads. Raises as `Execution.main`, except that `halt` only ends it."""
     try:
-        yield from running.block(program.body, running.globals)
-    except (_Halted, _Returned):
+        yield from Execution(program, machine).main()
+    except Halted:
         return
 
 
@@ -86,14 +109,14 @@ def _copied(value: Value) -> Value:
 
 
 class _Run:
-    """One execution of a program."""
+    """One thread of an execution."""
 
-    def __init__(self, program: Source, machine: Machine | None) -> None:
+    def __init__(self, program: Source, machine: Machine | None, common: Scope) -> None:
         self._program, self._machine = program, machine
-        self.globals: Scope = {}
+        self.globals = common
         self._statements = self._depth = 0
 
-    def block(self, block: Block, scope: Scope) -> Generator[Step, None, str]:
+    def block(self, block: Block, scope: Scope) -> Generator[Step, int | None, str]:
         """Execute statements. Returns "break" or "continue" if the loop around them shall do that, else an empty text."""
         for statement in block:
             self._statements += 1
@@ -115,7 +138,7 @@ class _Run:
                     raise _Returned((yield from self._value(value, value.node, scope)) if value else None)
                 case Jump(kind):
                     if kind == "halt":
-                        raise _Halted
+                        raise Halted
                     return kind
                 case _:
                     while (yield from self._value(statement.condition, statement.condition.node, scope)):
@@ -130,10 +153,9 @@ class _Run:
         if self._statements > STATEMENTS_MAX:
             raise where.error(f"runtime_error: a loop without a step that takes time, after {STATEMENTS_MAX} statements")
 
-    def _assign(self, statement: Assign, scope: Scope) -> Generator[Step, None, None]:
+    def _assign(self, statement: Assign, scope: Scope) -> Steps:
         value = _copied((yield from self._value(statement.value, statement.value.node, scope)))
-        # as in URScript: a name without `local` is that of the function's variable if it has one, else a global variable
-        there = scope if statement.scope == "local" or (statement.name in scope and not statement.scope) else self.globals
+        there = self._scope_of(statement, scope)
         if statement.index is None:
             there[statement.name] = value
             return
@@ -143,6 +165,12 @@ class _Run:
             _nesting(there[statement.name])
         except (KeyError, TypeError, IndexError, ValueError):
             raise statement.value.error(f"runtime_error: {statement.name}[{index}] does not exist") from None
+
+    def _scope_of(self, statement: Assign, scope: Scope) -> Scope:
+        """Where a variable lies: without `local` and `global` it is the function's, else a global one, else a new one of the function."""
+        if statement.scope:
+            return scope if statement.scope == "local" else self.globals
+        return self.globals if statement.name not in scope and statement.name in self.globals else scope
 
     # --- expressions --------------------------------------------------------------------------------------------
     def _value(self, where: Expression, node: ast.expr, scope: Scope) -> Evaluation:
@@ -193,7 +221,7 @@ class _Run:
                 return (yield from self._call(where, node, scope))
         raise where.error("syntax_error: this expression is not understood", node)
 
-    def _nodes(self, where: Expression, nodes: list[ast.expr], scope: Scope) -> Generator[Step, None, list[Value]]:
+    def _nodes(self, where: Expression, nodes: list[ast.expr], scope: Scope) -> Generator[Step, int | None, list[Value]]:
         values = []
         for node in nodes:
             values.append((yield from self._node(where, node, scope)))
@@ -214,8 +242,9 @@ class _Run:
                 raise where.error(wrong.text, node) from None
             if takes_time(step):
                 self._statements = 0
-            yield step
-            return None
+            return (yield step)
+        if name not in FUNCTIONS:
+            raise where.error(f"not simulated: {name}", node)
         function = FUNCTIONS[name]
         if function.asks and self._machine is None:
             raise NeedsMachine(name)

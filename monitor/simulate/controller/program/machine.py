@@ -31,10 +31,15 @@ class Watchdog:
         self._clock = clock
         self.variable: str | None = None  # the watched input; None if nothing is watched
         self.limit_s, self._fed_at_s = math.inf, 0.0
+        self.action = "stop"  # what happens to the program: "stop" or "pause"
         self.dead = False  # a watchdog that is acknowledged and never expires
 
-    def watch(self, variable: str, min_frequency_hz: float) -> None:
-        """Expire when this input has not arrived for one period of this frequency."""
+    def watch(self, variable: str, min_frequency_hz: float, action: str = "stop") -> None:
+        """Expire when this input has not arrived for one period of this frequency. The action "ignore" ends the watch."""
+        if action == "ignore":
+            self.clear()
+            return
+        self.action = action
         self.variable, self.limit_s = variable, 1.0 / min_frequency_hz
         self.feed()
 

@@ -1,41 +1,92 @@
 """Programs that are a sequence of steps."""
 
-import math
-from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
+from collections.abc import Callable, Generator, Iterable, Iterator
+from typing import Protocol
 
 import numpy as np
 
 from monitor.simulate.controller.codes import ASKED
-from monitor.simulate.controller.moves import Move, StopMotion
+from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2, Move, StopMotion
 from monitor.simulate.controller.program import queries
-from monitor.simulate.controller.program.interpreter import run
-from monitor.simulate.controller.program.language import ScriptError, Source
+from monitor.simulate.controller.program.language import ScriptError
 from monitor.simulate.controller.program.machine import Machine
-from monitor.simulate.controller.program.steps import Declare, Output, PathProgress, ProtectiveStop, Say, Step, Wait, Write, takes_time
+from monitor.simulate.controller.program.steps import (
+    Critical,
+    Declare,
+    Join,
+    Kill,
+    Output,
+    PathProgress,
+    ProtectiveStop,
+    Run,
+    Say,
+    Servo,
+    Speed,
+    Step,
+    Wait,
+    Watch,
+    Write,
+    takes_time,
+)
+from monitor.simulate.controller.program.streams import follow, joint_speed, tool_speed
+
+MOTIONS = (Move, Servo, Speed)
+
+
+class Threading(Protocol):
+    """What a thread asks of the others of its program."""
+
+    def start(self, name: str) -> int:
+        """Start a thread. Returns its number."""
+
+    def kill(self, number: int) -> None:
+        """End a thread."""
+
+    def runs(self, number: int) -> bool:
+        """Whether a thread has not ended."""
+
+    def hold(self, alone: "Player | None") -> None:
+        """Let only this thread run, or all again."""
+
+    def others_move(self, player: "Player") -> bool:
+        """Whether a thread beside this one moves the arm."""
 
 
 class Player:
-    """Plays steps. Every move comes to rest at its end: blend radii are not modelled."""
+    """Plays the steps of one thread. Every move comes to rest at its end: blend radii are not modelled."""
 
-    def __init__(self, steps: Iterable[Step], machine: Machine, on_progress: Callable[[int], None] = lambda _: None) -> None:
-        """`on_progress` receives the numbers of the path's progress signals."""
+    def __init__(
+        self,
+        steps: Iterable[Step],
+        machine: Machine,
+        on_progress: Callable[[int], None] = lambda _: None,
+        threads: Threading | None = None,
+        *,
+        waits_for_arm: bool = True,
+    ) -> None:
+        """`on_progress` receives the numbers of the path's progress signals; `threads` is what the thread asks of the others.
+
+        `waits_for_arm` tells whether the first step waits until the motion before it has ended.
+        """
         self._left: Iterator[Step] = iter(steps)
-        self._machine, self._on_progress = machine, on_progress
-        self._until_s = -math.inf  # the end of the present wait
+        self._machine, self._on_progress, self._threads = machine, on_progress, threads
+        self._held: Step | None = None  # a motion that begins when the arm may move
+        self._answer: int | None = None  # what the next step is told about the last one
+        self._waits: Callable[[], bool] = lambda: machine.moves.over or not waits_for_arm  # tells whether the present step has ended
+        self.moves = False  # whether the present step moves the arm
 
     def over(self) -> bool:
         """Play as many steps as possible now. Returns whether all steps have ended.
 
-        Raises ScriptError where a real controller raises a runtime exception.
+        Raises ScriptError where a real controller raises a runtime exception, and Halted where the program says `halt`.
         """
-        machine = self._machine
-        while machine.moves.over and machine.clock.now_s >= self._until_s:
-            step = next(self._left, None)
+        while self._waits():
+            self.moves = False
+            step = self._held or self._next()
             if step is None:
                 return True
-            if isinstance(step, Move) and not machine.modes.may_move:
-                self._left = chain((step,), self._left)
+            self._held = step if isinstance(step, MOTIONS) and not self._machine.modes.may_move else None
+            if self._held is not None:
                 return False
             self._play(step)
             if takes_time(step) and not isinstance(step, Move | StopMotion):
@@ -44,18 +95,42 @@ class Player:
 
     def instant(self) -> None:
         """Play all steps at once, as a secondary program. Raises ScriptError for a step that takes time."""
-        for step in self._left:
+        while (step := self._next()) is not None:
             if takes_time(step):
                 raise ScriptError("a secondary program may take no time; this one moves or waits")
             self._play(step)
 
+    def abandon(self) -> None:
+        """Leave the present step. A motion of it ends in a stop."""
+        if self.moves:
+            self._machine.reference.stop(PROGRAM_STOP_RAD_S2)
+        self.moves = False
+
+    def _next(self) -> Step | None:
+        answer, self._answer = self._answer, None
+        try:
+            return self._left.send(answer) if isinstance(self._left, Generator) else next(self._left)
+        except StopIteration:
+            return None
+
+    def _wait(self, seconds: float) -> None:
+        """Wait this long, and no less than until the next control period."""
+        clock = self._machine.clock
+        until_s = clock.now_s + max(seconds, 0.0) - 0.5 * clock.tick_s
+        self._waits = lambda: clock.now_s >= until_s
+
     def _play(self, step: Step) -> None:
         machine = self._machine
         match step:
-            case Move() as move:
-                self._move(move)
+            case Move() | Servo() | Speed():
+                self._begin(step)
             case StopMotion() as stop:
+                self.moves, self._waits = True, lambda: machine.moves.over
                 machine.moves.stop(stop)
+            case Run() | Kill() | Join() | Critical():
+                self._ask(step)
+            case Watch(variable, frequency, action):
+                machine.watchdog.watch(variable, frequency, action)
             case Write(register, value, whole):
                 if whole:
                     machine.registers.output_ints[register] = int(value)
@@ -64,7 +139,7 @@ class Player:
             case PathProgress(value):
                 self._on_progress(value)
             case Wait(seconds):
-                self._until_s = machine.clock.now_s + seconds
+                self._wait(seconds)
             case Say(text):
                 machine.journal.text_message(text)
             case Output(number, on):
@@ -75,9 +150,53 @@ class Player:
             case ProtectiveStop():
                 machine.supervisor.protective_stop("asked for by the program", ASKED)
 
+    def _ask(self, step: Run | Kill | Join | Critical) -> None:
+        """Start, end or wait for another thread, or keep the others from running."""
+        if self._threads is None:
+            raise ScriptError("runtime_error: threads are not available here")
+        match step:
+            case Run(name):
+                self._answer = self._threads.start(name)
+            case Kill(number):
+                self._threads.kill(number)
+            case Join(number):
+                threads = self._threads
+                self._waits = lambda: not threads.runs(number)
+            case Critical(begins):
+                self._threads.hold(self if begins else None)
+
+    def _begin(self, step: Move | Servo | Speed) -> None:
+        """Begin a motion. Raises ScriptError where another thread moves the arm."""
+        if self._threads is not None and self._threads.others_move(self):
+            raise ScriptError("runtime_error: another thread is already controlling the robot")
+        self.moves = True
+        match step:
+            case Move():
+                self._move(step)
+            case Servo():
+                follow(self._machine, [list(step.target)], step.seconds, step.lookahead_s, step.gain)
+                self._wait(max(step.seconds, self._machine.clock.tick_s))
+            case Speed():
+                self._speed(step)
+
+    def _speed(self, step: Speed) -> None:
+        machine, wanted = self._machine, np.array(step.speed)
+        if step.straight:
+            tool_speed(machine, wanted, step.acceleration)
+        else:
+            joint_speed(machine, wanted, step.acceleration)
+        if step.seconds > 0.0:
+            self._wait(step.seconds)
+        elif step.straight:
+            self._wait(machine.clock.tick_s)
+        else:
+            top = machine.robot.max_speed_rad_s
+            self._waits = lambda: bool(np.allclose(machine.reference.qd, np.clip(wanted, -top, top), atol=1e-6))
+
     def _move(self, move: Move) -> None:
         """Start a move. A tool pose that a movel cannot reach leads to a protective stop, and any other obstacle to an exception."""
         machine = self._machine
+        self._waits = lambda: machine.moves.over
         obstacle = machine.moves.start(move)
         if obstacle and move.straight and move.pose and machine.moves.inverse(np.array(move.target)) is None:
             machine.supervisor.protective_stop(f"movel: {obstacle}", ASKED)
@@ -92,26 +211,6 @@ def _declare(machine: Machine, what: str, figures: tuple[float, ...]) -> None:
         queries.DECLARATIONS[what](machine, list(figures))
     except (queries.ImpossibleArguments, ValueError, IndexError) as wrong:
         raise ScriptError(f"runtime_error: {what}: {wrong}") from None
-
-
-class StepsProgram:
-    """A program in URScript. It ends after the last step."""
-
-    command_register = ""
-
-    def __init__(self, program: Source, machine: Machine) -> None:
-        self._player = Player(run(program, machine), machine)
-
-    def received(self) -> None:
-        """Input packets do not matter to a program without a command register."""
-
-    def step(self) -> bool:
-        """Play on. Returns False when the program has ended. Raises ScriptError where a controller raises a runtime exception."""
-        return not self._player.over()
-
-    def instant(self) -> None:
-        """Play all steps at once, as a secondary program. Raises ScriptError for a step that takes time."""
-        self._player.instant()
 
 
 class SteppedProgram:

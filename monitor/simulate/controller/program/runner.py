@@ -10,8 +10,9 @@ from monitor.simulate.controller.program.files import ProgramFiles
 from monitor.simulate.controller.program.foreign import ForeignProgram
 from monitor.simulate.controller.program.language import ScriptError, Source
 from monitor.simulate.controller.program.machine import Machine
-from monitor.simulate.controller.program.player import SteppedProgram, StepsProgram
+from monitor.simulate.controller.program.player import SteppedProgram
 from monitor.simulate.controller.program.scripts import ControlScript, Refused
+from monitor.simulate.controller.program.threads import ScriptProgram
 from monitor.simulate.controller.registers import Recipe
 
 log = logging.getLogger(__name__)
@@ -19,7 +20,7 @@ log = logging.getLogger(__name__)
 EXCEPTION = "runtime exception"  # how the reason of a stop begins when a program made a mistake
 FOREIGN_NAME = "cell"  # of a program that somebody else starts
 
-Program = ControlProgram | StepsProgram | SteppedProgram | ForeignProgram
+Program = ControlProgram | ScriptProgram | SteppedProgram | ForeignProgram
 
 
 class Programs:
@@ -37,6 +38,10 @@ class Programs:
         machine = self._machine
         if machine.watchdog.expired:
             machine.journal.watchdog_trips += 1
+            if machine.watchdog.action == "pause":
+                machine.watchdog.clear()
+                self.pause()
+                return
             self.stop(f"{machine.watchdog.variable} was not received for {machine.watchdog.limit_s:.3g} s", kind="watchdog", by="watchdog")
         if self.current is None or machine.modes.runtime != Runtime.PLAYING:
             return
@@ -67,7 +72,7 @@ class Programs:
             return
         self.stop("replaced by another script", by=owner)
         machine.journal.scripts_started += 1
-        program = ControlProgram(script, machine) if isinstance(script, ControlScript) else StepsProgram(script, machine)
+        program = ControlProgram(script, machine) if isinstance(script, ControlScript) else ScriptProgram(script, machine)
         self._begin(program, script.name, owner)
 
     def _begin(self, program: Program, name: str, owner: str) -> None:
@@ -82,7 +87,7 @@ class Programs:
     def _run_beside(self, script: Source) -> None:
         """Run a secondary program at once. The program that runs goes on."""
         try:
-            StepsProgram(script, self._machine).instant()
+            ScriptProgram(script, self._machine).instant()
         except ScriptError as wrong:
             self._machine.journal.exception_message(wrong.text, wrong.line, wrong.column)
 

@@ -98,10 +98,10 @@ class Framer:
         return complete
 
 
-def parse(text: str) -> Script:
-    """Parse one complete script."""
+def parse(text: str, *, recognise: bool = True) -> Script:
+    """Parse one complete script. `recognise` tells whether ur-rtde's control script becomes a ControlScript, or a program as any other."""
     try:
-        if text.startswith(("def rtde_control()", "def rtde_control ")) and "NODE_CONTROL_LOOP_BEGINS" in text:
+        if recognise and text.startswith(("def rtde_control()", "def rtde_control ")) and "NODE_CONTROL_LOOP_BEGINS" in text:
             return _control_script(text)
         if text in IMMEDIATE:
             return Immediate(text)

@@ -62,22 +62,82 @@ class ProtectiveStop:
     """A protective_stop()."""
 
 
-Step = Move | StopMotion | Write | PathProgress | Wait | Say | Declare | Output | ProtectiveStop
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """A servoj: the joints follow a target (J,) [rad] for a time [s]; the look-ahead time [s] and the gain smooth the way."""
+
+    target: tuple[float, ...]
+    seconds: float
+    lookahead_s: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class Speed:
+    """A speedj [rad/s, rad/s²] or, if straight, a speedl of the tool [m/s and rad/s, m/s²], for a time [s]."""
+
+    speed: tuple[float, ...]
+    acceleration: float
+    seconds: float
+    straight: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """An rtde_set_watchdog: what happens when an input arrives less often than `min_frequency_hz`: "stop", "pause" or "ignore"."""
+
+    variable: str
+    min_frequency_hz: float
+    action: str
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """The start of a thread. The one who plays the program answers with the number of the thread."""
+
+    thread: str
+
+
+@dataclass(frozen=True, slots=True)
+class Kill:
+    """The end of a thread; a number that no thread has ends nothing."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Join:
+    """The wait for the end of a thread."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Critical:
+    """The beginning or the end of a section in which no other thread of the program runs."""
+
+    begins: bool
+
+
+Threading = Run | Kill | Join | Critical
+Step = Move | StopMotion | Servo | Speed | Write | PathProgress | Wait | Say | Declare | Output | ProtectiveStop | Watch | Threading
 
 STEPS = frozenset(  # the calls that make a step
     (
-        *("movej", "movel", "stopj", "stopl", "sleep", "sync", "textmsg", "protective_stop"),
+        *("movej", "movel", "servoj", "speedj", "speedl", "stopj", "stopl", "sleep", "sync", "textmsg", "protective_stop"),
+        *("rtde_set_watchdog", "run", "kill", "join", "enter_critical", "exit_critical"),
         *("write_output_integer_register", "write_output_float_register", "signal_async_progress"),
         *("set_payload", "set_target_payload", "set_tcp", "set_gravity"),
         *("set_standard_digital_out", "set_configurable_digital_out", "set_tool_digital_out", "set_digital_out"),
     )
 )
+WATCHDOG_ACTIONS = ("stop", "pause", "ignore")
 OUTPUTS = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2), "digital": (0, 8)}  # first bit and number of outputs
 
 
 def takes_time(step: Step) -> bool:
     """Whether time passes in this step."""
-    return isinstance(step, Move | StopMotion | Wait)
+    return isinstance(step, Move | StopMotion | Servo | Speed | Wait | Join)
 
 
 def step_of(name: str, arguments: list[Any], named: dict[str, Any]) -> Step:
@@ -95,6 +155,17 @@ def _step(name: str, arguments: list[Any], named: dict[str, Any]) -> tuple[Step,
     match name:
         case "movej" | "movel":
             return _move(name, arguments, named)
+        case "servoj" | "speedj" | "speedl":
+            return _stream(name, arguments, named)
+        case "rtde_set_watchdog":
+            return _watch(*arguments, **named)
+        case "run":
+            return Run(str(arguments[0])), []
+        case "kill" | "join":
+            number = int(arguments[0])
+            return (Kill if name == "kill" else Join)(number), []
+        case "enter_critical" | "exit_critical":
+            return Critical(name == "enter_critical"), []
         case "stopj" | "stopl":
             deceleration = float(arguments[0] if arguments else named.get("a", 2.0))
             return StopMotion(deceleration, name == "stopl"), [deceleration]
@@ -135,6 +206,29 @@ def _move(name: str, arguments: list[Any], named: dict[str, Any]) -> tuple[Step,
     if len(target) != 6 or min(speed, acceleration) <= 0.0:
         raise ScriptError(f"runtime_error: {name} expects 6 finite figures and positive speed and acceleration")
     return Move(target, pose, straight, speed, acceleration), [*target, speed, acceleration]
+
+
+def _stream(name: str, arguments: list[Any], named: dict[str, Any]) -> tuple[Step, list[float]]:
+    """A servoj, speedj or speedl. The defaults are those of URScript."""
+    target = tuple(float(value) for value in arguments[0])
+    if len(target) != 6:
+        raise ScriptError(f"runtime_error: {name} expects 6 figures")
+    if name == "servoj":  # servoj(q, a, v, t, lookahead_time, gain): a and v have no effect
+        given = dict(zip(("a", "v", "t", "lookahead_time", "gain"), arguments[1:], strict=False)) | named
+        time_s, lookahead_s = float(given.get("t", 0.002)), float(given.get("lookahead_time", 0.1))
+        # a target that is not a number is a protective stop, and no wrong argument
+        return Servo(target, time_s, lookahead_s, float(given.get("gain", 300.0))), []
+    given = dict(zip(("a", "t", "aRot"), arguments[1:], strict=False)) | named
+    acceleration, time_s = float(given.get("a", 1.4 if name == "speedj" else 1.2)), float(given.get("t", 0.0))
+    return Speed(target, acceleration, time_s, name == "speedl"), [time_s]
+
+
+def _watch(variable: str, min_frequency: float, action: str = "pause") -> tuple[Step, list[float]]:
+    if action not in WATCHDOG_ACTIONS:
+        raise ScriptError(f"runtime_error: rtde_set_watchdog: action {action!r}; expected one of {', '.join(WATCHDOG_ACTIONS)}")
+    if action != "ignore" and float(min_frequency) <= 0.0:
+        raise ScriptError(f"runtime_error: rtde_set_watchdog: {min_frequency:g} Hz; expected more than 0")
+    return Watch(str(variable), float(min_frequency), action), [float(min_frequency)]
 
 
 def _write(name: str, register: int, value: float) -> tuple[Step, list[float]]:
