@@ -11,7 +11,7 @@ export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test docs card lint bench soak excitations install uninstall clean
+.PHONY: help demo test docs texts card lint bench soak excitations install uninstall clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -38,6 +38,9 @@ docs: $(STAMP) ## the pages that are generated, and the site of all pages in bui
 	$(BIN)/python docs/site/reference.py
 	$(BIN)/mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "build/site/index.html"
+
+texts: $(STAMP) ## gather the texts of page and report into their catalogues, and compile these
+	$(BIN)/python docs/site/texts.py
 
 lint: $(STAMP) ## style, types, and who may import whom
 	$(BIN)/ruff check .

@@ -3,13 +3,16 @@
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from monitor.config.schema import Configuration
 from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.model.joint_names import joint_name
 from monitor.store.store import Store
+from monitor.views.language.catalogue import LANGUAGES, language
 from monitor.views.web.content import BusAccess, Content
 
 if TYPE_CHECKING:
@@ -28,7 +31,35 @@ def page(
     from monitor.views.web.server import PageServer  # its import takes 0.3 s, and many monitors have no page
 
     token = configuration.page.token(configuration.path.parent)
-    return PageServer(configuration.page, Content(store, bus, about(configuration), configuration.schedule, now), token)
+    content = Content(
+        store,
+        bus,
+        about(configuration),
+        configuration.schedule,
+        now,
+        language=configuration.page.language,
+        report=partial(_report, configuration, now),
+        table=partial(_table, configuration),
+        file_name=f"{configuration.robot.site}-{configuration.robot.id}",
+    )
+    return PageServer(configuration.page, content, token)
+
+
+def _report(configuration: Configuration, now: Callable[[], float], code: str) -> str:
+    """The report on the whole history as HTML. It reads beside the daemon, which goes on."""
+    from monitor.service.history.report import report
+    from monitor.views.report.page import report_page
+
+    with Store.reader(configuration.state_directory) as store:
+        return report_page([report(configuration, store, None, None, now())], language(code))
+
+
+def _table(configuration: Configuration, _code: str) -> str:
+    """Friction of every replay as CSV; programs read it, so it has no language."""
+    from monitor.service.history.transfer import table
+
+    with Store.reader(configuration.state_directory) as store:
+        return str(table(store, "friction").to_csv(index=False))
 
 
 def about(configuration: Configuration) -> dict[str, Any]:
@@ -45,6 +76,8 @@ def about(configuration: Configuration) -> dict[str, Any]:
             "tool": who.tool,
         },
         "key_prefix": configuration.key_prefix,
+        "joints": [joint_name(j + 1) for j in range(arm.joints)],
+        "languages": LANGUAGES,
         "levels": [
             {"name": "wear tier", "rise": health.wear_rise, "state": "MAINTENANCE_REQUIRED"},
             {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},

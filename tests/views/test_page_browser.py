@@ -13,6 +13,7 @@ from lived_monitor import configuration, monitor
 from monitor.judge.document import plain
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
+from monitor.model.joint_names import joint_name
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
 
@@ -62,18 +63,26 @@ def test_the_state_of_the_arm_is_seen_at_once(opened):
     page = opened[0]()
     expect(page.locator("#state")).to_contain_text("Maintenance required")
     expect(page.locator("#active .alert")).to_have_count(1)
-    expect(page.locator("#active .alert")).to_contain_text("Joint 3: Wear rising")
+    expect(page.locator("#active .alert")).to_contain_text("Elbow: Wear rising")
     expect(page.locator("#arm .joint")).to_have_count(6)
     expect(page.locator('#arm .joint[data-state="MAINTENANCE_REQUIRED"]')).to_have_count(1)
     expect(page.locator('#arm .joint[data-state="NORMAL"]')).to_have_count(5)
     expect(page.locator("#joints tbody tr")).to_have_count(6)
-    expect(page.locator("#which")).to_have_text("3")  # the joint in the worst state is shown first
+    expect(page.locator("#which")).to_have_text("Elbow")  # the joint in the worst state is shown first
     expect(page.locator("#old")).to_be_hidden()
     assert re.search(r"friction now 2\d\.\d % above.*; limit \d+ days after", page.locator("#wear").get_attribute("aria-label"))
     assert "% per kelvin" in page.locator("#law").get_attribute("aria-label")
     expect(page.locator("#torque canvas")).to_be_visible()
     assert page.title().startswith("Maintenance required: cell-1")
+    expect(page.locator("#active h3")).to_have_text("Elbow turns 22 % heavier than on 1 June.")
+    expect(page.locator("#active .text")).to_contain_text("At this pace it meets its limit around")
+    expect(page.locator("#active .action")).to_contain_text("Inspect")
+    expect(page.locator("#active .proof canvas")).to_be_visible()
+    expect(page.locator("#why")).to_have_text("Elbow turns 22 % heavier than on 1 June.")
+    expect(page.locator("#joints .sparkline polyline")).to_have_count(6)
+    expect(page.locator("#active").get_by_text("went from")).to_be_hidden()
     page.locator("#active summary").click()
+    expect(page.locator("#active").get_by_text("went from")).to_be_visible()
     expect(page.locator("#active .alert")).to_contain_text("of it temperature")
 
 
@@ -129,10 +138,10 @@ def test_choosing_a_joint_in_drawing_table_or_tabs_shows_it_everywhere(opened):
     page = opened[0]()
     for joint, where in ((5, "#arm .joint >> nth=4"), (2, "#joints tbody tr >> nth=1"), (6, "#tab-6")):
         page.locator(where).click()
-        expect(page.locator("#which")).to_have_text(str(joint))
+        expect(page.locator("#which")).to_have_text(joint_name(joint))
         expect(page.locator(f"#tab-{joint}")).to_have_attribute("aria-selected", "true")
         expect(page.locator("#joints tr.on")).to_contain_text(f"J{joint}")
-        assert f"Joint {joint}:" in page.locator("#wear").get_attribute("aria-label")
+        assert f"{joint_name(joint)}:" in page.locator("#wear").get_attribute("aria-label")
 
 
 def test_everything_can_be_done_by_keyboard(opened, served):
@@ -144,14 +153,14 @@ def test_everything_can_be_done_by_keyboard(opened, served):
     assert tops == sorted(tops)
     page.locator("#tab-3").focus()
     page.keyboard.press("ArrowRight")
-    expect(page.locator("#which")).to_have_text("4")
+    expect(page.locator("#which")).to_have_text("Wrist 1")
     page.keyboard.press("End")
-    expect(page.locator("#which")).to_have_text("6")
+    expect(page.locator("#which")).to_have_text("Wrist 3")
     page.keyboard.press("ArrowRight")
-    expect(page.locator("#which")).to_have_text("1")
+    expect(page.locator("#which")).to_have_text("Base")
     page.locator("#arm .joint").nth(2).focus()
     page.keyboard.press("Enter")
-    expect(page.locator("#which")).to_have_text("3")
+    expect(page.locator("#which")).to_have_text("Elbow")
     page.locator("body").press("Tab")
     shelve = page.get_by_role("button", name="Shelve…")
     shelve.focus()
@@ -291,5 +300,5 @@ def test_an_old_verdict_is_marked_with_advice(browser, tmp_path):
         expect(page.locator("#stale")).to_contain_text("ask for a replay")
         expect(page.locator("#arm .joint.stale")).to_have_count(6)
         expect(page.locator("#joints .old")).to_have_count(6)
-        assert page.title().startswith("STALE")
+        assert page.title().startswith("OUT OF DATE")
         page.close()

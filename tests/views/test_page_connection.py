@@ -106,6 +106,8 @@ def test_an_arm_that_is_not_received_is_shown_at_the_top_without_live_torque(bla
     expect(page.locator("#troubles")).to_be_empty()
     sample = {name: [0.0] * 6 for name in ("q_rad", "predicted_nm", "std_nm", "measured_nm", "residual_nm", "extrapolated")}
     daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S + DAY_S), **sample})
+    expect(page.locator("#torque-figure")).to_be_hidden()  # at standstill, torque says nothing of friction
+    daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S + DAY_S), **sample, "q_rad": [0.5] * 6})
     expect(page.locator("#torque canvas")).to_be_visible()
     page.clock.fast_forward(16_000)
     expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
@@ -120,12 +122,12 @@ def test_an_arm_that_is_not_received_is_shown_at_the_top_without_live_torque(bla
 def test_a_silent_monitor_is_noticed_and_found_again(blank):
     """The stream stops without an end or an error, as when a telephone leaves the network; after 20 s the page says so."""
     page, _, _ = blank
-    page.route("**/api/live", lambda route: route.abort())
+    page.route("**/api/live*", lambda route: route.abort())
     page.clock.fast_forward(21_000)
     expect(page.locator("#link")).to_have_text("not connected")
     expect(page.locator("#lost")).to_contain_text("all that stands here is of then")
     assert page.title().startswith("NOT CONNECTED")
-    page.unroute("**/api/live")
+    page.unroute("**/api/live*")
     page.clock.fast_forward(21_000)
     expect(page.locator("#link")).to_have_text("live")
     expect(page.locator("#lost")).to_be_hidden()

@@ -11,6 +11,7 @@ from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.staleness import stale_text
 from monitor.judge.alerts.unseen_step import unseen_steps_text
 from monitor.model.joint_names import joint_text
+from monitor.views.language.catalogue import ENGLISH, Language
 from monitor.views.report.charts import STATE_COLOURS, friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 from monitor.views.units import PERCENT_PER_MONTH
@@ -32,7 +33,7 @@ CONTEXT_WORDS = {
 }
 
 
-def report_page(reports: Sequence[Mapping[str, Any]]) -> str:
+def report_page(reports: Sequence[Mapping[str, Any]], say: Language = ENGLISH) -> str:
     """The HTML page. Each robot begins on a new sheet. reports : documents of `service.report`."""
     parts: list[str] = []
     for number, one in enumerate(reports):
@@ -40,7 +41,7 @@ def report_page(reports: Sequence[Mapping[str, Any]]) -> str:
     names = ", ".join(f"{one['robot']['site']}/{one['robot']['id']}" for one in reports)
     first = reports[0]
     subtitle = f"{names}. {_day(first['from'])} to {_day(first['to'])}; made {_time(first['made_at'])} by joint-monitor {first['version']}"
-    return page("Friction health report", subtitle, parts)
+    return page(say.say("Friction health report"), subtitle, parts)
 
 
 def _robot(report: Mapping[str, Any], *, new_page: bool) -> list[str]:

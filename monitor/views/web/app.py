@@ -5,8 +5,10 @@ the same way as `cmd/*` on the bus.
 """
 
 import asyncio
+import html
 import json
 import math
+import re
 import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -19,9 +21,11 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from monitor.errors import BadInput
+from monitor.errors import BadInput, StoreError
+from monitor.views.language.catalogue import LANGUAGES, Language, best_language, language
 from monitor.views.web.access import Access
 from monitor.views.web.content import Content
+from monitor.views.web.told import Told
 
 STATIC = {
     "page.css": "text/css",
@@ -29,6 +33,7 @@ STATIC = {
     "arm.js": "text/javascript",
     "charts.js": "text/javascript",
     "elements.js": "text/javascript",
+    "alerts.js": "text/javascript",
     "controls.js": "text/javascript",
     "uPlot.iife.min.js": "text/javascript",
     "uPlot.min.css": "text/css",
@@ -44,13 +49,17 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-COMMANDS = ("ack", "shelve", "replay")
+COMMANDS = ("ack", "shelve", "replay", "allow")
 STREAM_PERIOD_S = 0.2  # how often a stream looks for new values: as often as live torque is published by default
 CLOCK_PERIOD_S = 5.0  # between two times in a stream: a page that misses them knows that it is cut off, and a proxy keeps the stream open
 MAX_STREAMS = 32  # browsers at once; each costs a task and a copy of what was sent to it
 MAX_BODY_BYTES = 20_000  # of a command; a long reason has some hundred bytes
 BODY_TIMEOUT_S = 10.0  # for the body of a command to arrive
 WRONG_TOKEN_DELAY_S = 1.0  # before a wrong token is refused: guessing gets slow
+
+_TEXT = re.compile(r"\[\[(.+?)\]\]")  # a text of a page, to be said in the reader's language
+# the report has its style and its drawings in itself, and nothing that runs
+REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 
 Endpoint = Callable[[Request], Awaitable[Response]]
 
@@ -61,20 +70,25 @@ class PageApp:
     def __init__(self, content: Content, access: Access) -> None:
         self._content, self._access = content, access
         self._streams = 0
+        self._making = asyncio.Lock()
         self.closing = threading.Event()
         package = files("monitor.views.web").joinpath("static")
         self._static = {name: package.joinpath(name).read_bytes() for name in STATIC}
         self._index = package.joinpath("index.html").read_text("utf-8")
         self._login = package.joinpath("login.html").read_text("utf-8")
+        self._told = Told(content)
         self.starlette = Starlette(
             routes=[
                 Route("/", self._guarded(self._page)),
                 Route("/static/{name}", self._file),
+                Route("/words/{code}.js", self._words),
                 Route("/login", self._sign_in, methods=["GET", "POST"]),
                 Route("/api/about", self._guarded(self._about)),
-                Route("/api/history", self._guarded(_document_of(content.history))),
-                Route("/api/schedule", self._guarded(_document_of(content.schedule))),
-                Route("/api/monitor", self._guarded(_document_of(content.monitor))),
+                Route("/api/history", self._guarded(self._document_of(content.history))),
+                Route("/api/schedule", self._guarded(self._document_of(content.schedule))),
+                Route("/api/monitor", self._guarded(self._document_of(content.monitor))),
+                Route("/report", self._guarded(self._report)),
+                Route("/history.csv", self._guarded(self._history_table)),
                 Route("/api/live", self._guarded(self._live)),
                 Route("/api/cmd/{command}", self._guarded(self._command), methods=["POST"]),
             ]
@@ -88,7 +102,7 @@ class PageApp:
                 return with_headers(Response("this name is not this page's", status_code=421))
             if not self._access.signed_in(request):
                 if request.url.path == "/":
-                    return with_headers(Response(self._login, status_code=401, media_type="text/html"))
+                    return with_headers(Response(self._in_words(self._login, request), status_code=401, media_type="text/html"))
                 return with_headers(JSONResponse({"error": "sign in first"}, status_code=401))
             return with_headers(await endpoint(request))
 
@@ -103,13 +117,56 @@ class PageApp:
             return with_headers(Response("not from here", status_code=403))
         if not self._access.token_matches(given):
             await asyncio.sleep(WRONG_TOKEN_DELAY_S)
-            return with_headers(Response(self._login.replace("hidden", "", 1), status_code=401, media_type="text/html"))
+            return with_headers(
+                Response(self._in_words(self._login, request).replace("hidden", "", 1), status_code=401, media_type="text/html")
+            )
         response = RedirectResponse("/", status_code=303)
         self._access.open_session(request, response)
         return with_headers(response)
 
-    async def _page(self, _: Request) -> Response:
-        return Response(self._index.replace("%CSRF%", self._access.page_token), media_type="text/html")
+    async def _page(self, request: Request) -> Response:
+        return Response(self._in_words(self._index, request).replace("%CSRF%", self._access.page_token), media_type="text/html")
+
+    def _language(self, request: Request) -> Language:
+        """The language that the address names; else that of the setting, or of the browser."""
+        named = request.query_params.get("lang", "")
+        accepted = request.headers.get("accept-language", "")
+        return language(named if named in LANGUAGES else best_language(accepted, self._content.language))
+
+    def _in_words(self, page: str, request: Request) -> str:
+        """A page with its texts, which stand in double brackets, in the reader's language."""
+        say = self._language(request)
+        return _TEXT.sub(lambda text: html.escape(say.say(text[1])), page).replace("%LANG%", say.code)
+
+    async def _words(self, request: Request) -> Response:
+        """The catalogue of a language as a script."""
+        catalogue = language(request.path_params["code"]).catalogue
+        script = f"const WORDS = {json.dumps(dict(catalogue), ensure_ascii=False)};\n"
+        return with_headers(Response(script, media_type="text/javascript"))
+
+    async def _report(self, request: Request) -> Response:
+        """The report on the whole history, to be printed."""
+        return await self._made(self._content.report, self._language(request), media_type="text/html")
+
+    async def _history_table(self, request: Request) -> Response:
+        """Friction of every replay as CSV."""
+        response = await self._made(self._content.table, self._language(request), media_type="text/csv")
+        response.headers["Content-Disposition"] = f'attachment; filename="{self._content.file_name}.csv"'
+        return response
+
+    async def _made(self, make: Callable[[str], str] | None, say: Language, media_type: str) -> Response:
+        """What `make` makes, in a thread; one at a time, because it takes seconds of the processor that also moves the arm."""
+        if make is None:
+            return Response("not offered here", status_code=404)
+        async with self._making:
+            try:
+                text = await asyncio.to_thread(make, say.code)
+            except (BadInput, StoreError) as error:
+                return Response(say.retell(str(error)), status_code=409, media_type="text/plain")
+        response = Response(text, media_type=media_type)
+        if media_type == "text/html":  # its drawings and its style stand in the page
+            response.headers["Content-Security-Policy"] = REPORT_POLICY
+        return response
 
     async def _file(self, request: Request) -> Response:
         name = request.path_params["name"]
@@ -122,21 +179,32 @@ class PageApp:
     async def _about(self, _: Request) -> Response:
         return JSONResponse(self._content.about)
 
-    async def _live(self, _: Request) -> Response:
+    def _document_of(self, read: Callable[[], dict[str, Any]]) -> Endpoint:
+        """An endpoint that answers with what `read` returns. It reads in a thread, so that SQL does not hold up the streams."""
+
+        async def endpoint(request: Request) -> Response:
+            say = self._language(request)
+            body = await asyncio.to_thread(lambda: _encoded(say.document(read())))
+            return Response(body, media_type="application/json")
+
+        return endpoint
+
+    async def _live(self, request: Request) -> Response:
         if self._streams >= MAX_STREAMS:
             return JSONResponse({"error": f"{MAX_STREAMS} browsers are looking already"}, status_code=503)
-        return StreamingResponse(self._events(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
+        return StreamingResponse(self._events(self._language(request)), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
 
-    async def _events(self) -> AsyncIterator[bytes]:
+    async def _events(self, say: Language) -> AsyncIterator[bytes]:
         """Server-sent events: `value` for every key that has a new value, `time` every CLOCK_PERIOD_S, until the server closes."""
         self._streams += 1
         try:
-            sent: dict[str, bytes] = {}
+            sent: dict[str, object] = {}
             clock_sent = -math.inf
             while not self.closing.is_set():
                 last = self._content.bus.last_payloads()
                 new = [(key, payload) for key, payload in last.items() if sent.get(key) is not payload]
                 sent.update(new)
+                new = await self._told.tell(new, last, say)
                 events = []
                 if time.monotonic() - clock_sent >= CLOCK_PERIOD_S:
                     clock_sent = time.monotonic()
@@ -165,22 +233,12 @@ class PageApp:
             document = json.loads(body)
             if not isinstance(document, dict):
                 raise BadInput("expected a JSON object")
-            answer = await asyncio.to_thread(self._content.bus.ask, f"cmd/{command}", document)
+            answer = await asyncio.to_thread(self._content.act, command, document)
         except (ValueError, RecursionError):
             return JSONResponse({"error": "is no JSON"}, status_code=400)
         except BadInput as error:
-            return JSONResponse({"error": str(error)}, status_code=409)
+            return JSONResponse({"error": self._language(request).retell(str(error))}, status_code=409)
         return JSONResponse(answer)
-
-
-def _document_of(read: Callable[[], dict[str, Any]]) -> Endpoint:
-    """An endpoint that answers with what `read` returns. It reads in a thread, so that SQL does not hold up the streams."""
-
-    async def endpoint(_: Request) -> Response:
-        document = await asyncio.to_thread(read)
-        return Response(await asyncio.to_thread(_encoded, document), media_type="application/json")
-
-    return endpoint
 
 
 async def _body(request: Request) -> bytes | None:

@@ -1,5 +1,6 @@
 """What the page shows beside the bus's last values: the history thinned for a screen, windows and events, and the monitor's own state."""
 
+import logging
 import math
 import os
 import shutil
@@ -13,13 +14,19 @@ from typing import Any, Protocol
 from monitor import __version__
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.schedule.windows import expected
+from monitor.errors import BadInput
 from monitor.publish.timestamps import rfc3339
 from monitor.store.store import Store
+from monitor.views.marks import Mark, mark_text, marks
+from monitor.views.windows import runs
 
+log = logging.getLogger(__name__)
+
+MOST_LETTERS = 2000  # of a name or a reason
 MAX_REPLAYS = 400  # in a joint's line; more would be less than three pixels apart
 NEWEST_REPLAYS = 60  # all of them are shown, as a change shows there first
 EVENTS = 60  # newest transitions of alerts in the page's list
-PAST_WINDOWS = 40  # newest windows in the page's list
+PAST_WINDOWS = 400  # newest windows, of which the page lists those that ended alike as one
 COMING_WINDOWS = 5
 COUNTED_WINDOWS = 200  # newest windows of which the page counts how they ended
 DIGITS = 5  # significant digits of a figure that becomes a pixel
@@ -49,6 +56,10 @@ class Content:
     about: dict[str, Any]  # the robot's names, alert conditions and geometry
     schedule_settings: ScheduleSettings = field(default_factory=ScheduleSettings)
     now: Callable[[], float] = time.time
+    language: str = "browser"  # setting [page] language
+    report: Callable[[str], str] | None = None  # the report as HTML, in the language of a code
+    table: Callable[[str], str] | None = None  # the history as CSV
+    file_name: str = "friction"  # of the table, without its ending
     _began: float = field(default_factory=time.monotonic)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _history_of: tuple[int, int] = (-1, -1)  # count and newest number of the replays that `_history` was made of
@@ -61,9 +72,44 @@ class Content:
         with self._lock:
             if history_of != self._history_of:
                 shown = thinned(ids, MAX_REPLAYS, NEWEST_REPLAYS)
-                self._history = columns(self.store.assessments.friction_of(shown)) | {"replays": len(ids), "shown": len(shown)}
+                self._history = columns(self.store.assessments.friction_of(shown)) | {
+                    "replays": len(ids),
+                    "shown": len(shown),
+                    "marks": self._marks(),
+                }
                 self._history_of = history_of
             return self._history
+
+    def began_unix_s(self, joint: int | None = None) -> float | None:
+        """Since when friction is compared: the first replay, or the newest work that began it anew; None without a replay."""
+        past = self.history()
+        renewed = [mark["t"] for mark in past["marks"] if mark["renews"] and mark["joint"] == joint and joint is not None]
+        return max(renewed, default=float(past["t"][0]) if past["t"] else None)
+
+    def newest_unix_s(self) -> float | None:
+        """When the last replay was recorded; None without one."""
+        times = self.history()["t"]
+        return float(times[-1]) if times else None
+
+    def act(self, command: str, document: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What a person asks for. Motion is allowed here, everything else over the bus. Raises BadInput where it is refused."""
+        if command != "allow":
+            return self.bus.ask(f"cmd/{command}", document)
+        by, why = (str(document.get(name) or "").strip() for name in ("by", "why"))
+        for name, text in (("by", by), ("why", why)):
+            if not text or len(text) > MOST_LETTERS:
+                raise BadInput(f"{name}: expected 1 to {MOST_LETTERS} letters: it is kept in the history, and somebody will ask")
+        allowed = self.store.stops.allow(by, why, self.now())
+        if not allowed:
+            raise BadInput("allow: no stop is waiting for a person")
+        log.info("motion allowed by=%r why=%r: %s", by, why, "; ".join(stop.text for stop in allowed))
+        return {"done": "allowed", "stops": [stop.text for stop in allowed]}
+
+    def _marks(self) -> list[dict[str, Any]]:
+        """What happened to the arm, for the charts."""
+        state = self.store.assessments.state()
+        found: list[Mark] = marks(self.store.events.rows(), (state.belief if state else {}).get("contexts", ()))
+        return [mark._asdict() for mark in found]
 
     def schedule(self) -> dict[str, Any]:
         """The next windows; the last windows and transitions of alerts, newest first."""
@@ -71,20 +117,23 @@ class Content:
         tries = self.store.ledger.tries(past)
         rows = [
             {
-                "replay": row.id,
-                "window": rfc3339(row.window_unix_s),
-                "kind": row.kind,
-                "state": row.state,
-                "reason": row.reason,
-                "tries": [f"{rfc3339(each.ended_at_unix_s)}: {each.reason}" for each in tries[row.id]],
+                "replay": run[-1].id,
+                "window": rfc3339(run[-1].window_unix_s),
+                "from": rfc3339(run[0].window_unix_s),
+                "count": len(run),
+                "kind": run[-1].kind,
+                "state": run[-1].state,
+                "reason": run[-1].reason,
+                "tries": [f"{rfc3339(each.ended_at_unix_s)}: {each.reason}" for each in tries[run[-1].id]],
             }
-            for row in reversed(past)
+            for run in reversed(runs(past))
         ]
         events = [
             {
                 "seq": event.seq,
                 "at": rfc3339(event.at_unix_s),
                 **{key: event.document.get(key) for key in ("kind", "joint", "condition", "tier")},
+                "text": mark_text(event.document),
             }
             for event in reversed(self.store.events.rows(limit=EVENTS))
         ]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from monitor.errors import BadInput
+from monitor.views.language.catalogue import LANGUAGES
 
 SHORTEST_TOKEN = 16  # characters: as many as 64 random bits have in hexadecimal
 
@@ -15,10 +16,13 @@ class PageSettings:
     """The section [page]. Without an address there is no page."""
 
     listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:8420"; empty: no page
+    language: str = "browser"  # of the page: that which the browser asks for; or en, or de
     token_file: str = ""  # holds the token that a browser must enter; needed beyond loopback; may begin with ${CREDENTIALS_DIRECTORY}
 
     def __post_init__(self) -> None:
         """Raises BadInput where `listen` is no address, or an address beyond loopback without a token."""
+        if self.language not in ("browser", *LANGUAGES):
+            raise BadInput(f"page: language = {self.language!r}; expected browser, {', '.join(LANGUAGES)}")
         if not self.listen:
             return
         self.address()

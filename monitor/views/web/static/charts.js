@@ -2,18 +2,23 @@
 "use strict";
 const Charts = (() => {
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const SECONDS = 60, DAY = 86400;
+  const SECONDS = 60, DAY = 86400, STILL_RAD = 0.01;
 
   function axes(x, y, xValues) {
     const stroke = css("--dim"), grid = { stroke: css("--line"), width: 1 }, ticks = { stroke: css("--line"), width: 1, size: 4 };
     const font = "12px system-ui, sans-serif";
     return [
-      { stroke, grid, ticks, font, label: x, labelSize: x ? 18 : 0, labelFont: font, size: x ? 30 : 44, ...(xValues ? { values: xValues } : {}) },
-      { stroke, grid, ticks, font, label: y, labelSize: 18, labelFont: font, size: 52 },
+      { stroke, grid: { ...grid, show: Boolean(x) }, ticks, font, label: x, labelSize: x ? 18 : 0, labelFont: font, size: x ? 30 : 34, space: 64, ...(xValues ? { values: xValues } : {}) },
+      { stroke, grid, ticks, font, label: y, labelSize: 18, labelFont: font, size: 46, values: (_, splits) => splits.map((one) => (one == null ? "" : String(one).replace(".", DECIMAL))) },
     ];
   }
 
-  const plain = (digits, unit = "") => (_, value) => (value == null ? "–" : `${value.toFixed(digits)}${unit}`);
+  const DECIMAL = number(1.5, 1)[1];
+  const dated = (_, splits, __, ___, step) => {
+    const short = new Intl.DateTimeFormat(LOCALE, step < 28 * DAY ? { day: "numeric", month: "short" } : { month: "short", year: "numeric" });
+    return splits.map((at) => (at == null ? "" : short.format(at * 1000)));
+  };
+  const clocked = (_, splits) => splits.map((at) => (at == null ? "" : new Date(at * 1000).toLocaleTimeString(LOCALE)));
 
   // fv and its standard deviation over temperature for joint j, as the monitor predicts torque: a straight line, or the curve that errs less
   function lawOf(line, j) {
@@ -35,6 +40,7 @@ const Charts = (() => {
           if (plot && width > 50 && plot.width !== width) plot.setSize({ width, height: plot.height });
         }
       });
+      this.stands = true;
       for (const id of ["wear", "law", "torque"]) this.observer.observe(document.getElementById(id));
     }
 
@@ -42,9 +48,18 @@ const Charts = (() => {
       const place = document.getElementById(id);
       if (this.plots[id]) this.plots[id].destroy();
       place.replaceChildren();
-      this.plots[id] = new uPlot({ width: Math.max(place.clientWidth, 200), height, cursor: { y: false }, ...options }, data, place);
+      this.plots[id] = new uPlot({ width: Math.max(place.clientWidth, 200), height, cursor: { y: false }, legend: { show: false }, ...options }, data, place);
       place.setAttribute("role", "img");
     }
+
+    // what is under the pointer, in the caption: a legend without a pointer would be empty
+    readout(id, told) {
+      const line = document.getElementById(id).closest("figure").querySelector(".readout");
+      return { hooks: { setCursor: [(u) => { if (line) line.textContent = u.cursor.idx == null ? "" : told(u, u.cursor.idx); }] } };
+    }
+
+    // ends the charts whose elements were replaced
+    forget(prefix) { for (const id of Object.keys(this.plots)) if (id.startsWith(prefix)) { this.plots[id].destroy(); delete this.plots[id]; } }
 
     empty(id, text) {
       const place = document.getElementById(id);
@@ -79,8 +94,9 @@ const Charts = (() => {
       ctx.restore();
     }
 
-    wear(times, own, joint, tiers, now, limit) {
-      if (!times.length || !own) return this.empty("wear", "No replay has been assessed yet.");
+    wear(past_, own, joint, tiers, now, limit, id = "wear", height = 260) {
+      const times = past_.t;
+      if (!times.length || !own) return this.empty(id, t("No replay has been assessed yet."));
       const percent = own.wear.map((w) => (w == null ? null : 100 * w));
       const side = (sign) => own.wear.map((w, k) => (w == null ? null : 100 * (w + sign * 2 * own.wear_std[k])));
       // the change that each replay shows by itself, relative to the unworn friction of its day; null where an old history lacks it
@@ -93,28 +109,54 @@ const Charts = (() => {
       const ends = [1, -1].map((sign) => side(sign).concat(alone.map((a, k) => (a == null ? null : a + sign * reach[k]))).filter((x) => x != null));
       const ahead = this.ahead(times, own, now, limit);
       const top = ends[0].reduce((a, b) => Math.max(a, b), ahead ? Math.max(6, ahead.early[1]) : 6), low = ends[1].reduce((a, b) => Math.min(a, b), -3);
-      const levels = { hooks: { draw: [(u) => this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${name} ${+(100 * rise).toFixed(2)} %`, state === "FAILURE" ? "--fail" : "--maint"]))] } };
-      this.draw("wear", {
+      const marks = (past_.marks || []).filter((mark) => mark.joint == null || mark.joint === joint);
+      const levels = { hooks: { draw: [(u) => { this.marks(u, marks); this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${t(name)} ${number(100 * rise, 100 * rise % 1 ? 1 : 0)} %`, state === "FAILURE" ? "--fail" : "--maint"])); }] } };
+      const told = (u, k) => [days(u.data[0][k] * 1000), percent[k] == null ? null : t("estimate {figure} %", { figure: signed(percent[k]) }), alone[k] == null ? null : t("this replay {figure} %", { figure: signed(alone[k]) })].filter(Boolean).join(" · ");
+      this.draw(id, {
         scales: { y: { range: [low * 1.1, top * 1.12] }, ...(times.length > 1 ? {} : { x: { range: [times[0] - DAY, times[0] + DAY] } }) },
-        axes: axes("", "change [%]"),
-        plugins: [levels, ...(ahead ? [{ hooks: { drawAxes: [(u) => this.fan(u, ahead)] } }] : []), { hooks: { drawSeries: [(u, series) => { if (series === 4) this.intervals(u, alone, reach); }] } }],
+        axes: axes("", t("change [%]"), dated),
+        plugins: [levels, this.readout(id, told), ...(ahead ? [{ hooks: { drawAxes: [(u) => this.fan(u, ahead)] } }] : []), { hooks: { drawSeries: [(u, series) => { if (series === 4) this.intervals(u, alone, reach); }] } }],
         bands: [{ series: [2, 3], fill: css("--band") }],
         series: [
-          {}, { label: "estimate", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(1, " %") },
-          { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(1, " %") },
-          { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(1, " %") },
-          { label: "replay", stroke: css("--line2"), paths: () => null, points: { show: true, size: times.length > 300 ? 3 : 6, fill: css("--line2") }, value: plain(1, " %") },
+          {}, { stroke: css("--line1"), width: 2, points: { show: false } }, { stroke: "transparent", points: { show: false } },
+          { stroke: "transparent", points: { show: false } },
+          { stroke: css("--line2"), paths: () => null, points: { show: true, size: times.length > 300 || height < 200 ? 3 : 6, fill: css("--line2") } },
         ],
-      }, [times, percent, side(1), side(-1), alone].map((column, k) => (ahead ? [...column, k ? null : ahead.until] : column)), 250);
-      if (missing) {
+      }, [times, percent, side(1), side(-1), alone].map((column, k) => (ahead ? [...column, k ? null : ahead.until] : column)), height);
+      const place = document.getElementById(id);
+      if (id === "wear") {
+        const lines = [t("Line: the estimate from all replays, ± 2σ. Points: each replay by itself, ± 2σ."), ahead ? t("Fan: to the limit, from the earliest to the latest likely day.") : "",
+          missing ? t("Of {count} replays drawn, the history keeps the estimate only: no point of their own.", { count: missing }) : ""];
         const note = document.createElement("p");
-        note.className = "dim";
-        note.textContent = `Of ${missing} replays drawn, the history keeps the estimate only: no point of their own.`;
-        document.getElementById("wear").append(note);
+        note.className = "dim small";
+        note.textContent = lines.filter(Boolean).join(" ");
+        place.append(note);
       }
-      const last = percent.length - 1;
-      document.getElementById("wear").setAttribute("aria-label",
-        `Joint ${joint}: ${times.length} replays shown, friction now ${percent[last].toFixed(1)} % above the beginning${ahead ? `; limit ${now.remaining_life.p50_days.toFixed(0)} days after the last replay` : ""}`);
+      const last = percent[percent.length - 1];
+      const text = t("{joint}: {count} replays shown, friction now {figure} % above the beginning", { joint: jointName(joint), count: times.length, figure: number(last ?? 0, 1) });
+      place.setAttribute("aria-label", text + (ahead ? `; ${t("limit {days} days after the last replay", { days: number(now.remaining_life.p50_days, 0) })}` : ""));
+    }
+
+    // what happened to the joint: greased, replaced, another tool
+    marks(u, marks) {
+      const { ctx, bbox } = u, dpr = devicePixelRatio, ends = [];
+      ctx.save();
+      ctx.font = `${11 * dpr}px system-ui, sans-serif`; ctx.textBaseline = "top";
+      ctx.strokeStyle = ctx.fillStyle = css("--ink");
+      for (const mark of marks) {
+        const x = Math.round(u.valToPos(mark.t, "x", true));
+        if (x < bbox.left || x > bbox.left + bbox.width) continue;
+        ctx.globalAlpha = 0.55; ctx.lineWidth = dpr; ctx.setLineDash([2 * dpr, 3 * dpr]);
+        ctx.beginPath(); ctx.moveTo(x, bbox.top); ctx.lineTo(x, bbox.top + bbox.height); ctx.stroke();
+        ctx.globalAlpha = 1;
+        const width = ctx.measureText(mark.text).width, right = x + width + 8 * dpr > bbox.left + bbox.width;
+        const from = right ? x - width - 5 * dpr : x + 5 * dpr;
+        let row = 0;
+        while (ends[row] > from - 6 * dpr) row++;  // labels of near marks go below each other
+        ends[row] = from + width;
+        ctx.fillText(mark.text, from, bbox.top + (2 + 14 * row) * dpr);
+      }
+      ctx.restore();
     }
 
     intervals(u, middles, reaches) {
@@ -149,10 +191,10 @@ const Charts = (() => {
     }
 
     law(own, model, joint) {
-      if (!own) return this.empty("law", "No replay has been assessed yet.");
+      if (!own) return this.empty("law", t("No replay has been assessed yet."));
       const points = own.temperature_c.map((t, k) => [t, own.viscous_nm_s_per_rad[k] / (1 + (own.wear[k] || 0))])
         .filter(([t, fv]) => t != null && Number.isFinite(fv));
-      if (!points.length) return this.empty("law", "No joint temperature has been measured yet.");
+      if (!points.length) return this.empty("law", t("No joint temperature has been measured yet."));
       const line = model && model.viscous, j = joint - 1;
       const known = line && line.intercept[j] != null, T0 = known && line.reference_c[j];
       const law = known ? lawOf(line, j) : () => [null, null], at = (t) => law(t)[0], std = (t) => law(t)[1];
@@ -163,24 +205,23 @@ const Charts = (() => {
       const within = (t) => !known || line.range_c[j][0] == null || (t >= line.range_c[j][0] - line.margin_k && t <= line.range_c[j][1] + line.margin_k);
       this.draw("law", {
         scales: { x: { time: false } },
-        axes: axes("joint temperature [°C]", "fv [Nm·s/rad]"),
+        axes: axes(t("joint temperature [°C]"), "fv [N·m·s/rad]"),
         bands: [{ series: [3, 4], fill: css("--band") }],
+        plugins: [this.readout("law", (u, k) => [`${number(x[k], 1)} °C`, rows[k][1] == null ? null : t("replay {figure}", { figure: number(rows[k][1], 2) }), known ? t("law {figure}", { figure: number(at(x[k]), 2) }) : null].filter(Boolean).join(" · "))],
         series: [
-          { label: "T", value: plain(1, " °C") },
-          { label: "replay", stroke: css("--line2"), paths: () => null, points: { show: true, size: 6, fill: css("--line2") }, value: plain(3) },
-          { label: "law", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(3) },
-          { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(3) },
-          { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(3) },
+          {}, { stroke: css("--line2"), paths: () => null, points: { show: true, size: 6, fill: css("--line2") } },
+          { stroke: css("--line1"), width: 2, points: { show: false } }, { stroke: "transparent", points: { show: false } },
+          { stroke: "transparent", points: { show: false } },
         ],
       }, [x, rows.map((row) => row[1]), x.map((t) => (within(t) ? at(t) : null)),
         x.map((t) => (known ? at(t) + 2 * std(t) : null)), x.map((t) => (known ? at(t) - 2 * std(t) : null))]);
       document.getElementById("law").setAttribute("aria-label", known
-        ? `Joint ${joint}: viscous friction ${at(T0).toFixed(2)} at ${T0.toFixed(1)} °C, ${((100 * (at(T0 + 0.5) - at(T0 - 0.5))) / at(T0)).toFixed(2)} % per kelvin`
-        : `Joint ${joint}: no law yet`);
+        ? t("{joint}: viscous friction {figure} at {temperature} °C, {slope} % per kelvin", { joint: jointName(joint), figure: number(at(T0), 2), temperature: number(T0, 1), slope: number((100 * (at(T0 + 0.5) - at(T0 - 0.5))) / at(T0), 2) })
+        : t("{joint}: no law yet", { joint: jointName(joint) }));
     }
 
     // the arm is no longer received: past samples must not look like present ones
-    still(text) { this.live = []; this.empty("torque", text); this.quiet = text; document.getElementById("torque").setAttribute("aria-label", text); }
+    still(text) { this.live = []; this.shown(true); this.empty("torque", text); this.quiet = text; document.getElementById("torque").setAttribute("aria-label", text); }
 
     sample(document_) {
       const at = Date.now() / 1000;
@@ -188,9 +229,19 @@ const Charts = (() => {
       while (this.live.length && this.live[0].at < at - SECONDS) this.live.shift();
     }
 
+    shown(whether) { this.stands = !whether; document.getElementById("torque-figure").hidden = !whether; }
+
+    // at standstill, torque holds the arm and says nothing of friction
+    standsStill(all) {
+      const first = all[0].q_rad;
+      return all.every((one) => one.q_rad.every((q, k) => Math.abs(q - first[k]) < STILL_RAD));
+    }
+
     torque(joint) {
       const j = joint - 1, all = this.live;
-      if (!all.length) return this.empty("torque", this.quiet || "Nothing is heard of the arm, or no replay has been assessed yet.");
+      if (!all.length) return this.empty("torque", this.quiet || t("Nothing is heard of the arm, or no replay has been assessed yet."));
+      this.shown(!this.standsStill(all));
+      if (this.stands) return;
       const x = all.map((one) => one.at), predicted = all.map((one) => one.predicted_nm[j]);
       const measured = all.map((one) => (one.measured_nm ? one.measured_nm[j] : null));
       const side = (sign) => all.map((one, k) => (one.std_nm[j] == null ? predicted[k] : predicted[k] + sign * 2 * one.std_nm[j]));
@@ -200,17 +251,24 @@ const Charts = (() => {
       else {
         this.draw("torque", {
           scales: { x: { range: (_, low, high) => [high - SECONDS, high] }, y: { range: (_, low, high) => { const room = Math.max(0.15 * (high - low), 0.3); return [low - room, high + room]; } } },
-          axes: axes("", "torque [Nm]"),
+          axes: axes("", t("torque [N·m]"), clocked),
           bands: [{ series: [3, 4], fill: css("--band") }],
-          series: [{}, { label: "predicted", stroke: css("--line1"), width: 2, points: { show: false }, value: plain(2, " Nm") },
-            { label: "measured", stroke: css("--line2"), width: 1.5, points: { show: false }, value: plain(2, " Nm") },
-            { label: "+2σ", stroke: "transparent", points: { show: false }, value: plain(2) }, { label: "−2σ", stroke: "transparent", points: { show: false }, value: plain(2) }],
+          series: [{}, { stroke: css("--line1"), width: 2, points: { show: false } }, { stroke: css("--line2"), width: 1.5, points: { show: false } },
+            { stroke: "transparent", points: { show: false } }, { stroke: "transparent", points: { show: false } }],
         }, data);
         this.plots.torque.joint = joint;
+        const key = document.createElement("p");
+        key.className = "dim small key";
+        for (const [name, text] of [["line1", t("predicted, ± 2σ")], ["line2", t("measured")]]) {
+          const mark = document.createElement("i");
+          mark.className = name;
+          key.append(mark, ` ${text}  `);
+        }
+        document.getElementById("torque").append(key);
       }
       const last = all[all.length - 1];
       document.getElementById("torque").setAttribute("aria-label",
-        `Joint ${joint}: predicted ${last.predicted_nm[j].toFixed(1)} Nm, measured ${last.measured_nm ? last.measured_nm[j].toFixed(1) : "unknown"} Nm`);
+        t("{joint}: predicted {predicted} N·m, measured {measured} N·m", { joint: jointName(joint), predicted: number(last.predicted_nm[j], 1), measured: last.measured_nm ? number(last.measured_nm[j], 1) : "–" }));
     }
 
     again() { for (const id of Object.keys(this.plots)) { this.plots[id].destroy(); delete this.plots[id]; } }

@@ -12,13 +12,14 @@ function ask(command, what, title, text) {
   if (command === "shelve") $("hours").value = "24";
   $("by").value = localStorage.getItem("joint-monitor-name") || "";
   $("reason").value = "";
-  $("ok").textContent = { ack: "Acknowledge", shelve: "Shelve", replay: "Ask for a replay" }[command];
+  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion") }[command];
+  $("reason").required = command === "allow";  // somebody will ask why it moves again
   $("dialog").showModal();
   ($("by").value ? $("reason") : $("by")).focus();
 }
 
 $("cancel").addEventListener("click", () => $("dialog").close());
-$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else refocus(pending.key, pending.command); });
+$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else if (pending.command === "allow") ($("allow") || $("replay")).focus(); else refocus(pending.key, pending.command); });
 $("form").addEventListener("submit", async (event) => {
   event.preventDefault();
   const { command, what } = pending;
@@ -27,7 +28,7 @@ $("form").addEventListener("submit", async (event) => {
   localStorage.setItem("joint-monitor-name", request.by);
   $("ok").disabled = true;
   try {
-    const answer = await fetch(`/api/cmd/${command}`, {
+    const answer = await fetch(`/api/cmd/${command}?lang=${LANG}`, {
       method: "POST", credentials: "same-origin", headers: { "Content-Type": "application/json", "X-Page-Token": TOKEN }, body: JSON.stringify(request),
     });
     const reply = await answer.json();
@@ -40,7 +41,12 @@ $("form").addEventListener("submit", async (event) => {
     $("ok").disabled = false;
   }
 });
-$("replay").addEventListener("click", () => ask("replay", {}, "Ask for a replay now", "The arm moves if every condition of a replay holds: make sure that nobody is near it."));
+$("replay").addEventListener("click", () => ask("replay", {}, t("Ask for a replay now"), t("The arm moves if every condition of a replay holds: make sure that nobody is near it.")));
+$("languages").addEventListener("click", (event) => { if (event.target.dataset.lang) localStorage.setItem("joint-monitor-language", event.target.dataset.lang); });
+{
+  const wanted = localStorage.getItem("joint-monitor-language");
+  if (wanted && wanted !== LANG && !location.search) location.replace(`/?lang=${encodeURIComponent(wanted)}`);
+}
 
 $("theme").addEventListener("click", () => {
   const dark = document.documentElement.dataset.theme ? document.documentElement.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
@@ -49,7 +55,7 @@ $("theme").addEventListener("click", () => {
   repaint();
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => repaint());
-function repaint() { if (charts && chosen) { charts.again(); detail(); } }
+function repaint() { if (charts && chosen) { charts.again(); detail(); drawProofs(); } }
 
 $("tabs").addEventListener("keydown", (event) => {
   const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];

@@ -3,35 +3,48 @@
 const SILENT_MS = 20000;  // without an event for so long the connection counts as lost: the monitor sends its time every 5 s
 const UNHEARD_MS = 15000;  // without live torque for so long the arm counts as not received: it comes every 10 s at least
 const values = {};
-let about = null, past = { t: [], joints: {}, replays: 0 }, drawing = null, charts = null, chosen = null;
+let about = null, past = { t: [], joints: {}, marks: [], replays: 0 }, drawing = null, charts = null, chosen = null;
 let stops = [], stream = null, lost = null, heard = Date.now(), clock = null, torqueAt = null;
 
 const friction = (joint) => values[`joint/${joint}/friction`];
 const count = () => (about ? about.arm.links.length : 6);
-const stateOf = (joint) => ((values.health && values.health.joints) || []).find((one) => one.joint === joint) || { state: null, why: "not known yet" };
+const stateOf = (joint) => ((values.health && values.health.joints) || []).find((one) => one.joint === joint) || { state: null, why: t("not known yet") };
 
-const stale = () => make("span", "STALE", { class: "old", title: "nothing was learnt for too long: the state is of then, not of now" });
-// advice for joints that are STALE
-const STALE_ADVICE = "Look below, at Replays, why the last windows ended as they did, and at The monitor itself; once the arm may move, ask for a replay.";
+const stale = () => make("span", t("OUT OF DATE"), { class: "old", title: t("Nothing was learned for too long: the state is of then, not of now.") });
 
 // --- what is shown -----------------------------------------------------------------------------------
 
+// the worst truth: the gravest of the last verdict, the active alerts, and what keeps the verdict from being one of now
+function worstTruth() {
+  const health = values.health || { state: null }, order = Object.keys(STATES);
+  const grave = (state) => (state == null || state === "null" || state === "advice" ? -1 : order.indexOf(state));
+  let worst = { state: health.state, text: health.state ? sentence(health.why) : t("No replay has been assessed yet.") };
+  const candidates = allAlerts().filter((alert) => alert.active && stateOfAlert(alert) !== "advice")
+    .map((alert) => ({ state: stateOfAlert(alert), text: alert.said ? alert.said.headline : alert.text, own: alert.joint == null }));
+  // of equally grave ones the arm's own come first: what they say holds for every joint
+  for (const one of candidates.sort((x, y) => y.own - x.own)) if (grave(one.state) > grave(worst.state) || (one.state === worst.state && !worst.alert)) worst = { ...one, alert: true };
+  const unsure = stops.length ? t("The arm is stopped: nothing moves until a person has looked at it.")
+    : health.stale && health.state ? t("What stands here is out of date.") : "";
+  if (unsure && grave(worst.state) < grave("CHECK_FUNCTION")) worst = { state: "CHECK_FUNCTION", text: unsure };
+  return worst;
+}
+
 function verdict() {
-  const health = values.health || { state: null };
-  const state = $("state");
-  state.replaceWith(Object.assign(chip(health.state), { id: "state" }));
-  $("why").textContent = spoken(health.why) || "No replay has been assessed yet.";
-  $("since").textContent = health.since ? `since ${moment(health.since)}` : "";
-  $("said").textContent = moment(health.said_at);  // this element is outside the live region: a screen reader would read it aloud every minute
+  if (!about) return;
+  const health = values.health || { state: null }, worst = worstTruth();
+  $("state").replaceWith(Object.assign(chip(worst.state), { id: "state" }));
+  $("why").textContent = worst.text;
+  $("since").textContent = health.since && worst.state === health.state ? t("since {when}", { when: brief(health.since) }) : "";
+  $("said").textContent = health.said_at ? brief(health.said_at) : "–";  // this element is outside the live region: a screen reader would read it aloud every minute
   $("old").hidden = $("stale").hidden = !health.stale;
-  $("stale").textContent = health.stale ? `${health.stale_why.replace(/^STALE: /, "").replace(/^./, (letter) => letter.toUpperCase())}. ${STALE_ADVICE}` : "";
-  $("due").textContent = moment(health.next_replay_due);
+  $("stale").textContent = health.stale ? `${sentence(health.stale_why.replace(/^STALE: /, ""))} ${t("Look below, at Replays, why the last ones ended as they did, and at The monitor itself; once the arm may move, ask for a replay.")}` : "";
+  $("due").textContent = health.next_replay_due ? brief(health.next_replay_due) : t("none");
   $("revision").textContent = values.model ? String(values.model.revision) : "0";
-  $("verdict").dataset.state = String(health.state);
-  document.title = `${lost ? "NOT CONNECTED, " : ""}${health.stale ? "STALE, " : ""}${(STATES[health.state] || STATES.null)[1]}: ${about ? about.robot.id : ""} – joint-monitor`;
+  $("verdict").dataset.state = String(worst.state);
+  document.title = `${lost ? `${t("NOT CONNECTED")}, ` : ""}${health.stale ? `${t("OUT OF DATE")}, ` : ""}${stateWords(worst.state)}: ${about.robot.id} – joint-monitor`;
   for (let j = 1; j <= count(); j++) {
     const one = stateOf(j);
-    if (drawing) drawing.state(j, String(one.state), `Joint ${j}, ${about.arm.links[j - 1].replaceAll("_", " ")}: ${(STATES[one.state] || STATES.null)[1]}${one.stale ? ", STALE" : ""}. ${one.why}`, one.stale);
+    if (drawing) drawing.state(j, String(one.state), `${jointName(j)}: ${stateWords(one.state)}${one.stale ? `, ${t("OUT OF DATE")}` : ""}. ${sentence(one.why)}`, one.stale);
     const tab = $(`tab-${j}`);
     if (tab) { tab.dataset.state = String(one.state); tab.classList.toggle("stale", Boolean(one.stale)); }
   }
@@ -40,12 +53,29 @@ function verdict() {
 // problems of the monitor itself are at the top, because the state below them may be out of date; returns whether they have changed
 function problems() {
   const all = (values.monitor && values.monitor.troubles) || [];
-  const name = (problem) => (problem.name === "arm" ? "The arm is not heard" : `The monitor has trouble, ${problem.name.replaceAll("_", " ")}`);
-  const lines = [...stops.map((stop) => `Nothing moves until a person has looked at the arm and said so (joint-monitor allow): ${stop}`),
-    ...all.map((problem) => `${name(problem)} since ${moment(problem.since)}: ${problem.text}`)];
-  if ([...$("troubles").children].map((line) => line.textContent).join() === lines.join()) return false;
+  const name = (problem) => (problem.name === "arm" ? t("The arm is not heard") : t("The monitor has a problem ({name})", { name: t(problem.name).replaceAll("_", " ") }));
+  const lines = [...stops.map((stop) => `${t("Nothing moves until a person has looked at the arm and allows it:")} ${stop}`),
+    ...all.map((problem) => `${name(problem)} ${t("since {when}", { when: brief(problem.since) })}: ${problem.text}`)];
+  if ([...$("troubles").querySelectorAll("p")].map((line) => line.textContent).join() === lines.join()) return false;
   $("troubles").replaceChildren(...lines.map((line) => make("p", line, { class: "bad" })));
+  if (stops.length) {
+    const button = make("button", t("Allow motion…"), { type: "button", id: "allow", class: "primary" });
+    button.addEventListener("click", () => ask("allow", {}, t("Allow motion again"), t("Look at the arm first. From then on it moves in the next window: {stop}", { stop: stops.join("; ") })));
+    $("troubles").append(button);
+  }
   return true;
+}
+
+// the estimates of one joint as a line without axes
+function sparkline(own) {
+  const points = (own ? own.wear : []).filter((one) => one != null).slice(-60), svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  svg.setAttribute("class", "sparkline"); svg.setAttribute("viewBox", "0 0 96 24"); svg.setAttribute("aria-hidden", "true");
+  if (points.length < 2) return svg;
+  const low = Math.min(-0.02, ...points), high = Math.max(0.06, ...points);  // the same scale for all that hardly changes: noise must look calm
+  const line = document.createElementNS("http://www.w3.org/2000/svg", "polyline");
+  line.setAttribute("points", points.map((one, k) => `${((k * 92) / (points.length - 1) + 2).toFixed(1)},${(22 - (20 * (one - low)) / (high - low)).toFixed(1)}`).join(" "));
+  svg.append(line);
+  return svg;
 }
 
 function joints() {
@@ -55,157 +85,57 @@ function joints() {
     for (let j = 1; j <= count(); j++) {
       const row = body.insertRow(), name = row.insertCell();
       const button = make("button", null, { type: "button" });
-      button.append(`J${j} `, make("span", about.arm.links[j - 1].replaceAll("_", " "), { class: "dim" }));
+      button.append(jointName(j), make("span", ` J${j}`, { class: "dim" }));
       name.append(button);
       row.addEventListener("click", () => choose(j));
-      for (const kind of ["", "n", "n wide", "n", "n wide"]) row.insertCell().className = kind;
+      for (const kind of ["", "spark", "n", "n wide", "n"]) row.insertCell().className = kind;
     }
   }
   for (let j = 1; j <= count(); j++) {
     const row = body.rows[j - 1], own = friction(j), state = stateOf(j);
     row.cells[1].replaceChildren(chip(state.state), ...(state.stale ? [stale()] : []));
-    row.cells[1].title = state.why || "";
-    row.cells[2].textContent = own ? `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)}` : "–";
-    row.cells[3].textContent = own ? signed(3000 * own.wear_rate_per_day) : "–";
-    row.cells[4].textContent = life(own);
-    row.cells[5].textContent = own ? number(own.temperature_c) : "–";
+    row.cells[1].title = sentence(state.why);
+    row.dataset.state = String(state.state);
+    row.cells[2].replaceChildren(sparkline(past.joints[String(j)]));
+    row.cells[3].replaceChildren(...(own ? [signed(100 * own.wear), make("span", ` ± ${number(100 * own.wear_std)}`, { class: "std" }), " %"] : ["–"]));
+    row.cells[4].textContent = own ? `${signed(3000 * own.wear_rate_per_day)} %` : "–";
+    row.cells[5].textContent = life(own);
     row.classList.toggle("on", j === chosen);
   }
 }
 
-// the causes of a change: they add up as logarithms, and are shown as percentages of friction torque
-function attribution(parts) {
-  const rows = [["measured change", parts.whole], ["of it temperature", parts.temperature], ["of it payload and context", parts.payload],
-    ["of it wear", parts.wear], ["of it chance", parts.rest]];
-  const table = make("table");
-  for (const [name, value] of rows) {
-    const row = table.insertRow();
-    row.insertCell().textContent = name;
-    const cell = row.insertCell();
-    cell.className = "n";
-    cell.textContent = percent(Math.expm1(value));
-  }
-  return table;
-}
-
-// the state that the monitor itself gives the joint; "advice" where the joint stays NORMAL
-function stateOfAlert(alert) {
-  if (!alert.active) return "null";
-  const condition = about.conditions[alert.condition], state = condition ? condition.states[alert.tier] : null;
-  return state === "NORMAL" ? "advice" : state || "CHECK_FUNCTION";
-}
-const keyOf = (alert) => `${alert.joint}/${alert.condition}`;
-const shelved = (alert) => Boolean(alert.shelved_until) && Date.parse(alert.shelved_until) > now();
-const waits = (alert) => !alert.acknowledged_at && !shelved(alert);
-
-// the probability of the change that the condition is about, as a sentence; null for a condition of the data, which has none
-function probability(alert) {
-  const condition = about.conditions[alert.condition], what = condition ? condition.probability_of : null;
-  const chance = alert.probability > 0.9999 ? "more than 99.99" : number(100 * alert.probability, 2);  // it never reaches 100 %
-  return what && `Probability that friction ${what}: ${chance} %. Change ${percent(alert.change)}.`;
-}
-
-function alertCard(alert) {
-  const card = make("article", null, { class: "alert", "data-state": stateOfAlert(alert), "data-key": keyOf(alert) });
-  const name = `${place(alert.joint)}: ${words(alert.condition)}`, title = make("h3", name);
-  title.append(make("span", alert.active ? alert.tier : "cleared", { class: "pill" }));
-  if (alert.active && alert.acknowledged_at) title.append(make("span", "acknowledged", { class: "pill" }));
-  if (alert.active && shelved(alert)) title.append(make("span", "shelved", { class: "pill" }));
-  card.append(title, make("p", alert.text), make("p", alert.active ? alert.action : "", { class: "action" }));
-  const steps = [`raised ${moment(alert.raised_at)}`];
-  if (alert.updated_at !== alert.raised_at && alert.active) steps.push(`updated ${moment(alert.updated_at)}`);
-  if (alert.cleared_at) steps.push(`cleared ${moment(alert.cleared_at)}`);
-  if (alert.acknowledged_at) steps.push(`acknowledged by ${alert.acknowledged_by}, ${moment(alert.acknowledged_at)}${alert.acknowledged_why ? `: ${alert.acknowledged_why}` : ""}`);
-  if (alert.shelved_until) steps.push(`${shelved(alert) ? "" : "was "}shelved by ${alert.shelved_by} until ${moment(alert.shelved_until)}${alert.shelved_why ? `: ${alert.shelved_why}` : ""}`);
-  card.append(make("p", steps.join(" · "), { class: "dim" }));
-  const evidence = make("details"), figure = probability(alert);
-  evidence.append(make("summary", "Evidence", { "aria-label": `Evidence of ${name}` }));
-  if (figure) evidence.append(make("p", figure));
-  if (alert.split) evidence.append(attribution(alert.split));
-  if (evidence.childElementCount > 1) card.append(evidence);
-  if (alert.active) {
-    const row = make("div", null, { class: "row" });
-    const what = { joint: alert.joint, condition: alert.condition };
-    if (!alert.acknowledged_at) {
-      const button = make("button", "Acknowledge…", { type: "button", class: "primary", "data-do": "ack", "aria-label": `Acknowledge… ${name}` });
-      button.addEventListener("click", () => ask("ack", what, `Acknowledge: ${place(alert.joint)}, ${words(alert.condition).toLowerCase()}`, "It has been seen. It clears by itself once its condition is gone."));
-      row.append(button);
-    }
-    const shelf = make("button", "Shelve…", { type: "button", "data-do": "shelve", "aria-label": `Shelve… ${name}` });
-    shelf.addEventListener("click", () => ask("shelve", what, `Shelve: ${place(alert.joint)}, ${words(alert.condition).toLowerCase()}`, "It stays active, and goes to the end of the list until then."));
-    row.append(shelf);
-    if (alert.joint != null) {
-      const look = make("button", `Look at joint ${alert.joint}`, { type: "button", "data-do": "look" });
-      look.addEventListener("click", () => { choose(alert.joint); $("detail-h").scrollIntoView({ block: "start" }); });
-      row.append(look);
-    }
-    card.append(row);
-  }
-  return card;
-}
-
-function alerts() {
-  const all = Object.entries(values).filter(([key]) => key.startsWith("alert/")).map(([, document_]) => document_);
-  const order = ["limit", "wear", "advisory"];
-  const active = all.filter((alert) => alert.active)
-    .sort((a, b) => waits(b) - waits(a) || order.indexOf(a.tier) - order.indexOf(b.tier) || a.raised_at.localeCompare(b.raised_at));
-  const waiting = active.filter(waits).length;
-  $("count").textContent = waiting ? String(waiting) : "";
-  $("count").title = waiting ? `${waiting} neither acknowledged nor shelved` : "";
-  const opened = new Set([...document.querySelectorAll("#active details[open]")].map((one) => one.closest(".alert").dataset.key));
-  const focused = document.activeElement && document.activeElement.closest("#active .alert");
-  const had = focused && [focused.dataset.key, document.activeElement.dataset.do];
-  const cards = active.map((alert) => {
-    const card = alertCard(alert), evidence = card.querySelector("details");
-    if (evidence) evidence.open = opened.has(keyOf(alert));
-    return card;
-  });
-  $("active").replaceChildren(...(cards.length ? cards : [values.health && values.health.state ? make("p", "✓ No active alert.", { class: "none" }) : make("p", "Nothing can be said yet.", { class: "dim" })]));
-  if (had) refocus(...had);
-  const gone = all.filter((alert) => !alert.active);
-  $("past").hidden = !gone.length;
-  $("cleared").replaceChildren(...gone.map(alertCard));
-}
-
-// replaces the focus after the cards were made again, so that a person with a keyboard stays at the same alert
-function refocus(key, what) {
-  const card = [...document.querySelectorAll("#active .alert")].find((one) => one.dataset.key === key);
-  if (card) (card.querySelector(what ? `[data-do="${what}"]` : "summary") || card.querySelector("button, summary")).focus();
-}
-
 function figures() {
+  if (!chosen) return;
   const own = friction(chosen), state = stateOf(chosen);
-  $("which").textContent = String(chosen);
-  $("link-name").textContent = about.arm.links[chosen - 1].replaceAll("_", " ");
+  $("which").textContent = jointName(chosen);
+  $("link-name").textContent = t("joint {number}", { number: chosen });
   const shown = make("span");
   shown.append(chip(state.state), ...(state.stale ? [stale()] : []));
-  const rows = [["State", shown], ["Learnt of it last", state.learnt_at ? moment(state.learnt_at) : "never"], ["Life left to the limit", life(own)]];
+  const rows = [[t("State"), shown]], physics = [];
   if (own) {
-    if (own.remaining_life.assumption) rows.push(["Life left assumes", own.remaining_life.assumption]);
-    rows.push(
-      ["Wear", `${signed(100 * own.wear)} ± ${(100 * own.wear_std).toFixed(1)} %`],
-      ...(own.unseen_step == null ? [] : [["Fresh step", `of the last ${own.unseen_step_days.toFixed(0)} days, up to ${(100 * own.unseen_step).toFixed(0)} % may be unseen`]]),
-      ["Pace", `${signed(3000 * own.wear_rate_per_day)} ± ${(3000 * own.wear_rate_std_per_day).toFixed(1)} % a month`],
-      [`Friction at ${own.reference_speed_rad_s} rad/s, ${own.reference_temperature_c.toFixed(1)} °C`, `${number(own.reference_torque_nm, 2)} ± ${number(own.reference_torque_std_nm, 2)} Nm`],
-      ["Coulomb fc", `${number(own.coulomb_nm, 2)} ± ${number(own.coulomb_std_nm, 2)} Nm`],
-      ["Viscous fv", `${number(own.viscous_nm_s_per_rad, 2)} ± ${number(own.viscous_std_nm_s_per_rad, 2)} Nm·s/rad`],
-      ["Temperature, last replay", `${number(own.temperature_c)} °C`],
+    const assumed = own.remaining_life.assumption;
+    rows.push([t("Change of friction"), `${signed(100 * own.wear)} ± ${number(100 * own.wear_std)} %`],
+      [t("Per month"), `${signed(3000 * own.wear_rate_per_day)} ± ${number(3000 * own.wear_rate_std_per_day)} %`]);
+    physics.push(
+      [t("Friction at {speed} rad/s, {temperature} °C", { speed: number(own.reference_speed_rad_s, 1), temperature: number(own.reference_temperature_c) }), `${number(own.reference_torque_nm, 2)} ± ${number(own.reference_torque_std_nm, 2)} N·m`],
+      [t("Coulomb friction fc"), `${number(own.coulomb_nm, 2)} ± ${number(own.coulomb_std_nm, 2)} N·m`],
+      [t("Viscous friction fv"), `${number(own.viscous_nm_s_per_rad, 2)} ± ${number(own.viscous_std_nm_s_per_rad, 2)} N·m·s/rad`],
+      [t("Temperature, last replay"), `${number(own.temperature_c)} °C`],
+      ...(own.unseen_step == null ? [] : [[t("Fresh step"), t("one of the last {days} days may be unseen up to {percent} %", { days: number(own.unseen_step_days, 0), percent: number(100 * own.unseen_step, 0) })]]),
+      ...(own.remaining_life.before_service_probability == null ? [] : [[t("Limit before the next service, {days} days", { days: about.life.service_days }), `${number(100 * own.remaining_life.before_service_probability, 0)} %`]]),
+      ...(assumed ? [[t("Time left assumes"), assumed]] : []),
     );
-    if (own.remaining_life.before_service_probability != null) rows.push([`Limit before next service, ${about.life.service_days} d`, `${number(100 * own.remaining_life.before_service_probability, 0)} %`]);
   }
-  rows.push(["Why", spoken(state.why) || "–"]);
-  $("figures").replaceChildren(...rows.map(([term, value]) => {
-    const pair = make("div"), description = make("dd");
-    description.append(value);
-    pair.append(make("dt", term), description);
-    return pair;
-  }));
+  rows.push([t("Time left to the limit"), life(own)], [t("Learned of it last"), state.learnt_at ? moment(state.learnt_at) : t("never")]);
+  physics.push([t("Why"), sentence(state.why) || "–"]);
+  pairs($("figures"), rows);
+  pairs($("physics"), physics);
 }
 
 function detail() {
   figures();
   const own = past.joints[String(chosen)];
-  charts.wear(past.t, own, chosen, about.levels, friction(chosen), about.life.limit_rise);
+  charts.wear(past, own, chosen, about.levels, friction(chosen), about.life.limit_rise);
   charts.law(own, values.model, chosen);
   charts.torque(chosen);
   for (let j = 1; j <= count(); j++) {
@@ -231,52 +161,62 @@ function live() {
   charts.sample(sample);
   charts.torque(chosen);
   const left = sample.residual_nm ? sample.residual_nm[chosen - 1] : null;
-  $("residual").textContent = left == null ? "" : `residual ${signed(left, 2)} Nm${sample.extrapolated[chosen - 1] ? ", outside the temperatures learnt" : ""}`;
+  $("residual").textContent = left == null || charts.stands ? "" : t("measured − predicted {figure} N·m", { figure: signed(left, 2) }) + (sample.extrapolated[chosen - 1] ? `, ${t("outside the temperatures learned")}` : "");
 }
 
 function unheard() {
   torqueAt = null;
-  charts.still(`Nothing is heard of the arm since ${moment(values["torque/live"].at, true)}.`);
+  charts.still(t("Nothing is heard of the arm since {when}.", { when: moment(values["torque/live"].at, true) }));
   $("residual").textContent = "";
+}
+
+// the windows that ended alike one after another are one row
+function windowRow(row_) {
+  const row = make("tr"), alike = row_.count > 1, when = timed("td", row_.window);
+  if (alike) { const [first, last] = [days(row_.from), days(row_.window)]; when.textContent = first === last ? first : `${first} – ${last}`; }
+  const told = [row_.reason ? `${t(row_.state)}: ${row_.reason}` : t(row_.state), ...(row_.tries || []).map((text, i) => t("try {number} ended {text}", { number: i + 1, text }))].join("; ");
+  row.append(when, make("td", alike ? `${row_.count} × ${told}` : row_.kind === "scheduled" ? told : `${told} (${t(row_.kind)})`));
+  return row;
 }
 
 async function history() {
   const [series, rows] = await Promise.all([read("/api/history"), read("/api/schedule")]);
   past = series;
-  const next = rows.coming.map((window_) => `${moment(window_.opens, true)} (${window_.why})`).join(", ");
-  $("cron").textContent = `To come: ${next || "none"}. ${past.replays} assessed${past.shown < past.replays ? `, ${past.shown} of them drawn` : ""}.`;
-  $("windows").tBodies[0].replaceChildren(...rows.windows.map((window_) => {
-    const row = make("tr");
-    row.append(timed("td", window_.window), make("td", window_.kind), make("td", [window_.reason ? `${window_.state}: ${window_.reason}` : window_.state, ...(window_.tries || []).map((text, i) => `try ${i + 1} ended ${text}`)].join("; ")));
-    return row;
-  }));
+  const [first, ...later] = rows.coming;
+  const next = first ? t("Next: {when} ({why})", { when: brief(first.opens), why: first.why }) + (later.length ? `; ${t("then {when}", { when: later.slice(0, 2).map((one) => brief(one.opens)).join(", ") })}` : "") : t("None is planned");
+  $("cron").textContent = `${next}. ${t("{count} assessed", { count: past.replays })}${past.shown < past.replays ? `, ${t("{count} of them drawn", { count: past.shown })}` : ""}.`;
+  $("windows").tBodies[0].replaceChildren(...rows.windows.map(windowRow));
   $("events").tBodies[0].replaceChildren(...rows.events.map((event) => {
     const row = make("tr");
-    row.append(timed("td", event.at), make("td", `${place(event.joint)}: ${words(event.condition)}`), make("td", `${event.kind}, ${event.tier}`));
+    row.append(timed("td", event.at), make("td", jointName(event.joint)), make("td", event.text || `${words(event.condition || event.kind)}: ${t(event.kind)}${event.tier ? `, ${t(TIER_WORDS[event.tier] || event.tier)}` : ""}`));
     return row;
   }));
-  if (!rows.events.length) { const row = make("tr"); row.append(make("td", "nothing yet", { class: "dim", colspan: "3" })); $("events").tBodies[0].append(row); }
+  if (!rows.events.length) { const row = make("tr"); row.append(make("td", t("nothing yet"), { class: "dim", colspan: "3" })); $("events").tBodies[0].append(row); }
+  joints();
   detail();
+  drawProofs();
+  if (charts && !document.querySelector(".proof-chart")) alerts();
 }
 
 async function self() {
   const own = await read("/api/monitor");
   stops = own.stops;
   problems();
-  const hours = own.up_s / 3600;
-  const rows = [["Version", own.version], ["Host", (values.info && values.info.host) || "–"], ["Up", hours < 1 ? `${Math.round(own.up_s / 60)} min` : hours < 72 ? `${hours.toFixed(1)} h` : `${(hours / 24).toFixed(0)} d`],
-    ["Memory", `${number(own.resident_mb, 0)} MB`], ["History", `${number(own.history_mb, 1)} MB`], ["Disk free", `${own.disk_free_gb} GB (${(100 * own.disk_free_share).toFixed(0)} %)`],
-    ["Documents dropped", String(own.documents_dropped)], ["Last windows", Object.entries(own.last_windows).map(([state, n]) => `${n} ${state}`).join(", ") || "none"],
-    ["Its clock", moment(own.now, true)]];
+  verdict();
+  const hours = own.up_s / 3600, up = hours < 1 ? t("{count} min", { count: number(own.up_s / 60, 0) }) : hours < 72 ? t("{count} h", { count: number(hours, 1) }) : t("{count} days", { count: number(hours / 24, 0) });
+  const rows = [[t("Version"), own.version], [t("Computer"), (values.info && values.info.host) || "–"], [t("Running for"), up],
+    [t("Memory"), `${number(own.resident_mb, 0)} MB`], [t("History"), `${number(own.history_mb, 1)} MB`], [t("Disk free"), `${number(own.disk_free_gb, 1)} GB (${number(100 * own.disk_free_share, 0)} %)`],
+    [t("Documents dropped"), String(own.documents_dropped)], [t("Last windows"), Object.entries(own.last_windows).map(([state, n]) => `${n} ${t(state)}`).join(", ") || t("none")],
+    [t("Its clock"), moment(own.now, true)]];
   const document_ = values.monitor;  // null until the monitor has published it
   if (document_) {
     const texts = (document_.troubles || []).map((problem) => (typeof problem === "string" ? problem : problem.text || problem.what || JSON.stringify(problem)));
-    rows.unshift(["Troubles", texts.join("; ") || "none"]);
-    if (document_.next_replay_why) rows.push(["Next replay, why", document_.next_replay_why]);
+    rows.unshift([t("Problems"), texts.join("; ") || t("none")]);
+    if (document_.next_replay_why) rows.push([t("Next replay, why"), document_.next_replay_why]);
     const slowest = Object.entries(document_.workers || {}).sort((a, b) => b[1] - a[1])[0];
-    if (slowest) rows.push(["Longest silent worker", `${slowest[0]}, ${slowest[1].toFixed(0)} s`]);
+    if (slowest) rows.push([t("Longest silent part"), `${t(slowest[0])}, ${number(slowest[1], 0)} s`]);
   }
-  $("self").replaceChildren(...rows.map(([term, value]) => { const pair = make("div"); pair.append(make("dt", term), make("dd", value)); return pair; }));
+  pairs($("self"), rows);
 }
 
 // --- what arrives --------------------------------------------------------------------------------------
@@ -288,6 +228,7 @@ function report(error) { console.warn(error); }
 function take(key, document_) {
   values[key] = document_;
   if (key === "torque/live") return live();
+  if (key.startsWith("alert/")) verdict();
   if ((key === "monitor" && problems()) || key === "replay") soon();
   if (key === "health" || key === "model") verdict();
   if (key === "health") { joints(); alerts(); }
@@ -299,7 +240,7 @@ function take(key, document_) {
 function listen() {
   if (stream) stream.close();
   heard = Date.now();
-  stream = new EventSource("/api/live");
+  stream = new EventSource(`/api/live?lang=${LANG}`);
   stream.addEventListener("time", (event) => { heard = Date.now(); clock = { time: Number(event.data), at: heard }; });
   stream.addEventListener("value", (event) => {
     heard = Date.now();
@@ -322,10 +263,10 @@ function cut() {
 
 // shows whether the page is connected
 function link() {
-  $("link").textContent = lost ? "not connected" : "live";
+  $("link").textContent = lost ? t("not connected") : t("live");
   $("link").className = `pill ${lost ? "lost" : "live"}`;
   $("lost").hidden = !lost;
-  if (lost) $("lost").textContent = `Nothing is heard of the monitor since ${moment(lost, true)}: all that stands here is of then. Trying again.`;
+  if (lost) $("lost").textContent = t("Nothing is heard of the monitor since {when}: all that stands here is of then. Trying again.", { when: moment(lost, true) });
   document.body.classList.toggle("cut", Boolean(lost));
   verdict();
 }
@@ -339,12 +280,12 @@ function tick() {
 async function begin() {
   about = await read("/api/about");
   $("robot").textContent = `${about.robot.site} / ${about.robot.id}`;
-  $("model").textContent = `${about.robot.model.toUpperCase()}, ${about.robot.mounting}, ${about.robot.payload_kg} kg, tool ${about.robot.tool}`;
+  $("model").textContent = t("{model}, {mounting}, {payload} kg, tool {tool}", { model: about.robot.model.toUpperCase(), mounting: t(about.robot.mounting), payload: number(about.robot.payload_kg, 1), tool: about.robot.tool });
   charts = new Charts();
   drawing = new ArmDrawing($("arm"), about.arm, choose);
   $("legend").replaceChildren(...Object.keys(STATES).filter((state) => state !== "null").map((state) => { const item = make("li"); item.append(chip(state)); return item; }));
   for (let j = 1; j <= count(); j++) {
-    const tab = make("button", `J${j}`, { type: "button", role: "tab", id: `tab-${j}`, "aria-controls": "panel", "data-state": "null" });
+    const tab = make("button", jointName(j), { type: "button", role: "tab", id: `tab-${j}`, "aria-controls": "panel", "data-state": "null" });
     tab.addEventListener("click", () => choose(j));
     $("tabs").append(tab);
   }
@@ -354,7 +295,8 @@ async function begin() {
   self().catch(report);
   setInterval(() => self().catch(report), 30000);
   setInterval(tick, 1000);
-  $("zone").textContent = `Times are those of ${Intl.DateTimeFormat().resolvedOptions().timeZone}.`;
+  $("zone").textContent = t("Times are those of {zone}.", { zone: Intl.DateTimeFormat().resolvedOptions().timeZone });
+  for (const [code, name] of Object.entries(about.languages)) if (code !== LANG) $("languages").append(make("a", name, { href: `/?lang=${code}`, lang: code, hreflang: code, "data-lang": code }));
   let first = true;
   const worst = () => {  // the joint in the worst state is shown first
     if (!first || !values.health) return;
@@ -369,4 +311,4 @@ async function begin() {
 
 const kept = localStorage.getItem("joint-monitor-theme");
 if (kept === "light" || kept === "dark") document.documentElement.dataset.theme = kept;
-begin().catch((error) => { $("why").textContent = `The page could not be loaded: ${error.message}`; report(error); });
+begin().catch((error) => { $("why").textContent = t("The page could not be loaded: {why}", { why: error.message }); report(error); });

@@ -1,0 +1,101 @@
+"""Write the catalogues of page and report: every text that they say, with the translations so far, and the compiled form.
+
+`make texts` runs it. What is new stands in the .po file without a translation, for a person to translate; then run it again.
+"""
+
+import io
+import re
+import sys
+from pathlib import Path
+
+from babel.messages.catalog import Catalog
+from babel.messages.extract import extract_from_dir
+from babel.messages.mofile import write_mo
+from babel.messages.pofile import read_po, write_po
+
+from monitor.judge.alerts.conditions import CONDITIONS
+
+ROOT = Path(__file__).parents[2]
+VIEWS = ROOT / "monitor" / "views"
+LOCALE = VIEWS / "language" / "locale"
+KEYWORDS = {"say": None, "t": None, "N_": None}
+
+
+def in_brackets(fileobj, keywords, comment_tags, options):  # noqa: ARG001  # Babel calls it so
+    """The texts of a page, which stand in double brackets; an extractor of Babel."""
+    for number, line in enumerate(io.TextIOWrapper(fileobj, "utf-8"), start=1):
+        for text in re.findall(r"\[\[(.+?)\]\]", line):
+            yield number, None, text, []
+
+
+def in_script(fileobj, keywords, comment_tags, options):  # noqa: ARG001  # Babel calls it so
+    """The texts of a script: strings in the first argument of t() and N_(), also inside templates, which Babel leaves out."""
+    source = fileobj.read().decode()
+    for call in re.finditer(r"\b(?:t|N_)\(", source):
+        for text in _strings_of_first_argument(source[call.end() :]):
+            yield source.count("\n", 0, call.start()) + 1, None, text, []
+
+
+def _strings_of_first_argument(source):
+    depth = 0
+    for token in re.finditer(r'"((?:[^"\\]|\\.)*)"|[()\[\]{},]', source):
+        if token[1] is not None:
+            if depth == 0:  # not in a call of another function
+                yield token[1]
+        elif token[0] in "([{":
+            depth += 1
+        elif depth == 0:
+            return
+        elif token[0] in ")]}":
+            depth -= 1
+
+
+METHODS = [("web/static/uPlot*", "ignore"), ("**.py", "python"), ("web/static/**.js", in_script), ("**.html", in_brackets)]
+
+
+def template() -> Catalog:
+    """Every text, without translations."""
+    found = Catalog(project="joint-monitor", charset="utf-8")
+    for path, _, text, _, _ in extract_from_dir(VIEWS, METHODS, {}, keywords=KEYWORDS, comment_tags=()):
+        if path.startswith("language/locale") or not isinstance(text, str) or not text.strip():
+            continue
+        found.add(text, locations=[(f"monitor/views/{path}", None)])
+    for condition in CONDITIONS.values():
+        for tier in condition.tiers.values():
+            found.add(tier.advice, locations=[("monitor/judge/alerts/conditions.py", None)])
+    return found
+
+
+def read(code: str) -> Catalog:
+    """The catalogue of a language as it is stored."""
+    with (LOCALE / code / "LC_MESSAGES" / "joint_monitor.po").open("rb") as file:
+        return read_po(file, locale=code)
+
+
+def compiled(catalogue: Catalog) -> bytes:
+    """The catalogue as gettext reads it."""
+    made = io.BytesIO()
+    write_mo(made, catalogue)
+    return made.getvalue()
+
+
+def main() -> int:
+    """1 where a text has no translation yet."""
+    missing = 0
+    for folder in sorted(path for path in LOCALE.iterdir() if path.is_dir()):
+        catalogue = read(folder.name)
+        catalogue.update(template(), no_fuzzy_matching=True)
+        catalogue.obsolete.clear()
+        for message in catalogue:
+            if message.id and not message.string:
+                sys.stdout.write(f"{folder.name}: not translated: {message.id}\n")
+                missing += 1
+        target = folder / "LC_MESSAGES" / "joint_monitor"
+        with target.with_suffix(".po").open("wb") as file:
+            write_po(file, catalogue, width=0, include_lineno=False, sort_output=True, omit_header=False)
+        target.with_suffix(".mo").write_bytes(compiled(catalogue))
+    return int(missing > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

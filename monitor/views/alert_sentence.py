@@ -1,0 +1,109 @@
+"""The sentences that an alert leads with: what has changed, when it gets serious, and what to do by when."""
+
+import re
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+from monitor.recording import DAY_S
+from monitor.views.language.catalogue import Language
+from monitor.views.language.dates import around, day, since, span, utc
+
+N_ = str  # marks a text for the catalogue
+LATEST_DAYS = 3 * 365.25  # a date beyond it would claim too much
+NOW_DAYS = 3.0  # an inspection that is due so soon is due now
+_HELD = re.compile(r"reached by (\d{4}-\d\d-\d\d)")  # the day of the lowest friction, in the text of a rise
+# of conditions without a change of friction, of one joint and of the arm
+OF_JOINT = {
+    "temperature_sensor": N_("{joint} reports no temperature that can be believed."),
+    "data_quality": N_("The last replays do not show how heavily {joint} turns."),
+    "outside_range": N_("{joint} works at temperatures that are new to the monitor."),
+}
+OF_ARM = {
+    "temperature_sensor": N_("No joint reports its temperature."),
+    "gain_contradiction": N_("Torque and current no longer fit together, and nobody has declared a new drive."),
+    "mounting_contradiction": N_("The arm stands otherwise than the monitor was told."),
+    "payload_contradiction": N_("The arm carries another load than the monitor was told."),
+    "store_restored": N_("The monitor's history was damaged, and a backup has taken its place."),
+    "nothing_learnt": N_("The monitor has learned nothing about this arm for days."),
+    "stopped": N_("The arm stopped during a replay. Nothing moves until a person has looked at it and allows motion again."),
+    "stale": N_("What the monitor knows of this arm is out of date."),
+    "unheard": N_("The monitor does not hear the arm."),
+}
+
+
+class JointPast(NamedTuple):
+    """What is known of the joint of an alert; None: nobody knows."""
+
+    friction: Mapping[str, Any] | None = None  # its newest document
+    began_unix_s: float | None = None  # since when its friction is compared
+    learnt_unix_s: float | None = None  # the replay from which its remaining days count
+
+
+class Sentences(NamedTuple):
+    """What a person reads of an alert before anything else."""
+
+    headline: str  # what is the case
+    pace: str  # when the limit is met; empty where the condition has no such date
+    due: str  # what to do, and by when
+
+
+def sentences(alert: Mapping[str, Any], past: JointPast, now_unix_s: float, say: Language) -> Sentences:
+    """The sentences of one alert, a document as it is published."""
+    headline = _headline(alert, past.began_unix_s, now_unix_s, say)
+    action = say.retell(alert["action"])
+    if not alert["active"] or alert["condition"] not in {"wear_rising", "sudden_step"} or not past.friction:
+        return Sentences(headline, "", action)
+    life = past.friction.get("remaining_life") or {}
+    learnt = past.learnt_unix_s or now_unix_s
+    pace = _pace(life, learnt, now_unix_s, say)
+    early = life.get("p10_days")
+    if alert["tier"] != "wear" or (early is None and life.get("verdict") != "reached"):
+        return Sentences(headline, pace, action)
+    by = learnt + (early or 0.0) * DAY_S
+    now = by - now_unix_s < NOW_DAYS * DAY_S
+    due = say.say("Inspect now.") if now else say.say("Inspect by {day}.", day=day(by, now_unix_s, say))
+    return Sentences(headline, pace, due)
+
+
+def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: float, say: Language) -> str:
+    joint, condition, change = alert["joint"], alert["condition"], alert.get("change") or 0.0
+    who = say.joint(joint)
+    held = _HELD.search(alert["text"])
+    if held is not None:
+        began_unix_s = datetime.fromisoformat(held[1]).replace(tzinfo=UTC).timestamp()
+    before = say.say("at the beginning") if began_unix_s is None else since(began_unix_s, now_unix_s, say)
+    size = say.percent(abs(change))
+    if condition == "wear_rising":
+        return say.say("{joint} turns {rise} heavier than {since}.", joint=who, rise=size, since=before)
+    if condition == "sudden_step":
+        return say.say("{joint} all at once turns {rise} heavier than {since}.", joint=who, rise=size, since=before)
+    if condition == "friction_falling":
+        return say.say("{joint} turns {rise} lighter than {since}.", joint=who, rise=size, since=before)
+    if condition == "common_mode":
+        if change >= 0:
+            return say.say("Most joints turn {rise} heavier than {since}, all together.", rise=size, since=before)
+        return say.say("Most joints turn {rise} lighter than {since}, all together.", rise=size, since=before)
+    known = (OF_ARM if joint is None else OF_JOINT).get(condition)
+    if known is not None:
+        return say.say(known, joint=who) if joint is not None else say.say(known)
+    first = re.split(r"(?<=[.!?])\s", alert["text"], maxsplit=1)[0]
+    return say.retell(first) or say.retell(condition)
+
+
+def _pace(life: Mapping[str, Any], learnt_unix_s: float, now_unix_s: float, say: Language) -> str:
+    """When friction meets its limit, as a sentence."""
+    if life.get("verdict") == "reached":
+        return say.say("It has met its limit.")
+    early, middle, late = life.get("p10_days") or 0.0, life.get("p50_days"), life.get("p90_days")
+    if middle is None:
+        return say.say("It shows no steady pace, so nobody can say when it meets its limit.")
+    begin = learnt_unix_s
+    if middle > LATEST_DAYS:
+        return say.say("At this pace it does not meet its limit before {year}.", year=utc(begin + max(early, 0.5 * middle) * DAY_S).year)
+    when = around(begin + middle * DAY_S, now_unix_s, say)
+    far = late is None or late > 2 * LATEST_DAYS
+    between = span(begin + early * DAY_S, None if far else begin + late * DAY_S, now_unix_s, say)
+    if not between:
+        return say.say("At this pace it meets its limit {when}.", when=when)
+    return say.say("At this pace it meets its limit {when} ({between}).", when=when, between=between)

@@ -1,0 +1,139 @@
+"""Sentences of documents, with a name in each place that differs. The judge and the service make them; a catalogue translates them.
+
+A sentence that is not here stays English on a page in another language. Advice of alert conditions needs no entry: the catalogue takes it
+from `CONDITIONS`.
+"""
+
+N_ = str  # marks a text for the catalogue
+VERDICTS = (
+    N_("all joints are as they were at the beginning"),
+    N_("nothing is known yet"),
+    N_("not known yet"),
+    N_("friction {change} ± {std} since the beginning"),
+    N_("a step of the last {days} days up to {rise} may be unseen"),
+    N_("nothing is learnt of wear: {why}"),
+    N_("the last replay does not resolve this joint's friction"),
+    N_("the last replay is {change} off: waiting for the next"),
+    N_("{temperature} °C is outside the temperatures learnt so far"),
+    N_("wear_rising ({tier}): {change}"),
+    N_("sudden_step ({tier}): {change}"),
+    N_("friction_falling ({tier}): {change}"),
+    N_("temperature_sensor ({tier})"),
+    N_("data_quality ({tier})"),
+    N_("outside_range ({tier})"),
+    N_("common_mode: {text}"),
+    N_("gain_contradiction: {text}"),
+    N_("mounting_contradiction: {text}"),
+    N_("payload_contradiction: {text}"),
+    N_("store_restored: {text}"),
+    N_("nothing_learnt: {text}"),
+    N_("stopped: {text}"),
+    N_("stale: {text}"),
+    N_("unheard: {text}"),
+    N_("Base (joint 1): {text}"),
+    N_("Shoulder (joint 2): {text}"),
+    N_("Elbow (joint 3): {text}"),
+    N_("Wrist 1 (joint 4): {text}"),
+    N_("Wrist 2 (joint 5): {text}"),
+    N_("Wrist 3 (joint 6): {text}"),
+    N_("STALE: {who}: nothing was learnt {since}: the state is of then, not of {then}"),
+    N_("all joints"),
+    N_("now"),
+    N_("the period's end"),
+    N_("for {days} days (health.stale_days = {limit})"),
+    N_("since {when}"),
+    N_("in this period"),
+    N_("yet (health.stale_days = {limit})"),
+)
+ALERTS = (
+    N_(
+        "friction at {speed} rad/s and {temperature} °C went from {before} to {after} N·m ({change} ± {std}), temperature taken out "
+        "({slope}/K); {replays} replays on {days} days in a row agree."
+    ),
+    N_(
+        "friction at {speed} rad/s and {temperature} °C went from {before} to {after} N·m ({change} ± {std} above the lowest level held, "
+        "{fall} from the beginning, reached by {date}), temperature taken out ({slope}/K); {replays} replays on {days} days in a row agree."
+    ),
+    N_("Of the measured {whole}, temperature makes {temperature}, payload and context {payload}, wear {wear}, chance {chance}."),
+    N_("torque that the fit does not explain is {ratio} times that of before, {change} of friction: wear at one place."),
+    N_(
+        "torque that the fit does not explain is {ratio} times that of before, {change} of friction: wear at one place, now largest "
+        "between {low} and {high} rad."
+    ),
+    N_("friction at {speed} rad/s rose by {change} against friction at {reference} rad/s."),
+    N_("Friction has risen in most joints together, by about {change} in {replays} replays: not the wear of one joint."),
+    N_("Friction has fallen in most joints together, by about {change} in {replays} replays: not the grease of one joint."),
+    N_(
+        "Friction has risen in shoulder and elbow most, as an undeclared payload makes it, by about {change} in {replays} replays: "
+        "not the wear of one joint."
+    ),
+    N_(
+        "Friction has fallen in shoulder and elbow most, as an undeclared payload makes it, by about {change} in {replays} replays: "
+        "not the grease of one joint."
+    ),
+    N_("{joint} tells no temperature, or none that can be believed, in {replays} replays in a row."),
+    N_("{joint} is not resolved, or scatters more than the filter believes, in {replays} replays in a row."),
+    N_("{joint} at {temperature} °C is outside the temperatures learnt so far, in {replays} replays in a row."),
+    N_("No joint's temperature is known in {replays} replays in a row: of wear nothing is told until one is."),
+    N_("the arm carries about {mass} kg {more} than in the replays before, and nobody declared it"),
+    N_("more"),
+    N_("less"),
+    N_("has risen by more than the tier's rise"),
+    N_("has fallen by more than the wear tier's rise"),
+)
+LIFE = (
+    N_("if friction goes on along a straight line"),
+    N_("if friction slows down as it has so far (probability {percent} %)"),
+    N_("if friction goes on along a straight line as it has so far (probability {percent} %)"),
+    N_("if friction goes on accelerating as it has so far (probability {percent} %)"),
+    N_("a path that accelerates (probability {percent} %) reaches the limit in {days} d"),
+    N_("{joint}: the limit in {days} d {assumption}."),
+    N_("The ± of wear does not hold for a fresh step: one of the last {days} days may be unseen up to {each}."),
+)
+WINDOWS = (
+    N_("missed: the arm's temperatures were not steady while the window was open"),
+    N_("missed: the monitor or its host was not running, or had another replay under way"),
+    N_("no permission: {why}"),
+    N_("no permission"),
+    N_("missed"),
+    N_("motion_allowed: {why}"),
+    N_("approach_near: {why}"),
+    N_("approach_near"),
+    N_("{joint} is {far} rad from the start of the excitation; at most {limit}"),
+    N_("speed_scaling: {why}"),
+    N_("the pendant's slider is at {percent} %; expected 100 %"),
+    N_("the arm is moving: {joint} at {speed} rad/s; expected standstill"),
+    N_("protective_stop"),
+    N_("{joint} needs {torque} N·m where {expected} ± {allowed} were expected ({band})"),
+    N_("replay {number} was ended by {cause}: {why}"),
+    N_("a replay by hand was ended by {cause}: {why}"),
+    N_("cmd/replay: refused: motion is not allowed here (allow_motion is false)"),
+    N_("cmd/replay: refused: this monitor schedules no replays"),
+    N_("cmd/replay: refused: a replay is under way"),
+    N_("allow: no stop is waiting for a person"),
+    N_("cmd: no alert can be {kind}: no replay has been assessed yet"),
+    N_("no replay has been assessed yet"),
+    N_("cold start"),
+    N_("evidence"),
+    N_("learning"),
+    N_("every"),
+    N_("cron"),
+)
+# how windows, alerts and parts of the monitor are named in documents
+NAMES = (
+    N_("assessed"), N_("skipped"), N_("rejected"), N_("aborted"), N_("started"), N_("recorded"), N_("scheduled"), N_("manual"),
+    N_("import"), N_("raised"), N_("updated"), N_("cleared"), N_("acknowledged"), N_("shelved"), N_("advisory"), N_("wear"), N_("limit"),
+    N_("wear_rising"), N_("sudden_step"), N_("friction_falling"), N_("common_mode"), N_("gain_contradiction"),
+    N_("mounting_contradiction"), N_("payload_contradiction"), N_("temperature_sensor"), N_("data_quality"), N_("outside_range"),
+    N_("store_restored"), N_("nothing_learnt"), N_("stopped"), N_("stale"), N_("unheard"), N_("wear tier"), N_("ground"), N_("wall"),
+    N_("ceiling"), N_("store"), N_("disk"), N_("clock"), N_("backup"), N_("router"), N_("Base"), N_("Shoulder"), N_("Elbow"),
+    N_("Wrist 1"), N_("Wrist 2"), N_("Wrist 3"), N_("The arm"), N_("Joint {number}"), N_("joint {number}"), N_("scheduler"), N_("bus"),
+    N_("listener"), N_("maintenance"),
+)  # fmt: skip
+# what the report says of its method; `service.history.report` puts it into the document
+LIMITS = (
+    N_("Friction does not see everything: a flexspline or a bearing can break with little change of friction before it."),
+    N_("Wear that begins together with a change of tool, payload, mounting or trajectory never seen before is taken for the change."),
+    N_("Remaining life is the time until friction meets its configured limit, not until a joint fails."),
+    N_("All joints rising together is taken for what they share (temperature, supply, payload), not for wear of each."),
+)
