@@ -102,8 +102,8 @@ def _pace(life: Mapping[str, Any], learnt_unix_s: float, now_unix_s: float, say:
     if middle > LATEST_DAYS:
         return say.say("At this pace it does not meet its limit before {year}.", year=utc(begin + max(early, 0.5 * middle) * DAY_S).year)
     when = around(begin + middle * DAY_S, now_unix_s, say)
-    far = late is None or late > 2 * LATEST_DAYS
-    between = span(begin + early * DAY_S, None if far else begin + late * DAY_S, now_unix_s, say)
+    end = None if late is None or late > 2 * LATEST_DAYS else begin + late * DAY_S
+    between = span(begin + early * DAY_S, end, now_unix_s, say)
     if not between:
         return say.say("At this pace it meets its limit {when}.", when=when)
     return say.say("At this pace it meets its limit {when} ({between}).", when=when, between=between)
