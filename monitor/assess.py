@@ -159,7 +159,7 @@ def _belong_together(identification: Identification, belief: Belief, health: Hea
     """Raises BadInput where the belief or the health is of another arm, or the belief of another reference speed."""
     if identification.robot != belief.robot:
         raise BadInput(f"the belief is of {belief.robot}, the recording of {identification.robot}: each arm has its own state")
-    if len(identification.coulomb_nm) != belief.joints or (health is not None and len(health.joints) != belief.joints):
+    if len(identification.coulomb_nm) != belief.joints or (health is not None and health.joints and len(health.joints) != belief.joints):
         raise BadInput(f"the belief has {belief.joints} joints, the identification {len(identification.coulomb_nm)}; they must agree")
     if belief.reference_speed_rad_s != settings.drift.reference_speed_rad_s:
         was, now = belief.reference_speed_rad_s, settings.drift.reference_speed_rad_s

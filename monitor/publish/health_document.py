@@ -15,8 +15,10 @@ def published_health(health: Health | None, now_unix_s: float, settings: HealthS
 
     Staleness stands beside the state: an alert stays until a replay clears it, and readers of v1 know five states.
     """
-    if health is None:
-        return {"state": None, "joints": [], "alerts": []}
+    if health is None or not health.joints:
+        alerts = () if health is None else health.alerts
+        why = next((alert.text for alert in alerts if alert.active), None)
+        return {"state": None, "joints": [], "alerts": [alert_document(alert) for alert in alerts], **({} if why is None else {"why": why})}
     silent = stale_joints(health, now_unix_s, settings)
     return {
         "state": health.state,

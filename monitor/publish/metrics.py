@@ -145,6 +145,11 @@ def _health(health: Mapping[str, Any], who: list[str], family: Callable[..., Gau
         if old is not None:
             stale.add_metric([*who, joint], float(old))
     yield stale
+    learnt = family("joint_monitor_learnt_timestamp_seconds", "When a replay last taught something of this joint", "joint")
+    for each in health.get("joints", []):
+        if each.get("learnt_at"):
+            learnt.add_metric([*who, str(each["joint"])], _unix_s(each["learnt_at"]))
+    yield learnt
     due = family("joint_monitor_next_replay_due_timestamp_seconds", "When the schedule will replay next")
     if health.get("next_replay_due"):
         due.add_metric(who, _unix_s(health["next_replay_due"]))

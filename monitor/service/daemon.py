@@ -12,6 +12,7 @@ from monitor.service.bus.live import LiveComparison
 from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.assess_and_store import adopt_orphans, load_state
+from monitor.service.learning import ArmHeard, nothing_learnt, situation
 from monitor.service.monitor import Monitor, Replay
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState, last_recording
@@ -52,6 +53,7 @@ class Daemon:
         self.alerts = AlertChanges(self.state, store, self.publisher, now)
         self.monitor = Monitor(self.state, store, self.publisher, self.production, now=now, play=play, alive=alive)
         self.live = LiveComparison(self.state, self.publisher, self.production, requests, now)
+        self.heard = ArmHeard(store, now)
         self.bus.answer(Handlers(self.state, store, self.alerts, requests).by_key())
 
     def __enter__(self) -> "Daemon":
@@ -66,6 +68,17 @@ class Daemon:
     def __exit__(self, *_: object) -> None:
         self.state.stopping.set()
         self.bus.close()
+
+    def look(self) -> str | None:
+        """Look at the monitor itself and at its own alerts; returns for how long nothing was learnt, where that is too long.
+
+        Call it often while the host's clock is believed. Raises StoreError.
+        """
+        now, configuration = self._now(), self.state.configuration
+        text = nothing_learnt(configuration, self._store, now)
+        self.state.take_nothing_learnt(text)
+        self.alerts.look(situation(configuration, self._store, now, self.heard))
+        return text
 
     def _take_up(self) -> None:
         self.state.take(load_state(self._store), last_recording(self._store))

@@ -52,12 +52,13 @@ class MainLoop:
                 self._hangup.clear()
                 self._workers.reloader.reload()
             now = time.monotonic()
-            if now - self._health_at >= state.configuration.bus.health_period_s or not self._health_at:
-                self._health_at = now
-                self._publish_health()
             if now - self._monitor_at >= MONITOR_PERIOD_S or not self._monitor_at:
                 self._monitor_at = now
+                self._look()
                 self._publish_monitor()
+            if now - self._health_at >= state.configuration.bus.health_period_s or not self._health_at:
+                self._health_at = now
+                self._daemon.publisher.health()
             self._watchdog.check()
 
     def _observe(self) -> None:
@@ -69,15 +70,21 @@ class MainLoop:
             None if newest is None or not link.reachable else tuple(newest.temperature_c.tolist()),
         )
         problems.update("arm", link.problem)
+        try:
+            self._daemon.heard.observe(link.reachable, link.problem)
+        except StoreError as error:
+            problems.report("store", str(error))
         problems.update("restored", self._daemon.alerts.restored)
 
-    def _publish_health(self) -> None:
+    def _look(self) -> None:
+        """Look at the monitor itself: the alerts that it raises about itself. A clock that is not believed dates nothing."""
+        problems = self._workers.problems
+        if "clock" in problems:
+            return
         try:
-            self._workers.problems.update("nothing_learnt", self._daemon.alerts.look_at_learning())
-            self._daemon.alerts.clear_own()
+            problems.update("nothing_learnt", self._daemon.look())
         except StoreError as error:  # the next round tries again
-            self._workers.problems.report("store", str(error))
-        self._daemon.publisher.health()
+            problems.report("store", str(error))
 
     def _publish_monitor(self) -> None:
         workers, bus = self._workers, self._daemon.bus

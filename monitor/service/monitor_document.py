@@ -15,6 +15,7 @@ from typing import Any
 from monitor import __version__
 from monitor.errors import StoreError
 from monitor.publish.timestamps import outside, rfc3339
+from monitor.recording import DAY_S
 from monitor.service.problems import Problems
 from monitor.store.backup import HISTORY, backups, made_at_unix_s
 from monitor.store.ledger import LedgerRow
@@ -55,6 +56,12 @@ class MonitorDocument:
             **more,
         }
 
+    def write_end(self) -> None:
+        """Write that the monitor was stopped: whoever asks `joint-monitor status` next sees it at once."""
+        document = read_monitor_document(self._store.directory)
+        if document is not None:
+            self.write({**document, "stopped_at_unix_s": self._now()})
+
     def write(self, document: dict[str, Any]) -> None:
         """Write the file for `joint-monitor status`, whole or not at all; where the disk refuses, the old one stays."""
         path = self._store.directory / FILE
@@ -77,6 +84,25 @@ def silent_s(document: dict[str, Any], now_unix_s: float) -> float | None:
     """For how long a monitor has written no document [s]; None where it runs."""
     age_s = now_unix_s - datetime.fromisoformat(document["said_at"]).timestamp()
     return age_s if abs(age_s) > SILENT_S else None
+
+
+def not_watched(document: dict[str, Any] | None, now_unix_s: float) -> str | None:
+    """Why nobody watches the arm now, from the document that was written last; None where the monitor runs."""
+    if document is None:
+        return "no monitor has run with this history"
+    if document.get("stopped_at"):
+        return f"the monitor was stopped at {document['stopped_at']}"
+    silent = silent_s(document, now_unix_s)
+    if silent is None:
+        return None
+    if silent < 0.0:
+        return f"the monitor wrote last at {document['said_at']}, in the future: the clock was set back, or the monitor does not run"
+    return f"the monitor does not run, or cannot write: it wrote last at {document['said_at']}, {_span(silent)} ago"
+
+
+def _span(seconds: float) -> str:
+    days, hours = seconds / DAY_S, seconds / 3600.0
+    return f"{days:.0f} days" if days >= 2.0 else f"{hours:.0f} hours" if hours >= 2.0 else f"{seconds / 60.0:.0f} min"
 
 
 def status_line(health: str | None, document: dict[str, Any]) -> str:

@@ -76,6 +76,7 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         _start_threads(daemon.state.stopping, workers, alive, stack)
         _watch(daemon, configuration, workers, hangup, stack)
         log.info("stopping")
+        workers.document.write_end()
         if workers.maintenance.damaged is not None:
             raise StoreError(f"{store.directory}: the history was found damaged: {workers.maintenance.damaged}; the next start restores it")
 

@@ -39,7 +39,13 @@ class SharedState:
     @property
     def health(self) -> Health | None:
         """Of arm and joints; None before the first assessment."""
-        return self.estimator.health
+        health = self.estimator.health
+        return health if health is not None and health.joints else None
+
+    @property
+    def alerts(self) -> Health:
+        """The health with its alerts: before the first assessment one without joints, with at most alerts of the service's own."""
+        return self.estimator.health or Health(joints=())
 
     @property
     def torque_model(self) -> CompensatedModel | None:

@@ -5,8 +5,9 @@ import sqlite3
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from monitor.errors import StoreError
 from monitor.store.database import Database, json_text
+
+EARLY_ALERTS = "early_alerts"  # name of the note with the alerts from before the first assessment
 
 
 class AlertEvent(NamedTuple):
@@ -25,11 +26,20 @@ class Events:
         self._db = database
 
     def revise(self, health: Mapping[str, Any], events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[AlertEvent]:
-        """Store changed alerts without a replay, in one transaction: the health after the change and its transitions, which get numbers."""
+        """Store changed alerts without a replay, in one transaction: the health after the change and its transitions, which get numbers.
+
+        Before the first assessment there is no state to keep them in: the alerts alone are kept, see `early_alerts`.
+        """
         with self._db.transaction() as db:
             if db.execute("UPDATE state SET health = ?", (json_text(health),)).rowcount != 1:
-                raise StoreError("no replay has been assessed yet")
+                values = (EARLY_ALERTS, json.dumps(health["alerts"], allow_nan=False))
+                db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", values)
             return insert_events(db, None, at_unix_s, events)
+
+    def early_alerts(self) -> list[dict[str, Any]]:
+        """The alerts that were raised before the first assessment, as they were then."""
+        rows = self._db.rows("SELECT value FROM note WHERE key = ?", (EARLY_ALERTS,))
+        return json.loads(rows[0][0]) if rows else []
 
     def rows(self, *, unpublished: bool = False, after: int = 0, limit: int | None = None) -> list[AlertEvent]:
         """The newest `limit` transitions with numbers above `after`, in order. unpublished : only those that were never published."""

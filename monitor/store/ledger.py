@@ -109,6 +109,18 @@ class Ledger:
         ((at,),) = self._db.rows("SELECT max(started_at_unix_s) FROM ledger WHERE state = 'assessed'")
         return None if at is None else float(at)
 
+    def refused_in_a_row(self) -> tuple[int, float, str] | None:
+        """The newest scheduled windows without an exception that the arm or its cell refused: how many, since when, and the last reason.
+
+        Windows that nobody attended, or that the disk or an arm without an answer cost, neither count nor interrupt. None: no such window.
+        """
+        ((count, since, newest),) = self._db.rows(
+            "SELECT count(*), min(window_unix_s), max(id) FROM ledger WHERE state = 'skipped' AND kind = 'scheduled' "
+            "AND reason GLOB '[a-z]*:*' AND reason NOT GLOB 'missed:*' AND reason NOT GLOB 'disk:*' AND reason NOT GLOB 'one replay *' "
+            "AND id > (SELECT coalesce(max(id), 0) FROM ledger WHERE state <> 'skipped')"
+        )
+        return (int(count), float(since), self.row(newest).reason or "") if count else None
+
     def rows(self, *, limit: int | None = None, states: Sequence[str] = ()) -> list[LedgerRow]:
         """Windows, oldest first: the last `limit` of them, and only those in `states`, where given."""
         where = f"WHERE state IN ({', '.join('?' * len(states))})" if states else ""

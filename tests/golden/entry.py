@@ -224,7 +224,7 @@ class Running:
 
     def say_health(self) -> None:
         """As every minute."""
-        self.daemon.alerts.clear_own()
+        self.daemon.look()
         self.daemon.publisher.health()
 
     def say_monitor(self) -> None:

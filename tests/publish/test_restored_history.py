@@ -10,7 +10,7 @@ from pathlib import Path
 from test_daemon_on_the_bus import DAY_S, START_UNIX_S, Arm, history, recording, settled  # noqa: F401
 
 from monitor.errors import BusError
-from monitor.judge.alerts.conditions import STORE_RESTORED
+from monitor.judge.alerts.service_conditions import STORE_RESTORED
 from monitor.publish.client import Client
 from monitor.publish.documents import Alert
 from monitor.service.daemon import Daemon
@@ -47,7 +47,7 @@ def test_a_restored_history_without_a_verdict_is_a_problem_and_an_alert_with_the
     for _ in range(2):
         with Store.open(tmp_path / "history") as store, Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon:
             assert "the history was damaged" in daemon.alerts.restored
-            daemon.alerts.clear_own()
+            daemon.look()
             assert daemon.alerts.restored  # reported as a problem
     with (
         Store.open(tmp_path / "history") as store,
@@ -55,7 +55,7 @@ def test_a_restored_history_without_a_verdict_is_a_problem_and_an_alert_with_the
         Client(endpoint, "lab", "cell-1") as client,
     ):
         assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
-        daemon.alerts.clear_own()
+        daemon.look()
         assert daemon.alerts.restored is None
         assert "the history was damaged" in restored_alert(client).text
     with Store.open(tmp_path / "history") as store, Daemon(settled(tmp_path, endpoint), store, now=arm.now, play=arm.play) as daemon:
@@ -92,11 +92,15 @@ def test_a_restored_history_is_an_alert_until_it_is_acknowledged(tmp_path: Path,
         Client(endpoint, "lab", "cell-1") as client,
     ):
         assert store.restored is None
-        daemon.alerts.clear_own()
+        daemon.look()
         assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
-        daemon.alerts.clear_own()
+        daemon.look()
         assert [alert.condition for alert in client.alerts()].count(STORE_RESTORED) == 1
         client.acknowledge(None, STORE_RESTORED, by="Ada", why="the disk was replaced")
-        daemon.alerts.clear_own()
+        daemon.look()
         assert STORE_RESTORED not in [alert.condition for alert in client.alerts()]
-        assert [event.kind for event in client.events().events][-3:] == ["raised", "acknowledged", "cleared"]
+        assert [event.kind for event in client.events().events if event.condition == STORE_RESTORED] == [
+            "raised",
+            "acknowledged",
+            "cleared",
+        ]

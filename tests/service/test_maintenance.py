@@ -14,7 +14,7 @@ from monitor.publish.metrics import families
 from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside
 from monitor.service.maintenance import Maintenance
-from monitor.service.monitor_document import MonitorDocument, read_monitor_document, silent_s
+from monitor.service.monitor_document import MonitorDocument, not_watched, read_monitor_document, silent_s
 from monitor.service.problems import Problems
 from monitor.store.backup import backups
 from monitor.store.store import Store
@@ -127,10 +127,17 @@ def test_status_reports_a_monitor_that_no_longer_publishes(maintenance, capsys: 
     assert silent_s(document, 1.7e9 + 30.0) is None
     assert silent_s(document, 1.7e9 + 3 * DAY) == 3 * DAY
     status = {"robot": "cell-1", "model_revision": 0, "health": None, "friction": [], "ledger": [], "monitor": document}
-    print_status({**status, "monitor_silent_s": 3 * DAY})
-    assert "does not run" in capsys.readouterr().out
-    print_status({**status, "monitor_silent_s": None})
-    assert "does not run" not in capsys.readouterr().out
+    print_status({**status, "not_watched": not_watched(document, 1.7e9 + 3 * DAY)})
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("NOT WATCHED: the monitor does not run, or cannot write: it wrote last at 20")
+    assert "3 days ago" in first
+    assert "NORMAL" not in second or "NORMAL then" in second
+    about = document_of(store, problems, clock)
+    about.write(document)
+    about.write_end()
+    assert not_watched(read_monitor_document(store.directory), 1.7e9 + 5.0) == "the monitor was stopped at 2023-11-14T22:13:20Z"
+    print_status({**status, "not_watched": None})
+    assert "NOT WATCHED" not in capsys.readouterr().out
 
 
 def test_the_monitor_document_is_valid_by_its_schema_and_printed_by_status(maintenance):

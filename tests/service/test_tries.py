@@ -1,22 +1,15 @@
-"""A window that this machine or the network spoilt is tried again while it is open; how long nothing was learnt is told loudly."""
+"""A window that this machine or the network spoilt is tried again while it is open."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_backups_and_retention import configuration, lived, recordings  # noqa: F401 - a fixture
 
-from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.config.load import load
 from monitor.errors import MotionRefused, ReplayAborted
-from monitor.judge.alerts.life_cycle import acknowledge
-from monitor.publish.documents import AckRequest
-from monitor.recording import DAY_S
 from monitor.service.daemon import Daemon
-from monitor.service.history.assess_and_store import load_state
 from monitor.service.history.status import status_document
-from monitor.service.learning import limit_days, nothing_learnt
 from monitor.store.store import Store
 
 NOON = 1.78e9
@@ -102,48 +95,3 @@ def test_a_monitor_that_is_asked_to_stop_does_not_wait_for_the_next_try(daemon):
     made.state.stopping.set()
     assert made.monitor.perform(NOON, closes_unix_s=NOON + 3600.0).state == "aborted"
     assert made.waiting == [LATE]
-
-
-def test_how_long_nothing_was_learnt_is_a_problem_after_three_intervals(tmp_path: Path):
-    """The schedule's longest pause counts, two days at least; the text says since when, and how the windows ended."""
-    daily, weekdays = ScheduleSettings(), ScheduleSettings(cron="0 3 * * 1-5")
-    assert limit_days(daily, NOON, None) == 3.0
-    assert limit_days(weekdays, NOON, None) == 9.0
-    assert limit_days(ScheduleSettings(cron="", every_h=2.0), NOON, None) == 2.0
-    assert limit_days(ScheduleSettings(learn_within_days=30.0), NOON, None) == 30.0
-    assert limit_days(ScheduleSettings(cron=""), NOON, None) is None
-    with Store.open(tmp_path) as store:
-        assert nothing_learnt(daily, store, NOON) is None  # it has not begun
-        for day in range(4):
-            ledger_id = store.ledger.claim(NOON + day * DAY_S, "scheduled", NOON + day * DAY_S)
-            store.ledger.end(ledger_id, "skipped", "local control", NOON + day * DAY_S)
-        assert nothing_learnt(daily, store, NOON + 2.9 * DAY_S) is None
-        text = nothing_learnt(daily, store, NOON + 36 * DAY_S)
-        assert "for 36 days" in text
-        assert "4 skipped; the last one: local control" in text
-
-
-def test_nothing_learnt_is_an_alert_with_an_event_beside_an_assessment_and_in_health_before_it(tmp_path: Path, recordings):  # noqa: F811
-    """It is raised once. Acknowledged, it stays while nothing is learnt, and clears afterwards."""
-    clock = [NOON]
-    settings = configuration(tmp_path / "history")
-    with Store.open(tmp_path / "history") as store, Daemon(settings, store, now=lambda: clock[0], play=lambda *_: None) as made:
-        store.ledger.end(store.ledger.claim(NOON, "scheduled", NOON), "skipped", "off", NOON)
-        clock[0] += 10 * DAY_S
-        assert "10 days" in made.alerts.look_at_learning()
-        assert made.state.nothing_learnt is not None
-        lived(store, settings, recordings, range(2))
-        made.state.take(load_state(store), None)
-        assert made.alerts.look_at_learning() is not None
-        made.alerts.look_at_learning()
-        (alert,) = [each for each in made.state.health.active_alerts if each.condition == "nothing_learnt"]
-        assert [event.document["condition"] for event in store.events.rows()].count("nothing_learnt") == 1
-        request = AckRequest(joint=None, condition="nothing_learnt", by="Ada", why="shut")
-        made.alerts.by_person(
-            "acknowledged", request, lambda health, at: acknowledge(health, None, "nothing_learnt", by="Ada", why="", at_unix_s=at)
-        )
-        made.alerts.clear_own()
-        assert alert.condition in {each.condition for each in made.state.health.active_alerts}
-        made.state.take_nothing_learnt(None)
-        made.alerts.clear_own()
-        assert alert.condition not in {each.condition for each in made.state.health.active_alerts}

@@ -23,8 +23,9 @@ class ScheduleSettings:
     tries: Annotated[int, Interval(ge=1, le=10)] = 3  # replays begun in one window where this machine or the network ended the one before
     try_again_after_s: Annotated[float, Interval(ge=1.0, le=3600.0)] = 60.0  # [s] before the next of them
     learn_within_days: Annotated[float, Interval(ge=0.0, le=3660.0)] = (
-        0.0  # [d] without a verdict are a problem; 0: 3 intervals, at least 2 d
+        0.0  # [d] without a verdict are a problem; 0: three windows, at least 2 d
     )
+    heard_within_days: Annotated[float, Interval(ge=0.0, le=3660.0)] = 0.0  # [d] an arm may be unheard; 0: two windows, at least 1 d
     jitter_s: Annotated[float, Interval(ge=0.0, le=43200.0)] = 0.0  # [s] each window opens later by a share of this, its own for each robot
     blackout: tuple[str, ...] = ()  # "2026-12-24..2027-01-02" or single days on which no window opens
     after_warm_up: bool = False  # begin only while the joints' temperatures are steady

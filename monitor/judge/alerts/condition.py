@@ -48,6 +48,35 @@ class JointSituation:
         return self.arm.settings
 
 
+class Standing(NamedTuple):
+    """Something that has lasted since a time."""
+
+    since_unix_s: float
+    reason: str = ""  # as the service knows it
+    until_unix_s: float | None = None  # it may last so long; None: for ever, or it may not last at all
+    windows: int = 0  # of the schedule that it has cost
+
+
+class Allowed(NamedTuple):
+    """The person who has allowed motion again after a stop."""
+
+    at_unix_s: float
+    by: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServiceSituation:
+    """The monitor between replays: what the conditions of the service itself read. None: it is not so."""
+
+    now_unix_s: float
+    stop: Standing | None = None  # which a person must look at
+    refused: Standing | None = None  # every window, by the arm or its cell
+    unlearnt: Standing | None = None  # the last replay that taught something, or the beginning
+    unheard: Standing | None = None  # the arm
+    allowed: Allowed | None = None  # the newest
+
+
 class ConditionStatus(NamedTuple):
     """What a condition looks like after a replay."""
 
@@ -121,6 +150,7 @@ class AlertCondition:
     tiers: Mapping[str, AlertTier]  # by the name of the tier, in ascending order
     joint: Rule[JointSituation] | None = None  # how the condition of a joint is raised
     arm: Rule[ArmSituation] | None = None  # how the condition of the arm is raised; neither: the service itself raises it
+    service: Callable[[ServiceSituation], str | None] | None = None  # the text while the service's own condition holds, else None
     probability_of: str | None = None  # what the friction does with the alert's probability; None: the alert is not of friction
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ from monitor.judge.alerts.condition import (
 )
 from monitor.judge.alerts.health import TIERS, Confirmations
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC
+from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
 from monitor.judge.belief import Belief
 from monitor.judge.drift.blame import LOADED
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
@@ -26,7 +27,7 @@ from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
 from monitor.model.joint_names import joint_text
 from monitor.recording import DAY_S
 
-WEAR_RISING, SUDDEN_STEP, STORE_RESTORED, NOTHING_LEARNT = "wear_rising", "sudden_step", "store_restored", "nothing_learnt"
+WEAR_RISING, SUDDEN_STEP = "wear_rising", "sudden_step"
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
 SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are unreliable
 MOSTLY_LOAD = 1.5  # times the median joint's change, in shoulder and elbow: then a payload is likelier than a supply
@@ -336,25 +337,6 @@ CONDITIONS: dict[str, AlertCondition] = {
                 )
             },
         ),
-        AlertCondition(
-            name=STORE_RESTORED,
-            tiers={
-                "advisory": AlertTier(
-                    CHECK_FUNCTION,
-                    "Look at the disk, and at what set-aside file and backups say; then acknowledge this.",
-                    "the history was damaged and the newest good backup replaced it, or it lost its newest entries",
-                )
-            },
-        ),
-        AlertCondition(
-            name=NOTHING_LEARNT,
-            tiers={
-                "advisory": AlertTier(
-                    CHECK_FUNCTION,
-                    "Look why the last windows failed (joint-monitor status): until one succeeds, wear goes unnoticed.",
-                    "no replay was learned from for schedule.learn_within_days",
-                )
-            },
-        ),
+        *SERVICE_CONDITIONS,
     )
 }

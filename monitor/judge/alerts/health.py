@@ -85,7 +85,10 @@ class Alert:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """The arm, its joints, and the last alert of every joint and condition, cleared alerts included."""
+    """The arm, its joints, and the last alert of every joint and condition, cleared alerts included.
+
+    Before the first assessment there are no joints and no state, and at most alerts that the service has raised about itself.
+    """
 
     state: str = NORMAL
     why: str = "nothing is known yet"

@@ -3,10 +3,16 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from monitor.errors import BadInput
-from monitor.judge.alerts.condition import AlertCondition, ConditionStatus
+from monitor.judge.alerts.condition import AlertCondition, ConditionStatus, ServiceSituation
 from monitor.judge.alerts.health import SEVERITY, TIERS, Alert, Health, Transition
+from monitor.judge.alerts.service_conditions import STOPPED
 from monitor.judge.alerts.settings import HealthSettings
+from monitor.recording import DAY_S
+
+OVER = "This is over since"  # in the text of an alert of the service's own that nobody has acknowledged
 
 
 def next_transition(
@@ -67,6 +73,36 @@ def service_alert(condition: AlertCondition, text: str, at_unix_s: float) -> Ale
         joint=None, condition=condition.name, tier="advisory", raised_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s, change=0.0,
         probability=1.0, text=text, action=condition.tiers["advisory"].advice,
     )  # fmt: skip
+
+
+def service_transition(alert: Alert | None, condition: AlertCondition, situation: ServiceSituation) -> Transition | None:
+    """What becomes of an alert of the service's own; None where it stays as it is.
+
+    It is latched as the others are: over, it says so and stays until somebody acknowledges it. To allow motion again acknowledges
+    `stopped`.
+    alert : the last alert of the condition, None where there was none.
+    """
+    at = situation.now_unix_s
+    text = condition.service(situation) if condition.service is not None else None
+    if alert is None or not alert.active:
+        return None if text is None else Transition("raised", service_alert(condition, text, at))
+    if text is not None:
+        # its text may change with every window; the log of transitions shall not: it is updated when it has lasted twice as long
+        lasted_s, since_update_s = at - alert.raised_at_unix_s, at - alert.updated_at_unix_s
+        over = OVER in alert.text
+        if text == alert.text or not (over or (since_update_s >= DAY_S and 2.0 * since_update_s >= lasted_s)):
+            return None
+        return Transition("updated", replace(alert, text=text, updated_at_unix_s=at))
+    allowed, open_ = situation.allowed, alert.acknowledged_at_unix_s is None
+    if condition.name == STOPPED and open_ and allowed is not None and allowed.at_unix_s >= alert.raised_at_unix_s:
+        when, by, why = allowed
+        alert = replace(alert, acknowledged_at_unix_s=when, acknowledged_by=by, acknowledged_why=why)
+    if alert.acknowledged_at_unix_s is not None:
+        return Transition("cleared", replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at))
+    if OVER in alert.text:
+        return None
+    over_text = f"{alert.text} {OVER} {np.datetime64(int(at), 's')}Z; it clears once somebody acknowledges it."
+    return Transition("updated", replace(alert, text=over_text, updated_at_unix_s=at))
 
 
 def _published(condition: AlertCondition, tier: int, status: ConditionStatus, at_unix_s: float) -> dict[str, Any]:

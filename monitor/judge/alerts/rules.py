@@ -42,11 +42,13 @@ def judge(
 ) -> Judgement:
     """Health after the belief's last replay.
 
-    health : before the replay, None before the first one; undeclared : change that the replay contradicts the declarations by;
-    drift : for the published figure of wear, which alerts do not depend on.
+    health : before the replay, None or without joints before the first one; undeclared : change that the replay contradicts the
+    declarations by; drift : for the published figure of wear, which alerts do not depend on.
     """
     at, J = belief.at_unix_s, belief.joints
-    before = health or Health(joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
+    before = health or Health(joints=(), since_unix_s=at)
+    if not before.joints:  # the first replay: there are at most alerts of the service's own
+        before = replace(before, joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
     evidence = _evidence(belief, before, settings, undeclared)
     arm = ArmSituation(
         belief=belief,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from monitor.judge.alerts.condition import ArmSituation, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, outside_learnt_range
-from monitor.judge.alerts.health import Alert, JointHealth
+from monitor.judge.alerts.health import Alert, Health, JointHealth
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, State
 from monitor.judge.alerts.unseen_step import unseen_step_text
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
@@ -34,10 +34,29 @@ def joint_state(situation: JointSituation, wear: Array, wear_std: Array, unseen:
 
 def arm_state(situation: ArmSituation, joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...]) -> tuple[str, str]:
     """The gravest state of the joints and of the arm's own alerts, and why."""
-    reasons = [(joint.state, f"{joint_text(joint.joint)}: {joint.why}") for joint in joints]
+    undeclared = situation.undeclared
+    return _gravest(joints, alerts, () if undeclared.condition is None else ((CHECK_FUNCTION, undeclared.text),))
+
+
+def with_service_alert(health: Health, alert: Alert, at_unix_s: float) -> Health:
+    """The health with a changed alert of the service's own, and with the arm's state as that alert makes it.
+
+    The state is the gravest truth: a monitor that learns nothing does not go on saying NORMAL. A health without joints, before the first
+    assessment, has no state; and an alert without a predicate of its own changes the state with the next replay.
+    """
+    condition = CONDITIONS.get(alert.condition)
+    alerts = tuple(({other.key: other for other in health.alerts} | {alert.key: alert}).values())
+    if not health.joints or condition is None or condition.service is None:
+        return replace(health, alerts=alerts)
+    state, why = _gravest(health.joints, alerts)
+    since = health.since_unix_s if state == health.state else at_unix_s
+    return replace(health, alerts=alerts, state=state, why=why, since_unix_s=since)
+
+
+def _gravest(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], first: tuple[Reason, ...] = ()) -> tuple[str, str]:
+    """The gravest state of the joints and of the arm's own alerts, and why; of equally grave ones `first` goes first."""
+    reasons: list[tuple[str, str]] = [*first, *((joint.state, f"{joint_text(joint.joint)}: {joint.why}") for joint in joints)]
     reasons += [(_state_of(alert), f"{alert.condition}: {alert.text}") for alert in alerts if alert.active and alert.joint is None]
-    if situation.undeclared.condition is not None:
-        reasons.insert(0, (CHECK_FUNCTION, situation.undeclared.text))
     state, why = max(reasons, key=_precedence)
     return (state, why) if state != NORMAL else (NORMAL, "all joints are as they were at the beginning")
 

@@ -5,15 +5,16 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from monitor.errors import BadInput
-from monitor.judge.alerts.conditions import CONDITIONS, NOTHING_LEARNT, STORE_RESTORED
+from monitor.judge.alerts.condition import ServiceSituation
+from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert, Health
-from monitor.judge.alerts.life_cycle import service_alert
+from monitor.judge.alerts.life_cycle import service_alert, service_transition
+from monitor.judge.alerts.service_conditions import NOTHING_LEARNT, STALE, STORE_RESTORED
+from monitor.judge.alerts.states import with_service_alert
 from monitor.publish.documents import AckRequest
 from monitor.publish.timestamps import outside
 from monitor.service.bus.publisher import Publisher
-from monitor.service.learning import nothing_learnt
 from monitor.service.shared_state import SharedState
 from monitor.store.store import RESTORED, Store
 
@@ -31,9 +32,7 @@ class AlertChanges:
         """Apply what a person does to an alert; returns the answer to the command. Raises BadInput without such an active alert."""
         with self._state.revising:
             at = self._now()
-            if self._state.health is None:
-                raise BadInput(f"cmd: no alert can be {kind}: no replay has been assessed yet")
-            health = change(self._state.health, at)
+            health = change(self._state.alerts, at)
             alert = next(alert for alert in health.alerts if alert.key == (request.joint, request.condition) and alert.active)
             self.keep(health, kind, alert, at)
         log.info("alert=%s/%s %s by=%r why=%r", request.joint or "arm", request.condition, kind, request.by, request.why)
@@ -52,28 +51,25 @@ class AlertChanges:
         self._store.notes.set(RESTORED, "")
         self.restored = None
 
-    def clear_own(self) -> None:
-        """Clear every alert that the monitor raised about itself and a person has acknowledged. Raises StoreError."""
+    def look(self, situation: ServiceSituation) -> None:
+        """Raise, update and clear the alerts that the monitor raises about itself. Raises StoreError."""
         self.raise_restored()
         with self._state.revising:
-            at = self._now()
-            raised_by_service = {name for name, condition in CONDITIONS.items() if condition.raised_by_service}
-            for alert in self._state.health.active_alerts if self._state.health else ():
-                lasts = alert.condition == NOTHING_LEARNT and self._state.nothing_learnt is not None
-                if alert.condition in raised_by_service and alert.acknowledged_at_unix_s is not None and not lasts:
-                    self._revise_own("cleared", dataclasses.replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at), at)
+            known = {alert.key: alert for alert in self._state.alerts.alerts}
+            for condition in CONDITIONS.values():
+                if condition.service is not None:
+                    transition = service_transition(known.get((None, condition.name)), condition, situation)
+                    if transition is not None:
+                        self._revise_own(*transition, situation.now_unix_s)
+            self._clear_acknowledged(situation)
 
-    def look_at_learning(self) -> str | None:
-        """For how long nothing was learnt, where that is too long; the alert about it is raised once. Raises StoreError.
-
-        The alert stands beside an assessment: before the first one the text stands in `health` and among the problems alone.
-        """
-        text = nothing_learnt(self._state.configuration.schedule, self._store, self._now())
-        self._state.take_nothing_learnt(text)
-        health = self._state.health
-        if text is not None and health is not None and all(alert.condition != NOTHING_LEARNT for alert in health.active_alerts):
-            self._raise_own(NOTHING_LEARNT, text)
-        return text
+    def _clear_acknowledged(self, situation: ServiceSituation) -> None:
+        """Clear what no predicate describes, once somebody has acknowledged it; `nothing_learnt` no sooner than `stale` would be."""
+        at, stale = situation.now_unix_s, CONDITIONS[STALE].service
+        over = {STORE_RESTORED} if stale is not None and stale(situation) is not None else {STORE_RESTORED, NOTHING_LEARNT}
+        for alert in self._state.alerts.active_alerts:
+            if alert.condition in over and alert.acknowledged_at_unix_s is not None:
+                self._revise_own("cleared", dataclasses.replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at), at)
 
     def keep(self, health: Health, kind: str, alert: Alert, at: float) -> None:
         """Make a changed alert durable with its health, then publish both. The caller holds `revising`. Raises StoreError."""
@@ -90,6 +86,7 @@ class AlertChanges:
             self._revise_own("raised", service_alert(CONDITIONS[condition], text, at), at)
 
     def _revise_own(self, kind: str, alert: Alert, at: float) -> None:
-        assert self._state.health is not None
-        others = tuple(other for other in self._state.health.alerts if other.key != alert.key)
-        self.keep(dataclasses.replace(self._state.health, alerts=(*others, alert)), kind, alert, at)
+        self.keep(with_service_alert(self._state.alerts, alert, at), kind, alert, at)
+        (log.info if kind == "cleared" else log.warning)(
+            "alert=arm/%s %s: %s", alert.condition, kind, alert.text, extra={"alert": f"arm/{alert.condition}"}
+        )

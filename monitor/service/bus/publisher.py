@@ -49,7 +49,7 @@ class Publisher:
         self.say(
             "health",
             {
-                **published_health(self._state.health, now, self._state.configuration.assess.health),
+                **published_health(self._state.alerts, now, self._state.configuration.assess.health),
                 "production": [plain(each) for each in self._production.evidence()],
                 "next_replay_due_unix_s": self._state.next_due_unix_s,
                 "said_at_unix_s": now,
@@ -62,7 +62,7 @@ class Publisher:
         self.health()
         if self._state.torque_model is not None:
             self.say("model", self._state.torque_model.as_document())
-        for alert in self._state.health.alerts if self._state.health else ():
+        for alert in self._state.alerts.alerts:
             self.alert(alert)
 
     def friction(self, joint: JointFriction) -> None:

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from monitor.assess import Rejected, assess
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import alert_document, health_from_document
-from monitor.judge.alerts.health import Health
+from monitor.judge.alerts.documents import alert_document, alert_from_document, health_from_document
+from monitor.judge.alerts.health import Alert, Health
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain
@@ -33,7 +33,7 @@ NOT_IDENTIFIED = frozenset({"endless"})  # came later: with it the digests of st
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatorState:
-    """The estimator's state of one arm; each part is None before the first assessment."""
+    """The estimator's state of one arm; each part is None before the first assessment, but for a health with early alerts alone."""
 
     belief: Belief | None = None
     health: Health | None = None
@@ -49,13 +49,19 @@ class HistoryEntry(NamedTuple):
 
 
 def load_state(store: Store) -> EstimatorState:
-    """The state after the last assessment, with the alerts as people have changed them since."""
+    """The state after the last assessment, with the alerts as people and the service have changed them since."""
     state = store.assessments.state()
     if state is None:
-        return EstimatorState()
+        early = early_alerts(store)
+        return EstimatorState(health=Health(joints=(), alerts=early) if early else None)
     return EstimatorState(
         belief=belief_from_document(state.belief), health=health_from_document(state.health), model=model_from_document(state.model)
     )
+
+
+def early_alerts(store: Store) -> tuple[Alert, ...]:
+    """The alerts that the service has raised before the first assessment."""
+    return tuple(alert_from_document(document) for document in store.events.early_alerts())
 
 
 def made_with(configuration: Configuration) -> dict[str, Any]:

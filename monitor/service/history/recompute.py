@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -10,6 +10,8 @@ import numpy as np
 from monitor.assess import AssessSettings, Rejected, assess, model_after
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_from_document, health_from_document
+from monitor.judge.alerts.health import Health
+from monitor.judge.alerts.states import with_service_alert
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel
@@ -176,14 +178,12 @@ def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
 
 def _with_alert_changes(state: EstimatorState, events: list[AlertEvent]) -> EstimatorState:
     """The state with the alerts as people and the monitor itself changed them between two replays: the next assessment starts from it."""
-    health = state.health
-    if health is None or not events:
+    if not events:
         return state
-    alerts = {alert.key: alert for alert in health.alerts}
+    health = state.health or Health(joints=())
     for event in events:
-        alert = alert_from_document(event.document)
-        alerts[alert.key] = alert
-    return EstimatorState(belief=state.belief, health=replace(health, alerts=tuple(alerts.values())), model=state.model)
+        health = with_service_alert(health, alert_from_document(event.document), event.at_unix_s)
+    return EstimatorState(belief=state.belief, health=health, model=state.model)
 
 
 def settings_from_document(cls: Any, document: dict[str, Any]) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from monitor.acquire.schedule.windows import expected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import health_from_document
+from monitor.judge.alerts.documents import alert_document, health_from_document
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
@@ -19,7 +19,8 @@ from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.recording import DAY_S
-from monitor.service.monitor_document import read_monitor_document, silent_s
+from monitor.service.history.assess_and_store import early_alerts
+from monitor.service.monitor_document import not_watched, read_monitor_document, silent_s
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present
 from monitor.store.ledger import LedgerRow, Try
@@ -39,14 +40,17 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
         tries = store.ledger.tries(ledger)
+        early = [] if state else early_alerts(store)
     monitor = read_monitor_document(configuration.state_directory)
     document = {
         "robot": configuration.robot.id,
         "model_revision": state.revision if state else 0,
         "health": outside(with_stale(state.health, now_unix_s, configuration.assess.health)) if state else None,
+        "early_alerts": [outside(alert_document(alert)) for alert in early],
         "friction": outside(newest),
         "monitor": monitor,
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
+        "not_watched": not_watched(monitor, now_unix_s),
         "ledger": [_window(row, tries[row.id]) for row in ledger],
     }
     if why_joint is not None:

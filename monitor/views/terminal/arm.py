@@ -40,28 +40,24 @@ def print_status(document: dict[str, Any]) -> None:
     """
     console = standard_output(120, highlight=True)
     health = document["health"]
-    console.print(
-        f"{document['robot']}: {health['state'] if health else 'no replay has been assessed yet'}, model {document['model_revision']}"
-    )
+    not_watched = document.get("not_watched")
+    if not_watched:  # before anything that looks like a verdict of now
+        console.print(f"[bold red]NOT WATCHED[/]: {escape(not_watched)}; what follows is of then", highlight=False)
+    state = f"{health['state']}{' then' if not_watched else ''}" if health else "no replay has been assessed yet"
+    console.print(f"{document['robot']}: {state}, model {document['model_revision']}")
     if health and health.get("stale"):
         console.print(f"[yellow]{health['stale_why']}[/]", highlight=False)
     if document["friction"]:
-        console.print(_friction_table(document["friction"], health["joints"] if health else []))
+        console.print(_friction_table(document["friction"], health["joints"] if health else [], of_then=bool(not_watched)))
         for text in (assumptions_text(document["friction"]), unseen_steps_text(document["friction"])):
             if text:
                 console.print(text, highlight=False)
-    for alert in health["alerts"] if health else []:
+    for alert in health["alerts"] if health else document.get("early_alerts", []):
         if alert.get("active"):
             console.print(
                 f"[bold]{'arm' if alert['joint'] is None else joint_name(alert['joint'])} {alert['condition']}[/]: {alert['text']}"
             )
     if document.get("monitor"):
-        if (silent_s := document.get("monitor_silent_s")) is not None:
-            ago = f"{abs(silent_s) / 60.0:.0f} min {'ago' if silent_s > 0 else 'in the future: the clock was set back'}"
-            console.print(
-                f"[bold red]the monitor does not run[/], or cannot write: what follows it said {ago}; look at the service and at its disk",
-                highlight=False,
-            )
         console.print(monitor_lines(document["monitor"]), highlight=False, markup=False)
     for row in document["ledger"]:
         console.print(
@@ -71,8 +67,8 @@ def print_status(document: dict[str, Any]) -> None:
             console.print(f"    try {nth} ended {each['at']}: {each['reason']}", highlight=False, markup=False)
 
 
-def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]]) -> Table:
-    """The newest estimate of every joint. joints : of the health document, for their states."""
+def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]], *, of_then: bool = False) -> Table:
+    """The newest estimate of every joint. joints : of the health document, for their states; of_then : nobody watches now."""
     states = {joint["joint"]: joint["state"] for joint in joints}
     stale = {joint["joint"] for joint in joints if joint.get("stale")}
     table = table_of(
@@ -82,7 +78,7 @@ def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]]
         state = states.get(row["joint"], "")
         table.add_row(
             f"{row['joint']} {joint_name(row['joint'])}",
-            f"[{STATE_STYLE.get(state, 'white')}]{state}{' STALE' if row['joint'] in stale else ''}",
+            f"[{'dim' if of_then else STATE_STYLE.get(state, 'white')}]{state}{' STALE' if row['joint'] in stale else ''}",
             number(row.get("temperature_c"), ".1f"),
             f"{row['coulomb_nm']:.2f} ± {row['coulomb_std_nm']:.2f}",
             f"{row['viscous_nm_s_per_rad']:.2f} ± {row['viscous_std_nm_s_per_rad']:.2f}",
