@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.identify.fit.least_squares import Rows
+from monitor.identify.signals.clean import DOUBTS
 from monitor.identify.signals.motion import Motion
 from monitor.model.robot import Robot
 from monitor.recording import Array, Mask, Recording
@@ -36,7 +37,7 @@ def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[DataWarning]
         why = ", ".join(f"{count} {reason}" for reason, count in motion.rejected_why.items())
         yield DataWarning("rejected_rows", f"{name}: {motion.rejected_samples} of {motion.recorded_samples} rows were left out: {why}")
     for repair in motion.repairs:
-        yield DataWarning(repair.code, f"{name}: {repair.text}{'' if repair.code == 'clock_doubtful' else '; put right'}")
+        yield DataWarning(repair.code, f"{name}: {repair.text}{'' if repair.code in DOUBTS else '; put right'}")
     if motion.repaired_samples:
         yield DataWarning(
             "repaired_spikes", f"{name}: {motion.repaired_samples} readings of current or torque stood out alone and were repaired"

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import Unidentifiable
+from monitor.identify.signals.clock import restored_clock
+from monitor.identify.signals.speeds import check_speeds
 from monitor.recording import Array, Recording
 
 DEGREES = 180.0 / math.pi
@@ -33,8 +35,11 @@ FAR_S = 60.0  # a larger leap ahead is no hole in a recording of a replay
 HOLE_S = 1.0  # the hole that stands for an unknown time between two rows: longer than any gap that a spline bridges
 
 
+DOUBTS = ("clock_doubtful", "speeds_doubtful", "motion_jumps")  # codes of what is told and left as it is
+
+
 class Repair(NamedTuple):
-    """One correction; `code` is for programs, `text` for people."""
+    """One correction, or a doubt; `code` is for programs, `text` for people."""
 
     code: str
     text: str
@@ -50,10 +55,17 @@ def cleaned(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
     if jumps:
         recording = replace(recording, t_s=t_s)
         repairs.append(Repair("clock_jump", f"the clock was set {jumps} time{'s' if jumps > 1 else ''}; the time in between is unknown"))
+    coarse = restored_clock(recording.t_s, recording.q)
+    if coarse is not None:
+        recording = replace(recording, t_s=coarse[0])
+        repairs.append(Repair("clock_restored", f"times are written in steps of {coarse[1]:.3g}, coarser than the ticks"))
     for field, factor, text in _units(recording):
         if factor != 1.0:
             recording = replace(recording, **{field: getattr(recording, field) * factor})
         repairs.append(Repair("unit_repaired" if factor != 1.0 else "clock_doubtful", text))
+    doubts = list(check_speeds(recording))  # it raises where the speeds are another signal
+    if not any(repair.code == "clock_doubtful" for repair in repairs):  # which is the same doubt for all joints
+        repairs += [Repair("speeds_doubtful", doubt.text) for doubt in doubts]
     return recording, tuple(repairs)
 
 
@@ -94,7 +106,7 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
     found = _ratio(t_s, q, qd)
     speed_ratio, tolerance = (None, 0.0) if found is None else (found.value, SURE_STD * found.std)
     if speed_ratio is not None:
-        for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6)):
+        for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
             if _near(speed_ratio * per_second, 1.0) and tick * WELL_SAMPLED_HZ > 1.0:
                 yield "t_s", 1.0 / per_second, f"time is in {unit}"
                 tick, speed_ratio = tick / per_second, speed_ratio * per_second
@@ -166,7 +178,7 @@ def _ratio(t_s: Array, x: Array, rate: Array | None) -> _Ratio | None:
             if np.sum(sound) < FEWEST_WINDOWS or not np.quantile(np.abs(middle[sound]), 0.9) > MOVING_RAD_S:
                 continue
             # near a reversal both are about zero; rows are chosen by the slope, whose noise is small, since the ratio would be biased
-            informative = sound & (np.abs(slope) > 0.3 * np.quantile(np.abs(slope[sound]), 0.9))
+            informative = sound & (np.abs(slope) > 0.3 * np.quantile(np.abs(slope[sound]), 0.75))  # torn rows move a fifth of them
             along = middle[informative] * np.sign(slope[informative])
             value = float(np.median(np.abs(slope[informative])) / np.median(along))
             spread = np.median(np.abs(along - np.abs(slope[informative]) / value)) / np.abs(np.median(along))

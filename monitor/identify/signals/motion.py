@@ -4,8 +4,8 @@ All signals pass the same filter, forward and backward. A delay between current 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
@@ -13,7 +13,7 @@ from annotated_types import Interval
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair, cleaned
 from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
-from monitor.identify.signals.rows import LIMITS, sound_rows
+from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.recording import Array, Indices, Mask, Recording
 
@@ -106,15 +106,28 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     settings = settings or SignalSettings()
     _drive(recording)  # refuses before anything is corrected
     recording, repairs = cleaned(recording)
-    keep, why = _usable_rows(recording, settings)
+    sound = _usable_rows(recording, settings)
+    keep, why = sound.keep, dict(sound.why)
+    wound = np.flatnonzero(np.any(sound.turns != 0.0, axis=0))
+    if len(wound):
+        unwound = recording.q.copy()
+        unwound[keep] += sound.turns
+        recording = replace(recording, q=unwound)
+        which = "s" if len(wound) > 1 else ""
+        text = f"positions of joint{which} {', '.join(str(j + 1) for j in wound)} jumped by whole turns"
+        repairs = (*repairs, Repair("turns_unwound", text))
     t_s = recording.t_s[keep]
+    jumps = int(np.sum(np.diff(t_s)[sound.breaks - 1] <= settings.gap_s))
+    if jumps:
+        text = f"the motion jumps {jumps} time{'s' if jumps > 1 else ''}, as where recordings are put together; each part is filtered alone"
+        repairs = (*repairs, Repair("motion_jumps", text))
     rate_hz = _rate(t_s)
     _refuse_poor_motion(recording, keep, rate_hz, settings)
 
     measured = {key: value[keep] for key in LIMITS if (value := getattr(recording, key)) is not None}
     cutoff_hz = min(settings.cutoff_hz, 0.35 * rate_hz)  # at low rates the cutoff must be lower
     repaired = despike(measured) if settings.despike else 0
-    joined = _joined(recording, t_s, measured, rate_hz, cutoff_hz, settings, why)
+    joined = _joined(recording, _Stretches(t_s, sound.breaks), measured, rate_hz, cutoff_hz, settings, why)
     return Motion(
         source=recording.source,
         t_s=joined["t_s"],
@@ -150,21 +163,35 @@ def _drive(recording: Recording) -> Array:
     return drive
 
 
-def _usable_rows(recording: Recording, settings: SignalSettings) -> tuple[Indices, dict[str, int]]:
+class _Stretches(NamedTuple):
+    """The clock of the rows that are used, and the places before which the motion jumps."""
+
+    t_s: Array  # (N,)
+    breaks: Indices
+
+    def longer_than(self, gap_s: float) -> list[Indices]:
+        """Indices of each stretch without a jump and without a hole longer than `gap_s`."""
+        holes = np.flatnonzero(np.diff(self.t_s) > gap_s) + 1
+        return np.split(np.arange(len(self.t_s)), np.union1d(holes, self.breaks))
+
+
+def _usable_rows(recording: Recording, settings: SignalSettings) -> SoundRows:
     """`sound_rows` of the recording. Raises Unidentifiable where too few rows are sound, or the drives measured only zeros."""
     name = _name(recording)
-    keep, why = sound_rows(recording)
+    sound = sound_rows(recording)
+    keep, why = sound.keep, sound.why
     if len(keep) < FEWEST_ROWS:
         reasons = f" ({_reasons(why)})" if why else ""
         raise Unidentifiable(f"{name}: {len(keep)} of {recording.samples} rows are sound{reasons}; expected a recording")
     if not np.any(_drive(recording)[keep]):
         raise Unidentifiable(f"{name}: current or torque is zero throughout; expected what the drives measured")
-    rejected = recording.samples - len(keep)
-    if rejected > settings.max_rejected_share * recording.samples:
+    written = recording.samples - sum(why.get(reason, 0) for reason in HARMLESS)
+    rejected = written - len(keep)
+    if rejected > settings.max_rejected_share * written:
         raise Unidentifiable(
-            f"{name}: {rejected} of {recording.samples} rows are torn ({_reasons(why)}); expected at most {settings.max_rejected_share:.0%}"
+            f"{name}: {rejected} of {written} rows are torn ({_reasons(why)}); expected at most {settings.max_rejected_share:.0%}"
         )
-    return keep, why
+    return sound
 
 
 def _refuse_poor_motion(recording: Recording, keep: Indices, rate_hz: float, settings: SignalSettings) -> None:
@@ -189,7 +216,7 @@ def _refuse_poor_motion(recording: Recording, keep: Indices, rate_hz: float, set
 
 def _joined(
     recording: Recording,
-    t_s: Array,
+    stretches: _Stretches,
     measured: dict[str, Array],
     rate_hz: float,
     cutoff_hz: float,
@@ -203,8 +230,8 @@ def _joined(
     smooth = low_pass(rate_hz, settings.filter_order, cutoff_hz)
     parts = []
     short = 0
-    for segment in _segments(t_s, max(settings.gap_s, 3.0 / rate_hz)):
-        part = uniform(t_s[segment], {key: value[segment] for key, value in measured.items()}, rate_hz)
+    for segment in stretches.longer_than(max(settings.gap_s, 3.0 / rate_hz)):
+        part = uniform(stretches.t_s[segment], {key: value[segment] for key, value in measured.items()}, rate_hz)
         if len(part["t_s"]) < 2 * settings.trim_s * rate_hz + 30:  # nothing remains between the filter's edges
             short += len(segment)
             continue
@@ -234,11 +261,6 @@ def _rate(t_s: Array) -> float:
     whole = dt < 1.9 * np.median(dt)
     rate: float = 1.0 / float(np.mean(dt[whole]))
     return rate
-
-
-def _segments(t_s: Array, gap_s: float) -> list[Indices]:
-    """Indices of each stretch without a hole longer than `gap_s`."""
-    return np.split(np.arange(len(t_s)), np.flatnonzero(np.diff(t_s) > gap_s) + 1)
 
 
 def _temperature(recording: Recording, keep: Indices, t_s: Array) -> Array | None:

@@ -1,41 +1,92 @@
-"""Which rows of a recording are sound, and why the others are left out."""
+"""Which rows of a recording are sound, and why the others are left out.
+
+A recording says its motion twice, by positions and by speeds. A row that was torn contradicts the rows beside it in one of them, however
+plausible its numbers are: |Δq − q̇·Δt| of a sound row is a fraction of a millirad.
+"""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
+from monitor.identify.signals.chain import MAX_SPEED_RAD_S, longest_chain
 from monitor.recording import Array, Indices, Mask, Recording
 
-MAX_SPEED_RAD_S = 20.0  # three times the fastest joint of any UR
-# a larger size of a signal is a torn row
+# a larger size of a signal is a torn row, unless the recording is of this size throughout
 LIMITS: Mapping[str, float] = {
     "q": 1000.0,  # [rad] the last joint of some models turns without end, but not 160 turns in one direction
     "qd": MAX_SPEED_RAD_S,
     "qdd": 1000.0,  # [rad/s²] an emergency stop stays below 100
     "current": 200.0,  # [A] ten times what the drives can carry
-    "torque": 5000.0,  # [N·m] ten times the largest joint's
+    "torque": 5000.0,  # [N·m] ten times a UR's largest joint; arms for 300 kg have more
 }
+OWN_SIZE = 10.0  # times the 90 % quantile of a torque: no motion of a sound recording has more
+HELD_SPEED_RAD_S = 0.02  # of a joint that cannot stay where it is from one row to the next
+HARMLESS = ("doubled", "held")  # reasons for which nothing is lost that was measured
 
 
-def sound_rows(recording: Recording) -> tuple[Indices, dict[str, int]]:
-    """Indices of the sound rows, and the number of the other rows by reason.
+class SoundRows(NamedTuple):
+    """The rows that are used."""
 
-    A row is sound where time and all signals of `LIMITS` are finite and within their limits, the clock increases, and the position is
-    one that the joint can reach from the rows around it. Other columns do not count.
+    keep: Indices  # (N,) of the recording
+    why: Mapping[str, int]  # number of rows left out, by reason
+    breaks: Indices  # places in `keep` before which the motion is not that of the row before
+    turns: Array  # (N, J) whole turns to be added to q [rad], where positions were wrapped into one turn
+
+
+def sound_rows(recording: Recording) -> SoundRows:
+    """The sound rows, and the number of the other rows by reason.
+
+    A row is sound where time and all signals of `LIMITS` are finite and within their limits, the clock increases, and its positions and
+    speeds continue those of the rows around it. Other columns do not count.
     """
     read = {"t_s": recording.t_s} | {key: getattr(recording, key) for key in LIMITS}
     rows = {key: value.reshape(len(value), -1) for key, value in read.items() if value is not None}
     finite = np.all([np.isfinite(value).all(axis=1) for value in rows.values()], axis=0)
     with np.errstate(invalid="ignore"):
-        plausible = np.all([(np.abs(rows[key]) <= limit).all(axis=1) for key, limit in LIMITS.items() if key in rows], axis=0)
+        plausible = np.all([(np.abs(rows[key]) <= _limit(key, rows[key])).all(axis=1) for key in LIMITS if key in rows], axis=0)
     why = {"not_finite": int(np.sum(~finite)), "absurd_value": int(np.sum(finite & ~plausible))}
     keep = np.flatnonzero(finite & plausible)
+    again = _doubled(rows, keep)
+    why["doubled"] = int(np.sum(again))
+    keep = keep[~again]
     in_order = _longest_increasing(recording.t_s[keep])
     why["time_not_increasing"] = len(keep) - len(in_order)
     keep = keep[in_order]
-    steady = ~_jumps(recording.t_s[keep], recording.q[keep])
-    why["position_jump"] = int(np.sum(~steady))
-    return keep[steady], {reason: count for reason, count in why.items() if count}
+    held = _held(rows, keep)
+    why["held"] = int(np.sum(held))
+    keep = keep[~held]
+    chain = longest_chain(recording.t_s[keep], recording.q[keep], None if recording.qd is None else recording.qd[keep])
+    why["position_jump"] = len(keep) - len(chain.rows)
+    return SoundRows(keep[chain.rows], {reason: count for reason, count in why.items() if count}, chain.breaks, chain.turns)
+
+
+def _limit(key: str, values: Array) -> Array | float:
+    """The largest plausible size of a signal (N, J): that of `LIMITS`, and for torque more where the whole recording is larger."""
+    if key != "torque":
+        return LIMITS[key]
+    with np.errstate(invalid="ignore"):
+        usual = np.nanquantile(np.where(np.isfinite(values), np.abs(values), np.nan), 0.9, axis=0) if len(values) else 0.0
+    limit: Array = np.maximum(LIMITS[key], OWN_SIZE * np.nan_to_num(usual))
+    return limit
+
+
+def _doubled(rows: Mapping[str, Array], keep: Indices) -> Mask:
+    """(N,) rows that repeat the row before them number for number, time included: written twice, and measured once."""
+    same = np.zeros(len(keep), dtype=bool)
+    if len(keep):
+        same[1:] = np.all([np.all(value[keep[1:]] == value[keep[:-1]], axis=1) for value in rows.values()], axis=0)
+    return same
+
+
+def _held(rows: Mapping[str, Array], keep: Indices) -> Mask:
+    """(N,) rows that repeat the signals of the row before them at a later time, although the arm moved on: a tick was missed."""
+    held = np.zeros(len(keep), dtype=bool)
+    if len(keep) and "qd" in rows:
+        signals = [value[keep] for key, value in rows.items() if key != "t_s"]
+        held[1:] = np.all([np.all(value[1:] == value[:-1], axis=1) for value in signals], axis=0)
+        held &= np.any(np.abs(rows["qd"][keep]) > HELD_SPEED_RAD_S, axis=1)
+    return held
 
 
 def _longest_increasing(t_s: Array) -> Indices:
@@ -60,17 +111,3 @@ def _longest_increasing(t_s: Array) -> Indices:
         chain.append(i)
         i = int(before[i])
     return np.array(chain[::-1])
-
-
-def _jumps(t_s: Array, q: Array) -> Mask:
-    """(N,) rows whose position the joint cannot reach from either neighbour, while it can pass between the neighbours."""
-    jump = np.zeros(len(q), dtype=bool)
-    if len(q) < 3:
-        return jump
-    dt = np.diff(t_s)[:, None]
-    reach = 0.01 + MAX_SPEED_RAD_S * dt  # 0.01 rad: encoder and rounding
-    far = np.abs(np.diff(q, axis=0)) > reach
-    close = np.abs(q[2:] - q[:-2]) <= reach[1:] + reach[:-1]
-    jump[1:-1] = np.any(far[:-1] & far[1:] & close, axis=1)
-    jump[0], jump[-1] = np.any(far[0] & ~far[1]), np.any(far[-1] & ~far[-2])
-    return jump
