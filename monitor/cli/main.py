@@ -11,11 +11,12 @@ from typing import Annotated
 import typer
 
 from monitor import __version__
-from monitor.cli import assess, bus, demo, design, history, identification, init, live, motion, reports, service, simulator
+from monitor.cli import assess, bus, demo, design, history, identification, init, live, motion, reports, service, simulator, trial
 from monitor.cli.laws import CommandWithLaws
 from monitor.errors import MonitorError
 
-TOPICS = (init, service, simulator, identification, live, design, bus, assess, motion, history, reports, demo)  # in the order of --help
+# in the order of --help
+TOPICS = (init, service, simulator, identification, live, design, bus, assess, motion, history, reports, demo, trial)
 
 app = typer.Typer(
     name="joint-monitor",

@@ -120,14 +120,24 @@ def _replay(answers: Answers) -> list[str]:
 
 def cell_text(document: Mapping[str, Any]) -> str:
     """The TOML file of a cell. document : `Cell.as_document`."""
-    lines = _comment(
+    return toml_text(
+        document,
         "What stands around the arm, written by `joint-monitor init`. The origin is the robot's base, z points up, metres and degrees. "
-        "config/cell/example.toml shows everything that can be said."
+        "config/cell/example.toml shows everything that can be said.",
     )
+
+
+def toml_text(document: Mapping[str, Any], about: str) -> str:
+    """A document of tables, and of lists of tables, as a TOML file that begins with the comment `about`."""
+    lines = _comment(about)
     for name, tables in document.items():
         for table in tables if isinstance(tables, list) else [tables]:
             lines += ["", f"[[{name}]]" if isinstance(tables, list) else f"[{name}]"]
-            lines += [_line(key, value) for key, value in table.items()]
+            plain = {key: value for key, value in table.items() if not isinstance(value, Mapping)}
+            lines += [_line(key, value) for key, value in plain.items()]
+            for key, value in table.items():
+                if isinstance(value, Mapping):  # [identify.signals]
+                    lines += ["", f"[{name}.{key}]", *(_line(inner, each) for inner, each in value.items())]
     return "\n".join(lines) + "\n"
 
 

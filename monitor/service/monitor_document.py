@@ -29,8 +29,9 @@ SILENT_S = 60.0  # the document is written every ten seconds; an older one is fr
 class MonitorDocument:
     """Collects the document from the history, the process and the problems."""
 
-    def __init__(self, store: Store, problems: Problems, now: Callable[[], float]) -> None:
-        self._store, self._problems, self._now = store, problems, now
+    def __init__(self, store: Store, problems: Problems, now: Callable[[], float], *, trial: bool = False) -> None:
+        """`trial`: the clock is not the host's, and the file says so."""
+        self._store, self._problems, self._now, self._trial = store, problems, now, trial
         self._began_unix_s = now()
         self._began = time.monotonic()
 
@@ -67,7 +68,7 @@ class MonitorDocument:
         path = self._store.directory / FILE
         temporary = path.with_suffix(".tmp")
         with suppress(OSError):  # maintenance reports a full or read-only disk
-            temporary.write_text(json.dumps(outside(document)), "utf-8")
+            temporary.write_text(json.dumps(outside(document | ({"trial": True} if self._trial else {}))), "utf-8")
             os.replace(temporary, path)
 
 
@@ -78,6 +79,11 @@ def read_monitor_document(directory: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return document
+
+
+def present_unix_s(document: dict[str, Any] | None, now_unix_s: float) -> float:
+    """The time by the monitor's own clock: the host's, unless the monitor is a trial, whose clock runs fast."""
+    return datetime.fromisoformat(document["said_at"]).timestamp() if document is not None and document.get("trial") else now_unix_s
 
 
 def silent_s(document: dict[str, Any], now_unix_s: float) -> float | None:

@@ -6,8 +6,9 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
+from typing import NamedTuple
 
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.config.schema import Configuration
@@ -20,13 +21,14 @@ from monitor.recording import Context, Recording
 from monitor.service.daemon import Daemon
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
 from monitor.service.maintenance import Maintenance
+from monitor.service.monitor import Replay
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.motion import move
 from monitor.service.page import page
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader
 from monitor.service.replay_requests import ReplayRequests
-from monitor.service.scheduler import Scheduler
+from monitor.service.scheduler import Clocks, Scheduler
 from monitor.service.systemd import Heartbeats, Watchdog, notify
 from monitor.store.store import Store
 
@@ -35,10 +37,27 @@ log = logging.getLogger(__name__)
 DISK_WAIT_S = 5.0  # between two attempts to open a history whose disk is full or read-only
 
 
-def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
+class Running(NamedTuple):
+    """The daemon that `serve` has started, for whoever hands in its clock."""
+
+    daemon: Daemon
+    store: Store
+    scheduler: Scheduler
+    requests: ReplayRequests
+
+
+def serve(
+    configuration: Configuration,
+    *,
+    replay_now: bool = False,
+    clocks: Clocks | None = None,
+    play: Replay | None = None,
+    running: Callable[[Running], AbstractContextManager[object]] | None = None,
+) -> None:
     """Run until SIGTERM or SIGINT; SIGHUP reads the configuration again. A moving arm is stopped first.
 
-    `replay_now` requests one replay at the start, whatever the schedule says.
+    `replay_now` requests one replay at the start, whatever the schedule says. clocks : the host's where none are given. play : how a
+    recording is made; over RTDE where nothing is given. running : a context in which the daemon runs, made once it is ready.
 
     Raises StoreError or BusError where the daemon cannot start, StoreError where the history was found damaged while it ran.
     """
@@ -48,32 +67,35 @@ def serve(configuration: Configuration, *, replay_now: bool = False) -> None:
         importlib.import_module(heavy)
     with ExitStack() as stack:
         store = open_store(configuration.state_directory, stack)
-        requests, heartbeats, problems = ReplayRequests(), Heartbeats(), Problems(time.time)
+        trial, clocks = clocks is not None, clocks or Clocks()
+        requests, heartbeats, problems = ReplayRequests(), Heartbeats(), Problems(clocks.now)
         if replay_now:
             requests.request()
 
-        def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool], /) -> Recording:
+        def over_rtde(excitation: Excitation, context: Context, should_stop: Callable[[], bool], /) -> Recording:
             return _replay_over_rtde(daemon, store, excitation, context, should_stop)
 
         def alive() -> None:
             heartbeats.beat("replays", WORKER_PATIENCE_S)
 
-        daemon = stack.enter_context(Daemon(configuration, store, now=time.time, play=play, requests=requests, alive=alive))
+        daemon = stack.enter_context(Daemon(configuration, store, now=clocks.now, play=play or over_rtde, requests=requests, alive=alive))
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
-        stack.enter_context(page(configuration, daemon.bus, store))
+        stack.enter_context(page(configuration, daemon.bus, store, clocks.now))
         hangup = _handle_signals(daemon.state.stopping)
         heartbeats.beat("bus", WORKER_PATIENCE_S)  # one that never sends its first document is missed as well
-        scheduler = Scheduler(daemon.monitor, store, problems, requests)
+        scheduler = Scheduler(daemon.monitor, store, problems, requests, clocks)
         workers = Workers(
             scheduler=scheduler,
-            maintenance=Maintenance(store, lambda: daemon.state.configuration.store, problems, time.time),
-            document=MonitorDocument(store, problems, time.time),
+            maintenance=Maintenance(store, lambda: daemon.state.configuration.store, problems, clocks.now),
+            document=MonitorDocument(store, problems, clocks.now, trial=trial),
             reloader=Reloader(daemon.monitor, scheduler),
             problems=problems,
             heartbeats=heartbeats,
         )
         _start_threads(daemon.state.stopping, workers, alive, stack)
+        if running is not None:
+            stack.enter_context(running(Running(daemon, store, scheduler, requests)))
         _watch(daemon, configuration, workers, hangup, stack)
         log.info("stopping")
         workers.document.write_end()

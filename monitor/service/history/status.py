@@ -20,7 +20,7 @@ from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import early_alerts
-from monitor.service.monitor_document import not_watched, read_monitor_document, silent_s
+from monitor.service.monitor_document import not_watched, present_unix_s, read_monitor_document, silent_s
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present
 from monitor.store.ledger import LedgerRow, Try
@@ -42,6 +42,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         tries = store.ledger.tries(ledger)
         early = [] if state else early_alerts(store)
     monitor = read_monitor_document(configuration.state_directory)
+    now_unix_s = present_unix_s(monitor, now_unix_s)
     document = {
         "robot": configuration.robot.id,
         "model_revision": state.revision if state else 0,

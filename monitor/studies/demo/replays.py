@@ -30,7 +30,7 @@ class DemoReplay:
             return self._undisturbed(excitation, lambda: self._live(excitation, context, should_stop))
         self._state.activity = "stepped replay: the simulator plays it faster than real time"
         recording = self._remote.play(excitation)
-        return dataclasses.replace(recording, context=dataclasses.replace(recording.context, **_known_facts(context)))
+        return dataclasses.replace(recording, context=dataclasses.replace(recording.context, **known_facts(context)))
 
     def _live(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
         robot, settings = self._configuration.robot_description, self._configuration.replay
@@ -62,7 +62,7 @@ class DemoReplay:
         return live()
 
 
-def _known_facts(context: Context) -> dict[str, Any]:
+def known_facts(context: Context) -> dict[str, Any]:
     """The fields of a context that are known, by name."""
     facts = {field.name: getattr(context, field.name) for field in dataclasses.fields(context)}
     return {name: value for name, value in facts.items() if value is not None}

@@ -39,9 +39,12 @@ CONTROLLER_PORTS = (29999, 30001, 30002, 30003, 30004, 30020)  # dashboard, the 
 
 
 @contextmanager
-def simulated_arm(host: str, seed: int) -> Iterator[Remote]:
-    """A simulated UR5 in a process of its own while the context lasts. Raises RobotUnreachable where it does not start."""
-    command = [sys.executable, "-m", "monitor.simulate", "--robot", "ur5", "--bind", host, "--seed", str(seed)]
+def simulated_arm(host: str, seed: int, *options: str) -> Iterator[Remote]:
+    """A simulated arm, a UR5 unless `options` say otherwise, in a process of its own while the context lasts.
+
+    Raises RobotUnreachable where it does not start.
+    """
+    command = [sys.executable, "-m", "monitor.simulate", "--bind", host, "--seed", str(seed), *(options or ("--robot", "ur5"))]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

@@ -1,0 +1,126 @@
+"""Plays a trial: the daemon of `joint-monitor run`, with a clock that is handed in and replays that the simulator steps."""
+
+import logging
+import shutil
+import tempfile
+import threading
+import tomllib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from monitor.acquire.schedule.windows import Window
+from monitor.config.load import load
+from monitor.errors import MonitorError
+from monitor.recording import DAY_S
+from monitor.service.run import Running, serve
+from monitor.simulate.arm.physics import drive_gain
+from monitor.studies.demo.world import free_host, free_port, simulated_arm
+from monitor.studies.trial.clock import TrialClock
+from monitor.studies.trial.says import Says
+from monitor.studies.trial.world import TrialArm, trial_file
+
+STEP_S = 0.05  # between two looks at the clock: at 20 000 times the pace a quarter of an hour
+STARTS_UNIX_S = 1_767_571_200.0  # Monday 2026-01-05 00:00 UTC, where scenarios begin too
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """What is tried."""
+
+    robot: str
+    scenario: str
+    speed: float
+    days: float | None  # ends after so many; None: when a person says so
+    seed: int
+    keep: Path | None  # folder of history and configuration; None: a temporary one
+    config: Path | None  # a configuration of the person's own
+
+
+def play(trial: Trial) -> None:
+    """Run the trial until it is over, or until SIGINT or SIGTERM. Raises MonitorError where arm, bus or page cannot start."""
+    with ExitStack() as stack:
+        folder = _folder(trial.keep, stack)
+        host = free_host()
+        path = trial_file(folder, _document(trial), host, free_port(), free_port())
+        configuration = load(path)
+        says = Says(configuration, host, trial)
+        robot = configuration.robot
+        options = ("--robot", robot.model, "--scenario", trial.scenario, "--mounting", robot.mounting, "--payload", str(robot.payload_kg))
+        remote = stack.enter_context(simulated_arm(host, trial.seed, *options))
+        clock = TrialClock(STARTS_UNIX_S, trial.speed)
+        arm = TrialArm(remote, clock)
+
+        @contextmanager
+        def running(service: Running) -> Iterator[None]:
+            says.beginning()
+            thread = threading.Thread(target=_advance, args=(trial, clock, arm, service, says), name="clock")
+            thread.start()
+            try:
+                yield
+            finally:
+                service.daemon.state.stopping.set()
+                thread.join()
+
+        # what the log of a service would say of every window is printed here in one line
+        logging.getLogger("monitor").setLevel(logging.ERROR)
+        serve(configuration, clocks=clock.clocks, play=arm.play, running=running)
+        says.end(kept=trial.keep is not None)
+
+
+def _advance(trial: Trial, clock: TrialClock, arm: TrialArm, service: Running, says: Says) -> None:
+    """Let time pass from window to window, age the arm with it, and say what happens, until the daemon stops or the days are over."""
+    stopping = service.daemon.state.stopping
+    end_unix_s = STARTS_UNIX_S + (trial.days * DAY_S if trial.days is not None else float("inf"))
+    due: Window | None = None
+    while not stopping.wait(STEP_S):
+        try:
+            if service.daemon.state.replaying.locked():  # also while it is judged: an alert has the time of its replay
+                clock.stop_at(clock.now())
+                continue
+            if due is None or due.key_unix_s in service.store.ledger.windows(due.key_unix_s - 1.0, due.key_unix_s + 1.0):
+                due = next(iter(service.scheduler.coming(1)), None)
+            until = end_unix_s if due is None else min(due.opens_unix_s, end_unix_s)
+            clock.stop_at(until)
+            arm.follow()
+            says.news(service, clock.now(), arm)
+        except MonitorError as error:
+            says.line(str(error))
+            continue
+        if clock.now() >= end_unix_s:
+            stopping.set()
+        elif clock.now() >= until:
+            service.requests.wake()  # the scheduler looks once a second: hours of this clock
+
+
+def _document(trial: Trial) -> dict[str, Any]:
+    """The tables of the configuration that is tried."""
+    if trial.config is None:
+        document: dict[str, Any] = {"robot": {"model": trial.robot, "site": "try", "id": trial.robot}, "replay": {"repetitions": 1}}
+    else:
+        load(trial.config)  # a mistake is named with its line
+        document = tomllib.loads(trial.config.read_text("utf-8-sig"))
+        for table, key in (("replay", "excitation"), ("replay", "cell")):
+            _absolute(document.get(table, {}), key, trial.config.parent)
+    if not document["robot"].get("gains_nm_per_a"):
+        from monitor.model.robot import load_robot
+
+        document["robot"]["gains_nm_per_a"] = [round(value, 3) for value in drive_gain(load_robot(document["robot"]["model"])).tolist()]
+    return document
+
+
+def _absolute(table: dict[str, Any], key: str, beside: Path) -> None:
+    if key in table and (beside / str(table[key])).is_file():
+        table[key] = str((beside / table[key]).resolve())
+
+
+def _folder(keep: Path | None, stack: ExitStack) -> Path:
+    """The folder of the trial: `keep`, or a temporary one that the stack removes."""
+    if keep is None:
+        folder = Path(tempfile.mkdtemp(prefix="joint-monitor-try-"))
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        return folder
+    keep.mkdir(parents=True, exist_ok=True)
+    return keep

@@ -1,0 +1,65 @@
+"""`joint-monitor try`: the daemon itself, with a clock that is handed in, beside a simulated arm that ages with it."""
+
+import json
+import re
+
+import pytest
+from command_line import ended, program
+
+from monitor.studies.trial.clock import TrialClock
+
+
+def test_days_pass_in_seconds_and_no_window_is_missed(tmp_path):
+    """Every day has its replay, the arm ages with the daemon's clock, and the kept history answers the commands of a person."""
+    result = program("try", "--days", 2, "--speed", 200_000, "--keep", tmp_path / "kept")
+    assert result.returncode == 0, result.stderr
+    lines = re.findall(r"^\w{3} (2026-01-\d\d) 03:00  assessed", result.stdout, re.MULTILINE)
+    assert lines == ["2026-01-05", "2026-01-06"]
+    assert "missed" not in result.stdout + result.stderr
+    path = tmp_path / "kept" / "try.toml"
+    status = json.loads(ended("status", "--config", path, "--json").stdout)
+    assert status["monitor_silent_s"] is None
+    assert [row["state"] for row in status["ledger"]] == ["assessed", "assessed"]
+    again = ended("try", "--keep", tmp_path / "kept")
+    assert again.returncode == 2
+    assert "holds a trial already" in again.stderr
+
+
+def test_the_e_series_path_of_the_documentation_yields_a_verdict(tmp_path):
+    """`init` for a UR5e, and the daemon judges its replay: currents times the gains that `init` wrote."""
+    path = tmp_path / "cell-1.toml"
+    made = ended("init", path, "--model", "ur5e", "--host", "-", "--no-input", "--allow-motion")
+    assert made.returncode == 0, made.stderr
+    path.write_text(path.read_text("utf-8").replace("[replay]\n", "[replay]\nrepetitions = 1\n"))  # a short replay is quicker
+    result = program("try", "--config", path, "--days", 1, "--speed", 200_000)
+    assert result.returncode == 0, result.stderr
+    assert re.search(r"03:00  assessed  \w+", result.stdout), result.stdout
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "expected"), [("--speed", 0, "expected 1 to"), ("--days", -1, "more than 0"), ("--scenario", "x", "known are")]
+)
+def test_a_wrong_option_is_said_before_anything_starts(option, value, expected):
+    """One sentence, exit code 2."""
+    result = ended("try", option, value)
+    assert result.returncode == 2
+    assert expected in result.stderr
+
+
+def test_the_clock_waits_at_a_window_and_stands_while_the_arm_moves():
+    """Time passes at the pace, up to the moment that is set; a motion adds its own duration."""
+    host = [0.0]
+    clock = TrialClock(1000.0, 100.0, lambda: host[0])
+    clock.stop_at(2000.0)
+    host[0] = 5.0
+    assert clock.now() == 1500.0
+    with clock.held():
+        host[0] = 8.0
+        assert clock.now() == 1500.0
+        clock.add(10.0)
+    assert clock.now() == 1510.0
+    host[0] = 100.0
+    assert clock.now() == 2000.0
+    clock.stop_at(1800.0)
+    assert clock.now() == 2000.0
+    assert clock.monotonic() == 1000.0
