@@ -24,7 +24,8 @@ def try_it(
 ) -> None:
     """Months in minutes: the real daemon with page and alerts, beside a simulated arm that wears. Nothing real moves."""
     from monitor.simulate.scenario import load_scenario
-    from monitor.studies.trial.play import Trial, play
+    from monitor.studies.trial.plan import Trial
+    from monitor.studies.trial.play import play
 
     if not LEAST_SPEED <= speed <= MOST_SPEED:
         raise BadInput(f"--speed {speed:g}: expected {LEAST_SPEED:g} to {MOST_SPEED:g}")

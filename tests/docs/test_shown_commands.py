@@ -32,6 +32,7 @@ NOT_RUN = {  # by the command, or by its first words
     "replay": "moves an arm, in real time",
     "record": "listens to an arm, in real time",
     "allow": "needs a stop that waits for a person",
+    "try": "starts a daemon; the tests of the studies run it",
     "rehearse": "takes a minute; the tests of the studies play a smaller fleet",
 }
 INSTEAD = {  # makes a command quick, or reads the history instead of a daemon

@@ -7,7 +7,6 @@ import threading
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,24 +18,12 @@ from monitor.service.run import Running, serve
 from monitor.simulate.arm.physics import drive_gain
 from monitor.studies.demo.world import free_host, free_port, simulated_arm
 from monitor.studies.trial.clock import TrialClock
+from monitor.studies.trial.plan import Trial
 from monitor.studies.trial.says import Says
 from monitor.studies.trial.world import TrialArm, trial_file
 
 STEP_S = 0.05  # between two looks at the clock: at 20 000 times the pace a quarter of an hour
 STARTS_UNIX_S = 1_767_571_200.0  # Monday 2026-01-05 00:00 UTC, where scenarios begin too
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Trial:
-    """What is tried."""
-
-    robot: str
-    scenario: str
-    speed: float
-    days: float | None  # ends after so many; None: when a person says so
-    seed: int
-    keep: Path | None  # folder of history and configuration; None: a temporary one
-    config: Path | None  # a configuration of the person's own
 
 
 def play(trial: Trial) -> None:

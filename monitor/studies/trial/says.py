@@ -1,18 +1,14 @@
 """What a trial prints: how to play with it, a line for each replay, a line for each change of an alert."""
 
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import typer
 
 from monitor.config.schema import Configuration
 from monitor.model.joint_names import joint_name
 from monitor.service.run import Running
-
-if TYPE_CHECKING:
-    from monitor.studies.trial.play import Trial
-
-SHOWN_KINDS = {"raised", "updated", "cleared", "acknowledged", "shelved"}
+from monitor.studies.trial.plan import Trial
 
 
 class Obstructed(Protocol):
@@ -27,7 +23,7 @@ class Obstructed(Protocol):
 class Says:
     """Prints what is new since the last call. One thread calls it."""
 
-    def __init__(self, configuration: Configuration, host: str, trial: "Trial") -> None:
+    def __init__(self, configuration: Configuration, host: str, trial: Trial) -> None:
         self._configuration, self._host, self._trial = configuration, host, trial
         self._replay = self._event = 0
         self._obstacle = ""
