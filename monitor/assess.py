@@ -105,7 +105,7 @@ def judge_identification(
     _belong_together(identification, belief, health, settings)
     learnt = learn(belief, identification, context, at, settings=settings.drift, laws=settings.temperature, health=settings.health)
     belief = learnt.belief
-    judged = judge(health, belief, settings.health, learnt.undeclared, drift=settings.drift)
+    judged = judge(health, belief, settings.health, learnt.undeclared, drift=settings.drift, works=learnt.works)
     return Assessment(
         robot=identification.robot,
         recorded_at_unix_s=at,
@@ -114,6 +114,7 @@ def judge_identification(
         belief=belief,
         health=judged.health,
         transitions=judged.transitions,
+        works=learnt.works,
         warnings=(*identification.warnings, *learnt.warnings),
         drift=settings.drift,
         laws=settings.temperature,

@@ -1,13 +1,18 @@
-"""The commands `alerts`, `ack` and `shelve`, which ask a running daemon, and `schema`, which prints the form of its documents."""
+"""The commands on alerts, which ask a running daemon (`alerts`, `ack`, `unack`, `shelve`, `unshelve`), and `schema`."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from monitor.cli.options import Commands, ConfigOption, JsonOption, client_of, load_configuration, print_json
 from monitor.errors import BadInput
 
-AlertArgument = Annotated[str, typer.Argument(metavar="ALERT", help="As `alerts` names it, e.g. j3/wear_rising or arm/common_mode.")]
+if TYPE_CHECKING:
+    from monitor.publish.client import Client
+
+AlertArgument = Annotated[
+    str, typer.Argument(metavar="ALERT", help="As `alerts` names it, e.g. j3/wear_rising or arm/common_mode; the beginning is enough: j3.")
+]
 ByOption = Annotated[str, typer.Option("--by", help="Who acts: it is kept with the alert.", show_default=False)]
 WhyOption = Annotated[str, typer.Option("--why", help="Why: for whoever reads it later.")]
 
@@ -32,13 +37,29 @@ def alerts(
 
 def ack(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
     """Acknowledge an alert: somebody has seen it. It clears by itself once its condition is gone."""
-    joint, condition = _joint_and_condition(alert)
     with client_of(load_configuration(config)) as client:
+        name, joint, condition = _active_alert(client, alert)
         done = client.acknowledge(joint, condition, by=by, why=why).model_dump(mode="json")
     if as_json:
         print_json(done)
+        return
+    [*_, last] = done["acknowledgements"]
+    typer.echo(f"{name}: acknowledged by {last['by']} at {last['at']}")
+    if last["by"] != done["acknowledged_by"] or last["at"] != done["acknowledged_at"]:
+        typer.echo(f"  it was acknowledged before by {done['acknowledged_by']} at {done['acknowledged_at']}, which stays")
+    if not done["active"]:
+        typer.echo(f"  cleared: {done['cleared_why']}")
+
+
+def unack(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
+    """Take the acknowledgements of an alert back: it waits for a person again. Who acknowledged it stays on record."""
+    with client_of(load_configuration(config)) as client:
+        name, joint, condition = _active_alert(client, alert)
+        done = client.unacknowledge(joint, condition, by=by, why=why).model_dump(mode="json")
+    if as_json:
+        print_json(done)
     else:
-        typer.echo(f"{alert}: acknowledged by {done['acknowledged_by']} at {done['acknowledged_at']}")
+        typer.echo(f"{name}: not acknowledged any more; it waits for a person again")
 
 
 def shelve(
@@ -50,15 +71,26 @@ def shelve(
     as_json: JsonOption = False,
 ) -> None:
     """Shelve an alert: it stays active, and need not be shown for some hours."""
-    joint, condition = _joint_and_condition(alert)
     if not 0.0 < hours <= 24.0 * LONGEST_SHELVING_DAYS:
         raise BadInput(f"--hours {hours:g}: expected more than 0, at most {24 * LONGEST_SHELVING_DAYS} ({LONGEST_SHELVING_DAYS} days)")
     with client_of(load_configuration(config)) as client:
+        name, joint, condition = _active_alert(client, alert)
         done = client.shelve(joint, condition, hours=hours, by=by, why=why).model_dump(mode="json")
     if as_json:
         print_json(done)
     else:
-        typer.echo(f"{alert}: shelved by {done['shelved_by']} until {done['shelved_until']}")
+        typer.echo(f"{name}: shelved by {done['shelved_by']} until {done['shelved_until']}")
+
+
+def unshelve(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
+    """End the shelving of an alert: it is shown again from now on."""
+    with client_of(load_configuration(config)) as client:
+        name, joint, condition = _active_alert(client, alert)
+        done = client.unshelve(joint, condition, by=by, why=why).model_dump(mode="json")
+    if as_json:
+        print_json(done)
+    else:
+        typer.echo(f"{name}: shown again")
 
 
 def schema(
@@ -79,12 +111,22 @@ def schema(
     print_json(schema_of(kind))
 
 
-def _joint_and_condition(alert: str) -> tuple[int | None, str]:
-    """Joint (from 1; None: the arm) and condition of an alert's name: `j3/wear_rising` gives (3, "wear_rising"). Raises BadInput."""
-    place, _, condition = alert.partition("/")
-    if not condition or not (place == "arm" or (place[:1] == "j" and place[1:].isascii() and place[1:].isdigit())):
-        raise BadInput(f"alert {alert!r}: expected j1/CONDITION … j6/CONDITION or arm/CONDITION, as `joint-monitor alerts` names them")
-    return (None if place == "arm" else int(place[1:])), condition
+def _active_alert(client: "Client", given: str) -> tuple[str, int | None, str]:
+    """Name, joint (from 1; None: the arm) and condition of the active alert that `j3/wear_rising`, `j3/wear` or `j3` names.
+
+    Raises BadInput where none begins so, or several do: the message lists the active ones.
+    """
+    place, _, condition = given.strip().casefold().partition("/")
+    if not (place == "arm" or (place[:1] == "j" and place[1:].isascii() and place[1:].isdigit())):
+        raise BadInput(f"alert {given!r}: expected j1/CONDITION … j6/CONDITION or arm/CONDITION, as `joint-monitor alerts` names them")
+    joint = None if place == "arm" else int(place[1:])
+    active = client.alerts()
+    found = [each for each in active if each.joint == joint and each.condition == condition]
+    found = found or [each for each in active if each.joint == joint and each.condition.startswith(condition.replace("-", "_"))]
+    if len(found) != 1:
+        names = ", ".join(f"{'arm' if each.joint is None else f'j{each.joint}'}/{each.condition}" for each in active) or "none"
+        raise BadInput(f"{given!r} names {'no active alert' if not found else f'{len(found)} active alerts'}; active: {names}")
+    return f"{place}/{found[0].condition}", joint, found[0].condition
 
 
-COMMANDS: Commands = {"alerts": alerts, "ack": ack, "shelve": shelve, "schema": schema}
+COMMANDS: Commands = {"alerts": alerts, "ack": ack, "unack": unack, "shelve": shelve, "unshelve": unshelve, "schema": schema}

@@ -17,6 +17,7 @@ from monitor.judge.document import plain
 from monitor.judge.drift.observation import observe
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.single_replay import single_torque_nm
+from monitor.judge.drift.work import Work
 from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line, TemperatureSettings
 from monitor.judge.torque.compensated_model import CompensatedModel
@@ -95,6 +96,7 @@ class Assessment:
     health: Health
     transitions: tuple[Transition, ...]
     warnings: tuple[DataWarning, ...]
+    works: tuple[Work, ...]  # on joints: those that this replay's context declares first, and those that this replay judges
     drift: DriftSettings
     laws: TemperatureSettings
     prognosis: PrognosisSettings

@@ -19,6 +19,7 @@ from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_fr
 from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
 from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.drift.wear_history import LEVELS_SUM, empty_history
+from monitor.judge.drift.work import Work
 from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
@@ -53,6 +54,7 @@ class Belief:
     sensors: SensorHistory | None = None  # None before the first replay, and in beliefs of releases without it
     # of predicted torque; None before the first prediction, and in beliefs of releases without it
     prediction_error: PredictionErrorStatistics | None = field(default=None, metadata={"key": "doubt"})
+    works: tuple[Work, ...] = ()  # on joints: those that are not judged yet, and of each joint the last one from which friction counts
     residual_peak_rad: Array | None = None  # (J,) where along the joint the last replay's residual was largest; None: not known
     schema_version: int = BELIEF_SCHEMA
 
@@ -87,6 +89,16 @@ class Belief:
             first_log_torque=self.first_log_torque,
             first_temperature_c=self.first_temperature_c,
         )
+
+    @property
+    def worked(self) -> np.ndarray:
+        """(J,) joints with work that is not judged yet."""
+        waiting = [work.joint for work in self.works if work.waiting]
+        return np.isin(np.arange(1, self.joints + 1), waiting)
+
+    def counted_since(self, joint: int) -> Work | None:
+        """The work on a joint (from 1) since which its friction counts; None: since the beginning."""
+        return next((work for work in reversed(self.works) if work.joint == joint and not work.waiting), None)
 
     @property
     def wear(self) -> Array:
@@ -206,6 +218,7 @@ def belief_from_document(document: Any) -> Belief:
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
             sensors=sensors_from_document(document.get("sensors"), J),
             prediction_error=statistics_from_document(document.get("doubt"), J),
+            works=tuple(Work(**work) for work in document.get("works") or ()),
             residual_peak_rad=None
             if document.get("residual_peak_rad") is None
             else array(document, "residual_peak_rad", (J,), where=where),

@@ -11,13 +11,15 @@ from monitor.identify.identification import Identification
 from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
-from monitor.judge.drift.contexts import OpenedContext, comparable, differences, enter, with_lasting_declarations
+from monitor.judge.drift.contexts import OpenedContext, comparable, differences, enter, with_declarations_of, with_lasting_declarations
 from monitor.judge.drift.filter_state import OUTLIER, STEP, UNRESOLVED
 from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, StepResult, initial_state, step
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange, find_undeclared_change, update_mass_estimate
+from monitor.judge.drift.work import MAINTENANCE, REPLACED, SERIALS, Work, count_replay, judged
 from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.judge.works import begin_works, with_outcomes
 from monitor.model.joint_names import joint_text
 from monitor.recording import DAY_S, Context
 
@@ -31,6 +33,7 @@ class LearnResult(NamedTuple):
     belief: Belief
     warnings: tuple[DataWarning, ...]
     undeclared: UndeclaredChange = NO_UNDECLARED_CHANGE
+    works: tuple[Work, ...] = ()  # on joints: those that this replay's context declares first, and those that this replay judges
 
 
 class _Change(NamedTuple):
@@ -39,7 +42,13 @@ class _Change(NamedTuple):
     belief: Belief  # with the new context in force
     differences: list[str]
     opened: bool  # whether the level of the new context is unknown
-    replaced: np.ndarray  # (J,) joints with another serial
+    works: tuple[Work, ...]  # that the context declares first
+
+    @property
+    def replaced(self) -> np.ndarray:
+        """(J,) joints with another serial number."""
+        new = [work.joint for work in self.works if work.kind == REPLACED]
+        return np.isin(np.arange(1, self.belief.joints + 1), new)
 
 
 def begin(
@@ -103,6 +112,7 @@ def learn(
         slot=moved.slot[:1],
         opened=np.array([change.opened]),
         replaced=change.replaced,
+        worked=moved.worked,
         undeclared=np.array([contradicted]),
         revolutions=_revolutions(belief, context),
     )
@@ -110,24 +120,63 @@ def learn(
     after = replace(_after(moved, result, at_unix_s), residual_peak_rad=identification.residual_peak_rad)
     if not contradicted:
         after = replace(after, mass_estimate=update_mass_estimate(moved.mass_estimate, identification))
-    return LearnResult(after, tuple(_warnings(after, result, change, undeclared)), undeclared)
+    after, settled = _judge_works(after, limits, settings)
+    return LearnResult(after, tuple(_warnings(after, result, change, undeclared)), undeclared, (*change.works, *settled))
+
+
+def _judge_works(belief: Belief, limits: HealthSettings, settings: DriftSettings) -> tuple[Belief, tuple[Work, ...]]:
+    """The belief with its works after one more replay, and those of them that this replay judges."""
+    if not any(work.waiting for work in belief.works):
+        return belief, ()
+    day, worn = math.floor(belief.at_unix_s / DAY_S), math.log1p(limits.clear_fraction * limits.wear_rise)
+    counts = belief.learnt_from & np.isfinite(belief.temperature_c)
+
+    def after(work: Work) -> Work:
+        if not (work.waiting and counts[work.joint - 1]):
+            return work
+        counted = count_replay(work, day)
+        return judged(counted, belief.filter_state, least_replays=limits.min_replays, least_days=limits.min_days, worn=worn)
+
+    works = tuple(after(work) for work in belief.works)
+    settled = tuple(now for before, now in zip(belief.works, works, strict=True) if before.waiting and not now.waiting)
+    return with_outcomes(replace(belief, works=works), settled, settings), settled
 
 
 def _enter_context(belief: Belief, context: Context, at_unix_s: float) -> _Change:
-    """The belief with the replay's context in force."""
+    """The belief with the replay's context in force, and with the work on joints that the context declares first."""
     changed = differences(belief.context, context)
     if not changed:
-        return _Change(belief, changed, False, np.zeros(belief.joints, dtype=bool))
+        return _Change(belief, changed, False, ())
+    declared = _declared_works(belief, context, at_unix_s)
+    belief, works = begin_works(replace(belief, contexts=with_declarations_of(belief.contexts, context)), declared)
+    if not differences(belief.context, context):
+        return _Change(belief, changed, False, works)
     contexts, opened = enter(belief.contexts, context, at_unix_s)
-    return _Change(replace(belief, contexts=contexts, mass_estimate=None), changed, opened, _replaced(belief, context))
+    return _Change(replace(belief, contexts=contexts, mass_estimate=None), changed, opened, works)
 
 
-def _replaced(belief: Belief, after: Context) -> np.ndarray:
-    """(J,) joints whose serial numbers are known to differ; an unknown serial is no difference."""
-    old, new = belief.context.joint_serials, after.joint_serials
-    if old is None or new is None or len(old) != len(new):
-        return np.zeros(belief.joints, dtype=bool)
-    return np.array([bool(a.strip() and b.strip() and a.strip() != b.strip()) for a, b in zip(old, new, strict=True)])
+def _declared_works(belief: Belief, after: Context, at_unix_s: float) -> tuple[Work, ...]:
+    """Work on joints that a context declares, and the one before did not.
+
+    A serial number that changes is a new joint. One that is declared for the first time may be: friction shows it. Another text of
+    `maintenance` may be about any joint.
+    """
+    before = belief.context
+
+    def work(joint: int, kind: str, why: str) -> Work:
+        return Work(joint, kind, at_unix_s, at_unix_s, "declared in the configuration", why)
+
+    old, new = before.joint_serials or (), after.joint_serials or ()
+    works: dict[int, Work] = {}
+    if before.maintenance != after.maintenance and after.maintenance:
+        works = {joint: work(joint, MAINTENANCE, after.maintenance) for joint in range(1, belief.joints + 1)}
+    for joint in range(1, belief.joints + 1):
+        was, now = (one[joint - 1].strip() if len(one) == belief.joints else "" for one in (old, new))
+        if was and now and was != now:
+            works[joint] = work(joint, REPLACED, f"serial number {was} → {now}")
+        elif now and not was and joint not in works:
+            works[joint] = work(joint, SERIALS, f"serial number {now}, declared for the first time")
+    return tuple(works[joint] for joint in sorted(works))
 
 
 def _days_since(belief: Belief, at_unix_s: float) -> float:
@@ -193,6 +242,8 @@ def _change_text(change: _Change) -> str:
     then = "its baseline is known from before"
     if change.opened:
         then = "a new baseline begins, wear is carried over; wear that came with the change cannot be seen"
+    elif any(work.waiting for work in change.works):
+        then = "work may have moved friction either way; the next replays show by how much"
     if change.replaced.any():
         then += f"; joints {joint_numbers(change.replaced)} were replaced: they begin without wear"
     return f"{'; '.join(change.differences)}: {then}"

@@ -30,6 +30,8 @@ from monitor.publish.documents import (
     Request,
     ShelveRequest,
     Torque,
+    UnackRequest,
+    UnshelveRequest,
 )
 from monitor.publish.registry import KINDS, kind_of
 from monitor.publish.session import prefix, session_config
@@ -146,6 +148,14 @@ class Client:
     def shelve(self, joint: int | None, condition: str, *, hours: float, by: str, why: str = "") -> Alert:
         """Shelve an alert: it need not be shown for some hours. Raises BadInput where there is no such active alert."""
         return self._command(ShelveRequest(joint=joint, condition=condition, hours=hours, by=by, why=why))
+
+    def unacknowledge(self, joint: int | None, condition: str, *, by: str, why: str = "") -> Alert:
+        """Take the acknowledgements of an alert back. Raises BadInput where there is no such active alert, or it is not acknowledged."""
+        return self._command(UnackRequest(joint=joint, condition=condition, by=by, why=why))
+
+    def unshelve(self, joint: int | None, condition: str, *, by: str, why: str = "") -> Alert:
+        """End the shelving of an alert. Raises BadInput where there is no such active alert, or it is not shelved."""
+        return self._command(UnshelveRequest(joint=joint, condition=condition, by=by, why=why))
 
     def request_replay(self, *, by: str, why: str = "") -> str:
         """Request a replay now. Raises BadInput with the daemon's reason where it refuses."""

@@ -69,6 +69,28 @@ class Split(Document):
     rest: Number = Field(description="of this replay: noise")
 
 
+class Gravest(Document):
+    """What an alert said at its gravest moment: of the highest tier, and of that the largest change."""
+
+    at: datetime
+    tier: str
+    change: Number
+    probability: Number
+    text: str
+    split: Split | None = None
+
+
+class Acknowledgement(Document):
+    """One person's acknowledgement of an alert, and who took it back."""
+
+    at: datetime
+    by: str
+    why: str
+    undone_at: datetime | None = None
+    undone_by: str | None = None
+    undone_why: str | None = None
+
+
 class Alert(Document):
     """One condition of one joint or of the arm, through its life: raised, updated, cleared; acknowledged and shelved are orthogonal."""
 
@@ -91,6 +113,14 @@ class Alert(Document):
     shelved_until: datetime | None = None
     shelved_by: str | None = None
     shelved_why: str | None = None
+    gravest: Gravest | None = Field(default=None, description="the evidence of its gravest moment, which stays when the alert is cleared")
+    acknowledgements: list[Acknowledgement] = Field(default_factory=list, description="everyone's; acknowledged_by is the first in force")
+    cleared_why: str | None = None
+    serviced_at: datetime | None = Field(default=None, description="of the last work on the joint while the alert was active")
+    serviced_kind: str | None = Field(default=None, description="replaced, overhauled, greased, maintenance or joint_serials")
+    serviced_by: str | None = None
+    serviced_why: str | None = None
+    awaiting_proof: bool = Field(default=False, description="work is declared, and the next replays shall show whether it helped")
 
 
 class ProductionEvidence(Document):
@@ -171,7 +201,9 @@ class Event(Alert):
 
     seq: Annotated[int, Field(ge=1)]
     at: datetime
-    kind: str = Field(description="raised, updated, cleared, acknowledged or shelved")
+    kind: str = Field(description="raised, updated, cleared, acknowledged, unacknowledged, shelved, unshelved or serviced")
+    by: str | None = Field(default=None, description="the person of this transition; null: a replay or the monitor itself")
+    why: str | None = None
 
 
 class Events(Document):
@@ -306,6 +338,14 @@ class AckRequest(Request):
     condition: Annotated[str, Field(min_length=1, max_length=100)]
     by: Who
     why: Why = ""
+
+
+class UnackRequest(AckRequest):
+    """The acknowledgements of an alert are taken back: it waits for a person again."""
+
+
+class UnshelveRequest(AckRequest):
+    """A shelved alert is to be shown again."""
 
 
 class ShelveRequest(AckRequest):

@@ -47,6 +47,11 @@ class JointSituation:
         """Of the alerts."""
         return self.arm.settings
 
+    @property
+    def heard(self) -> bool:
+        """Whether the replay taught anything of the joint's friction, at a known temperature: another one changes no alert of friction."""
+        return bool(self.belief.learnt_from[self.j] and np.isfinite(self.belief.temperature_c[self.j]))
+
 
 class Standing(NamedTuple):
     """Something that has lasted since a time."""
@@ -106,16 +111,20 @@ class Rule(Generic[Situation]):
     """When a condition of an arm, or of one joint, is raised, and what its alert says."""
 
     status: Callable[[Situation, Confirmations], ConditionStatus | None]  # after so many confirmations; None: the alert stays as it is
-    shows: Callable[[Situation], bool] | None = None  # whether this replay confirms the condition; None: the rule needs no count of replays
+    # whether this replay confirms the condition, None where it cannot tell; no function: the rule needs no count of replays
+    shows: Callable[[Situation], bool | None] | None = None
     raises: tuple[str, ...] = ("advisory",)  # the tiers to which the rule may raise the alert
 
 
 def repeated(
-    shows: Callable[[Situation], bool],
+    shows: Callable[[Situation], bool | None],
     text: Callable[[Situation, Confirmations], str],
     enough: Callable[[Confirmations, HealthSettings], bool] = enough_replays,
 ) -> Rule[Situation]:
-    """A rule that raises an advisory when enough consecutive replays show a condition, and ends it with the first that does not."""
+    """A rule that raises an advisory when enough consecutive replays show a condition, and ends it with the first that does not.
+
+    A replay of which `shows` cannot tell (None) changes nothing: missing data do not end a condition.
+    """
 
     def status(situation: Situation, confirmations: Confirmations) -> ConditionStatus:
         return ConditionStatus(

@@ -28,6 +28,7 @@ from monitor.model.joint_names import joint_text
 from monitor.recording import DAY_S
 
 WEAR_RISING, SUDDEN_STEP = "wear_rising", "sudden_step"
+FALLING = "friction_falling"
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
 SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are unreliable
 MOSTLY_LOAD = 1.5  # times the median joint's change, in shoulder and elbow: then a payload is likelier than a supply
@@ -55,8 +56,11 @@ def _kind_of_rise(situation: JointSituation) -> str:
 
 
 def _rising(name: str, situation: JointSituation, _: Confirmations) -> ConditionStatus | None:
-    """Friction of one joint above the lowest that it surely held; None where its rise is the other one of `RISES`."""
-    if name != _kind_of_rise(situation):
+    """Friction of one joint above the lowest that it surely held.
+
+    None where its rise is the other one of `RISES`, or nothing was learnt of the joint.
+    """
+    if name != _kind_of_rise(situation) or not situation.heard:
         return None
     j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
     beside = joint_beside(evidence.beside, evidence.excess, j)
@@ -72,8 +76,10 @@ def _rising(name: str, situation: JointSituation, _: Confirmations) -> Condition
     )
 
 
-def _falling(situation: JointSituation, _: Confirmations) -> ConditionStatus:
-    """Friction of one joint below that of the beginning, running-in left out."""
+def _falling(situation: JointSituation, _: Confirmations) -> ConditionStatus | None:
+    """Friction of one joint below that of the beginning, running-in left out; None where nothing was learnt of it."""
+    if not situation.heard:
+        return None
     j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
     change = math.expm1(evidence.fall[j])
     return ConditionStatus(
@@ -123,8 +129,10 @@ def _above_lowest(belief: Belief, j: int) -> str:
 # --- friction of most joints together -----------------------------------------------------------------------
 
 
-def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus:
-    """Friction that rose, or fell, in most joints together."""
+def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus | None:
+    """Friction that rose, or fell, in most joints together; None where the replay taught nothing of most of them."""
+    if 2 * np.count_nonzero(situation.belief.learnt_from) < situation.belief.joints:
+        return None
     belief, evidence, settings = situation.belief, situation.evidence, situation.settings
     together = evidence.common[0] + evidence.fallen[0]  # one of them is 0
     risen, fallen = evidence.risen, evidence.fall + belief.filter_state.counted_from.shared
@@ -155,34 +163,36 @@ def _common_text(change: float, situation: ArmSituation) -> str:
 # --- data and declarations ----------------------------------------------------------------------------------
 
 
-def _lacks_temperature(situation: JointSituation) -> bool:
-    """The joint's temperature is unknown, and that of another joint is known."""
+def _lacks_temperature(situation: JointSituation) -> bool | None:
+    """The joint's temperature is unknown, and that of another joint is known; without any, the arm's condition is another one."""
     T = situation.belief.temperature_c
-    return not math.isfinite(T[situation.j]) and bool(np.isfinite(T).any())
+    return not math.isfinite(T[situation.j]) if np.isfinite(T).any() else None
 
 
 def _arm_lacks_temperature(situation: ArmSituation) -> bool:
     return not np.isfinite(situation.belief.temperature_c).any()
 
 
-def _unreliable(situation: JointSituation) -> bool:
+def _unreliable(situation: JointSituation) -> bool | None:
     """The replay does not resolve the joint's friction, or replays scatter.
 
-    An undeclared change of the arm is another condition, and outliers in a row on one side are a step that is not sure yet.
+    An undeclared change of the arm is another condition, and nothing is learnt from its replay: it cannot tell. Outliers in a row on one
+    side are a step that is not sure yet.
     """
     belief, j = situation.belief, situation.j
     if situation.arm.undeclared.condition is not None:
-        return False
+        return None
     in_a_row = 2 <= abs(belief.filter_state.gate_run[j]) <= UNSURE_REPLAYS
     outlier = belief.event[j] == OUTLIER and not in_a_row
     return bool(belief.event[j] == UNRESOLVED or outlier or belief.filter_state.consistency[j] > SCATTER_RATIO)
 
 
-def outside_learnt_range(situation: JointSituation) -> bool:
-    """The joint's temperature is outside the temperatures learned so far, and learning has ended."""
+def outside_learnt_range(situation: JointSituation) -> bool | None:
+    """The joint's temperature is outside the temperatures learned so far, and learning has ended; None where it is not known."""
     belief, j = situation.belief, situation.j
-    known = math.isfinite(belief.temperature_c[j])
-    return bool(known and not belief.inside_range[j] and belief.replays > situation.settings.learning_replays)
+    if not math.isfinite(belief.temperature_c[j]):
+        return None
+    return bool(not belief.inside_range[j] and belief.replays > situation.settings.learning_replays)
 
 
 def _joint_text(what: str, situation: JointSituation, confirmations: Confirmations) -> str:
@@ -192,7 +202,13 @@ def _joint_text(what: str, situation: JointSituation, confirmations: Confirmatio
 
 def _undeclared(name: str) -> Rule[ArmSituation]:
     """An undeclared change of one kind. Two replays that show it suffice: each of them contradicts the declaration by itself."""
-    return repeated(lambda situation: situation.undeclared.condition == name, lambda situation, _: situation.undeclared.text, two_replays)
+
+    def shows(situation: ArmSituation) -> bool | None:
+        """Only one change is found in a replay: one of another kind says nothing about this one."""
+        found = situation.undeclared.condition
+        return found == name if found in (None, name) else None
+
+    return repeated(shows, lambda situation, _: situation.undeclared.text, two_replays)
 
 
 # --- the records --------------------------------------------------------------------------------------------
@@ -241,7 +257,7 @@ CONDITIONS: dict[str, AlertCondition] = {
             },
         ),
         AlertCondition(
-            name="friction_falling",
+            name=FALLING,
             joint=Rule(_falling),
             probability_of="has fallen by more than the wear tier's rise",
             tiers={

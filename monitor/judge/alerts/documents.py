@@ -5,7 +5,7 @@ from dataclasses import fields
 from typing import Any
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import Alert, Attribution, Confirmations, Health, JointHealth
+from monitor.judge.alerts.health import Acknowledgement, Alert, Attribution, Confirmations, Gravest, Health, JointHealth
 from monitor.judge.document import entry, key_of, plain
 
 
@@ -42,8 +42,15 @@ def _joint(document: Mapping[str, Any]) -> JointHealth:
 
 def _alert(document: Mapping[str, Any]) -> Alert:
     values = _by_field(Alert, document)
-    attribution = values.get("attribution")
-    return Alert(**values | {"attribution": Attribution(**attribution) if attribution else None})
+    gravest = values.get("gravest")
+    values["attribution"] = _attribution(values.get("attribution"))
+    values["gravest"] = Gravest(**gravest | {"split": _attribution(gravest.get("split"))}) if gravest else None
+    values["acknowledgements"] = tuple(Acknowledgement(**each) for each in values.get("acknowledgements") or ())
+    return Alert(**values)
+
+
+def _attribution(document: Mapping[str, Any] | None) -> Attribution | None:
+    return Attribution(**document) if document else None
 
 
 def _by_field(cls: type, document: Mapping[str, Any]) -> dict[str, Any]:

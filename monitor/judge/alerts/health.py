@@ -49,6 +49,28 @@ class JointHealth:
     learnt_at_unix_s: float | None = field(default=None, metadata={"key": "told_unix_s"})  # of the last replay that updated the joint
 
 
+class Gravest(NamedTuple):
+    """What an alert said at its gravest moment: of the highest tier, and of that the largest change."""
+
+    at_unix_s: float
+    tier: str
+    change: float
+    probability: float
+    text: str
+    split: Attribution | None = None  # of the change
+
+
+class Acknowledgement(NamedTuple):
+    """One person's acknowledgement of an alert, and who took it back."""
+
+    at_unix_s: float
+    by: str
+    why: str
+    undone_at_unix_s: float | None = None
+    undone_by: str | None = None
+    undone_why: str | None = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alert:
     """One condition of one joint, or of the arm, through its life."""
@@ -71,6 +93,14 @@ class Alert:
     shelved_until_unix_s: float | None = None
     shelved_by: str | None = None
     shelved_why: str | None = None
+    gravest: Gravest | None = None  # None in alerts of releases without it: then what the alert says is all that is known
+    acknowledgements: tuple[Acknowledgement, ...] = ()  # all of them, the first one first; `acknowledged_*` is the first that is in force
+    cleared_why: str | None = None
+    serviced_at_unix_s: float | None = None  # of the last work on the joint that was declared while the alert was active
+    serviced_kind: str | None = None
+    serviced_by: str | None = None
+    serviced_why: str | None = None
+    awaiting_proof: bool = False  # that work is declared, and the next replays shall show whether it helped
 
     @property
     def active(self) -> bool:
@@ -81,6 +111,13 @@ class Alert:
     def key(self) -> tuple[int | None, str]:
         """Joint and condition. There is at most one alert with a key."""
         return self.joint, self.condition
+
+    @property
+    def gravest_so_far(self) -> Gravest:
+        """The gravest moment; of an alert that a release without it made, what it says now."""
+        if self.gravest is not None:
+            return self.gravest
+        return Gravest(self.updated_at_unix_s, self.tier, self.change, self.probability, self.text, self.attribution)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,5 +149,5 @@ class Health:
 class Transition(NamedTuple):
     """One change of an alert."""
 
-    kind: str  # "raised", "updated" or "cleared"
+    kind: str  # "raised", "updated", "serviced" or "cleared"
     alert: Alert

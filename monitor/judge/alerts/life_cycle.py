@@ -7,11 +7,12 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.condition import AlertCondition, ConditionStatus, ServiceSituation
-from monitor.judge.alerts.health import SEVERITY, TIERS, Alert, Health, Transition
+from monitor.judge.alerts.health import SEVERITY, TIERS, Acknowledgement, Alert, Gravest, Health, Transition
 from monitor.judge.alerts.service_conditions import STOPPED
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.recording import DAY_S
 
+ACKNOWLEDGED_AND_OVER = "its condition is gone, and it was acknowledged"
 OVER = "This is over since"  # in the text of an alert of the service's own that nobody has acknowledged
 
 
@@ -27,13 +28,13 @@ def next_transition(
         if tier is None:
             return None
         published = _published(condition, tier, status, at_unix_s)
-        return Transition("raised", Alert(joint=joint, condition=condition.name, raised_at_unix_s=at_unix_s, **published))
+        raised = Alert(joint=joint, condition=condition.name, raised_at_unix_s=at_unix_s, **published)
+        return Transition("raised", replace(raised, gravest=raised.gravest_so_far))
 
     now = TIERS.index(alert.tier)
     acknowledged = alert.acknowledged_at_unix_s is not None
     if acknowledged and tier is None and status.hold_tier is None:
-        cleared = replace(alert, cleared_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s)
-        return Transition("cleared", replace(cleared, change=status.change, text=status.text(), attribution=status.attribution))
+        return Transition("cleared", clear(alert, status, at_unix_s, ACKNOWLEDGED_AND_OVER))
     highest = max((k for k in (tier, status.hold_tier) if k is not None), default=now)
     if tier is not None and tier > now:
         highest = tier
@@ -41,19 +42,70 @@ def next_transition(
         highest = min(highest, now) if acknowledged else now  # latched: the tier falls only after somebody has acknowledged it
     if highest == now and abs(status.change - alert.change) < settings.update_step:
         return None
-    updated = replace(alert, **_published(condition, highest, status, at_unix_s))
+    published = _published(condition, highest, status, at_unix_s)
+    published["text"] += _work_so_far(alert)
+    updated = with_gravest(replace(alert, **published), alert.gravest_so_far)
     if highest > now:  # somebody shall acknowledge the graver alert again
         updated = replace(updated, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
     return Transition("updated", updated)
 
 
+def clear(alert: Alert, status: ConditionStatus, at_unix_s: float, why: str) -> Alert:
+    """The alert, cleared by a replay: it says what that replay found, and its gravest moment stays."""
+    return replace(
+        alert,
+        cleared_at_unix_s=at_unix_s,
+        updated_at_unix_s=at_unix_s,
+        cleared_why=why,
+        change=status.change,
+        text=status.text(),
+        attribution=status.attribution,
+        gravest=alert.gravest_so_far,
+        awaiting_proof=False,
+    )
+
+
+def with_gravest(alert: Alert, before: Gravest) -> Alert:
+    """The alert with the graver of what it says now and its gravest moment before."""
+    now = replace(alert, gravest=None).gravest_so_far
+    graver = (TIERS.index(now.tier), abs(now.change)) > (TIERS.index(before.tier), abs(before.change))
+    return replace(alert, gravest=now if graver else before)
+
+
 def acknowledge(health: Health, joint: int | None, condition: str, *, by: str, why: str, at_unix_s: float) -> Health:
     """The health with one active alert acknowledged. The alert clears by itself once its condition is gone.
 
+    A second person's acknowledgement is appended: the first one stays the one that counts.
     Raises BadInput where there is no such active alert, or `by` is blank.
     """
     alert = _active(health, joint, condition, by)
-    return _with(health, alert, replace(alert, acknowledged_at_unix_s=at_unix_s, acknowledged_by=by, acknowledged_why=why))
+    everyone = (*_acknowledgements(alert), Acknowledgement(at_unix_s, by, why))
+    if alert.acknowledged_at_unix_s is not None:
+        return _with(health, alert, replace(alert, acknowledgements=everyone))
+    first = {"acknowledged_at_unix_s": at_unix_s, "acknowledged_by": by, "acknowledged_why": why}
+    return _with(health, alert, replace(alert, acknowledgements=everyone, **first))
+
+
+def unacknowledge(health: Health, joint: int | None, condition: str, *, by: str, why: str, at_unix_s: float) -> Health:
+    """The health with the acknowledgements of one active alert taken back: it waits for a person again, and does not clear by itself.
+
+    Who acknowledged it, who took that back, when and why stay with the alert.
+    Raises BadInput where there is no such active alert, it is not acknowledged, or `by` is blank.
+    """
+    alert = _active(health, joint, condition, by)
+    if alert.acknowledged_at_unix_s is None:
+        raise BadInput(f"{joint or 'arm'}/{condition} is not acknowledged: there is nothing to take back")
+    undone = {"undone_at_unix_s": at_unix_s, "undone_by": by, "undone_why": why}
+    everyone = tuple(one if one.undone_at_unix_s is not None else one._replace(**undone) for one in _acknowledgements(alert))
+    nobody = {"acknowledged_at_unix_s": None, "acknowledged_by": None, "acknowledged_why": None}
+    return _with(health, alert, replace(alert, acknowledgements=everyone, **nobody))
+
+
+def _acknowledgements(alert: Alert) -> tuple[Acknowledgement, ...]:
+    """Everyone's; an alert of a release without this list has the one that its fields name."""
+    if alert.acknowledgements or alert.acknowledged_at_unix_s is None:
+        return alert.acknowledgements
+    return (Acknowledgement(alert.acknowledged_at_unix_s, alert.acknowledged_by or "", alert.acknowledged_why or ""),)
 
 
 def shelve(health: Health, joint: int | None, condition: str, *, by: str, why: str, until_unix_s: float, at_unix_s: float) -> Health:
@@ -65,6 +117,14 @@ def shelve(health: Health, joint: int | None, condition: str, *, by: str, why: s
     if not until_unix_s > at_unix_s:
         raise BadInput("shelve: the end lies in the past; expected a time to come")
     return _with(health, alert, replace(alert, shelved_until_unix_s=until_unix_s, shelved_by=by, shelved_why=why))
+
+
+def unshelve(health: Health, joint: int | None, condition: str, *, by: str, at_unix_s: float) -> Health:
+    """The health with one shelved alert shown again. Raises BadInput where there is no such active alert, or it is not shelved."""
+    alert = _active(health, joint, condition, by)
+    if alert.shelved_until_unix_s is None or alert.shelved_until_unix_s <= at_unix_s:
+        raise BadInput(f"{joint or 'arm'}/{condition} is not shelved: there is nothing to take back")
+    return _with(health, alert, replace(alert, shelved_until_unix_s=None, shelved_by=None, shelved_why=None))
 
 
 def service_alert(condition: AlertCondition, text: str, at_unix_s: float) -> Alert:
@@ -98,11 +158,19 @@ def service_transition(alert: Alert | None, condition: AlertCondition, situation
         when, by, why = allowed
         alert = replace(alert, acknowledged_at_unix_s=when, acknowledged_by=by, acknowledged_why=why)
     if alert.acknowledged_at_unix_s is not None:
-        return Transition("cleared", replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at))
+        return Transition("cleared", replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at, cleared_why=ACKNOWLEDGED_AND_OVER))
     if OVER in alert.text:
         return None
     over_text = f"{alert.text} {OVER} {np.datetime64(int(at), 's')}Z; it clears once somebody acknowledges it."
     return Transition("updated", replace(alert, text=over_text, updated_at_unix_s=at))
+
+
+def _work_so_far(alert: Alert) -> str:
+    """Work that did not end the alert, as a sentence; empty where there was none."""
+    if alert.serviced_kind is None or alert.serviced_at_unix_s is None:
+        return ""
+    day = np.datetime64(int(alert.serviced_at_unix_s), "s").astype("datetime64[D]")
+    return f" Work since it was raised, which has not ended it: {alert.serviced_kind} on {day} by {alert.serviced_by}."
 
 
 def _published(condition: AlertCondition, tier: int, status: ConditionStatus, at_unix_s: float) -> dict[str, Any]:

@@ -13,13 +13,15 @@ from monitor.judge.alerts.attribution import attribute_changes
 from monitor.judge.alerts.condition import AlertCondition, ArmSituation, ConditionStatus, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.evidence import FALLING, Counts, Evidence, counts_of, wear_after_replay, weigh_evidence
-from monitor.judge.alerts.health import NO_CONFIRMATIONS, Attribution, Confirmations, Health, JointHealth, Transition
+from monitor.judge.alerts.health import NO_CONFIRMATIONS, Alert, Attribution, Confirmations, Health, JointHealth, Transition
 from monitor.judge.alerts.life_cycle import next_transition
+from monitor.judge.alerts.serviced import OF_FRICTION, begin, settle, without_confirmations
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.states import arm_state, joint_state
 from monitor.judge.belief import Belief
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange
+from monitor.judge.drift.work import Work
 from monitor.recording import DAY_S
 
 Statuses = list[tuple[int | None, AlertCondition, ConditionStatus]]  # joint (None: the arm), condition, status
@@ -39,16 +41,19 @@ def judge(
     undeclared: UndeclaredChange = NO_UNDECLARED_CHANGE,
     *,
     drift: DriftSettings | None = None,
+    works: tuple[Work, ...] = (),
 ) -> Judgement:
     """Health after the belief's last replay.
 
     health : before the replay, None or without joints before the first one; undeclared : change that the replay contradicts the
-    declarations by; drift : for the published figure of wear, which alerts do not depend on.
+    declarations by; drift : for the published figure of wear, which alerts do not depend on; works : on joints that this replay declares first, or judges.
     """
     at, J = belief.at_unix_s, belief.joints
     before = health or Health(joints=(), since_unix_s=at)
     if not before.joints:  # the first replay: there are at most alerts of the service's own
         before = replace(before, joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
+    begun = tuple(work for work in works if work.declared_at_unix_s == at)
+    before = replace(before, joints=tuple(without_confirmations(joint, begun) for joint in before.joints))
     evidence = _evidence(belief, before, settings, undeclared)
     arm = ArmSituation(
         belief=belief,
@@ -63,8 +68,12 @@ def judge(
     statuses = [each for situation in situations for each in _joint_statuses(situation)] + _arm_statuses(arm, confirmations)
 
     known, transitions = dict(arm.alerts), []
+    for transition in (each for work in begun for each in begin(dict(known), work, at)):
+        known[transition.alert.key] = transition.alert
+        transitions.append(transition)
+    settled = {work.joint: work for work in works if work not in begun}
     for joint, condition, status in statuses:
-        transition = next_transition(known.get((joint, condition.name)), joint, condition, status, at, settings)
+        transition = _next(known.get((joint, condition.name)), joint, condition, status, settled, arm)
         if transition:
             known[joint, condition.name] = transition.alert
             transitions.append(transition)
@@ -85,9 +94,33 @@ def judge(
     return Judgement(after, tuple(transitions))
 
 
+def _next(
+    alert: Alert | None,
+    joint: int | None,
+    condition: AlertCondition,
+    status: ConditionStatus,
+    settled: Mapping[int, Work],
+    arm: ArmSituation,
+) -> Transition | None:
+    """What becomes of an alert after this replay. settled : works that it judges, by joint."""
+    at = arm.belief.at_unix_s
+    if condition.name in OF_FRICTION and joint is not None:
+        work = settled.get(joint)
+        if arm.belief.worked[joint - 1]:
+            return None  # the work is not judged yet
+        if work is not None and alert is not None and alert.active:
+            transition = settle(alert, work, status, at, condition.tiers[alert.tier].advice)
+            if transition is not None:
+                return transition
+    return next_transition(alert, joint, condition, status, at, arm.settings)
+
+
 def _evidence(belief: Belief, before: Health, settings: HealthSettings, undeclared: UndeclaredChange) -> Evidence:
-    """The evidence of changed friction after the last replay. It counts for the joints that it updated inside the learned range."""
-    usable = belief.learnt_from & (belief.inside_range > 0) & (undeclared.condition is None)
+    """The evidence of changed friction after the last replay.
+
+    It counts for the joints that it updated inside the learned range, where no work on them waits to be judged.
+    """
+    usable = belief.learnt_from & (belief.inside_range > 0) & (undeclared.condition is None) & ~belief.worked
     return weigh_evidence(wear_after_replay(belief, usable), counts_of(before), belief.joints, settings)
 
 
@@ -129,8 +162,10 @@ def _confirm_arm(arm: ArmSituation, before: Mapping[str, Confirmations]) -> dict
     return confirmations
 
 
-def _confirm(shows: bool, before: Confirmations, day: int) -> Confirmations:
-    """Confirmations with one more replay; none after a replay that does not show the condition."""
+def _confirm(shows: bool | None, before: Confirmations, day: int) -> Confirmations:
+    """Confirmations with one more replay; none after one that does not show the condition, those of before after one that cannot tell."""
+    if shows is None:
+        return before
     return Confirmations(before.replays + 1, before.days + (day != before.last_day), day) if shows else NO_CONFIRMATIONS
 
 

@@ -1,6 +1,7 @@
 """NE 107 states of the joints and of the arm after a replay: the gravest of everything that holds, and why."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from monitor.judge.alerts.condition import ArmSituation, JointSituation
@@ -21,21 +22,28 @@ def joint_state(situation: JointSituation, wear: Array, wear_std: Array, unseen:
 
     wear, wear_std, unseen : (J,) logarithm of friction torque, as it is published; alerts : of the arm and all joints, after the replay.
     """
-    joint, at = situation.health, situation.belief.at_unix_s
+    joint, belief = situation.health, situation.belief
     j = situation.j
-    normal = f"friction {math.expm1(wear[j]):+z.1%} ± {wear_std[j]:.1%} since the beginning"
+    work = belief.counted_since(joint.joint)
+    since = "the beginning" if work is None else f"it {work.verb} on {work.day}"
+    normal = f"friction {math.expm1(wear[j]):+z.1%} ± {wear_std[j]:.1%} since {since}"
     if math.isfinite(unseen.days[j]):
         normal += f"; {unseen_step_text(math.expm1(unseen.log_rise[j]), unseen.days[j])}"
-    active = [alert for alert in alerts if alert.active and alert.joint == joint.joint]
-    reasons: list[Reason] = [(NORMAL, normal), *_of_replay(situation), *map(_of_alert, active)]
-    state, why = max(reasons, key=_precedence)
-    return replace(joint, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else at)
+    waiting = [one.text for one in belief.works if one.waiting and one.joint == joint.joint]
+    state, why = joint_of(joint.joint, waiting[-1] if waiting else normal, alerts, _of_replay(situation))
+    return replace(joint, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else belief.at_unix_s)
+
+
+def joint_of(joint: int, normal: str, alerts: tuple[Alert, ...], others: Sequence[Reason] = ()) -> tuple[State, str]:
+    """State of a joint (from 1) and why, by its active alerts and `others`. normal : what is said where nothing speaks against it."""
+    active = [alert for alert in alerts if alert.active and alert.joint == joint]
+    return max([(NORMAL, normal), *others, *map(_of_alert, active)], key=_precedence)
 
 
 def arm_state(situation: ArmSituation, joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...]) -> tuple[str, str]:
     """The gravest state of the joints and of the arm's own alerts, and why."""
     undeclared = situation.undeclared
-    return _gravest(joints, alerts, () if undeclared.condition is None else ((CHECK_FUNCTION, undeclared.text),))
+    return arm_of(joints, alerts, () if undeclared.condition is None else ((CHECK_FUNCTION, undeclared.text),))
 
 
 def with_service_alert(health: Health, alert: Alert, at_unix_s: float) -> Health:
@@ -48,14 +56,14 @@ def with_service_alert(health: Health, alert: Alert, at_unix_s: float) -> Health
     alerts = tuple(({other.key: other for other in health.alerts} | {alert.key: alert}).values())
     if not health.joints or condition is None or condition.service is None:
         return replace(health, alerts=alerts)
-    state, why = _gravest(health.joints, alerts)
+    state, why = arm_of(health.joints, alerts)
     since = health.since_unix_s if state == health.state else at_unix_s
     return replace(health, alerts=alerts, state=state, why=why, since_unix_s=since)
 
 
-def _gravest(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], first: tuple[Reason, ...] = ()) -> tuple[str, str]:
-    """The gravest state of the joints and of the arm's own alerts, and why; of equally grave ones `first` goes first."""
-    reasons: list[tuple[str, str]] = [*first, *((joint.state, f"{joint_text(joint.joint)}: {joint.why}") for joint in joints)]
+def arm_of(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], others: Sequence[Reason] = ()) -> tuple[str, str]:
+    """State of the arm and why, by its joints, its own active alerts and `others`, which come first of equally grave ones."""
+    reasons = [*others, *((joint.state, f"{joint_text(joint.joint)}: {joint.why}") for joint in joints)]
     reasons += [(_state_of(alert), f"{alert.condition}: {alert.text}") for alert in alerts if alert.active and alert.joint is None]
     state, why = max(reasons, key=_precedence)
     return (state, why) if state != NORMAL else (NORMAL, "all joints are as they were at the beginning")
@@ -78,6 +86,8 @@ def _of_replay(situation: JointSituation) -> list[Reason]:
 
 def _of_alert(alert: Alert) -> Reason:
     """State and reason of a joint with an active alert."""
+    if alert.awaiting_proof:
+        return CHECK_FUNCTION, alert.text
     condition = CONDITIONS.get(alert.condition)
     of_friction = condition is not None and condition.probability_of is not None
     change = f": {alert.change:+z.1%}" if of_friction else ""  # the change of other conditions is 0

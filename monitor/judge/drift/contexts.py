@@ -47,6 +47,16 @@ def with_lasting_declarations(before: Context | None, after: Context) -> Context
     return replace(after, **{key: getattr(before, key) for key in LASTING if getattr(after, key) is None})
 
 
+def with_declarations_of(contexts: tuple[OpenedContext, ...], context: Context) -> tuple[OpenedContext, ...]:
+    """The ledger with the lasting declarations of a context in every entry.
+
+    Past work and serial numbers are of the arm, whatever it carries: they are events, and no condition that another context leaves again.
+    What work did to friction, it did in all contexts alike.
+    """
+    declared = {key: getattr(context, key) for key in LASTING}
+    return tuple(opened._replace(context=replace(opened.context, **declared)) for opened in contexts)
+
+
 def differences(before: Context, after: Context) -> list[str]:
     """What changed between two contexts, one text for each field.
 

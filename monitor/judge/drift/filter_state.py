@@ -331,6 +331,29 @@ def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings)
     return replace(state, mean=mean, cov=cov, counted_from=fresh, chance=chance, residual=residual, **cleared)
 
 
+def unknown_joint(state: FilterState, new: np.ndarray, settings: DriftSettings, *, slope_std: float) -> FilterState:
+    """The state with the noise of a joint never seen in the joints of `new` (N,), and a slope that is a first guess."""
+    n = np.flatnonzero(new)
+    rho, var = settings.autocorrelation, (UNKNOWN_NOISE * settings.between_std) ** 2
+    mean, cov = state.mean.copy(), state.cov.copy()
+    mean[n, NOISE] = 0.0
+    for entry, least_var in ((NOISE, 0.0), (SLOPE, slope_std**2)):
+        own = np.maximum(cov[n, entry, entry], least_var) if entry == SLOPE else np.full(len(n), var)
+        cov[n, entry, :] = 0.0
+        cov[n, :, entry] = 0.0
+        cov[n, entry, entry] = own
+    return replace(
+        state,
+        mean=mean,
+        cov=cov,
+        step_var=np.where(new, var * (1.0 - rho), state.step_var),
+        product=np.where(new, var * rho, state.product),
+        noise_weight=np.where(new, settings.between_replays, state.noise_weight),
+        consistency=np.where(new, 1.0, state.consistency),
+        agreeing=np.where(new, 1.0, state.agreeing),
+    )
+
+
 _HISTORY = ("replays", "outliers", "gate_run", "stepped", "responses", "glr_scores", "raw_glr_scores", "glr_informations", "history")
 
 

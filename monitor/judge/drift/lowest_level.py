@@ -22,12 +22,17 @@ RUN_IN_DAYS = 180.0  # [d] a slow fall of the first half year is running-in: sea
 AT_ONCE, AT_ONCE_DAYS = 0.05, 10.0  # [log], [d] a fall of so much in so few days is none: something was done to the joint
 
 
-def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings) -> FilterState:
-    """The state after a replay, with wear counted from the lowest level held. days : (N,) since the replay before."""
+def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings, worked: np.ndarray | None = None) -> FilterState:
+    """The state after a replay, with wear counted from the lowest level held. days : (N,) since the replay before.
+
+    worked : (N,) joints that were worked on: a fall of theirs is not known to be held before the work is judged; None: no joint.
+    """
     reference = replace(state.counted_from, held_days=state.counted_from.held_days + days)
     state = replace(state, counted_from=reference)
     fallen = state.wear < -np.maximum(SURE * state.wear_std, LEAST_FALL)
     fallen &= state.learnt_from & ~_rise_suspected(state)
+    if worked is not None:
+        fallen &= ~worked
     if not fallen.any():
         return state
     moved = np.where(fallen, state.wear, 0.0)

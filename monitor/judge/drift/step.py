@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.channels import ChannelReplay, update_channels
+from monitor.judge.drift.channels import ChannelReplay, restart, update_channels
 from monitor.judge.drift.filter_state import (
     FilterState,
     initial_filter,
@@ -21,6 +21,7 @@ from monitor.judge.drift.filter_state import (
     remember_warming,
     replace_joints,
     rescale_rate,
+    unknown_joint,
     update_interval,
 )
 from monitor.judge.drift.filter_update import update_filter
@@ -29,7 +30,7 @@ from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.usage import Usage, no_usage, update_usage
 from monitor.judge.temperature.laws import Law, TemperatureSettings, initial_law, inside_range, reopen_law, update_law
-from monitor.judge.temperature.stuck import SensorHistory, stuck_sensors, update_sensors
+from monitor.judge.temperature.stuck import SensorHistory, forget_sensors, stuck_sensors, update_sensors
 from monitor.recording import Array
 
 
@@ -65,6 +66,7 @@ class Replay:
     slot: Array | None = None  # (A,) slot of the replay's context, 0 … SLOTS − 1; None: that of the last replay
     opened: np.ndarray | None = None  # (A,) whether the slot's level is unknown, as in a context never seen before; None: no arm's
     replaced: np.ndarray | None = None  # (N,) joints that were replaced since the last replay; None: none
+    worked: np.ndarray | None = None  # (N,) joints that were worked on, and the work is not judged yet; None: none
     undeclared: np.ndarray | None = None  # (A,) whether the recording contradicts its declared context; None: no arm's
     revolutions: Array | None = None  # (N,) total count at the replay, NaN where it is unknown; None: nobody counts
 
@@ -87,6 +89,7 @@ class JointReplay(NamedTuple):
     slot: Array
     opened: np.ndarray
     replaced: np.ndarray
+    worked: np.ndarray
     undeclared: np.ndarray
     revolutions: Array
 
@@ -171,7 +174,7 @@ def step(
     inside = inside_range(state.viscous.range_c, observation.temperature_c, temperature.margin_k)  # the range before this replay
     state = remember_baseline(state, observation, drift)
     updated = update_filter(state.filter_state, observation, state.slot, state.joints_per_arm, drift)
-    state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift))
+    state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift, joint.worked))
     state = replace(state, filter_state=remember_warming(state.filter_state, observation.warming_k_per_min))
     state = replace(state, filter_state=look_beside(state, joint, observation))
     counted = state.filter_state.learnt_from & np.isfinite(observation.temperature_c) if settle_on_learnt else joint.replayed
@@ -195,6 +198,7 @@ def per_joint(state: DriftState, replay: Replay) -> JointReplay:
         slot=state.slot if replay.slot is None else np.where(here, np.repeat(replay.slot, J), state.slot),
         opened=here & of_arms(replay.opened, False),
         replaced=here & (np.zeros(N, dtype=bool) if replay.replaced is None else replay.replaced),
+        worked=np.zeros(N, dtype=bool) if replay.worked is None else replay.worked,
         undeclared=of_arms(replay.undeclared, False),
         revolutions=np.full(N, np.nan) if replay.revolutions is None else np.where(here, replay.revolutions, np.nan),
     )
@@ -241,14 +245,30 @@ def enter_context(state: DriftState, joint: JointReplay, drift: DriftSettings, t
             viscous=reopen_law(state.viscous, moved, temperature),
             coulomb=reopen_law(state.coulomb, moved, temperature),
         )
-    if joint.replaced.any():
-        state = replace(
-            state,
-            filter_state=replace_joints(state.filter_state, joint.replaced, drift),
-            first_log_torque=np.where(joint.replaced, np.nan, state.first_log_torque),
-            first_temperature_c=np.where(joint.replaced, np.nan, state.first_temperature_c),
-        )
-    return state
+    return new_joints(state, joint.replaced, drift, temperature) if joint.replaced.any() else state
+
+
+def new_joints(state: DriftState, new: np.ndarray, drift: DriftSettings, temperature: TemperatureSettings) -> DriftState:
+    """The state where the joints in `new` (N,) are other ones: nothing that was learnt of the old ones holds.
+
+    Two things stay as a first guess, with the doubt of a joint never seen: the temperature slope, which another joint of the same size has
+    about, and the range of temperatures, which is that of the place.
+    """
+    filter_state = replace_joints(state.filter_state, new, drift)
+    fall_std = np.hypot(temperature.viscous_fall_std_per_k, temperature.coulomb_fall_std_per_k)
+    filter_state = unknown_joint(filter_state, new, drift, slope_std=float(fall_std))
+    if filter_state.channels is not None:
+        nothing = np.zeros(len(new), dtype=bool)
+        filter_state = replace(filter_state, channels=restart(filter_state.channels, state.slot, nothing, new))
+    return replace(
+        state,
+        filter_state=filter_state,
+        viscous=reopen_law(state.viscous, new, temperature),
+        coulomb=reopen_law(state.coulomb, new, temperature),
+        sensors=None if state.sensors is None else forget_sensors(state.sensors, new),
+        first_log_torque=np.where(new, np.nan, state.first_log_torque),
+        first_temperature_c=np.where(new, np.nan, state.first_temperature_c),
+    )
 
 
 def age(state: DriftState, days: Array, revolutions: Array, drift: DriftSettings) -> DriftState:

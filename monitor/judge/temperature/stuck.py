@@ -42,6 +42,12 @@ def update_sensors(before: SensorHistory | None, temperature_c: Array, joints_pe
     )
 
 
+def forget_sensors(sensors: SensorHistory, new: np.ndarray) -> SensorHistory:
+    """The history where the joints in `new` (N,) have another sensor."""
+    fresh = {f.name: np.where(new, 0.0 if f.name == "replays" else np.nan, getattr(sensors, f.name)) for f in fields(SensorHistory)}
+    return SensorHistory(**fresh)
+
+
 def stuck_sensors(sensors: SensorHistory) -> np.ndarray:
     """(N,) which sensors are stuck."""
     moved = sensors.others_high_c - sensors.others_low_c

@@ -9,7 +9,7 @@ from monitor.judge.alerts.condition import ServiceSituation
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert, Health
-from monitor.judge.alerts.life_cycle import service_alert, service_transition
+from monitor.judge.alerts.life_cycle import ACKNOWLEDGED_AND_OVER, OVER, service_alert, service_transition
 from monitor.judge.alerts.service_conditions import NOTHING_LEARNT, STALE, STORE_RESTORED
 from monitor.judge.alerts.states import with_service_alert
 from monitor.publish.documents import AckRequest
@@ -34,9 +34,13 @@ class AlertChanges:
             at = self._now()
             health = change(self._state.alerts, at)
             alert = next(alert for alert in health.alerts if alert.key == (request.joint, request.condition) and alert.active)
-            self.keep(health, kind, alert, at)
+            self.keep(health, kind, alert, at, by=request.by, why=request.why)
+            if kind == "acknowledged" and (alert.condition == STORE_RESTORED or OVER in alert.text):  # it waited for a person alone
+                gone: dict[str, Any] = {"cleared_at_unix_s": at, "updated_at_unix_s": at, "cleared_why": ACKNOWLEDGED_AND_OVER}
+                self._revise_own("cleared", dataclasses.replace(alert, **gone), at)
         log.info("alert=%s/%s %s by=%r why=%r", request.joint or "arm", request.condition, kind, request.by, request.why)
-        return {"done": kind, "alert": outside(alert_document(alert))}
+        now = next((each for each in self._state.alerts.alerts if each.key == alert.key), alert)
+        return {"done": kind, "alert": outside(alert_document(now))}
 
     def read_restored(self) -> None:
         """Read what became of a damaged history, also where the last start ended before the alert was raised."""
@@ -69,11 +73,15 @@ class AlertChanges:
         over = {STORE_RESTORED} if stale is not None and stale(situation) is not None else {STORE_RESTORED, NOTHING_LEARNT}
         for alert in self._state.alerts.active_alerts:
             if alert.condition in over and alert.acknowledged_at_unix_s is not None:
-                self._revise_own("cleared", dataclasses.replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at), at)
+                gone: dict[str, Any] = {"cleared_at_unix_s": at, "updated_at_unix_s": at, "cleared_why": ACKNOWLEDGED_AND_OVER}
+                self._revise_own("cleared", dataclasses.replace(alert, **gone), at)
 
-    def keep(self, health: Health, kind: str, alert: Alert, at: float) -> None:
-        """Make a changed alert durable with its health, then publish both. The caller holds `revising`. Raises StoreError."""
-        events = self._store.events.revise(health.as_document(), [{"kind": kind, **alert_document(alert)}], at)
+    def keep(self, health: Health, kind: str, alert: Alert, at: float, *, by: str | None = None, why: str | None = None) -> None:
+        """Make a changed alert durable with its health, then publish both. The caller holds `revising`. Raises StoreError.
+
+        by, why : of the person who changed it; None where nobody did.
+        """
+        events = self._store.events.revise(health.as_document(), [{"kind": kind, **alert_document(alert), "by": by, "why": why}], at)
         self._state.take_health(health)
         self._publisher.alert(alert)
         self._publisher.health()

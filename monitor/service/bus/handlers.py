@@ -6,9 +6,9 @@ from typing import Any
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
-from monitor.judge.alerts.life_cycle import acknowledge, shelve
+from monitor.judge.alerts.life_cycle import acknowledge, shelve, unacknowledge, unshelve
 from monitor.publish.bus import QueryHandler, handler
-from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest
+from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest, UnackRequest, UnshelveRequest
 from monitor.publish.queries import MOST_EVENTS, events_after, history_question, request
 from monitor.publish.timestamps import rfc3339
 from monitor.publish.torque_query import torque_answer
@@ -35,7 +35,9 @@ class Handlers:
             "history": self.history,
             "event": self.events,
             "cmd/ack": self.acknowledge,
+            "cmd/unack": self.unacknowledge,
             "cmd/shelve": self.shelve,
+            "cmd/unshelve": self.unshelve,
             "cmd/replay": self.replay,
         }
         return {key: handler(key, about) for key, about in answers.items()}
@@ -82,6 +84,24 @@ class Handlers:
             return shelve(health, command.joint, command.condition, by=command.by, why=command.why, until_unix_s=until, at_unix_s=at)
 
         return self._alerts.by_person("shelved", command, change)
+
+    def unacknowledge(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person takes the acknowledgements of an alert back."""
+        command = request(UnackRequest, payload)
+
+        def change(health: Health, at: float) -> Health:
+            return unacknowledge(health, command.joint, command.condition, by=command.by, why=command.why, at_unix_s=at)
+
+        return self._alerts.by_person("unacknowledged", command, change)
+
+    def unshelve(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person wants to be shown an alert again before its shelving ends."""
+        command = request(UnshelveRequest, payload)
+
+        def change(health: Health, at: float) -> Health:
+            return unshelve(health, command.joint, command.condition, by=command.by, at_unix_s=at)
+
+        return self._alerts.by_person("unshelved", command, change)
 
     def replay(self, payload: Mapping[str, Any]) -> dict[str, Any]:
         """A person asks for a replay; conditions, guard and permit decide as for any other."""

@@ -11,7 +11,8 @@ from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE
 
 LONGEST_JSON = 160  # characters: two lines of a terminal that is 80 wide
 # of a transition of an alert
-KIND_STYLE = {"raised": "bold red", "updated": "yellow", "cleared": "green", "acknowledged": "cyan", "shelved": "cyan"}
+KIND_STYLE = {"raised": "bold red", "updated": "yellow", "cleared": "green", "serviced": "cyan"}
+KIND_STYLE |= dict.fromkeys(("acknowledged", "unacknowledged", "shelved", "unshelved"), "cyan")
 Document = dict[str, Any]
 
 

@@ -1,0 +1,84 @@
+"""Work on joints, belief → belief: when it is declared, and when the replays after it have shown what it did."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.judge.belief import Belief
+from monitor.judge.drift.channels import restart
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import new_joints
+from monitor.judge.drift.work import NEW_JOINT, NEW_REFERENCE, REPLACED, Work, may_have_moved, new_reference
+from monitor.judge.temperature.laws import TemperatureSettings
+
+
+def begin_works(belief: Belief, works: tuple[Work, ...]) -> tuple[Belief, tuple[Work, ...]]:
+    """The belief with these works, before the next replay, and the works as they stand in it.
+
+    The wear of a joint that is the same one becomes uncertain. Work that was still waiting on the same joint is superseded.
+    """
+    if not works:
+        return belief, ()
+    begun = []
+    for work in works:
+        j = work.joint - 1
+        wear, change = float(belief.wear[j]), float(belief.filter_state.change[j])
+        earlier = next((one for one in belief.works if one.joint == work.joint and one.waiting), None)
+        if earlier is not None:  # wear is uncertain already: what it was before both counts
+            wear, change = earlier.wear_before, earlier.change_before
+        outcome = NEW_JOINT if work.kind == REPLACED else None
+        begun.append(work._replace(wear_before=wear, change_before=change, outcome=outcome))
+    joints, new = {work.joint for work in begun}, {work.joint for work in begun if work.outcome == NEW_JOINT}
+    kept = tuple(work for work in belief.works if work.joint not in new and not (work.joint in joints and work.waiting))
+    moved = _mask(belief, [work for work in begun if work.waiting])
+    return replace(belief, works=(*kept, *begun), filter_state=may_have_moved(belief.filter_state, moved)), tuple(begun)
+
+
+def with_new_joints(belief: Belief, works: tuple[Work, ...], drift: DriftSettings, temperature: TemperatureSettings) -> Belief:
+    """The belief where the joints that were replaced are other ones at once, and not only with the next replay."""
+    new = _mask(belief, [work for work in works if work.kind == REPLACED])
+    if not new.any():
+        return belief
+    state = new_joints(belief.drift_state, new, drift, temperature)
+    return replace(
+        belief,
+        filter_state=state.filter_state,
+        viscous=state.viscous,
+        coulomb=state.coulomb,
+        sensors=state.sensors,
+        first_log_torque=state.first_log_torque,
+        first_temperature_c=state.first_temperature_c,
+        last_log_torque=np.where(new, np.nan, belief.last_log_torque),
+    )
+
+
+def with_outcomes(belief: Belief, settled: tuple[Work, ...], drift: DriftSettings) -> Belief:
+    """The belief after a replay that judged these works: where friction moved, wear counts from the level after the work."""
+    fresh = [work for work in settled if work.outcome == NEW_REFERENCE]
+    which = _mask(belief, fresh)
+    if which.any():
+        replays = np.zeros(belief.joints)
+        for work in fresh:
+            replays[work.joint - 1] = work.replays
+        state = new_reference(belief.filter_state, which, replays, drift.rate_std_per_day)
+        if state.channels is not None:
+            nothing = np.zeros(belief.joints, dtype=bool)
+            state = replace(state, channels=restart(state.channels, belief.slot, nothing, which))
+        belief = replace(
+            belief,
+            filter_state=state,
+            first_log_torque=np.where(which, belief.last_log_torque, belief.first_log_torque),
+            first_temperature_c=np.where(which, belief.temperature_c, belief.first_temperature_c),
+        )
+    # of each joint stays what waits, and the last work from which its friction counts
+    kept = []
+    for work in belief.works:
+        later = [one for one in belief.works if one.joint == work.joint and one.outcome in (NEW_JOINT, NEW_REFERENCE)]
+        if work.waiting or (later and work is later[-1]):
+            kept.append(work)
+    return replace(belief, works=tuple(kept))
+
+
+def _mask(belief: Belief, works: list[Work]) -> np.ndarray:
+    """(J,) the joints of these works."""
+    return np.isin(np.arange(1, belief.joints + 1), [work.joint for work in works])
