@@ -94,6 +94,10 @@ class StoreError(MonitorError):
     """The history cannot be read or written: check the disk, and which other program uses the folder."""
 
 
+class StoreInUse(StoreError):
+    """Another process writes this history: the daemon, which can be asked on the bus."""
+
+
 class StoreUnavailable(StoreError):
     """The disk does not accept data now: it is full, read-only or failing. This may pass, so a caller that can wait tries again."""
 

@@ -11,12 +11,12 @@ from typing import Annotated
 import typer
 
 from monitor import __version__
-from monitor.cli import assess, bus, demo, design, history, identification, init, live, motion, reports, service, simulator, trial
+from monitor.cli import assess, bus, demo, design, history, identification, init, live, motion, reports, service, serviced, simulator, trial
 from monitor.cli.laws import CommandWithLaws
 from monitor.errors import MonitorError
 
 # in the order of --help
-TOPICS = (init, service, simulator, identification, live, design, bus, assess, motion, history, reports, demo, trial)
+TOPICS = (init, service, simulator, identification, live, design, bus, serviced, assess, motion, history, reports, demo, trial)
 
 app = typer.Typer(
     name="joint-monitor",

@@ -19,6 +19,7 @@ from monitor.errors import BadInput, BusError
 from monitor.publish.documents import (
     AckRequest,
     Alert,
+    Answer,
     Events,
     Friction,
     Health,
@@ -28,9 +29,11 @@ from monitor.publish.documents import (
     Model,
     ReplayRequest,
     Request,
+    ServicedRequest,
     ShelveRequest,
     Torque,
     UnackRequest,
+    UndoServicedRequest,
     UnshelveRequest,
 )
 from monitor.publish.registry import KINDS, kind_of
@@ -157,6 +160,17 @@ class Client:
         """End the shelving of an alert. Raises BadInput where there is no such active alert, or it is not shelved."""
         return self._command(UnshelveRequest(joint=joint, condition=condition, by=by, why=why))
 
+    def serviced(self, joint: int, kind: str, *, by: str, why: str, at: str | None = None) -> Answer:
+        """Declare work on a joint: it was `replaced`, `greased` or `overhauled`, now or at a time (RFC 3339 or a date).
+
+        Raises BadInput with the daemon's reason where it refuses.
+        """
+        return self._answer(ServicedRequest(joint=joint, kind=kind, by=by, why=why, at=at))
+
+    def undo_serviced(self, joint: int, *, by: str, why: str = "") -> Answer:
+        """Take the last declared work on a joint back. Raises BadInput with the daemon's reason where that is not possible."""
+        return self._answer(UndoServicedRequest(joint=joint, by=by, why=why))
+
     def request_replay(self, *, by: str, why: str = "") -> str:
         """Request a replay now. Raises BadInput with the daemon's reason where it refuses."""
         answer = self._one(kind_of(ReplayRequest).key(), ReplayRequest(by=by, why=why).model_dump())
@@ -229,6 +243,9 @@ class Client:
 
     def _command(self, request: Request) -> Alert:
         return Alert.model_validate(self._one(kind_of(type(request)).key(), request.model_dump()).document["alert"])
+
+    def _answer(self, request: Request) -> Answer:
+        return Answer.model_validate(self._one(kind_of(type(request)).key(), request.model_dump()).document)
 
     def _key(self, selector: str) -> str:
         key = f"{self._prefix}/{selector}"

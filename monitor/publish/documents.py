@@ -354,6 +354,44 @@ class ShelveRequest(AckRequest):
     hours: Annotated[float, Field(gt=0.0, le=24.0 * 90)]
 
 
+class ServicedRequest(Request):
+    """Work on a joint: it was replaced, greased or overhauled."""
+
+    joint: Joint
+    kind: Annotated[str, Field(pattern="^(replaced|overhauled|greased)$", description="replaced, overhauled or greased")]
+    by: Who
+    why: Annotated[str, Field(min_length=1, max_length=2000, pattern=r"\S", description="what was found and done")]
+    at: str | None = Field(default=None, description="when it was done, e.g. 2026-01-31; null: now")
+
+
+class UndoServicedRequest(Request):
+    """The last declared work on a joint was a mistake, and is taken back."""
+
+    joint: Joint
+    by: Who
+    why: Why = ""
+
+
+class Work(Document):
+    """Work on one joint, as it was declared, and what the replays after it have shown."""
+
+    joint: Joint
+    kind: str = Field(description="replaced, overhauled or greased; maintenance or joint_serials: declared in the configuration")
+    at: datetime = Field(description="when it was done")
+    declared_at: datetime
+    by: str
+    why: str
+    outcome: str | None = Field(description="new_joint, new_reference, unchanged or still_worn; null: the next replays will show it")
+    change: Maybe = Field(default=None, description="fraction by which friction moved with the work")
+    change_std: Maybe = None
+    replays: int = Field(default=0, description="learnt from between the work and its outcome")
+    days: int = 0
+    text: str
+    undone_at: datetime | None = None
+    undone_by: str | None = None
+    undone_why: str | None = None
+
+
 class ReplayRequest(Request):
     """A replay is asked for."""
 
@@ -400,6 +438,9 @@ class Answer(Document):
     done: str
     alert: Alert | None = None
     replay: int | None = None
+    work: Work | None = None
+    alerts: list[Alert] = Field(default_factory=list, description="those that the work changed")
+    text: list[str] = Field(default_factory=list, description="what the work means, a sentence each")
 
 
 class Error(Document):

@@ -53,7 +53,7 @@ def _entry(name: str, model: type[BaseModel], key: str | tuple[str, ...], delive
 
 
 _LAST, _REQUEST, _ANSWER = Delivery.LAST_VALUE, Delivery.REQUEST, Delivery.ANSWER
-COMMANDS = ("cmd/ack", "cmd/unack", "cmd/shelve", "cmd/unshelve", "cmd/replay")
+COMMANDS = ("cmd/ack", "cmd/unack", "cmd/shelve", "cmd/unshelve", "cmd/serviced", "cmd/unserviced", "cmd/replay")
 
 KINDS: dict[str, DocumentKind] = _entries(
     _entry("info", documents.Info, "info", _LAST, "At the start, after a reload, and when serial number or firmware change."),
@@ -72,6 +72,9 @@ KINDS: dict[str, DocumentKind] = _entries(
     _entry("unack-request", documents.UnackRequest, "cmd/unack", _REQUEST, "When a person takes acknowledgements back."),
     _entry("shelve-request", documents.ShelveRequest, "cmd/shelve", _REQUEST, "When a person shelves an alert."),
     _entry("unshelve-request", documents.UnshelveRequest, "cmd/unshelve", _REQUEST, "When a person ends a shelving."),
+    _entry("serviced-request", documents.ServicedRequest, "cmd/serviced", _REQUEST, "When a person declares work on a joint."),
+    _entry("unserviced-request", documents.UndoServicedRequest, "cmd/unserviced", _REQUEST, "When a person takes that back."),
+    _entry("work", documents.Work, "joint/{joint}/work", _LAST, "When work on a joint is declared, taken back, or judged by a replay."),
     _entry("replay-request", documents.ReplayRequest, "cmd/replay", _REQUEST, "When a person asks for a replay."),
     _entry("replay", documents.Replay, "replay", _LAST, "Before the arm moves for a replay, and after it."),
     _entry(

@@ -17,6 +17,7 @@ from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.assess_and_store import assess_stored, state_after
 from monitor.service.history.recompute import roll_back
+from monitor.service.history.work import work_document
 from monitor.service.shared_state import SharedState, last_recording
 from monitor.store.ledger import LedgerRow
 from monitor.store.recordings import write_recording
@@ -215,6 +216,8 @@ class Monitor:
             self._publisher.info()
         for joint in entry.outcome.friction:
             self._publisher.friction(joint)
+        for work in entry.outcome.works:
+            self._publisher.work(work_document(work))
         self._publisher.judgement()
         for event in entry.events:
             self._publisher.event(event)

@@ -57,6 +57,10 @@ class SharedState:
         self.estimator = estimator
         self.prepare_live(recording)
 
+    def take_amended(self, estimator: EstimatorState) -> None:
+        """Replace belief and health: a person has declared work without a replay. The torque model is that of the last replay still."""
+        self.estimator = estimator
+
     def take_health(self, health: Health) -> None:
         """Replace the health alone: an alert has changed without a replay."""
         self.estimator = dataclasses.replace(self.estimator, health=health)

@@ -13,6 +13,7 @@ import orjson
 from monitor.errors import StoreError
 from monitor.store.database import Database, json_text
 from monitor.store.events import AlertEvent, insert_events
+from monitor.store.works import insert_works
 
 CHECKPOINT_EVERY = (
     30  # assessments between two checkpoints, where a recomputation may begin; 5 years have 240 checkpoints at four replays a day
@@ -58,6 +59,7 @@ class Assessments:
         model: Mapping[str, Any],
         events: Sequence[Mapping[str, Any]],
         made_with: Mapping[str, Any] | None = None,
+        works: Sequence[Mapping[str, Any]] = (),
     ) -> list[AlertEvent]:
         """Store one assessment with everything that follows from it, and its provenance, in one transaction.
 
@@ -82,6 +84,7 @@ class Assessments:
             ((revision,),) = db.execute("SELECT revision FROM state").fetchall()
             if revision % CHECKPOINT_EVERY == 1:
                 db.execute("INSERT INTO checkpoint VALUES (?, ?, ?)", (ledger_id, _packed(belief), _packed(health)))
+            insert_works(db, ledger_id, works)
             return insert_events(db, ledger_id, at_unix_s, events)
 
     def state(self) -> StoredState | None:

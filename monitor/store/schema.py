@@ -5,7 +5,7 @@ from pathlib import Path
 
 from monitor.errors import StoreError
 
-HISTORY_SCHEMA = 4
+HISTORY_SCHEMA = 5
 MIGRATIONS: dict[int, str] = {
     1: """
     CREATE TABLE ledger (
@@ -113,6 +113,27 @@ MIGRATIONS: dict[int, str] = {
     -- the arm that an older program learnt from is the one that is expected
     INSERT OR IGNORE INTO note (key, value)
         SELECT 'arm_serial', json_extract(belief, '$.context.serial') FROM state WHERE json_extract(belief, '$.context.serial') IS NOT NULL;
+    """,
+    5: """
+    CREATE TABLE work (                           -- what was done to a joint, as somebody declared it, and its outcome
+        id INTEGER PRIMARY KEY,
+        ledger_id INTEGER REFERENCES ledger (id) ON DELETE SET NULL,  -- the replay whose context declared it; none: a person did
+        joint INTEGER NOT NULL CHECK (joint >= 1),
+        declared_at_unix_s REAL NOT NULL,
+        document TEXT NOT NULL,
+        undone_at_unix_s REAL,
+        undone_by TEXT,
+        undone_why TEXT,
+        belief_before BLOB,                       -- what taking it back returns to
+        health_before BLOB
+    ) STRICT;
+    CREATE INDEX work_of_joint ON work (joint, id);
+    CREATE TABLE amendment (                      -- belief and health as a person changed them between two replays
+        id INTEGER PRIMARY KEY,
+        at_unix_s REAL NOT NULL,
+        belief BLOB NOT NULL,
+        health BLOB NOT NULL
+    ) STRICT;
     """,
 }
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from monitor.errors import StoreError
+from monitor.errors import StoreError, StoreInUse
 from monitor.store.assessments import Assessments
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
 from monitor.store.database import Database, Notes
@@ -24,6 +24,7 @@ from monitor.store.recordings import RecordingFolder
 from monitor.store.retention import Retention
 from monitor.store.schema import HISTORY_SCHEMA, migrate, renewed_copy, schema_of
 from monitor.store.stops import FirstPasses, Stops
+from monitor.store.works import Works
 
 RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
 HISTORY_RESTORED = "history_restored"  # cause of the stop that a restored history is
@@ -47,6 +48,7 @@ class Store:
         self.first_passes = FirstPasses(self.database)
         self.assessments = Assessments(self.database)
         self.events = Events(self.database)
+        self.works = Works(self.database)
         self.notes = Notes(self.database)
         self.retention = Retention(self.ledger, self.recordings)
 
@@ -67,7 +69,7 @@ class Store:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
-                raise StoreError(f"{directory}: in use by another joint-monitor; one daemon per robot and state directory") from None
+                raise StoreInUse(f"{directory}: in use by another joint-monitor; one daemon per robot and state directory") from None
             wrong = lost(directory)
             restored = restore(directory, wrong) if wrong is not None else None
             try:

@@ -82,7 +82,7 @@ def acknowledge(health: Health, joint: int | None, condition: str, *, by: str, w
     everyone = (*_acknowledgements(alert), Acknowledgement(at_unix_s, by, why))
     if alert.acknowledged_at_unix_s is not None:
         return _with(health, alert, replace(alert, acknowledgements=everyone))
-    first = {"acknowledged_at_unix_s": at_unix_s, "acknowledged_by": by, "acknowledged_why": why}
+    first: dict[str, Any] = {"acknowledged_at_unix_s": at_unix_s, "acknowledged_by": by, "acknowledged_why": why}
     return _with(health, alert, replace(alert, acknowledgements=everyone, **first))
 
 
@@ -95,9 +95,9 @@ def unacknowledge(health: Health, joint: int | None, condition: str, *, by: str,
     alert = _active(health, joint, condition, by)
     if alert.acknowledged_at_unix_s is None:
         raise BadInput(f"{joint or 'arm'}/{condition} is not acknowledged: there is nothing to take back")
-    undone = {"undone_at_unix_s": at_unix_s, "undone_by": by, "undone_why": why}
+    undone: dict[str, Any] = {"undone_at_unix_s": at_unix_s, "undone_by": by, "undone_why": why}
     everyone = tuple(one if one.undone_at_unix_s is not None else one._replace(**undone) for one in _acknowledgements(alert))
-    nobody = {"acknowledged_at_unix_s": None, "acknowledged_by": None, "acknowledged_why": None}
+    nobody: dict[str, Any] = {"acknowledged_at_unix_s": None, "acknowledged_by": None, "acknowledged_why": None}
     return _with(health, alert, replace(alert, acknowledgements=everyone, **nobody))
 
 

@@ -68,9 +68,9 @@ def judge(
     statuses = [each for situation in situations for each in _joint_statuses(situation)] + _arm_statuses(arm, confirmations)
 
     known, transitions = dict(arm.alerts), []
-    for transition in (each for work in begun for each in begin(dict(known), work, at)):
-        known[transition.alert.key] = transition.alert
-        transitions.append(transition)
+    for declared in (each for work in begun for each in begin(dict(known), work, at)):
+        known[declared.alert.key] = declared.alert
+        transitions.append(declared)
     settled = {work.joint: work for work in works if work not in begun}
     for joint, condition, status in statuses:
         transition = _next(known.get((joint, condition.name)), joint, condition, status, settled, arm)

@@ -12,9 +12,10 @@ from monitor.judge.alerts.health import Alert, Health
 from monitor.judge.alerts.life_cycle import ACKNOWLEDGED_AND_OVER, OVER, service_alert, service_transition
 from monitor.judge.alerts.service_conditions import NOTHING_LEARNT, STALE, STORE_RESTORED
 from monitor.judge.alerts.states import with_service_alert
-from monitor.publish.documents import AckRequest
+from monitor.publish.documents import AckRequest, ServicedRequest, UndoServicedRequest
 from monitor.publish.timestamps import outside
 from monitor.service.bus.publisher import Publisher
+from monitor.service.history.work import Declared, declare_work, undo_work
 from monitor.service.shared_state import SharedState
 from monitor.store.store import RESTORED, Store
 
@@ -42,6 +43,32 @@ class AlertChanges:
         now = next((each for each in self._state.alerts.alerts if each.key == alert.key), alert)
         return {"done": kind, "alert": outside(alert_document(now))}
 
+    def serviced(self, request: ServicedRequest) -> dict[str, Any]:
+        """Declare work on a joint; returns the answer to the command. Raises BadInput where the request does not fit this arm."""
+        with self._state.revising:
+            declared = declare_work(self._store, self._state.configuration, self._state.estimator, request, self._now())
+            self._take(declared)
+        log.info("joint=%d serviced kind=%s by=%r why=%r", request.joint, request.kind, request.by, request.why)
+        return declared.answer
+
+    def undo_serviced(self, request: UndoServicedRequest) -> dict[str, Any]:
+        """Take the last declared work on a joint back; returns the answer to the command. Raises BadInput where that is not possible."""
+        with self._state.revising:
+            declared = undo_work(self._store, self._state.estimator, request, self._now())
+            self._take(declared)
+        log.info("joint=%d service taken back by=%r why=%r", request.joint, request.by, request.why)
+        return declared.answer
+
+    def _take(self, declared: Declared) -> None:
+        """Take the state after work, and publish what it changed. The caller holds `revising`."""
+        self._state.take_amended(declared.state)
+        self._publisher.work(declared.answer["work"])
+        for alert in declared.alerts:
+            self._publisher.alert(alert)
+        self._publisher.health()
+        for event in declared.events:
+            self._publisher.event(event)
+
     def read_restored(self) -> None:
         """Read what became of a damaged history, also where the last start ended before the alert was raised."""
         self.restored = self._store.notes.get(RESTORED) or None
@@ -66,6 +93,7 @@ class AlertChanges:
                     if transition is not None:
                         self._revise_own(*transition, situation.now_unix_s)
             self._clear_acknowledged(situation)
+from monitor.service.history.work import Declared, declare_work, undo_work
 
     def _clear_acknowledged(self, situation: ServiceSituation) -> None:
         """Clear what no predicate describes, once somebody has acknowledged it; `nothing_learnt` no sooner than `stale` would be."""

@@ -8,7 +8,15 @@ from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.life_cycle import acknowledge, shelve, unacknowledge, unshelve
 from monitor.publish.bus import QueryHandler, handler
-from monitor.publish.documents import AckRequest, ReplayRequest, ShelveRequest, UnackRequest, UnshelveRequest
+from monitor.publish.documents import (
+    AckRequest,
+    ReplayRequest,
+    ServicedRequest,
+    ShelveRequest,
+    UnackRequest,
+    UndoServicedRequest,
+    UnshelveRequest,
+)
 from monitor.publish.queries import MOST_EVENTS, events_after, history_question, request
 from monitor.publish.timestamps import rfc3339
 from monitor.publish.torque_query import torque_answer
@@ -38,6 +46,8 @@ class Handlers:
             "cmd/unack": self.unacknowledge,
             "cmd/shelve": self.shelve,
             "cmd/unshelve": self.unshelve,
+            "cmd/serviced": self.serviced,
+            "cmd/unserviced": self.undo_serviced,
             "cmd/replay": self.replay,
         }
         return {key: handler(key, about) for key, about in answers.items()}
@@ -102,6 +112,14 @@ class Handlers:
             return unshelve(health, command.joint, command.condition, by=command.by, at_unix_s=at)
 
         return self._alerts.by_person("unshelved", command, change)
+
+    def serviced(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person declares work on a joint."""
+        return self._alerts.serviced(request(ServicedRequest, payload))
+
+    def undo_serviced(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person takes the last declared work on a joint back."""
+        return self._alerts.undo_serviced(request(UndoServicedRequest, payload))
 
     def replay(self, payload: Mapping[str, Any]) -> dict[str, Any]:
         """A person asks for a replay; conditions, guard and permit decide as for any other."""

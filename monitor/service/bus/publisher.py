@@ -12,6 +12,7 @@ from monitor.publish.health_document import published_health
 from monitor.publish.timestamps import outside
 from monitor.service.bus.info import info
 from monitor.service.bus.production import Production
+from monitor.service.history.work import row_document
 from monitor.service.shared_state import SharedState
 from monitor.store.events import AlertEvent
 from monitor.store.store import Store
@@ -35,6 +36,8 @@ class Publisher:
         self.info()
         for document in self._store.assessments.friction(limit=self._state.robot.joints):
             self.say("friction", {key: value for key, value in document.items() if key != "replay"}, joint=document["joint"])
+        for row in self._store.works.rows():  # of each joint the last one stays
+            self.work(row_document(row))
         self.judgement()
 
     def info(self) -> None:
@@ -68,6 +71,10 @@ class Publisher:
     def friction(self, joint: JointFriction) -> None:
         """Publish one joint after one replay."""
         self.say("friction", plain(joint), joint=joint.joint)
+
+    def work(self, document: dict[str, Any]) -> None:
+        """Publish the last work on one joint."""
+        self._bus.say("work", document, joint=document["joint"])
 
     def alert(self, alert: Alert) -> None:
         """Publish the present state of one alert."""

@@ -104,6 +104,7 @@ def assess_recording(
         model=outcome.model.as_document(),
         events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
         made_with=made_with(configuration),
+        works=[plain(work) for work in outcome.works],
     )
     return HistoryEntry(outcome, events, recording)
 

@@ -23,6 +23,7 @@ from monitor.store.events import AlertEvent
 from monitor.store.provenance import differences, provenance
 from monitor.store.recordings import read_recording
 from monitor.store.store import Store
+from monitor.store.works import Amendment
 
 MOST_LISTED = 20  # assessments in the list of differences, and figures of each
 
@@ -55,12 +56,13 @@ def recompute(store: Store) -> dict[str, Any]:
     tally = _Tally()
     differing: list[dict[str, Any]] = []
     changed: dict[str, None] = {}
-    changes = deque(event for event in store.events.rows() if event.ledger_id is None)
+    changes = deque(_changes(store))
     for verdict in store.assessments.rows():
         between = []
         while changes and changes[0].at_unix_s < verdict.judged_at_unix_s:
             between.append(changes.popleft())
-        outcome, why = (None, "") if state is None else _repeated(store, verdict, _with_alert_changes(state, between))
+        state = _amended(store, state, between)
+        outcome, why = (None, "") if state is None else _repeated(store, verdict, state)
         if verdict.made_with is None:
             tally.unknown += 1
         else:
@@ -160,11 +162,11 @@ def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
             known = EstimatorState(belief=belief, health=health_from_document(kept[1]), model=_model_of(store, verdicts[k], belief))
             start = k + 1
             break
-    changes = [event for event in store.events.rows() if event.ledger_id is None]
+    changes = _changes(store)
     since = verdicts[start - 1].judged_at_unix_s if start else -math.inf
     for verdict in verdicts[start:]:
-        between = [event for event in changes if since <= event.at_unix_s < verdict.judged_at_unix_s]
-        outcome, _ = _repeated(store, verdict, _with_alert_changes(known, between))
+        between = [change for change in changes if since <= change.at_unix_s < verdict.judged_at_unix_s]
+        outcome, _ = _repeated(store, verdict, _amended(store, known, between) or known)
         if outcome is None:
             return None
         known = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
@@ -174,6 +176,44 @@ def roll_back(store: Store, now_unix_s: float) -> EstimatorState | None:
         documents = (known.belief.as_document(), known.health.as_document(), known.model.as_document())
     store.assessments.roll_back(now_unix_s, documents)
     return known
+
+
+def repeated_since(store: Store, start: EstimatorState, since_unix_s: float, most: int) -> tuple[EstimatorState, int]:
+    """The state after the replays that were judged since a time, judged once more from `start`; and how many they are.
+
+    Raises BadInput where there are more than `most`, or a recording that this needs is gone.
+    """
+    verdicts = [verdict for verdict in store.assessments.rows() if verdict.judged_at_unix_s >= since_unix_s]
+    if len(verdicts) > most:
+        raise BadInput(
+            f"{len(verdicts)} replays have been learnt from since, too many to judge them once more (at most {most}): it cannot "
+            "be taken back. The joint's friction counts from then; what was found before stays in the history"
+        )
+    state = start
+    for verdict in verdicts:
+        outcome, why = _repeated(store, verdict, state)
+        if outcome is None:
+            raise BadInput(f"replay {verdict.ledger_id} has been learnt from since, and cannot be judged once more: {why}")
+        state = EstimatorState(belief=outcome.belief, health=outcome.health, model=start.model)
+    return state, len(verdicts)
+
+
+def _changes(store: Store) -> list[AlertEvent | Amendment]:
+    """What people and the monitor itself changed between replays, in order: a state is amended before the transitions that followed."""
+    changes: list[AlertEvent | Amendment] = [event for event in store.events.rows() if event.ledger_id is None]
+    return sorted([*store.works.amendments(), *changes], key=lambda change: change.at_unix_s)
+
+
+def _amended(store: Store, state: EstimatorState | None, changes: list[AlertEvent | Amendment]) -> EstimatorState | None:
+    """The state after changes between two replays; None where it is not known. An amendment holds it as it was."""
+    for change in changes:
+        if isinstance(change, Amendment):
+            belief, health = store.works.amended(change)
+            model = None if state is None else state.model
+            state = EstimatorState(belief=belief_from_document(belief), health=health_from_document(health), model=model)
+        elif state is not None:
+            state = _with_alert_changes(state, [change])
+    return state
 
 
 def _with_alert_changes(state: EstimatorState, events: list[AlertEvent]) -> EstimatorState:

@@ -12,6 +12,7 @@ from monitor.errors import BadInput
 from monitor.judge.alerts.health import TIERS
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
+from monitor.service.history.work import row_document
 from monitor.store.events import AlertEvent
 from monitor.store.stops import Stop
 from monitor.store.store import Store
@@ -53,6 +54,7 @@ def report(
             "joints": _newest(rows),
             "stale": _stale(rows, begin, min(end, now_unix_s), configuration),
             "alerts": _alerts(until, state.health if state else None, begin, end),
+            "works": _works(store, begin, end),
             "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
             "contexts": contexts,
             "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.robot_description.joints),
@@ -175,6 +177,12 @@ def _alerts(until: Sequence[AlertEvent], health: Mapping[str, Any] | None, begin
         if alert["raised_at_unix_s"] < end and (alert["cleared_at_unix_s"] is None or alert["cleared_at_unix_s"] >= begin)
     ]
     return sorted(listed, key=lambda alert: (not alert["active"], TIERS.index(alert["tier"]) * -1, alert["raised_at_unix_s"]))
+
+
+def _works(store: Store, begin: float, end: float) -> list[dict[str, Any]]:
+    """Work on joints that was done or declared in the period; what was taken back before its end says so."""
+    rows = store.works.rows()
+    return [row_document(row) for row in rows if begin <= row.declared_at_unix_s < end or begin <= row.document["at_unix_s"] < end]
 
 
 def _stop(stop: Stop, end: float) -> dict[str, Any]:

@@ -49,7 +49,7 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-COMMANDS = ("ack", "unack", "shelve", "unshelve", "replay", "allow")
+COMMANDS = ("ack", "unack", "shelve", "unshelve", "serviced", "unserviced", "replay", "allow")
 STREAM_PERIOD_S = 0.2  # how often a stream looks for new values: as often as live torque is published by default
 CLOCK_PERIOD_S = 5.0  # between two times in a stream: a page that misses them knows that it is cut off, and a proxy keeps the stream open
 MAX_STREAMS = 32  # browsers at once; each costs a task and a copy of what was sent to it

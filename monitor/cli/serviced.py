@@ -1,0 +1,88 @@
+"""The command `serviced`, by which a person says what was done to a joint: while the daemon runs, and without it."""
+
+import time
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from monitor.cli.options import Commands, ConfigOption, JsonOption, client_of, load_configuration, print_json
+from monitor.errors import BadInput, StoreInUse
+
+if TYPE_CHECKING:
+    from monitor.config.schema import Configuration
+    from monitor.publish.documents import ServicedRequest, UndoServicedRequest
+
+
+def serviced(
+    config: ConfigOption,
+    joint: Annotated[str, typer.Option("--joint", help="Number from the base, or name: 3 or elbow, 4 or wrist-1.", show_default=False)],
+    by: Annotated[str, typer.Option("--by", help="Who did it, or says so: it is kept in the history.", show_default=False)],
+    why: Annotated[str, typer.Option("--why", help="What was found and done.", show_default=False)],
+    replaced: Annotated[bool, typer.Option("--replaced", help="Another joint is in its place: everything is learnt anew.")] = False,
+    greased: Annotated[bool, typer.Option("--greased", help="Friction may have moved either way: the next replays show it.")] = False,
+    overhauled: Annotated[bool, typer.Option("--overhauled", help="Likewise: gears, bearings, seals or brake.")] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="The last declared work on this joint was a mistake.")] = False,
+    at: Annotated[str | None, typer.Option("--at", help="When it was done: a date, or a time; else now.", show_default=False)] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say that a joint was replaced, greased or overhauled: its alerts end, or wait for their proof. Works without the daemon."""
+    from monitor.publish.documents import ServicedRequest, UndoServicedRequest
+
+    chosen = [name for name, given in (("replaced", replaced), ("greased", greased), ("overhauled", overhauled), ("undo", undo)) if given]
+    if len(chosen) != 1:
+        raise BadInput("serviced: expected one of --replaced, --greased, --overhauled or --undo")
+    for option, text in (("--by", by), ("--why", why)):
+        if not text.strip():
+            raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
+    if undo and at is not None:
+        raise BadInput("--at and --undo: a mistake is taken back as a whole; expected one of them")
+    configuration, number = load_configuration(config), joint_number(joint)
+    request: ServicedRequest | UndoServicedRequest
+    if undo:
+        request = UndoServicedRequest(joint=number, by=by, why=why)
+    else:
+        request = ServicedRequest(joint=number, kind=chosen[0], by=by, why=why, at=at)
+    answer = _declared(configuration, request)
+    if as_json:
+        print_json(answer)
+        return
+    typer.echo(f"{configuration.robot.id}: {'taken back: ' if undo else ''}{answer['work']['text'].split(').')[0]}).")
+    for sentence in answer["text"]:
+        typer.echo(f"  {sentence}")
+
+
+def joint_number(text: str) -> int:
+    """The number of a joint, from 1, by its number, J3, or the name that PolyScope shows. Raises BadInput."""
+    from monitor.model.joint_names import NAMES
+
+    given = " ".join(text.casefold().replace("-", " ").replace("_", " ").split())
+    number = given.removeprefix("joint ").removeprefix("j")
+    if number.isascii() and number.isdigit() and 1 <= int(number) <= 8:
+        return int(number)
+    names = [name.casefold() for name in NAMES]
+    if given.replace(" ", "") in (squeezed := [name.replace(" ", "") for name in names]):
+        return squeezed.index(given.replace(" ", "")) + 1
+    raise BadInput(f"--joint {text!r}: expected 1 to 8, or one of {', '.join(names)}")
+
+
+def _declared(configuration: "Configuration", request: "ServicedRequest | UndoServicedRequest") -> dict[str, Any]:
+    """The answer: written into the history where no daemon runs on it, else asked for on the bus. Raises BadInput, BusError, StoreError."""
+    from monitor.service.history.work import offline
+    from monitor.store.backup import present
+
+    if present(configuration.state_directory):
+        try:
+            return offline(configuration, request, time.time())
+        except StoreInUse:
+            pass  # the daemon has it
+    from monitor.publish.documents import ServicedRequest
+
+    with client_of(configuration) as client:
+        if isinstance(request, ServicedRequest):
+            answer = client.serviced(request.joint, request.kind, by=request.by, why=request.why, at=request.at)
+        else:
+            answer = client.undo_serviced(request.joint, by=request.by, why=request.why)
+        return answer.model_dump(mode="json")
+
+
+COMMANDS: Commands = {"serviced": serviced}
