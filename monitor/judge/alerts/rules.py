@@ -46,7 +46,8 @@ def judge(
     """Health after the belief's last replay.
 
     health : before the replay, None or without joints before the first one; undeclared : change that the replay contradicts the
-    declarations by; drift : for the published figure of wear, which alerts do not depend on; works : on joints that this replay declares first, or judges.
+    declarations by; drift : for the published figure of wear, which alerts do not depend on;
+    works : on joints that this replay declares first, or judges.
     """
     at, J = belief.at_unix_s, belief.joints
     before = health or Health(joints=(), since_unix_s=at)

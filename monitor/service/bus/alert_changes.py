@@ -93,7 +93,6 @@ class AlertChanges:
                     if transition is not None:
                         self._revise_own(*transition, situation.now_unix_s)
             self._clear_acknowledged(situation)
-from monitor.service.history.work import Declared, declare_work, undo_work
 
     def _clear_acknowledged(self, situation: ServiceSituation) -> None:
         """Clear what no predicate describes, once somebody has acknowledged it; `nothing_learnt` no sooner than `stale` would be."""
