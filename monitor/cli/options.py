@@ -37,11 +37,14 @@ FromOption = Annotated[str | None, typer.Option("--from", help="Time, e.g. 2026-
 ToOption = Annotated[str | None, typer.Option("--to", help="Time, not included.", show_default=False)]
 
 
-def load_configuration(path: Path) -> "Configuration":
-    """Read the configuration of one robot from its TOML file. Raises BadConfiguration, which names every mistake."""
+def load_configuration(path: Path, *, secrets_needed: bool = True) -> "Configuration":
+    """Read the configuration of one robot from its TOML file. Raises BadConfiguration, which names every mistake.
+
+    secrets_needed : where false, credentials are not read.
+    """
     from monitor.config.load import load
 
-    return load(path)
+    return load(path, secrets_needed=secrets_needed)
 
 
 def client_of(configuration: "Configuration") -> "Client":

@@ -14,16 +14,21 @@ EXIT_CONFIG = 78  # EX_CONFIG of sysexits.h; the unit file tells systemd not to 
 def run(
     config: ConfigOption,
     now: Annotated[bool, typer.Option("--now", help="Replay once at the start, then as scheduled.")] = False,
+    only_check: Annotated[bool, typer.Option("--only-check", help="Read the configuration and run nothing; for ExecReload.")] = False,
 ) -> None:
     """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong."""
-    from monitor.service.run import serve
-    from monitor.service.systemd import log_as_a_service
-
     try:
-        configuration = load_configuration(config)
+        # systemd 252 lets the main process alone read its credentials, and not ExecReload
+        configuration = load_configuration(config, secrets_needed=not only_check)
     except BadConfiguration as error:
         typer.echo(f"joint-monitor: {error}", err=True)
         raise typer.Exit(EXIT_CONFIG) from None
+    if only_check:
+        typer.echo(f"{configuration.path} is right")
+        return
+    from monitor.service.run import serve
+    from monitor.service.systemd import log_as_a_service
+
     log_as_a_service(configuration.robot.site, configuration.robot.id)
     for name in configuration.overrides:
         logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)

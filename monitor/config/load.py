@@ -23,11 +23,14 @@ from monitor.publish.session import BusSettings, prefix
 
 Made = TypeVar("Made")
 
+ETC, STATE = Path("/etc/joint-monitor"), Path("/var/lib/joint-monitor")  # of the shipped unit: NAME.toml and the history of NAME
 
-def load(path: Path, environment: Mapping[str, str] | None = None) -> Configuration:
+
+def load(path: Path, environment: Mapping[str, str] | None = None, *, secrets_needed: bool = True) -> Configuration:
     """Read and check one configuration. Variables JOINT_MONITOR__SECTION__KEY replace values of the file.
 
-    environment : os.environ where not given. Raises BadConfiguration that lists every mistake with its line and key.
+    environment : os.environ where not given. secrets_needed : where false, credentials are not read.
+    Raises BadConfiguration that lists every mistake with its line and key.
     """
     environment = os.environ if environment is None else environment
     try:
@@ -46,13 +49,27 @@ def load(path: Path, environment: Mapping[str, str] | None = None) -> Configurat
     secrets: dict[str, str] = {}
     in_file = set(document)
     overrides = overridden(document, environment, mistakes, text_keys())
-    document = with_credentials(document, environment.get("CREDENTIALS_DIRECTORY"), mistakes, secrets)
+    _place_history(document, path, environment)
+    if secrets_needed:
+        document = with_credentials(document, environment.get("CREDENTIALS_DIRECTORY"), mistakes, secrets)
     configuration = _from_document(document, path, mistakes)
     if configuration is None:
         placed_mistakes = [placed(without_secrets(_by_variable(mistake, overrides, in_file), secrets), path, text) for mistake in mistakes]
         listed = "\n  ".join((f"{path}: {len(placed_mistakes)} mistakes", *placed_mistakes))
         raise BadConfiguration(placed_mistakes[0] if len(placed_mistakes) == 1 else listed)
     return dataclasses.replace(configuration, overrides=tuple(overrides))
+
+
+def _place_history(document: dict[str, Any], path: Path, environment: Mapping[str, str]) -> None:
+    """Where nothing is said of [store] directory, a service's history is in its state directory; commands find it there too."""
+    store = document.setdefault("store", {})
+    if not isinstance(store, dict) or "directory" in store:
+        return
+    of_service = environment.get("STATE_DIRECTORY", "").split(":")[0]
+    if of_service:  # systemd.exec(5), StateDirectory=
+        store["directory"] = of_service
+    elif path.absolute().parent == ETC:
+        store["directory"] = str(STATE / path.stem)
 
 
 def _by_variable(mistake: str, overrides: Sequence[str], in_file: Collection[str]) -> str:

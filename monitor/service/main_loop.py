@@ -51,6 +51,7 @@ class MainLoop:
             if self._hangup.is_set():
                 self._hangup.clear()
                 self._workers.reloader.reload()
+                self._monitor_at = 0.0  # whoever asked for the reload looks at the STATUS line now
             now = time.monotonic()
             if now - self._monitor_at >= MONITOR_PERIOD_S or not self._monitor_at:
                 self._monitor_at = now

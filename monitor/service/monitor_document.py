@@ -120,6 +120,8 @@ def status_line(health: str | None, document: dict[str, Any]) -> str:
         f"next {rfc3339(due)}" if due else "none scheduled",
         "arm heard" if document["arm"]["heard"] else "arm not heard",
     ]
+    if (reload := document.get("reload")) and not reload["done"]:
+        parts.insert(0, f"RELOAD REFUSED at {rfc3339(reload['at_unix_s'])}, the old configuration is in force: {reload['told']}")
     parts += [f"{problem['name']}: {problem['text']}" for problem in document["troubles"] if problem["name"] != "arm"]
     return "; ".join(parts).replace("\n", " ")[:500]
 

@@ -2,17 +2,18 @@
 
 import importlib
 import logging
+import os
 import signal
 import threading
-import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
 from monitor.acquire.listen import Listener, ListenSettings
+from monitor.config.load import load
 from monitor.config.schema import Configuration
-from monitor.errors import StoreError, StoreUnavailable
+from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
 from monitor.model.fourier import Excitation
 from monitor.publish.metrics import MetricsServer
 from monitor.publish.session import log_refusals
@@ -29,7 +30,7 @@ from monitor.service.problems import Problems
 from monitor.service.reload import Reloader
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
-from monitor.service.systemd import Heartbeats, Watchdog, notify
+from monitor.service.systemd import Heartbeats, Watchdog, notify, reloading
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -62,11 +63,11 @@ def serve(
     Raises StoreError or BusError where the daemon cannot start, StoreError where the history was found damaged while it ran.
     """
     log_refusals(configuration.bus)
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until there is something that could be reloaded
+    hangup = _on_hangup()  # from now on no request for a reload is lost
     for heavy in ("filterpy.kalman", "scipy.signal"):  # now, and not while somebody waits for the first verdict
         importlib.import_module(heavy)
     with ExitStack() as stack:
-        store = open_store(configuration.state_directory, stack)
+        store, configuration = open_store(configuration, stack, hangup)
         trial, clocks = clocks is not None, clocks or Clocks()
         requests, heartbeats, problems = ReplayRequests(), Heartbeats(), Problems(clocks.now)
         if replay_now:
@@ -82,7 +83,7 @@ def serve(
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
         stack.enter_context(page(configuration, daemon.bus, store, clocks.now))
-        hangup = _handle_signals(daemon.state.stopping)
+        _handle_signals(daemon.state.stopping)
         heartbeats.beat("bus", WORKER_PATIENCE_S)  # one that never sends its first document is missed as well
         scheduler = Scheduler(daemon.monitor, store, problems, requests, clocks)
         workers = Workers(
@@ -103,23 +104,48 @@ def serve(
             raise StoreError(f"{store.directory}: the history was found damaged: {workers.maintenance.damaged}; the next start restores it")
 
 
-def open_store(directory: Path, stack: ExitStack) -> Store:
-    """The history, as soon as its disk takes it. A full or read-only disk is reported and waited for: nobody may be there to restart us.
+def open_store(configuration: Configuration, stack: ExitStack, hangup: threading.Event) -> tuple[Store, Configuration]:
+    """The history, as soon as its disk takes it, and the settings then in force: `hangup` asks to read them again.
 
-    Raises StoreError where waiting would change nothing.
+    A full or read-only disk is reported and waited for: nobody may be there to restart us. Raises StoreError where waiting would change
+    nothing.
     """
     watchdog, reported = Watchdog(Heartbeats()), ""
     while True:
         try:
-            return stack.enter_context(Store.open(directory))
+            return stack.enter_context(Store.open(configuration.state_directory)), configuration
         except StoreUnavailable as error:
-            if str(error) != reported:
-                reported = str(error)
+            text = f"{error}{_beside_state_directory(configuration.state_directory)}"
+            if text != reported:
+                reported = text
                 log.error("trouble=store: %s; waiting for it", reported, extra={"trouble": "store"})
             notify(f"READY=1\nSTATUS=waiting for the history, nothing is watched: {reported}")
             for _ in range(int(DISK_WAIT_S)):
                 watchdog.check()
-                time.sleep(1.0)
+                if hangup.wait(1.0):
+                    hangup.clear()
+                    configuration = _reread(configuration)
+                    break
+
+
+def _reread(configuration: Configuration) -> Configuration:
+    """The configuration once more, where nothing is in force yet that would have to stay; the old one where the new one is wrong."""
+    reloading()
+    try:
+        found = load(configuration.path)
+    except BadConfiguration as error:
+        log.error("reload refused, the old configuration stays: %s", error)
+        return configuration
+    log.info("reloaded while waiting for the history: all of it is taken")
+    return found
+
+
+def _beside_state_directory(directory: Path) -> str:
+    """What to do where a service's history is not where the service may write."""
+    state = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    if not state or directory.is_relative_to(state):
+        return ""
+    return f"; the unit may write below {state} alone: leave [store] directory out, or name it in ReadWritePaths="
 
 
 def _replay_over_rtde(daemon: Daemon, store: Store, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
@@ -140,13 +166,22 @@ def _replay_over_rtde(daemon: Daemon, store: Store, excitation: Excitation, cont
     )
 
 
-def _handle_signals(stopping: threading.Event) -> threading.Event:
-    """SIGTERM and SIGINT set `stopping`; returns the event that SIGHUP sets."""
+def _on_hangup() -> threading.Event:
+    """The event that SIGHUP sets."""
     hangup = threading.Event()
-    for number, event in ((signal.SIGTERM, stopping), (signal.SIGINT, stopping), (signal.SIGHUP, hangup)):
-        # from another thread: the main one may hold the event's own lock at the moment of the signal
-        signal.signal(number, lambda *_, event=event: threading.Thread(target=event.set, daemon=True).start())
+    _set_by(signal.SIGHUP, hangup)
     return hangup
+
+
+def _handle_signals(stopping: threading.Event) -> None:
+    """SIGTERM and SIGINT set `stopping`."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        _set_by(number, stopping)
+
+
+def _set_by(number: signal.Signals, event: threading.Event) -> None:
+    # from another thread: the main one may hold the event's own lock at the moment of the signal
+    signal.signal(number, lambda *_: threading.Thread(target=event.set, daemon=True).start())
 
 
 def _start_threads(stopping: threading.Event, workers: Workers, alive: Callable[[], None], stack: ExitStack) -> None:

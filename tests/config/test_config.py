@@ -367,3 +367,15 @@ def test_an_arm_that_may_move_needs_its_gains_when_the_file_is_read():
     known = {**e_series, "gains_nm_per_a": [10.2, 10.2, 10.1, 8.1, 8.2, 8.1]}
     assert from_document({"robot": known, "replay": {"allow_motion": True}}, Path("cell.toml")).gains_nm_per_a is not None
     assert from_document({**LEAST, "replay": {"allow_motion": True}}, Path("cell.toml")).gains_nm_per_a is None  # published for a UR5
+
+
+def test_a_service_without_a_directory_has_its_history_where_systemd_put_it_and_commands_find_it(tmp_path, monkeypatch):
+    """`$STATE_DIRECTORY` where it is set; for a file in /etc/joint-monitor the same folder without it; else beside the file, as ever."""
+    least = '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n'
+    (tmp_path / "cell-1.toml").write_text(least)
+    assert load(tmp_path / "cell-1.toml", {}).state_directory == tmp_path / "var/joint-monitor"
+    assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x:/var/lib/y"}).state_directory == Path("/var/lib/x")
+    monkeypatch.setattr("monitor.config.load.ETC", tmp_path)
+    assert load(tmp_path / "cell-1.toml", {}).state_directory == Path("/var/lib/joint-monitor/cell-1")
+    (tmp_path / "cell-1.toml").write_text(f'{least}[store]\ndirectory = "history"\n')
+    assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x"}).state_directory == tmp_path / "history"

@@ -1,7 +1,11 @@
 """Exceptions of the daemon itself: during a window and at its start."""
 
 import os
+import signal
+import socket
 import subprocess
+import sys
+import threading
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -13,6 +17,11 @@ from monitor.config.load import load
 from monitor.errors import StoreError, StoreUnavailable
 from monitor.service.daemon import Daemon
 from monitor.store.store import Store
+
+CELL = (
+    '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\nhost = "127.0.89.55"\n'
+    '[store]\ndirectory = "{directory}"\n[bus]\nlisten = ["tcp/127.0.0.1:{port}"]\n'
+)
 
 
 def test_an_exception_during_a_replay_ends_the_window_and_waits_for_a_person(tmp_path: Path, free_port: int):
@@ -57,21 +66,61 @@ def test_the_daemon_waits_at_its_start_for_room_on_the_disk(small_disk: Path, mo
     filler = small_disk / "filler"
     subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until the disk is full
     messages: list[str] = []
+    (small_disk.parent / "cell.toml").write_text(CELL.format(directory=small_disk / "history", port=7447))
+    configuration = load(small_disk.parent / "cell.toml")
 
-    def pause(_: float) -> None:
-        with pytest.raises(StoreUnavailable), Store.reader(small_disk / "history"):
-            pass
-        filler.unlink(missing_ok=True)
+    class Hangup(threading.Event):
+        def wait(self, _: float | None = None) -> bool:
+            with pytest.raises(StoreUnavailable), Store.reader(small_disk / "history"):
+                pass
+            filler.unlink(missing_ok=True)
+            return False
 
     monkeypatch.setattr(monitor.service.run, "notify", messages.append)
-    monkeypatch.setattr(monitor.service.run.time, "sleep", pause)
     monkeypatch.setattr(monitor.service.run, "DISK_WAIT_S", 1.0)
     with ExitStack() as stack:
-        store = monitor.service.run.open_store(small_disk / "history", stack)
+        store, _ = monitor.service.run.open_store(configuration, stack, Hangup())
         assert store.ledger.unfinished()
     assert any("waiting for the history" in each for each in messages)
     with Store.open(small_disk / "history"), ExitStack() as stack, pytest.raises(StoreError, match="in use by another"):
-        monitor.service.run.open_store(small_disk / "history", stack)
+        monitor.service.run.open_store(configuration, stack, threading.Event())
+
+
+@needs_root
+def test_a_reload_while_the_daemon_waits_for_its_disk_is_carried_out(small_disk: Path, tmp_path: Path, free_port: int):  # noqa: F811
+    """A wrong file is refused and the waiting goes on; the mended one, with another directory, is taken without a restart."""
+    subprocess.run(["dd", "if=/dev/zero", f"of={small_disk / 'filler'}", "bs=4k"], capture_output=True, check=False)
+    config = tmp_path / "cell.toml"
+    config.write_text(CELL.format(directory=small_disk / "history", port=free_port))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(60.0)
+        environment = os.environ | {"NOTIFY_SOCKET": str(tmp_path / "notify"), "STATE_DIRECTORY": str(tmp_path / "state")}
+
+        def until(text: str) -> str:
+            while text not in (message := manager.recv(65536).decode()):
+                pass
+            return message
+
+        command = [sys.executable, "-m", "monitor", "run", "--config", str(config)]
+        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as daemon:
+            try:
+                waiting = until("waiting for the history")
+                assert f"may write below {tmp_path / 'state'} alone" in waiting
+                config.write_text("[robot")
+                daemon.send_signal(signal.SIGHUP)
+                until("RELOADING=1")
+                until("waiting for the history")
+                config.write_text(CELL.format(directory="history", port=free_port))
+                daemon.send_signal(signal.SIGHUP)
+                until("RELOADING=1")
+                until("no replay assessed yet")
+                assert (tmp_path / "history" / "history.sqlite").is_file()
+            finally:
+                daemon.terminate()
+                errors = daemon.communicate(timeout=30)[1]
+    assert "reload refused, the old configuration stays" in errors
+    assert daemon.returncode == 0
 
 
 def test_what_cannot_be_finished_at_the_start_is_finished_later(tmp_path: Path, free_port: int, monkeypatch: pytest.MonkeyPatch):
