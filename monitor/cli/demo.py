@@ -14,9 +14,13 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """The main job with nothing installed around it: a simulated UR5, weeks of replays, a joint that wears."""
-    from monitor.studies.demo.play import play
+    from monitor.studies.demo.ticker import Ticker
 
-    raise typer.Exit(play(seed=seed, keep=keep, as_json=as_json))
+    with Ticker(lambda line: typer.echo(line, err=as_json), "loading the program") as ticker:
+        from monitor.studies.demo.play import play
+
+        code = play(seed=seed, keep=keep, as_json=as_json, ticker=ticker)
+    raise typer.Exit(code)
 
 
 COMMANDS: Commands = {"demo": demo}

@@ -1,7 +1,8 @@
 """The bus: the monitor's documents on Zenoh, for other people's programs. I/O.
 
 Every document is UTF-8 JSON below `joint-monitor/v1/<site>/<robot>`. One queryable answers `get` with the last values, so that a client
-that starts late receives the same as an early one. A thread with a bounded queue publishes: a frozen router blocks that thread alone.
+that starts late and asks receives the same as an early one; a plain subscriber receives what comes after it. A thread with a bounded
+queue publishes: a frozen router blocks that thread alone.
 """
 
 import logging

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+import zenoh
 from rich.text import Text
 
 from monitor.publish.bus import Bus, QueryHandler
@@ -83,15 +84,38 @@ def block(language: str, holds: str) -> str:
     return found
 
 
-def test_the_plain_zenoh_example_runs_unchanged(cell):
-    """It uses no code of this package: a torque, then the texts of alerts. The test replaces only the endpoint."""
+def plain(cell) -> Path:
+    """The program of the page; the test replaces only the endpoint."""
     folder, endpoint = cell
-    text = block("python", "import json, zenoh\n\nconfig")
-    assert len([row for row in text.splitlines() if row]) <= 12
+    text = block("python", "import itertools, json, zenoh\n\nconfig")
+    assert len([row for row in text.splitlines() if row]) <= 15
     (folder / "plain.py").write_text(text.replace("tcp/127.0.0.1:7447", endpoint), "utf-8")
-    torque, *alerts = first_lines([sys.executable, "-u", "plain.py"], 3, folder)
+    return folder
+
+
+def test_the_plain_zenoh_example_runs_unchanged(cell):
+    """It uses no code of this package: a torque, then the texts of alerts."""
+    torque, *alerts = first_lines([sys.executable, "-u", "plain.py"], 3, plain(cell))
     assert json.loads(torque) == document("torque")["torque_nm"]
     assert alerts == ["joint-monitor/v1/lab/sim-1/alert/j3/wear_rising Joint 3: friction rose\n"] * 2
+
+
+def test_the_plain_zenoh_example_prints_alerts_that_were_raised_long_before_it(tmp_path, free_port):
+    """Nothing is published after its start. A plain subscriber alone gets none of it, as the page says, and a `get` gets all."""
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    answers = {"torque": QueryHandler("torque", lambda _: document("torque"))}
+    with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "sim-1"), answers) as bus:
+        bus.publish("alert/arm/stopped", "alert", document("alert") | {"joint": None, "condition": "stopped", "text": "Nothing moves"})
+        bus.publish("alert/j2/wear_rising", "alert", document("alert") | {"active": False})
+        _, alert = first_lines([sys.executable, "-u", "plain.py"], 2, plain((tmp_path, endpoint)))
+        assert alert == "joint-monitor/v1/lab/sim-1/alert/arm/stopped Nothing moves\n"
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        with zenoh.open(config) as session:
+            late = session.declare_subscriber("joint-monitor/v1/*/*/alert/**")
+            assert len(list(session.get("joint-monitor/v1/*/*/alert/**"))) == 2
+            assert late.try_recv() is None
 
 
 def test_the_jq_example_runs_unchanged(cell):

@@ -1,22 +1,52 @@
-"""The demo, run as a new user runs it."""
+"""The demo, run as a new user runs it, on a machine that has other work too."""
 
 import json
 import subprocess
 import sys
+import threading
+import time
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from monitor.errors import ReplayAborted, RobotUnreachable
+from monitor.studies.demo import replays, ticker
+from monitor.studies.demo.plan import DAYS, DemoState
+from monitor.studies.demo.summary import Summary
+from monitor.studies.demo.ticker import Ticker
+from monitor.studies.demo.world import demo_configuration
+
+LONGEST_SILENCE_S = 5.0
+
 
 @pytest.mark.timeout(300)
-def test_the_demo_finds_the_worn_joint_and_no_other():
-    """Three live replays or more, an alert for joint 3 alone, wear within 5 % of friction.
+def test_the_demo_finds_the_worn_joint_and_no_other_and_is_never_silent():
+    """Three live replays, an alert for joint 3 alone, wear within 5 % of friction; no silence of five seconds.
 
-    The RMS error of torque in motion is below 4 % of its RMS, for the worn joint below 10 %.
+    The RMS error of torque in motion is below 4 % of its RMS, for the worn joint below 10 %. A live replay that this machine has no time
+    for is stepped, and the document names its day.
     """
-    ended = subprocess.run([sys.executable, "-m", "monitor", "demo", "--json"], capture_output=True, text=True, timeout=280, check=False)
-    assert ended.returncode == 0, ended.stderr
-    document = json.loads(ended.stdout)
-    assert document["live_replays"] >= 3
+    command = [sys.executable, "-m", "monitor", "demo", "--json"]
+    lines: list[str] = []
+    spoke: list[float] = []
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+
+        def read() -> None:
+            for line in process.stderr:
+                lines.append(line)
+                spoke.append(time.monotonic())
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        printed = process.stdout.read()
+        code = process.wait()
+        reader.join()
+    assert code == 0, "".join(lines)
+    assert max(after - before for before, after in pairwise(spoke)) < LONGEST_SILENCE_S, lines
+    document = json.loads(printed)
+    assert document["live_replays"] + len(document["not_live_days"]) == 3
     assert {alert["joint"] for alert in document["alerts"]} == {3}
     for joint in document["wear"]:
         assert joint["estimated"] == pytest.approx(joint["true"], abs=0.05)
@@ -24,3 +54,38 @@ def test_the_demo_finds_the_worn_joint_and_no_other():
     for joint, (error, size) in enumerate(zip(torque["rms_error_nm"], torque["rms_torque_nm"], strict=True), start=1):
         assert error < (0.1 if joint == 3 else 0.04) * size
     assert document["live_torque_samples"] > 50
+
+
+def test_whoever_waits_for_the_demo_is_told_what_it_does(monkeypatch: pytest.MonkeyPatch):
+    """A line whenever nothing else was printed for a while, and none where something was."""
+    monkeypatch.setattr(ticker, "SILENCE_S", 0.3)
+    printed: list[str] = []
+    with Ticker(printed.append, "loading the program") as telling:
+        for _ in range(4):
+            time.sleep(0.1)
+            telling.spoke()
+        assert printed == ["loading the program"]
+        telling.activity = lambda: "live replay over RTDE: play 3.2 of 10 s"
+        deadline = time.monotonic() + 20.0
+        while len(printed) < 2 and time.monotonic() < deadline:
+            time.sleep(0.05)
+    assert printed[1].startswith("  … live replay over RTDE: play 3.2 of 10 s, ")
+
+
+def test_a_machine_without_real_time_is_named_and_is_no_failure_of_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    """Every try of a live replay is disturbed: the day's replay is the stepped one, and the summary says so."""
+    state = DemoState()
+    stepped = SimpleNamespace(context=demo_configuration(tmp_path, "127.0.0.1", "tcp/127.0.0.1:1").context)
+    monkeypatch.setattr(replays.dataclasses, "replace", lambda value, **_: value)
+    asked = iter(
+        [ReplayAborted("late", "late", moved=True), RobotUnreachable("127.0.77.3: no new data for 124 ms"), ReplayAborted("x", "late")]
+    )
+    made = replays.DemoReplay(SimpleNamespace(), SimpleNamespace(play=lambda _: stepped), state)
+    monkeypatch.setattr(made, "_live", lambda *_: (_ for _ in ()).throw(next(asked)))
+    assert made(None, stepped.context, lambda: False) is stepped
+    assert state.not_live == [0]
+    assert state.disturbed[1] == "day 1, try 2: 127.0.77.3: no new data for 124 ms"
+    summary = Summary(state=state, received=SimpleNamespace(active_alerts=[]), torque={}, took_s=1.0)
+    assert not any("assessed" in problem for problem in summary.problems)
+    state.failed.append("day 3 skipped: nobody knows")
+    assert f"1 of {DAYS} replays were not assessed (day 3 skipped: nobody knows)" in summary.problems

@@ -31,10 +31,12 @@ class DemoState:
 
     clock_unix_s: float = FIRST_DAY_UNIX_S  # the daemon's clock
     day: int = 0
-    activity: str = "starting the simulated arm"
+    activity: str = "starting the simulated arm, the daemon and its bus"
     ambient_c: float = ROOM_C
     replays: list[str] = field(default_factory=list)  # a line each
     live_replays: int = 0
     stepped_replays: int = 0
     disturbed: list[str] = field(default_factory=list)  # live replays that were repeated: the day and the reason
+    not_live: list[int] = field(default_factory=list)  # days whose live replay this machine could not keep in real time: stepped instead
+    failed: list[str] = field(default_factory=list)  # replays that were not assessed: the day, how it ended and why
     true_wear: Array = field(default_factory=lambda: np.zeros(6))  # (J,) growth of friction by the simulator's own law

@@ -12,6 +12,7 @@ from monitor.model.joint_names import joint_name
 from monitor.publish.timestamps import rfc3339
 from monitor.studies.demo.bus import Received
 from monitor.studies.demo.plan import DAYS, ONSET_DAY, WEARING_JOINT, DemoState
+from monitor.studies.demo.ticker import Ticker
 from monitor.views.terminal.figures import remaining_life
 
 REFRESH_PER_S = 4.0  # fast enough for a person, and cheap beside a live replay
@@ -21,20 +22,23 @@ REPLAYS_SHOWN = 4  # newest lines below the table
 class Screen:
     """A context manager. On a terminal the table is redrawn all the time; elsewhere it is printed once, at the end."""
 
-    def __init__(self, console: Console, state: DemoState, received: Received) -> None:
-        self._console, self._state, self._received = console, state, received
+    def __init__(self, console: Console, state: DemoState, received: Received, ticker: Ticker) -> None:
+        self._console, self._state, self._received, self._ticker = console, state, received, ticker
         self._live = Live(get_renderable=self._table, console=console, refresh_per_second=REFRESH_PER_S) if console.is_terminal else None
 
     def __enter__(self) -> "Screen":
         if self._live is not None:
+            self._ticker.quiet(True)
             self._live.__enter__()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._live is not None:
             self._live.__exit__(kind, error, trace)  # its last table stays on the screen
+            self._ticker.quiet(False)
         else:
             self._console.print(self._table())
+            self._ticker.spoke()
 
     def replay_done(self) -> None:
         """Print the newest replay, unless the live table shows it."""
@@ -43,6 +47,7 @@ class Screen:
             wear = f"  J{WEARING_JOINT} wear {wear_percent(friction)}" if friction else ""
             alerts = ", ".join(f"{key} {alert['tier']}" for key, alert in self._received.active_alerts)
             self._console.print(f"{self._state.replays[-1]}{wear}  {alerts}", highlight=False)
+            self._ticker.spoke()
 
     def _table(self) -> Group:
         state, received = self._state, self._received

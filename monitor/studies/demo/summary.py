@@ -1,5 +1,6 @@
 """The demo's verdict: did the wear alert come for the right joint and for no other? As JSON, and as text."""
 
+import os
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,11 +33,11 @@ class Summary:
     def problems(self) -> list[str]:
         """Why the demo failed, in words; empty where it passed."""
         found = []
-        if not (len(self.state.replays) == DAYS and all("assessed" in line for line in self.state.replays)):
-            found.append("not every replay was assessed; ")
+        if self.state.failed:
+            found.append(f"{len(self.state.failed)} of {DAYS} replays were not assessed ({'; '.join(self.state.failed)})")
         alerts = {(alert["joint"], alert["condition"]) for alert in self.wear_alerts}
         if not any(joint == WEARING_JOINT for joint, _ in alerts):
-            found.append(f"no wear alert for joint {WEARING_JOINT}; ")
+            found.append(f"no wear alert for joint {WEARING_JOINT}")
         wrong = sorted(str(alert) for alert in alerts if alert[0] != WEARING_JOINT)
         if wrong:
             found.append(f"alerts for {', '.join(wrong)}")
@@ -49,6 +50,8 @@ class Summary:
             "days": DAYS,
             "live_replays": self.state.live_replays,
             "stepped_replays": self.state.stepped_replays,
+            "not_live_days": [day + 1 for day in self.state.not_live],
+            "problems": self.problems,
             "live_torque_samples": self.received.live_samples,
             "alerts": [{key: alert[key] for key in ("joint", "condition", "tier", "text")} for alert in self.wear_alerts],
             "raised": [{"at": at, "alert": which} for at, which in self.received.raised],
@@ -73,11 +76,25 @@ class Summary:
         counts = f"{state.live_replays} replays over RTDE, {state.stepped_replays} stepped, {received.live_samples} live torque samples"
         console.print(f"{counts}, {self.took_s:.0f} s")
         for repeated in state.disturbed:
-            console.print(f"live replay played again, this machine had other work to do: {repeated}")
+            console.print(f"live replay disturbed, this machine had other work to do: {repeated}", highlight=False)
+        if state.not_live:
+            days = ", ".join(str(day + 1) for day in state.not_live)
+            text = f"this machine could not keep the live replay of day {days} in real time: the simulator stepped it instead"
+            console.print(text, style="yellow", highlight=False)
         if self.problems:
-            console.print(f"FAILED: {''.join(self.problems)}", style="bold red")
+            console.print(f"FAILED: {'; '.join(self.problems)}", style="bold red")
+            if (busy := busy_text()) is not None:
+                console.print(busy, style="bold red")
         else:
             console.print("the wear alert came for the right joint and for no other", style="green")
+
+
+def busy_text() -> str | None:
+    """How busy this machine is, where that may be the cause of a failure; else None."""
+    load, processors = os.getloadavg()[0], os.cpu_count() or 1
+    if load <= processors:
+        return None
+    return f"this machine is busy: {load:.1f} programs want its {processors} processors; try again with less beside the demo"
 
 
 def _torque_table(torque: dict[str, Any]) -> Table:
