@@ -43,6 +43,7 @@ def report(
     ] = None,
     until: Annotated[str | None, typer.Option("--to", help="End, not included; else now.", show_default=False)] = None,
     output: ReportOutputOption = None,
+    language: Annotated[str | None, typer.Option(help="en or de; else that of [page] language, or English.", show_default=False)] = None,
     as_json: JsonOption = False,
 ) -> None:
     """One page to print for the maintenance file: verdicts, evidence, context changes, what was not monitored and why."""
@@ -50,6 +51,8 @@ def report(
 
     from monitor.service.history.report import report as collect
     from monitor.store.store import Store
+    from monitor.views.language.catalogue import LANGUAGES
+    from monitor.views.language.catalogue import language as say_in
     from monitor.views.report.page import report_page
 
     if output is None and not as_json:
@@ -57,14 +60,17 @@ def report(
     if output is not None:
         check_page(output)
     begin, end = (None if text is None else _moment(text, option) for text, option in ((since, "--from"), (until, "--to")))
+    if language is not None and language not in LANGUAGES:
+        raise BadInput(f"--language {language}: expected one of {', '.join(LANGUAGES)}")
     now, reports = time.time(), []
     for path in config:
         configuration = load_configuration(path)
+        language = language or (configuration.page.language if configuration.page.language in LANGUAGES else None)
         with Store.reader(configuration.state_directory) as store:
             reports.append(collect(configuration, store, begin, end, now))
     if output is not None:
         try:
-            output.write_text(report_page(reports), encoding="utf-8")
+            output.write_text(report_page(reports, say_in(language or "en")), encoding="utf-8")
         except OSError as wrong:
             raise BadInput(f"-o {output}: cannot be written: {wrong.strerror}") from None
     if as_json:

@@ -10,6 +10,7 @@ from monitor.views.language.catalogue import Language
 from monitor.views.language.dates import around, day, since, span, utc
 
 N_ = str  # marks a text for the catalogue
+OF_ONE_JOINTS_FRICTION = ("wear_rising", "sudden_step", "friction_falling")
 LATEST_DAYS = 3 * 365.25  # a date beyond it would claim too much
 NOW_DAYS = 3.0  # an inspection that is due so soon is due now
 _HELD = re.compile(r"reached by (\d{4}-\d\d-\d\d)")  # the day of the lowest friction, in the text of a rise
@@ -26,7 +27,7 @@ OF_ARM = {
     "payload_contradiction": N_("The arm carries another load than the monitor was told."),
     "store_restored": N_("The monitor's history was damaged, and a backup has taken its place."),
     "nothing_learnt": N_("The monitor has learned nothing about this arm for days."),
-    "stopped": N_("The arm stopped during a replay. Nothing moves until a person has looked at it and allows motion again."),
+    "stopped": N_("Nothing moves, and nothing will until a person has put it right."),
     "stale": N_("What the monitor knows of this arm is out of date."),
     "unheard": N_("The monitor does not hear the arm."),
 }
@@ -103,7 +104,7 @@ def _pace(life: Mapping[str, Any], learnt_unix_s: float, now_unix_s: float, say:
         return say.say("At this pace it does not meet its limit before {year}.", year=utc(begin + max(early, 0.5 * middle) * DAY_S).year)
     when = around(begin + middle * DAY_S, now_unix_s, say)
     end = None if late is None or late > 2 * LATEST_DAYS else begin + late * DAY_S
-    between = span(begin + early * DAY_S, end, now_unix_s, say)
+    between = span(begin + early * DAY_S, end, begin + middle * DAY_S, now_unix_s, say)
     if not between:
         return say.say("At this pace it meets its limit {when}.", when=when)
     return say.say("At this pace it meets its limit {when} ({between}).", when=when, between=between)

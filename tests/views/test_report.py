@@ -14,8 +14,10 @@ from monitor.errors import BadInput
 from monitor.publish.timestamps import rfc3339
 from monitor.service.history.report import report
 from monitor.store.store import Store
+from monitor.views.language.catalogue import language
 from monitor.views.report.charts import law_points, single_replay_change
 from monitor.views.report.page import report_page
+from monitor.views.report.unwatched import groups
 
 pytestmark = pytest.mark.xdist_group("page")
 DAYS = 40
@@ -123,7 +125,7 @@ def test_the_page_needs_no_network_and_holds_what_the_document_holds(lived):
     text = report_page([whole, report_of(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
     assert not re.search(r"<script|<link|<img|src=", text)
     assert text.count("<svg") == 2
-    for part in ("maintenance required", "wear rising", "door is open", "flexspline", "Reviewed by", "gripper", "Not acknowledged"):
+    for part in ("Maintenance required", "Elbow: Wear rising", "door is open", "flexspline", "Reviewed by", "gripper", "Not acknowledged"):
         assert part in text, part
     assert text.count("class=newpage") == 1
 
@@ -165,7 +167,7 @@ def test_a_report_made_long_after_the_last_replay_marks_the_state_as_stale(lived
     assert "STALE: all joints" in report_page([whole | {"history": []}])  # without drawings, which take time
     fresh = report_of(lived, FIRST_UNIX_S, END)
     assert fresh["stale"] == []
-    assert "STALE" not in report_page([fresh | {"history": []}])
+    assert "OUT OF DATE" not in report_page([fresh | {"history": []}])
 
 
 def test_an_alert_is_reported_as_it_was_at_the_end_of_the_period(lived):
@@ -233,3 +235,67 @@ def test_a_stop_is_in_the_file_with_who_allowed_motion_again(tmp_path):
     for part in ("protective stop: safety mode 3", "&lt;i&gt;Ada&lt;/i&gt;", "a box stood in the way", "nobody: nothing moves"):
         assert part in text, part
     assert "nobody: nothing moves" not in report_page([later])
+
+
+def test_the_report_leads_with_the_sentence_that_decides(lived):
+    """What decides stands before what it rests on: headline, dates and inspection, then joints, charts and what was not monitored."""
+    text = report_page([report_of(lived)])
+    places = [
+        text.index(part) for part in ("Elbow turns 2", "At this pace it meets its limit", "Inspect", "went from", "<svg", "Reviewed by")
+    ]
+    assert places == sorted(places)
+
+
+def test_windows_that_ended_alike_are_one_line_the_gravest_first(lived):
+    """Of 219 windows that were refused for three causes, the table has a line each, with how many and from when to when."""
+    whole = report_of(lived) | {"history": []}
+    at = [rfc3339(FIRST_UNIX_S + k * DAY_S / 8) for k in range(219)]
+    reason = "approach_near: Wrist 3 (joint 6) is {far:.3f} rad from the start"
+    failed = [{"replay": k, "window": at[k], "state": "skipped", "reason": reason.format(far=2 + k / 1000)} for k in range(210)]
+    failed += [{"replay": k, "window": at[k], "state": "skipped", "reason": "no permission: the door is open"} for k in range(210, 218)]
+    failed.append({"replay": 218, "window": at[218], "state": "aborted", "reason": "protective_stop: safety mode 3"})
+    assert [(group.state, group.cause, len(group.windows)) for group in groups(failed)] == [
+        ("aborted", "protective_stop", 1),
+        ("skipped", "approach_near", 210),
+        ("skipped", "no permission", 8),
+    ]
+    text = report_page([whole | {"unwatched": whole["unwatched"] | {"failed": failed}}])
+    assert text.count("rad from the start") == 1
+    assert "210 ×" in text
+    assert "1 June – 27 June" in text
+
+
+@pytest.mark.parametrize("code", ["en", "de"])
+def test_a_month_in_which_nothing_happened_is_one_sheet_of_paper(lived, browser, code):
+    """Chromium prints one page for one arm; a quiet month with one refused window has the chart, the joints and the line to sign on it."""
+    quiet = report_of(lived, FIRST_UNIX_S, FIRST_UNIX_S + 19 * DAY_S)
+    assert sheets(browser, report_page([quiet], language(code))) == 1
+
+
+def test_a_refusal_of_219_windows_does_not_make_the_report_long(lived, browser):
+    """With an alert, its charts and 219 windows of five causes, the report is three sheets at most."""
+    whole = report_of(lived)
+    failed = [
+        {"replay": k, "window": rfc3339(FIRST_UNIX_S + k * DAY_S / 8), "state": "skipped", "reason": f"cause_{k % 5}: at {k} of 219"}
+        for k in range(219)
+    ]
+    assert sheets(browser, report_page([whole | {"unwatched": whole["unwatched"] | {"failed": failed}}])) <= 3
+
+
+def sheets(browser, text):
+    """The sheets of paper on which Chromium prints a page."""
+    page = browser.new_page()
+    page.set_content(text)
+    printed = page.pdf(prefer_css_page_size=True)
+    page.close()
+    return len(re.findall(rb"/Type\s*/Page\b(?!s)", printed))
+
+
+def test_the_report_is_written_in_the_language_that_is_asked_for(lived, tmp_path):
+    """The option decides; another language is refused by name."""
+    folder, _ = lived
+    page = tmp_path / "report.html"
+    arguments = ["report", "-c", str(folder / "cell.toml"), "--to", "2026-06-03", "-o", str(page), "--language"]
+    assert CliRunner().invoke(app, [*arguments, "de"]).exit_code == 0
+    assert "Bericht über den Reibungszustand" in page.read_text("utf-8")
+    assert "expected one of en, de" in str(CliRunner().invoke(app, [*arguments, "xx"]).exception)

@@ -16,7 +16,7 @@ from monitor.model.joint_names import NAMES
 DOMAIN = "joint_monitor"
 LANGUAGES = {"en": "English", "de": "Deutsch"}  # by their codes, in their own words; the first is that of the documents
 _PLACE = re.compile(r"\{(\w+)\}")
-_JOINT = re.compile(rf"\b({'|'.join(NAMES)})\b")
+_JOINT = re.compile(rf"\b({'|'.join(NAMES)})\b(?: \(joint (\d)\))?")
 _FIGURE = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+)(?![\w.]*\d)")
 _DATE = re.compile(r"(?<!\d)(\d{4})-(\d\d)-(\d\d)(?!\d)(?:T(\d\d):(\d\d)(?::\d\d)?(?:\.\d+)?(?:Z|\+00:00)?)?")
 _SENTENCES = (re.compile(r"(?<=[.!?]) (?=[A-Z])"), re.compile(r"; "))
@@ -75,7 +75,12 @@ class Language:
             if len(parts) > 1:
                 joint = " " if splitter is _SENTENCES[0] else "; "
                 return joint.join(map(self._retell, parts))
-        return self._figures(_JOINT.sub(lambda name: self.say(name[0]), plain))
+        return self._figures(_JOINT.sub(self._joint_text, plain))
+
+    def _joint_text(self, found: re.Match[str]) -> str:
+        """The name of a joint, with its number where the text has it."""
+        name = self.say(found[1])
+        return name if found[2] is None else f"{name} ({self.say('joint {number}', number=found[2])})"
 
     def _figures(self, text: str) -> str:
         """Decimal signs, dates and per cent signs as this language has them."""

@@ -15,6 +15,11 @@ SOON_DAYS = 60.0  # a date that is nearer is given as a day
 EARLY, MIDDLE = 10, 20  # the last days of the early and of the middle part of a month
 
 
+def unix_s(text: str) -> float:
+    """A time of a document [s since 1970]."""
+    return datetime.fromisoformat(text).timestamp()
+
+
 def utc(unix_s: float) -> datetime:
     """The time in UTC."""
     return datetime.fromtimestamp(unix_s, UTC)
@@ -57,14 +62,16 @@ def around(unix_s: float, now_unix_s: float, say: Language) -> str:
     return say.say("in mid-{month}", month=name) if of <= MIDDLE else say.say("in late {month}", month=name)
 
 
-def span(from_unix_s: float, to_unix_s: float | None, now_unix_s: float, say: Language) -> str:
-    """From when to when: days where they are near, else months; without an end it is open. Empty where both are the same month."""
+def span(from_unix_s: float, to_unix_s: float | None, about_unix_s: float, now_unix_s: float, say: Language) -> str:
+    """From when to when: days where they are near, else months; without an end it is open. Empty where both are the same month.
+
+    about_unix_s : the date beside which it stands; a year is given where it is another one.
+    """
     near = from_unix_s - now_unix_s < SOON_DAYS * DAY_S
-    form = day if near else month
-    first = form(from_unix_s, now_unix_s, say)
+    first = (day if near else month)(from_unix_s, about_unix_s, say)
     if to_unix_s is None:
         return say.say("{first} or later", first=first)
-    last = (day if near and to_unix_s - now_unix_s < SOON_DAYS * DAY_S else month)(to_unix_s, now_unix_s, say)
+    last = (day if near and to_unix_s - now_unix_s < SOON_DAYS * DAY_S else month)(to_unix_s, about_unix_s, say)
     return "" if first == last else say.say("{first} to {last}", first=first, last=last)
 
 

@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.model.joint_names import joint_text
 from monitor.recording import Array
+from monitor.views.language.catalogue import Language
+from monitor.views.language.dates import MONTHS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter
 
 # of a NAMUR NE 107 state; dark enough for text on white paper
 STATE_COLOURS = {
@@ -35,18 +37,29 @@ def _of_joint(report: Mapping[str, Any], joint: int) -> list[Mapping[str, Any]]:
     return rows[:: max(1, len(rows) // MAX_POINTS)]
 
 
-def friction_over_time_caption(report: Mapping[str, Any]) -> str:
+def friction_over_time_caption(report: Mapping[str, Any], say: Language) -> str:
     """The caption of `friction_over_time`. It says how many replays have no point."""
-    rows = report["history"]
-    text = "Friction since the beginning, temperature taken out: the estimate from all replays until then as a line with its 2σ band, "
-    text += "and what each replay says by itself as a point with its own 2σ interval. Where there is a trend, a fan leads to the "
-    of = report["thresholds"]
-    text += f"limit (P10 to P90, P50 dashed). Across: the wear tier at {100 * of['wear_rise']:g} % dashed, the limit at "
-    text += f"{100 * of['limit_rise']:g} % dash-dotted."
+    rows, of = report["history"], report["thresholds"]
+    parts = [
+        say.say(
+            "Friction since the beginning, temperature taken out: the estimate as a line with its 2σ band, each replay by itself as a "
+            "point with its 2σ interval. Across: the wear tier at {wear} % dashed, the limit at {limit} % dash-dotted.",
+            wear=f"{100 * of['wear_rise']:g}",
+            limit=f"{100 * of['limit_rise']:g}",
+        )
+    ]
+    if any(row["remaining_life"]["p50_days"] is not None for row in report["joints"]):
+        parts.append(say.say("Where there is a trend, a fan leads to the limit (P10 to P90, P50 dashed)."))
     missing = sum(1 for row in rows if row.get("replay_torque_nm") is None)
     if missing:
-        text += f" Of {missing} of {len(rows)} figures the history keeps the estimate only, so they have no point."
-    return text
+        parts.append(
+            say.say(
+                "Of {missing} of {count} figures the history keeps the estimate only, so they have no point.",
+                missing=missing,
+                count=len(rows),
+            )
+        )
+    return " ".join(parts)
 
 
 def single_replay_change(rows: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
@@ -60,11 +73,11 @@ def single_replay_change(rows: Sequence[Mapping[str, Any]]) -> tuple[Array, Arra
     return 100 * (one / unworn - 1.0), 100 * std / unworn
 
 
-def friction_over_time(report: Mapping[str, Any]) -> "Figure":
+def friction_over_time(report: Mapping[str, Any], say: Language) -> "Figure":
     """Draw the change of friction since the beginning [%]: the estimate with its 2σ band, single replays, thresholds, remaining life."""
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+    from matplotlib.dates import AutoDateLocator
 
-    figure, axes = _panels(4.2)
+    figure, axes = _panels(2.75)
     of = report["thresholds"]
     for j, one in enumerate(axes):
         rows = _of_joint(report, j + 1)
@@ -90,8 +103,8 @@ def friction_over_time(report: Mapping[str, Any]) -> "Figure":
         _remaining_life_fan(one, at, rows[-1], of["life_limit_rise"])
         locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
         one.xaxis.set_major_locator(locator)
-        one.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-        _label(one, joint_text(j + 1), "change [%]" if j % 3 == 0 else "")
+        one.xaxis.set_major_formatter(_date_ticks(at, say))
+        _label(one, say, say.joint(j + 1), say.say("change [%]") if j % 3 == 0 else "")
     return figure
 
 
@@ -110,9 +123,9 @@ def _remaining_life_fan(one: Any, at: Sequence[datetime], row: Mapping[str, Any]
     one.set_ylim(top=max(one.get_ylim()[1], 1.12 * y[0]))
 
 
-def friction_over_temperature(report: Mapping[str, Any]) -> "Figure":
+def friction_over_temperature(report: Mapping[str, Any], say: Language) -> "Figure":
     """Draw viscous friction over joint temperature [°C]: replays with wear taken out, and the temperature law with its 2σ band."""
-    figure, axes = _panels(4.1)
+    figure, axes = _panels(2.75)
     laws = {law["joint"]: law for law in report["verdict"]["temperature"]} if report["verdict"] else {}
     for j, one in enumerate(axes):
         rows = [row for row in _of_joint(report, j + 1) if row["temperature_c"] is not None and row["viscous_nm_s_per_rad"] is not None]
@@ -127,11 +140,11 @@ def friction_over_temperature(report: Mapping[str, Any]) -> "Figure":
             pace = 100 * law["slope_nm_s_per_rad_k"] / law["viscous_nm_s_per_rad"]
             at, fv_at, std_at = law_points(law, [float(T.min()), float(T.max())])
             one.fill_between(at, fv_at - 2 * std_at, fv_at + 2 * std_at, color=LINE, alpha=0.2, lw=0)
-            one.plot(at, fv_at, lw=1.4, color=LINE, label=f"{pace:+z.2f} %/K")
+            one.plot(at, fv_at, lw=1.4, color=LINE, label=f"{say.figure(pace, 2, signed=True)} %/K")
             one.legend(fontsize="x-small", frameon=False, loc="upper right")
         if j >= 3:
             one.set_xlabel("T [°C]", fontsize="small")
-        _label(one, joint_text(j + 1), "fv [Nm·s/rad]" if j % 3 == 0 else "")
+        _label(one, say, say.joint(j + 1), "fv [N·m·s/rad]" if j % 3 == 0 else "")
     return figure
 
 
@@ -147,8 +160,27 @@ def law_points(law: Mapping[str, Any], seen_c: Sequence[float]) -> Array:
     return np.stack([ends, line, np.zeros(2)])
 
 
-def _label(one: Any, title: str, ylabel: str) -> None:
-    """Label one panel in the small type of the report."""
+def _date_ticks(at: Sequence[datetime], say: Language) -> "FuncFormatter":
+    """Dates along an axis in the reader's language: days, or months with their year over more than a year."""
+    from matplotlib.dates import num2date
+    from matplotlib.ticker import FuncFormatter
+
+    years = (at[-1] - at[0]).days > 365
+
+    def text(value: float, _position: int | None) -> str:
+        then = num2date(value)  # type: ignore[no-untyped-call]
+        month = say.say(MONTHS[then.month - 1])[:3]
+        return f"{month} {then.year % 100:02d}" if years else say.say("{day} {month}", day=then.day, month=month)
+
+    return FuncFormatter(text)
+
+
+def _label(one: Any, say: Language, title: str, ylabel: str) -> None:
+    """Label one panel in the small type of the report, with the decimal sign of the language."""
+    from matplotlib.ticker import FuncFormatter
+
+    decimal = say.figure(0.5, 1)[1]
+    one.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212").replace(".", decimal)))
     one.set_title(title, fontsize="small", loc="left")
     one.set_ylabel(ylabel, fontsize="small")
     one.tick_params(labelsize="x-small")

@@ -13,33 +13,37 @@ if TYPE_CHECKING:
 
 # sizes are those of paper: the report is printed for the maintenance file
 _STYLE = """
-@page { size: A4; margin: 15mm 14mm 16mm; @bottom-right { content: counter(page) " / " counter(pages); font: 8pt sans-serif } }
+@page { size: A4; margin: 12mm 14mm 13mm; @bottom-right { content: counter(page) " / " counter(pages); font: 8pt sans-serif } }
 * { box-sizing: border-box }
 html { color-scheme: light; -webkit-print-color-adjust: exact; print-color-adjust: exact }
-body { font: 10.5pt/1.45 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1a1d21; background: #fff; margin: 0 auto;
+body { font: 9.5pt/1.35 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1a1d21; background: #fff; margin: 0 auto;
   max-width: 190mm; padding: 8mm 5mm }
-h1 { font-size: 19pt; line-height: 1.2; margin: 0 0 2mm; letter-spacing: -.01em }
-h2 { font-size: 14pt; margin: 11mm 0 2mm; padding-bottom: 1mm; border-bottom: 1.5pt solid #1b4d7a; break-after: avoid }
-h3 { font-size: 11.5pt; margin: 6mm 0 1mm; break-after: avoid }
-p { margin: 1.5mm 0 }
+h1 { font-size: 15pt; line-height: 1.2; margin: 0 0 .5mm; letter-spacing: -.01em }
+h2 { font-size: 12pt; margin: 3mm 0 1mm; padding-bottom: 1mm; border-bottom: 1.5pt solid #1b4d7a; break-after: avoid }
+h3 { font-size: 10pt; margin: 2.5mm 0 .5mm; break-after: avoid }
+p { margin: .7mm 0 }
 p:has(+ table) { break-after: avoid }
-.sub { color: #555; margin-bottom: 5mm }
-table { border-collapse: collapse; margin: 2mm 0 4mm; font-size: 9pt; font-variant-numeric: tabular-nums; width: 100% }
+.sub { color: #555; margin-bottom: 2mm; font-size: 8.5pt }
+table { border-collapse: collapse; margin: .5mm 0 1.5mm; font-size: 8.5pt; font-variant-numeric: tabular-nums; width: 100% }
 thead { display: table-header-group }
-th { text-align: left; font-weight: 600; border-bottom: 1pt solid #555; padding: .8mm 2mm; vertical-align: bottom }
-td { border-bottom: .4pt solid #d5d9de; padding: .8mm 2mm; vertical-align: top }
+th { text-align: left; font-weight: 600; border-bottom: 1pt solid #555; padding: .4mm 1.5mm; vertical-align: bottom }
+td { border-bottom: .4pt solid #d5d9de; padding: .4mm 1.5mm; vertical-align: top }
 tr { break-inside: avoid }
 td:first-child { white-space: nowrap }
 .n { text-align: right; white-space: nowrap }
 th.n { white-space: normal }
-figure { margin: 3mm 0 5mm; break-inside: avoid }
+figure { margin: 1.5mm 0 2mm; break-inside: avoid }
 figure svg, figure img { width: 100%; height: auto; display: block }
-figcaption { font-size: 9pt; color: #444; margin-top: 1mm }
-.box { border: .6pt solid #c3cad2; border-left: 3pt solid #1b4d7a; padding: 2mm 4mm; margin: 3mm 0; background: #f6f8fa;
+figcaption { font-size: 8pt; color: #444; margin-top: .5mm }
+.box { border: .6pt solid #c3cad2; border-left: 3pt solid #1b4d7a; padding: 1mm 3.5mm; margin: 1.5mm 0; background: #f6f8fa;
   break-inside: avoid }
+.lead { font-size: 11pt } .small { font-size: 8.5pt } .fine { font-size: 7.5pt; color: #444; break-inside: avoid }
+.fine ul { columns: 2; column-gap: 8mm; margin: .5mm 0 }
+h4 { font-size: 7.5pt; margin: 1.5mm 0 0 } .fine p { margin: .3mm 0 } .fine li { break-inside: avoid }
+.sign { margin-top: 7mm; break-inside: avoid } .sign td { border: 0; border-top: .6pt solid #555; width: 50% }
 .good { color: #14682f } .bad { color: #a3161c; font-weight: 600 } .warn { color: #85510a } .dim { color: #666 }
 .mark { display: inline-block; min-width: 24mm; font-weight: 600 }
-.chip { display: inline-block; padding: .2mm 2.2mm; border-radius: 3mm; border: .6pt solid currentColor; font-size: 8.5pt;
+.chip { display: inline-block; padding: 0 2mm; border-radius: 3mm; border: .6pt solid currentColor; font-size: 8pt;
   font-weight: 600; white-space: nowrap }
 ul { margin: 1mm 0 3mm; padding-left: 6mm }
 details summary { cursor: pointer; font-weight: 600 }
@@ -75,11 +79,12 @@ def escaped(value: object) -> str:
     return "–" if value is None else html.escape(str(value))
 
 
-def page(title: str, subtitle: str, parts: Iterable[str]) -> str:
+def page(title: str, subtitle: str, parts: Iterable[str], language: str = "en") -> str:
     """The whole HTML document; `parts` are HTML."""
     head = f"<title>{escaped(title)}</title>\n<style>{_STYLE}</style>"
     return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">\n'
+        f'<!doctype html>\n<html lang="{language}"><head><meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">\n'
         f'{head}</head>\n<body>\n<h1>{escaped(title)}</h1>\n<p class="sub">{escaped(subtitle)}</p>\n'
         + "\n".join(parts)
         + "\n</body></html>\n"

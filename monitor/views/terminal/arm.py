@@ -1,5 +1,6 @@
 """What the commands `status`, `alerts`, `history` and `check` print about one arm."""
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +12,9 @@ from rich.text import Text
 from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.unseen_step import unseen_steps_text
 from monitor.model.joint_names import joint_name, joint_text
+from monitor.views.alert_sentence import JointPast, sentences
+from monitor.views.language.catalogue import ENGLISH
+from monitor.views.language.dates import unix_s
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
 from monitor.views.units import PERCENT_PER_MONTH
 
@@ -24,6 +28,8 @@ def print_alerts(alerts: list[dict[str, Any]]) -> None:
         place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
         state = alert["tier"] if alert["active"] else "cleared"
         console.print(f"[bold]{place}/{alert['condition']}[/] [{TIER_STYLE.get(state, 'white')}]{state}[/] since {alert['raised_at']}")
+        if alert["active"]:
+            _print_leading(console, alert, None)
         console.print(f"  {alert['text']}")
         console.print(f"  do: {alert['action']}")
         if alert["acknowledged_at"]:
@@ -54,9 +60,10 @@ def print_status(document: dict[str, Any]) -> None:
                 console.print(text, highlight=False)
     for alert in health["alerts"] if health else document.get("early_alerts", []):
         if alert.get("active"):
-            console.print(
-                f"[bold]{'arm' if alert['joint'] is None else joint_name(alert['joint'])} {alert['condition']}[/]: {alert['text']}"
-            )
+            rows = [row for row in document["friction"] if row["joint"] == alert["joint"]]
+            _print_leading(console, alert, rows[0] if rows else None)
+            place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
+            console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {alert['text']}", highlight=False, markup=False)
     if document.get("monitor"):
         console.print(monitor_lines(document["monitor"]), highlight=False, markup=False)
     for row in document["ledger"]:
@@ -65,6 +72,13 @@ def print_status(document: dict[str, Any]) -> None:
         )
         for nth, each in enumerate(row.get("tries", []), start=1):
             console.print(f"    try {nth} ended {each['at']}: {each['reason']}", highlight=False, markup=False)
+
+
+def _print_leading(console: Console, alert: dict[str, Any], friction: dict[str, Any] | None) -> None:
+    """Print the sentences that an alert leads with. friction : newest estimate of its joint, as `status` knows it."""
+    learnt = None if friction is None or not friction.get("recorded_at") else unix_s(friction["recorded_at"])
+    told = sentences(alert, JointPast(friction, None, learnt), time.time(), ENGLISH)
+    console.print(Text.assemble((told.headline, "bold"), *(f" {more}" for more in (told.pace, told.due) if more)))
 
 
 def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]], *, of_then: bool = False) -> Table:

@@ -1,0 +1,134 @@
+"""The alerts of a report, the gravest first: the sentence that decides, then its evidence, then what people did about it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.judge.alerts.health import TIERS
+from monitor.views.alert_sentence import JointPast, sentences
+from monitor.views.language.catalogue import Language
+from monitor.views.language.dates import moment, unix_s
+from monitor.views.marks import mark_text
+from monitor.views.report.charts import STATE_COLOURS
+from monitor.views.report.html import Markup, escaped, heading, paragraph, table
+
+N_ = str  # marks a text for the catalogue
+STATE_WORDS = {
+    "NORMAL": N_("Normal"),
+    "CHECK_FUNCTION": N_("Check function"),
+    "OFF_SPEC": N_("Out of specification"),
+    "MAINTENANCE_REQUIRED": N_("Maintenance required"),
+    "FAILURE": N_("Failure"),
+}
+TIER_WORDS = {"advisory": N_("notice"), "wear": N_("wear"), "limit": N_("limit")}
+SHOWN = 24  # transitions in the table; updates of an alert are counted only
+
+
+def chip(state: str, say: Language) -> Markup:
+    """A state as a word in its colour."""
+    words = say.say(STATE_WORDS[state]) if state in STATE_WORDS else state
+    return Markup(f'<span class="chip" style="color:{STATE_COLOURS.get(state, "#555")}">{escaped(words)}</span>')
+
+
+def by_gravity(alerts: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The gravest tier first, of equal ones the active first, then the oldest."""
+    return sorted(alerts, key=lambda alert: (-TIERS.index(alert["tier"]), not alert["active"], alert["raised_at"]))
+
+
+def lead(alert: Mapping[str, Any], report: Mapping[str, Any], say: Language) -> list[str]:
+    """The sentences that an alert leads with, as of the end of the period."""
+    rows = [row for row in report["joints"] if row["joint"] == alert["joint"]]
+    replays = [row["recorded_at"] for row in report["history"]] or [report["from"]]
+    began = report.get("began_at") or replays[0]
+    past = JointPast(rows[0] if rows else None, unix_s(began), unix_s(replays[-1]))
+    told = sentences(alert, past, unix_s(report["to"]) if report["to"] < report["made_at"] else unix_s(report["made_at"]), say)
+    return [sentence for sentence in told if sentence]
+
+
+def alert_boxes(report: Mapping[str, Any], say: Language) -> list[str]:
+    """A box for each alert of the period."""
+    return ['<div class="box">' + "".join(_lines(alert, report, say)) + "</div>" for alert in by_gravity(report["alerts"])]
+
+
+def _lines(alert: Mapping[str, Any], report: Mapping[str, Any], say: Language) -> list[str]:
+    headline, *others = lead(alert, report, say)
+    state = say.say("active") if alert["active"] else say.say("cleared {when}", when=moment(unix_s(alert["cleared_at"]), say))
+    kind = f"{say.joint(alert['joint'])}: {_name(alert['condition'], say)}{_tier(alert, say)}, {state}"
+    raised = say.say("raised {when}", when=moment(unix_s(alert["raised_at"]), say))
+    lines = [paragraph(f"{kind}; {raised}", "dim small"), paragraph(Markup(f'<b class="lead">{escaped(headline)}</b>'))]
+    if alert["active"]:
+        lines.append(paragraph(" ".join(others)))
+        action = say.retell(alert["action"])
+        if action not in others:
+            lines.append(paragraph(action))
+    lines += [paragraph(say.retell(alert["text"]), "small"), _probability(alert, say)]
+    if alert["acknowledged_at"]:
+        when = moment(unix_s(alert["acknowledged_at"]), say)
+        lines.append(
+            paragraph(
+                _because(say.say("Acknowledged by {who}, {when}", who=alert["acknowledged_by"], when=when), alert["acknowledged_why"])
+            )
+        )
+    elif alert["active"]:
+        lines.append(paragraph(say.say("Not acknowledged."), "warn"))
+    if alert["shelved_until"]:
+        when = moment(unix_s(alert["shelved_until"]), say)
+        lines.append(
+            paragraph(_because(say.say("Shelved by {who} until {when}", who=alert["shelved_by"], when=when), alert["shelved_why"]))
+        )
+    return lines
+
+
+def _probability(alert: Mapping[str, Any], say: Language) -> str:
+    """The probability of the change that the condition is about; nothing for a condition of the data, which has none."""
+    condition = CONDITIONS.get(alert["condition"])
+    if condition is None or condition.probability_of is None:
+        return ""
+    chance = alert["probability"]  # no evidence makes it 100 %
+    figure = say.say("more than {percent} %", percent=say.figure(99.99, 2)) if chance > 0.9999 else say.percent(chance, 2)
+    what = say.say(condition.probability_of)
+    return paragraph(say.say("Probability that friction {what}: {chance}.", what=what, chance=figure), "small")
+
+
+def transitions(report: Mapping[str, Any], say: Language) -> list[str]:
+    """What happened to alerts, and what people did, as a table; updates are counted only."""
+    told = [event for event in report["events"] if event["kind"] != "updated"]
+    if not told:
+        return []
+    rows = [
+        [
+            moment(unix_s(event["at"]), say),
+            say.joint(event["joint"]),
+            say.retell(mark_text(event) or "") or _name(event.get("condition") or event["kind"], say),
+            say.retell(event["kind"]) + _tier(event, say),
+            _by(event),
+        ]
+        for event in told[-SHOWN:]
+    ]
+    left = len(report["events"]) - len(rows)
+    titles = [say.say("When"), "", say.say("Alert"), say.say("What"), say.say("by whom and why")]
+    parts = [heading(say.say("What happened"), 3), table(titles, rows)]
+    return [*parts, paragraph(say.say("{count} updates and older transitions are left out.", count=left), "dim small")] if left else parts
+
+
+def _by(event: Mapping[str, Any]) -> str | None:
+    """Who did it, and why; None where nobody did."""
+    names = ("by", "acknowledged_by") if event["kind"] != "shelved" else ("by", "shelved_by")
+    who = next((event[name] for name in names if event.get(name)), None)
+    if who is None or event["kind"] in {"raised", "cleared"}:
+        return None
+    return _because(who, event.get(names[1].replace("_by", "_why")) or event.get("why"))
+
+
+def _tier(event: Mapping[str, Any], say: Language) -> str:
+    words = TIER_WORDS.get(event.get("tier") or "")
+    return f", {say.say(words)}" if words else ""
+
+
+def _because(text: str, why: str | None) -> str:
+    return f"{text}: {why}" if why else text
+
+
+def _name(condition: str, say: Language) -> str:
+    text = say.retell(condition).replace("_", " ")
+    return text[:1].upper() + text[1:]
