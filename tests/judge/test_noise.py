@@ -92,6 +92,31 @@ def test_a_shock_that_fades_is_no_step_and_a_step_is_found_at_its_third_replay()
     assert state.filter_state.wear[J + 1] == pytest.approx(0.4, abs=0.06)
 
 
+def test_noise_far_below_its_prior_is_learnt_within_weeks():
+    """Noise of 0.7 % and no correlation: after 30 replays neither the prior of 2 % nor what was taken off for it is left in either."""
+    rng = np.random.default_rng(3)
+    state, _ = lived(correlated(rng, 30, 10 * J, std=0.007, rho=0.0))
+    filter_state = state.filter_state
+    assert np.median(np.sqrt(filter_state.noise_var(J, DRIFT))) < 0.009
+    assert np.median(filter_state.autocorrelation(J, DRIFT)) < 0.4
+
+
+@pytest.mark.parametrize(
+    ("law", "days"),
+    [(lambda t: 0.1 * (t > 0), 2), (lambda t: 0.02 * t, 5), (lambda t: 0.002 * t**2, 7)],
+    ids=["a step of 10 %", "2 % a day", "accelerating"],
+)
+def test_fast_wear_after_two_weeks_is_at_a_tier_within_days(law, days):
+    """Growing outliers in a row are no shock that fades: nine of ten are found as soon as release 0.1.0 found half of them."""
+    rng, arms, onset = np.random.default_rng(4), 30, 14
+    noise = correlated(rng, onset + days + 1, arms * J, std=0.003, rho=0.0)
+    grown = np.log1p([law(max(day - onset + 1, 0)) for day in range(len(noise))])
+    noise[:, 2::J] += grown[:, None]
+    _, alerted = lived(noise, learning=onset)
+    assert np.mean(alerted[2::J]) >= 0.9
+    assert not np.any(np.delete(alerted.reshape(arms, J), 2, axis=1))
+
+
 def test_joints_are_as_alike_as_they_prove_to_be():
     """Few replays: near the arm's mean. Many: each its own. Equal joints stay equal, and no joint leaves the range of all."""
     var = np.array([1.0, 1.0, 4.0, 1.0, 0.25, 1.0]) * 4e-4

@@ -102,7 +102,7 @@ def test_a_common_step_is_told_once_of_the_arm_and_blames_no_joint():
         return 0.04 * (day >= 90) + of_joint(4, 0.08 * (day >= 150))
 
     lived = Lived(8, 190, path, seed=2)
-    assert lived.together[90:140].any(axis=0).sum() >= 7
+    assert lived.together[90:140].any(axis=0).sum() >= 6  # of 8; with other seeds, 94 % of 64 arms
     assert lived.rises[:150].any(axis=0).sum() <= 1  # of 48 joints, one may be so early that the others say nothing yet
     assert lived.rises[150:, :, 4].any(axis=0).sum() >= 7
 

@@ -37,6 +37,7 @@ KINDS = 2  # of sudden changes: a step of wear, a new wear rate
 DIFFUSE_VAR = 100.0  # [log²] of an unknown level: e^±10 covers every torque, and float64 keeps 10 digits for the rest
 LOG_RISE = np.array([-3.0, 3.0])  # [log] bounds of wear: no joint has 20 times its friction, or a twentieth of it
 UNKNOWN_NOISE = 1.5  # times the prior noise is assumed at first: noise above its prior would be taken for changes while it is learnt
+PRIOR_CORRELATION = 8.0  # [replays] weight of the prior correlation of noise
 REPLAYS_PER_LENGTH = 6.0  # of noise: a correlation over 1/(1 − ρ) replays needs so many times as many to show
 SLOPE_CHANGE = 0.15  # [fraction] by which another load may change β: it shifts the share of viscous friction
 FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: two heat nodes of lags 3 to 30 min leave the same 0.1 to 0.5 % of F with 0.05 to 0.2
@@ -124,7 +125,9 @@ class FilterState:
         trim = J // 6 + (J == 5)
         longest = self.noise_weight.reshape(-1, J).mean(axis=1) / REPLAYS_PER_LENGTH
         most = np.clip(1.0 - 1.0 / np.maximum(longest, 1e-9), settings.autocorrelation, settings.autocorrelation_max)
-        rho = np.clip(each[:, trim : J - trim].mean(axis=1), 0.0, most)
+        n = self.noise_weight.reshape(-1, J).mean(axis=1)
+        shown = (n * each[:, trim : J - trim].mean(axis=1) + PRIOR_CORRELATION * settings.autocorrelation) / (n + PRIOR_CORRELATION)
+        rho = np.clip(shown, 0.0, most)
         return np.repeat(rho, J)
 
     def noise_var(self, joints_per_arm: int, settings: DriftSettings) -> Array:

@@ -92,7 +92,9 @@ def update_noise(state: FilterState, innovation: Innovation, event: Array, joint
 
         E[r²] = σ² + R + L + 2C,   E[rₖ·rₖ₋₁] = ρ·(σ² + C).
 
-    Without these terms the uncertainty of level and wear rate would count as noise: in a joint that wears, as much as a sixth of σ².
+    L and C are as large as the noise that is believed, so what they explain is a share of what is seen: taken off as amounts, they
+    would hide noise far below its prior, and would make it look correlated. Without these terms the uncertainty of level and wear rate
+    would count as noise: in a joint that wears, as much as a sixth of σ².
     Outliers and replays without a temperature are left out, because one of them would weigh as much as a hundred others. Outliers count
     where they are so frequent that the noise must be larger than assumed.
     """
@@ -104,11 +106,13 @@ def update_noise(state: FilterState, innovation: Innovation, event: Array, joint
     usable = informative & np.isfinite(state.residual)
     before = np.where(usable, state.residual, 0.0)
     n = np.where(usable, np.minimum(state.noise_weight + 1.0, settings.memory_replays), state.noise_weight)
-    limit = CLIPPED * np.sqrt(np.maximum(state.step_var + state.product, 0.0) + within)
+    var = state.noise_var(joints_per_arm, settings)
+    limit = CLIPPED * np.sqrt(var + within)
     clipped, clipped_before = np.clip(now, -limit, limit), np.clip(before, -limit, limit)
-    half = 0.5 * (clipped - clipped_before) ** 2 - within - np.maximum(innovation.level_var + (2.0 - rho) * shared, 0.0)
+    quiet = var * (1.0 - rho)
+    half = (0.5 * (clipped - clipped_before) ** 2 - within) * quiet / (quiet + np.maximum(innovation.level_var + (2.0 - rho) * shared, 0.0))
     step_var = np.where(usable, state.step_var + (half - state.step_var) / n, state.step_var)
-    alike = clipped * clipped_before - rho * np.minimum(shared, 0.0)
+    alike = clipped * clipped_before * var / np.maximum(var + np.minimum(shared, 0.0), var / 3.0)
     product = np.where(usable, state.product + (alike - state.product) / n, state.product)
     activity = follow(state.activity, np.where(usable, half / step_var, np.nan), joints_per_arm)
     # the replays before and after a silent one are still compared with each other

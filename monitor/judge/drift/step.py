@@ -30,7 +30,7 @@ from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.usage import Usage, no_usage, update_usage
 from monitor.judge.temperature.laws import Law, TemperatureSettings, initial_law, inside_range, reopen_law, update_law
-from monitor.judge.temperature.stuck import SensorHistory, forget_sensors, stuck_sensors, update_sensors
+from monitor.judge.temperature.stuck import SensorHistory, forget_sensors, stuck_sensors, suspect_sensors, update_sensors
 from monitor.recording import Array
 
 
@@ -77,7 +77,7 @@ class StepResult(NamedTuple):
     state: DriftState
     observation: Observation  # (N,) each, as the filter used it: NaN where a value was withheld
     inside_range: np.ndarray  # (N,) whether the temperature lies in the range that was learned before this replay
-    stuck: np.ndarray  # (N,) whether the temperature sensor is stuck, so that its value was withheld
+    stuck: np.ndarray  # (N,) whether the temperature sensor is stuck; its value is withheld already where it may be
 
 
 class JointReplay(NamedTuple):
@@ -102,6 +102,7 @@ def initial_state(observation: Observation, joints_per_arm: int, drift: DriftSet
     fall, fall_std = temperature.viscous_fall_per_k, temperature.viscous_fall_std_per_k
     coulomb_std = temperature.coulomb_fall_std_per_k
     state = initial_filter(observation, drift, fall_per_k=fall, fall_std_per_k=fall_std, coulomb_std_per_k=coulomb_std)
+    state = replace(state, noise_weight=state.noise_weight / joints_per_arm)  # the prior is one of the arm: each joint has its part
     T0, N, scatter = state.origin_c, state.joints, temperature.scatter
     unknown = np.full(N, np.nan)
     return DriftState(
@@ -167,8 +168,8 @@ def step(
     True
     """
     joint = per_joint(state, replay)
-    state, stuck = check_sensors(state, joint)
-    observation = withhold(joint, stuck)
+    state, stuck, suspect = check_sensors(state, joint)
+    observation = withhold(joint, suspect)
     state = enter_context(state, joint, drift, temperature)
     state = age(state, joint.days, joint.revolutions, drift)
     inside = inside_range(state.viscous.range_c, observation.temperature_c, temperature.margin_k)  # the range before this replay
@@ -211,18 +212,18 @@ def look_beside(state: DriftState, joint: JointReplay, observation: Observation)
     return replace(joints, channels=update_channels(joints.channels, replay, state.joints_per_arm))
 
 
-def check_sensors(state: DriftState, joint: JointReplay) -> tuple[DriftState, np.ndarray]:
-    """The state with the sensors' history after this replay, and which joints' temperature sensors are stuck (N,)."""
+def check_sensors(state: DriftState, joint: JointReplay) -> tuple[DriftState, np.ndarray, np.ndarray]:
+    """The state with the sensors' history after this replay, which joints' temperature sensors are stuck, and which may be, (N,) each."""
     measured = np.where(joint.replayed, joint.observation.temperature_c, np.nan)
     sensors = update_sensors(state.sensors, measured, state.joints_per_arm)
-    return replace(state, sensors=sensors), stuck_sensors(sensors)
+    return replace(state, sensors=sensors), stuck_sensors(sensors), suspect_sensors(sensors)
 
 
-def withhold(joint: JointReplay, stuck: np.ndarray) -> Observation:
-    """The observation as the filter may use it: no temperature of a stuck sensor, no friction under an undeclared change."""
+def withhold(joint: JointReplay, suspect: np.ndarray) -> Observation:
+    """The observation as the filter may use it: no temperature of a sensor that may be stuck, no friction under an undeclared change."""
     seen = joint.observation
     return seen._replace(
-        temperature_c=np.where(stuck, np.nan, seen.temperature_c),
+        temperature_c=np.where(suspect, np.nan, seen.temperature_c),
         log_torque=np.where(joint.undeclared, np.nan, seen.log_torque),
     )
 

@@ -14,6 +14,7 @@ from monitor.recording import Array
 SAME_K = 1.0 / 32.0  # [K] half a step of a UR's sensor: the mean over a replay varies by more
 REPLAYS = 5  # in a row with the same value …
 MOVED_K = 3.0  # [K] … while the median of the other joints varied by so much
+SUSPECT_REPLAYS, SUSPECT_MOVED_K = 3, 1.0  # the same of a value that is not used until it changes, and that nobody is told of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,6 +54,13 @@ def stuck_sensors(sensors: SensorHistory) -> np.ndarray:
     moved = sensors.others_high_c - sensors.others_low_c
     stuck: np.ndarray = (sensors.replays >= REPLAYS) & (np.nan_to_num(moved) >= MOVED_K)
     return stuck
+
+
+def suspect_sensors(sensors: SensorHistory) -> np.ndarray:
+    """(N,) which sensors may be stuck: until that is sure, a temperature that they missed would look like friction."""
+    moved = sensors.others_high_c - sensors.others_low_c
+    suspect: np.ndarray = (sensors.replays >= SUSPECT_REPLAYS) & (np.nan_to_num(moved) >= SUSPECT_MOVED_K)
+    return suspect
 
 
 def sensors_from_document(document: Any, joints: int) -> SensorHistory | None:
