@@ -8,6 +8,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify import warnings as remarks_on
+from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
 from monitor.identify.fit.covariance import covariances, mapped, positive
 from monitor.identify.fit.equations import FitProblem, equations_of, layout_of
 from monitor.identify.fit.fit import Fit, fit, refit
@@ -127,6 +128,14 @@ def identify_motions(
     own_warnings = [*remarks_on.of_joints(robot, speeds, moving), *remarks_on.of_robust_weights(found.rows)]
     excited = found.solution.excited[: base.count] | (problem.layout.rigid & problem.layout.frozen)
     own_warnings += remarks_on.of_solution(base.names, excited, condition, len(measured), paper.coulomb_nm, paper.viscous_nm_s_per_rad)
+    own_warnings += diagnose(
+        problem,
+        found,
+        robot,
+        nominal=base.combination @ robot.nominal_parameters(),
+        friction_nm=paper.coulomb_nm + REFERENCE_RAD_S * paper.viscous_nm_s_per_rad,
+        relative_rms=errors.relative_rms,
+    )
     if physical is not None and physical.residual_ratio > remarks_on.FAR_FROM_PHYSICAL:
         own_warnings.append(remarks_on.far_from_physical(physical.residual_ratio))
     return Identification(

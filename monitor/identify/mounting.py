@@ -67,6 +67,9 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
     found = upward(motions, torques, robot, mounting)
     if not found.contradicts:
         return None
+    offset = ""
+    if not upward(motions, torques, robot, mounting, offsets=True).contradicts:
+        offset = "; an offset of a joint's current or torque would explain it as well"
     angle_deg, std_deg = math.degrees(found.angle_rad), math.degrees(found.std_rad)
     sign = {
         "inertia": "",
@@ -76,7 +79,7 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
     return DataWarning(
         "mounting_contradiction",
         f"gravity in the data is {angle_deg:.0f} ± {max(std_deg, 0.1):.2g}° from where the mounting {_called(mounting)} puts it: "
-        f"likely is {_likely(found.up)}{sign}; rotation about the vertical (yaw) never shows in torques",
+        f"likely is {_likely(found.up)}{sign}{offset}; rotation about the vertical (yaw) never shows in torques",
     )
 
 
@@ -91,9 +94,12 @@ def _agrees(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, m
     return bool(math.degrees(math.acos(min(1.0, float(up @ configured)))) < 0.5 * CONTRADICTION_DEG and problem.agreement(up) > ALIKE)
 
 
-def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Upward:
-    """The direction up in the base, by motions and torques (N, J) [N·m]. The search starts from the axes and from the mounting."""
-    problem = _Problem(motions, torques, robot)
+def upward(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting, *, offsets: bool = False) -> Upward:
+    """The direction up in the base, by motions and torques (N, J) [N·m]. The search starts from the axes and from the mounting.
+
+    offsets : every joint's torque may have an offset, which would otherwise count as weight.
+    """
+    problem = _Problem(motions, torques, robot, offsets=offsets)
     configured = -mounting.gravity_in_base / np.linalg.norm(mounting.gravity_in_base)
     ends = [problem.descend(_nudged(start)) for start in (configured, *_AXES)]
     best = min(ends, key=problem.cost)
@@ -139,14 +145,17 @@ class _Solved(NamedTuple):
 class _Problem:
     """Least squares with gravity free: the cost of a direction, its Gauss–Newton step, and the standard deviation of an angle."""
 
-    def __init__(self, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, samples: int = SAMPLES) -> None:
+    def __init__(
+        self, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, samples: int = SAMPLES, offsets: bool = False
+    ) -> None:
         base = base_parameters(robot, _ASKEW)
-        B = base.count
+        free = robot.joints if offsets else 0
+        B = base.count + free
         kinds = np.array(base.columns) % PER_JOINT
         self.weighty = np.flatnonzero(kinds < 4)  # places of masses and first moments: gravity acts only on these
-        self.nominal = base.combination @ robot.nominal_parameters()  # (B,)
+        self.nominal = np.append(base.combination @ robot.nominal_parameters(), np.zeros(free))  # (B,)
         step = max(1, sum(moved.samples for moved in motions) // samples)
-        rows = [_rows(moved, torque, robot, base.columns, self.weighty, step) for moved, torque in zip(motions, torques, strict=True)]
+        rows = [_rows(moved, torque, robot, base.columns, self.weighty, step, free) for moved, torque in zip(motions, torques, strict=True)]
         factors, evidence = [], 0.0
         self.size = 0.0
         for j in range(robot.joints):
@@ -236,10 +245,13 @@ class _Problem:
         return math.sqrt(noise * float(np.sum(part / np.maximum(s, 1e-12 * self.size + 1e-300))))
 
 
-def _rows(moved: Motion, torque: Array, robot: Robot, columns: tuple[int, ...], weighty: Indices, step: int) -> tuple[Array, Mask]:
+def _rows(
+    moved: Motion, torque: Array, robot: Robot, columns: tuple[int, ...], weighty: Indices, step: int, free: int
+) -> tuple[Array, Mask]:
     """Columns (n, J, B + 3W + 1) and the rows that count (n, J), of every `step`-th sample.
 
-    The columns are those without gravity, those that gravity along −x, −y and −z adds for the W weights, and the torque.
+    The columns are those without gravity, with `free` offsets of the joints' torques behind them, those that gravity along −x, −y and −z
+    adds for the W weights, and the torque.
     """
     q, qd, qdd, direction = (signal[::step] for signal in (moved.q, moved.qd, moved.qdd, moved.direction))
 
@@ -252,7 +264,8 @@ def _rows(moved: Motion, torque: Array, robot: Robot, columns: tuple[int, ...], 
     places = np.searchsorted(columns, friction_columns(robot.joints)[0])
     still[:, np.arange(robot.joints), places] = direction
     pulls = [part[:, :, weighty] for part in along]
-    return np.concatenate([still, *pulls, torque[::step, :, None]], axis=2), np.abs(qd) > STANDSTILL_SPEED_RAD_S
+    offsets = np.broadcast_to(np.eye(robot.joints)[:, :free], (len(q), robot.joints, free))
+    return np.concatenate([still, offsets, *pulls, torque[::step, :, None]], axis=2), np.abs(qd) > STANDSTILL_SPEED_RAD_S
 
 
 def _nudged(up: Array) -> Array:

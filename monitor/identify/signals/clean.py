@@ -35,7 +35,14 @@ FAR_S = 60.0  # a larger leap ahead is no hole in a recording of a replay
 HOLE_S = 1.0  # the hole that stands for an unknown time between two rows: longer than any gap that a spline bridges
 
 
-DOUBTS = ("clock_doubtful", "speeds_doubtful", "motion_jumps")  # codes of what is told and left as it is
+DOUBTS = (
+    "clock_doubtful",
+    "speeds_doubtful",
+    "motion_jumps",
+    "current_saturated",
+    "current_held",
+    "current_stuck",
+)  # codes of what is told and left as it is
 
 
 class Repair(NamedTuple):

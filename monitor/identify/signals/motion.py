@@ -12,6 +12,7 @@ from annotated_types import Interval
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair, cleaned
+from monitor.identify.signals.drives import check_drives, refuse_other_unit
 from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
 from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
@@ -105,6 +106,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     """
     settings = settings or SignalSettings()
     _drive(recording)  # refuses before anything is corrected
+    refuse_other_unit(recording)
     recording, repairs = cleaned(recording)
     sound = _usable_rows(recording, settings)
     keep, why = sound.keep, dict(sound.why)
@@ -124,6 +126,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     rate_hz = _rate(t_s)
     _refuse_poor_motion(recording, keep, rate_hz, settings)
 
+    repairs = (*repairs, *check_drives(recording, keep))
     measured = {key: value[keep] for key in LIMITS if (value := getattr(recording, key)) is not None}
     cutoff_hz = min(settings.cutoff_hz, 0.35 * rate_hz)  # at low rates the cutoff must be lower
     repaired = despike(measured) if settings.despike else 0

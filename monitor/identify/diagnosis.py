@@ -1,0 +1,200 @@
+"""Why a fit is poor: the causes that leave a trace in the residual, joint by joint.
+
+A joint whose residual is large has a warning of its own, `poor_fit`. Some causes also bend friction where the residual stays small: torque
+that comes late against the motion looks viscous, and an offset looks like weight. These are fitted beside the law, on a part of the rows.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor.identify.fit.equations import FitProblem, own_columns
+from monitor.identify.fit.fit import Fit
+from monitor.identify.fit.jackknife import CORRELATED_S
+from monitor.identify.fit.least_squares import Rows, factors, residuals_of, solve
+from monitor.identify.warnings import MOVING_SHARE, DataWarning
+from monitor.model.friction import residual_law
+from monitor.model.robot import Robot
+from monitor.recording import Array, Mask
+
+POOR = 0.15  # of the torque's RMS: the residual of real arms in motion is 2–9 % of it
+LATE_S = 0.025  # real wrists grip before they slide, which looks like 10–22 ms; a filter or a slow clock delays by more
+LATE_ALL_S = 0.017  # of the median joint; on real arms it is 5–12 ms
+LONGEST_S = 0.3  # delay that is tried
+IMPROVED = 0.7  # of the residual may remain where a delay explains it
+OFFSET = 0.15  # of the friction at 0.4 rad/s; on real arms it is below 0.1
+SURE = 5.0  # standard deviations
+ROWS = 1200  # of all recordings together, for causes that change slowly
+# of the joint's largest torque, at 0.4 rad/s: of real arms 5–20 % by the motor's current, and 0.5 % or more by sensors behind the gear
+FRICTION_SHARE = {"current": (0.012, 0.6), "torque": (0.002, 0.6)}
+WEIGHT_RATIO = (0.3, 4.0)  # of the manufacturer's arm; a payload near the limit doubles it on the joints that carry the arm
+HEAVY = 0.08  # of the joint's largest torque: on a lighter joint a tool may weigh ten times as much as the arm outward of it
+ALIKE = 0.9  # cosine at which the torques of the fitted arm and of the manufacturer's are the same but for their size
+EXPLAINED = 0.5  # of the residual's square: another joint's motion explains it
+REFERENCE_RAD_S = 0.4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Traces:
+    """What was fitted beside the law, (J,) each."""
+
+    late_s: Array  # the torque comes so much later than the motion
+    late_std_s: Array
+    offset_nm: Array
+    offset_std_nm: Array
+
+
+def diagnose(
+    problem: FitProblem, found: Fit, robot: Robot, *, nominal: Array, friction_nm: Array, relative_rms: Array
+) -> Iterator[DataWarning]:
+    """Warnings about fits that are poor, and about causes that bend friction without a large residual.
+
+    nominal : (B,) the manufacturer's base parameters. friction_nm : (J,) at 0.4 rad/s. relative_rms : (J,) residual over torque.
+    Joints that hardly move have a warning of their own and none of these.
+    """
+    seen = np.mean(np.concatenate([eq.used for eq in problem.equations]), axis=0) > MOVING_SHARE  # (J,)
+    friction_nm = np.where(seen, friction_nm, np.nan)
+    traces = _traces(problem, found)
+    poor = seen & (relative_rms > POOR)
+    yield from _late(_shifted(problem, found, traces, poor) if poor.any() else traces, seen)
+    yield from _offsets(traces, friction_nm)
+    yield from _gains(problem, robot, nominal, found.solution.values[: len(problem.prior)], friction_nm)
+    relative_rms = np.where(seen, relative_rms, np.nan)
+    for j in np.flatnonzero(relative_rms > POOR):
+        cause = _explained_by(found, int(j), len(relative_rms))
+        also = "" if cause is None else f"; the motion of joint {cause + 1} explains most of it: coupled axes, or exchanged columns"
+        yield DataWarning(
+            "poor_fit", f"joint {j + 1}: the model misses {relative_rms[j]:.0%} of the torque, on a sound recording below 10 %{also}"
+        )
+
+
+def _late(traces: _Traces, seen: Mask) -> Iterator[DataWarning]:
+    if not seen.any():
+        return
+    late, std = traces.late_s, traces.late_std_s
+    sure = seen & (np.abs(late) > SURE * std)
+    middle = float(np.median(late[seen]))
+    if abs(middle) > LATE_ALL_S and np.sum(sure) > 0.5 * np.sum(seen):
+        joints, size = "all joints", middle
+    else:
+        beyond = np.flatnonzero(sure & (np.abs(late - middle) > LATE_S))
+        if not len(beyond):
+            return
+        joints, size = f"joint{'s' if len(beyond) > 1 else ''} {', '.join(str(j + 1) for j in beyond)}", float(late[beyond[0]])
+    order = "later" if size > 0.0 else "earlier"
+    yield DataWarning(
+        "torque_delayed",
+        f"current or torque of {joints} comes about {1e3 * abs(size):.0f} ms {order} than the motion: "
+        f"this looks like viscous friction, and fv is not to be trusted",
+    )
+
+
+def _shifted(problem: FitProblem, found: Fit, traces: _Traces, poor: Mask) -> _Traces:
+    """The delays, with those of the poor joints by trial: a delay of several samples is no small change of the torque any more."""
+    late, std = traces.late_s.copy(), traces.late_std_s.copy()
+    rate_hz = problem.equations[0].motion.rate_hz
+    most = round(LONGEST_S * rate_hz)
+    step = max(1, sum(len(rec.Y) for rec in found.rows) // ROWS)
+    for j in np.flatnonzero(poor):
+        columns, torques = [], []
+        for rec in found.rows:
+            at = np.arange(most, len(rec.Y) - most, step)
+            at = at[rec.used[at, j] & (rec.segments[at - most] == rec.segments[at + most])]
+            columns.append(rec.Y[at, j])
+            torques.append(rec.torque_nm[at[:, None] + np.arange(-most, most + 1), j])
+        A, b = np.concatenate(columns), np.concatenate(torques)  # (n, X), (n, S)
+        if len(A) <= A.shape[1]:
+            continue
+        Q = np.linalg.qr(A[:, np.any(A != 0.0, axis=0)])[0]
+        left = np.linalg.norm(b - Q @ (Q.T @ b), axis=0)  # (S,)
+        best = int(np.argmin(left))
+        if left[best] < IMPROVED * left[most]:
+            late[j], std[j] = (best - most) / rate_hz, 0.0
+    return replace(traces, late_s=late, late_std_s=std)
+
+
+def _offsets(traces: _Traces, friction_nm: Array) -> Iterator[DataWarning]:
+    sure = np.abs(traces.offset_nm) > np.maximum(SURE * traces.offset_std_nm, OFFSET * np.abs(friction_nm))
+    for j in np.flatnonzero(sure):
+        yield DataWarning(
+            "torque_offset",
+            f"joint {j + 1}: current or torque has an offset of about {traces.offset_nm[j]:+.3g} N·m, which looks like weight",
+        )
+
+
+def _gains(problem: FitProblem, robot: Robot, nominal: Array, values: Array, friction_nm: Array) -> Iterator[DataWarning]:
+    """Friction or weight of a size that the joint cannot have."""
+    weight = [0.0] * robot.joints, [0.0] * robot.joints, [0.0] * robot.joints
+    for eq in problem.equations:
+        part = eq.Y[:: max(1, len(eq.Y) // ROWS)]
+        fitted, given = part @ np.where(problem.layout.load, values, 0.0), part @ np.where(problem.layout.load, nominal, 0.0)
+        for total, product in zip(weight, (fitted * given, given * given, fitted * fitted), strict=True):
+            total[:] = [sum(pair) for pair in zip(total, np.mean(product, axis=0), strict=True)]
+    cross, own, theirs = (np.array(total) for total in weight)
+    least, largest = FRICTION_SHARE["torque" if any(eq.motion.torque is not None for eq in problem.equations) else "current"]
+    for j in range(robot.joints):
+        most = float(robot.max_torque_nm[j])
+        share = abs(float(friction_nm[j])) / most
+        if not (np.isfinite(most) and np.isfinite(share)):
+            continue
+        if not least < share < largest:
+            text = f"joint {j + 1}: friction of {friction_nm[j]:.3g} N·m is {share:.2%} of the {most:g} N·m that the joint can give"
+            yield DataWarning("gain_doubtful", f"{text}: joint gains, or the unit of current or torque, are wrong")
+        elif np.sqrt(own[j]) > HEAVY * most and abs(cross[j]) > ALIKE * np.sqrt(own[j] * theirs[j]):
+            ratio = float(cross[j] / own[j])
+            if not WEIGHT_RATIO[0] < ratio < WEIGHT_RATIO[1]:
+                text = f"joint {j + 1}: the arm seems to weigh {ratio:.2g} times what the manufacturer says"
+                yield DataWarning("gain_doubtful", f"{text}: joint gains, their sign, or the robot's model are wrong")
+
+
+def _traces(problem: FitProblem, found: Fit) -> _Traces:
+    """Delay and offset of each joint's torque, fitted beside the law of the residual friction on a part of the rows."""
+    step = max(1, sum(len(rec.Y) for rec in found.rows) // ROWS)
+    rows, law, B = [], residual_law(), len(problem.prior)
+    for eq, rec in zip(problem.equations, found.rows, strict=True):
+        slope = np.gradient(rec.Y @ found.solution.values, axis=0) * eq.motion.rate_hz  # (N, J) [N·m/s]
+        extras = eq.extra_columns(law, found.solution.values[:B], problem.layout)
+        beside = np.concatenate([extras, slope[:, :, None], np.ones((*slope.shape, 1))], axis=2)[::step]
+        rows.append(
+            Rows(
+                np.concatenate([rec.Y[::step, :, :B], own_columns(beside)], axis=2),
+                rec.torque_nm[::step],
+                rec.used[::step],
+                rec.steps[::step],
+                rec.segments[::step],
+                None if rec.robust_weight is None else rec.robust_weight[::step],
+            )
+        )
+    unknowns = rows[0].Y.shape[2]
+    solution = solve(factors(rows), found.weights, np.append(problem.prior, np.zeros(unknowns - B)))
+    left = residuals_of(rows, solution.values)
+    scale = found.weights * np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))  # (J,) of the residual in units of the weights
+    alike = np.sqrt(max(1.0, CORRELATED_S * problem.equations[0].motion.rate_hz / step))  # residuals agree for half a second
+    J = len(scale)
+    std = alike * scale[:, None] * np.linalg.norm(solution.directions, axis=1)[B:].reshape(J, -1)  # (J, E)
+    beside_values = np.where(solution.excited[B:], solution.values[B:], 0.0).reshape(J, -1)
+    late, offset = beside_values[:, -2], beside_values[:, -1]
+    return _Traces(late_s=-late, late_std_s=std[:, -2], offset_nm=offset, offset_std_nm=std[:, -1])
+
+
+def _explained_by(found: Fit, j: int, joints: int) -> int | None:
+    """The other joint (from 0) whose motion explains the residual of joint j, None where none does."""
+    residual = np.concatenate([left[rec.used[:, j], j] for rec, left in zip(found.rows, found.residuals, strict=True)])
+    best, share = None, EXPLAINED
+    for k in range(joints):
+        if k == j:
+            continue
+        columns = np.concatenate([_own_motion(rec, k)[rec.used[:, j]] for rec in found.rows])
+        fitted = columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
+        explained = float(fitted @ fitted / max(residual @ residual, 1e-300))
+        if explained > share:
+            best, share = k, explained
+    return best
+
+
+def _own_motion(rec: Rows, k: int) -> Array:
+    """(N, E) what moves with joint k: the columns of its own row that act on it, friction among them."""
+    felt = np.flatnonzero(np.any(rec.Y[:, k] != 0.0, axis=0))
+    others: Sequence[int] = [c for c in felt.tolist() if not np.any(rec.Y[:, np.arange(rec.Y.shape[1]) != k, c])]
+    return rec.Y[:, k, list(others)]
