@@ -15,7 +15,7 @@ from typing import Protocol
 from monitor.acquire.schedule.check import check_windows, reach_back_s
 from monitor.acquire.schedule.observers import ColdStart, WarmUp
 from monitor.acquire.schedule.triggers import Triggers
-from monitor.acquire.schedule.windows import Window, upcoming
+from monitor.acquire.schedule.windows import Window, upcoming, windows
 from monitor.config.schema import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
@@ -169,9 +169,21 @@ class Scheduler:
         short = too_little_room(self._store, self._monitor.configuration.store.least_free_mb)
         if short is None:
             now = self._clocks.now()
-            self._monitor.perform(now, "requested", now + self._monitor.configuration.schedule.grace_s)
+            row = self._monitor.perform(now, "requested", now + self._monitor.configuration.schedule.grace_s)
+            if row is not None and row.state == "assessed":
+                self._serve_windows_beside(now)
         else:
             self._monitor.skip(self._clocks.now(), short, "requested")
+
+    def _serve_windows_beside(self, asked_unix_s: float) -> None:
+        """A window that is open when a replay is asked for, or opens soon after, needs no replay of its own once that one was learnt from."""
+        settings, began = self._monitor.configuration.schedule, self._store.ledger.began_unix_s()
+        reach_s = settings.grace_s + settings.jitter_s
+        near = windows(settings, asked_unix_s - reach_s, asked_unix_s + reach_s, began, self._salt)
+        for window in near:
+            is_open = window.opens_unix_s <= asked_unix_s < window.closes_unix_s
+            if (is_open or asked_unix_s < window.opens_unix_s <= asked_unix_s + settings.grace_s) and window.opens_unix_s >= self._not_before:
+                self._monitor.skip(window.key_unix_s, f"one replay serves this window and the request of {rfc3339(asked_unix_s)}")
 
     def coming(self, count: int, now: float | None = None) -> list[Window]:
         """The next `count` windows that the ledger does not have yet. Raises StoreError."""

@@ -36,6 +36,7 @@ class Arm:
         self.due: float | None = None
         self.mended = self.rewound = 0
         self.fails: Exception | None = None
+        self.outcome = "rejected"
         self.requests = ReplayRequests()
         self.scheduler = self.started()
 
@@ -49,7 +50,7 @@ class Arm:
         if ledger_id is None:
             return None
         self.replayed.append(window_unix_s)
-        self.store.ledger.end(ledger_id, "rejected", "a test", self.clock[0])
+        self.store.ledger.end(ledger_id, self.outcome, "a test", self.clock[0])
         return self.store.ledger.row(ledger_id)
 
     def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
@@ -260,6 +261,23 @@ def test_a_requested_replay_runs_at_once_and_beside_the_schedule(arm: Arm):
     arm.passes(60.0)
     assert len(arm.replayed) == 1
     assert arm.store.ledger.rows()[0].kind == "requested"
+
+
+def test_a_requested_replay_serves_the_window_beside_it(tmp_path: Path):
+    """`run --now` two minutes before the window, or while it is open: one replay, and the row of the window says which; not if it was lost."""
+    for begins_s, outcome, replays in ((-120.0, "assessed", 1), (120.0, "assessed", 1), (-120.0, "rejected", 2), (-3600.0, "assessed", 2)):
+        with Store.open(tmp_path / f"{begins_s}{outcome}") as store:
+            arm = Arm(tmp_path, store, cron="0 3 * * *", grace_s=600.0)
+            arm.outcome = outcome
+            arm.clock[0] += 3 * 3600.0 + begins_s
+            arm.scheduler = arm.started()
+            arm.requests.request()
+            arm.passes(1.0)
+            arm.outcome = "assessed"
+            arm.passes(2 * 3600.0)
+            assert len(arm.replayed) == replays, (begins_s, outcome)
+            if replays == 1:
+                assert ("skipped", "one replay serves this window and the request of") in [(a, b[:48]) for a, b in arm.states()]
 
 
 def test_two_requests_give_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
