@@ -1,5 +1,6 @@
 """The command `simulate`: a simulated UR controller."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -27,6 +28,9 @@ def simulate(
     control_script: Annotated[
         str | None, typer.Option(help="ur-rtde's script: modelled (the default), or executed line by line.", show_default=False)
     ] = None,
+    program: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Production program that is loaded, as TOML.", show_default=False)
+    ] = None,
     home: Annotated[
         str | None, typer.Option(metavar="Q1,…,Q6", help="Joint positions at the start [rad], as --home=….", show_default=False)
     ] = None,
@@ -39,6 +43,7 @@ def simulate(
 ) -> None:
     """Be a UR controller made of software, for the unmodified ur-rtde, until Ctrl-C."""
     from monitor.simulate.launch import announcement, numbers, settings_from
+    from monitor.simulate.program_tree import load_tree
     from monitor.simulate.scenario import load_scenario
 
     if fault is not None:
@@ -62,6 +67,7 @@ def simulate(
         personality=personality,
         control_script=control_script,
         home_rad=numbers("--home", home),
+        program=None if program is None else load_tree(program),
         command_port=command_port,
     )
     if view:
@@ -69,7 +75,7 @@ def simulate(
 
         options = {"--robot": robot, "--scenario": scenario, "--ambient": ambient, "--payload": payload, "--mounting": mounting}
         options |= {"--polyscope": polyscope, "--protective-runtime": protective_runtime, "--personality": personality, "--home": home}
-        options["--control-script"] = control_script
+        options |= {"--control-script": control_script, "--program": None if program is None else str(program)}
         given = [f"{option}={value}" for option, value in options.items() if value is not None]
         simulate_and_watch([f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", *given], bind, command_port)
         return

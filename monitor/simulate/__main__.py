@@ -3,10 +3,12 @@
 import argparse
 import logging
 import sys
+from pathlib import Path
 
 from monitor.errors import MonitorError
 from monitor.model.robot import robot_names
 from monitor.simulate.launch import numbers, settings_from
+from monitor.simulate.program_tree import load_tree
 from monitor.simulate.scenario import load_scenario
 from monitor.simulate.settings import CONTROL_SCRIPTS, PERSONALITIES, SimulateSettings
 
@@ -26,6 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--polyscope", default=None, metavar="VERSION", help="version to report, e.g. 5.11.0")
     parser.add_argument("--protective-runtime", default=defaults.protective_runtime, choices=["paused", "stopped", "playing"])
     parser.add_argument("--personality", default=defaults.personality, choices=PERSONALITIES, help="what is published beside the motion")
+    parser.add_argument("--program", metavar="FILE", help="production program that is loaded, as TOML")
     parser.add_argument("--control-script", default=defaults.control_script, choices=CONTROL_SCRIPTS, help="how ur-rtde's script is played")
     parser.add_argument(
         "--home", metavar="Q1,…,Q6", help="joint positions at the start [rad]; as --home=…, since they may begin with a minus"
@@ -49,6 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
             protective_runtime=given.protective_runtime,
             personality=given.personality,
             control_script=given.control_script,
+            program=None if given.program is None else load_tree(Path(given.program)),
             home_rad=numbers("--home", given.home),
             remote_control=not given.local_control,
             wear_per_revolution=numbers("--wear-per-revolution", given.wear_per_revolution),

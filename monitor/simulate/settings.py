@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.simulate.polyscope import BUILD_DATE, DEFAULT_VERSION, Version
+from monitor.simulate.program_tree import ProgramTree
 from monitor.simulate.scenario import Scenario
 
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # ur-rtde cannot use others
@@ -37,6 +38,7 @@ class SimulateSettings:
     remote_control: bool = True  # the dashboard's reply to `is in remote control`
     current_noise: float = 1.0  # multiplies the noise of the recorded arms
     scenario: Scenario | None = None  # the events and the room of this arm
+    program: ProgramTree | None = None  # the production program that is loaded; it plays when somebody presses Play
     personality: str = "ideal"  # what an arm publishes beside its motion: "ideal", or "recorded" as real arms were recorded
     control_script: str = "modelled"  # what plays ur-rtde's control script: its model, or the interpreter of URScript
     protective_runtime: str = "paused"  # what a protective stop does to the program; it is not documented for real controllers

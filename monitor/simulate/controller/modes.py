@@ -41,6 +41,7 @@ class Modes:
     robot: RobotMode = RobotMode.RUNNING
     safety: SafetyMode = SafetyMode.NORMAL
     runtime: Runtime = Runtime.STOPPED
+    popup: str = ""  # the text of the popup on the pendant; empty if there is none
     teach_button: bool = False  # the freedrive button is held
     braked: frozenset[int] = frozenset()  # joints 0 … J−1 whose brakes are closed although the arm is running
 

@@ -39,6 +39,7 @@ def truth(controller: Controller) -> dict[str, Any]:
         "reference_mode": controller.reference.mode,
         "standing": controller.machine.standing,
         "program": type(program).__name__ if program else None,
+        "popup": modes.popup,
         "scripts_started": journal.scripts_started,
         "stops": [asdict(stop) for stop in journal.stops],
         **journal.logbook.document(),

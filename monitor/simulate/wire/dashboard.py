@@ -60,7 +60,6 @@ def reply(controller: DashboardController, line: str) -> str:
 
 SIMPLE = {  # commands without an effect here
     "close safety popup": "closing safety popup",
-    "close popup": "closing popup",
     "restart safety": "Restarting safety",
     "savelog": "Log saved to disk",
     "quit": QUIT,
@@ -94,6 +93,9 @@ def _about_the_robot(controller: DashboardController, word: str) -> str:
 def _about_programs(controller: DashboardController, word: str) -> str:
     programs, runtime, file = controller.programs, controller.modes.runtime, controller.programs.files.loaded
     match word:
+        case "close popup":
+            controller.modes.popup = ""
+            return "closing popup"
         case "running":
             return f"Program running: {str(runtime == Runtime.PLAYING).lower()}"
         case "programstate":
@@ -132,6 +134,7 @@ def _with_argument(controller: DashboardController, command: str) -> str:
     """The reply to a command that is followed by a text. Reports and support files are reported as made; nothing is written."""
     word, programs = command.lower(), controller.programs
     if word.startswith("popup "):
+        controller.modes.popup = command[len("popup ") :]
         return "showing popup"
     if word.startswith("addtolog "):
         return "Added log message"

@@ -14,9 +14,11 @@ import numpy as np
 
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.journal import SafetyMessage
+from monitor.simulate.controller.modes import Runtime
 from monitor.simulate.controller.program.scripts import Framer
 from monitor.simulate.faults import CONNECTIONS_MAX, SERVICES
 from monitor.simulate.wire import dashboard, primary, realtime
+from monitor.simulate.wire.external_control import requested
 from monitor.simulate.wire.rtde import ProtocolError, RtdeSession, text_message
 from monitor.simulate.wire.variables import output_variables
 
@@ -307,6 +309,7 @@ class DashboardPort(Port):
     def __init__(self, ports: Ports) -> None:
         super().__init__(ports)
         self._buffer = b""
+        self._playing: asyncio.Future[None] | None = None  # a Play that waits for the hosts of its program
 
     def accepted(self, transport: asyncio.Transport) -> None:
         """Send the greeting."""
@@ -322,7 +325,11 @@ class DashboardPort(Port):
         for line in lines:
             if transport.is_closing():
                 return
-            answer = dashboard.reply(self.ports.controller, line[: dashboard.LINE_MAX_BYTES].decode("utf-8", "replace"))
+            text = line[: dashboard.LINE_MAX_BYTES].decode("utf-8", "replace")
+            if self._asks_hosts(text):
+                self._playing = asyncio.ensure_future(self._play(transport))
+                continue
+            answer = dashboard.reply(self.ports.controller, text)
             transport.write(answer.encode() + b"\n")
             if answer in (dashboard.QUIT, dashboard.SHUTDOWN):
                 transport.close()
@@ -331,6 +338,20 @@ class DashboardPort(Port):
                 return
         if len(self._buffer) > dashboard.LINE_MAX_BYTES or self.full:
             transport.abort()
+
+    def _asks_hosts(self, text: str) -> bool:
+        """Whether this command is a Play that asks other hosts for text."""
+        controller = self.ports.controller
+        starts = controller.modes.runtime == Runtime.STOPPED and bool(controller.programs.files.hosts)
+        return text.strip().lower() == "play" and starts and not controller.identity.local
+
+    async def _play(self, transport: asyncio.Transport) -> None:
+        """Ask the hosts of the loaded program, and play it."""
+        files = self.ports.controller.programs.files
+        files.serve(await requested(files.hosts))
+        answer = dashboard.reply(self.ports.controller, "play")
+        if not transport.is_closing():
+            transport.write(answer.encode() + b"\n")
 
 
 class StatePort(Port):

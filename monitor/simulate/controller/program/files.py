@@ -1,7 +1,10 @@
 """The program files of a controller. They are in memory: two programs that a cell may run by itself, and the one that is loaded."""
 
+from collections.abc import Mapping
+
 from monitor.simulate.controller.program.language import Source
-from monitor.simulate.controller.program.scripts import parse
+from monitor.simulate.controller.program.scripts import Refused, parse
+from monitor.simulate.program_tree import Host, ProgramTree
 
 FOLDERS = ("", "/programs/", "/ursim/programs/")  # where a file may be said to be: on an arm, and in the manufacturer's own simulator
 INSTALLATIONS = frozenset({"default.installation"})
@@ -24,25 +27,44 @@ PROGRAMS = {  # file name → what it does
 class ProgramFiles:
     """The files of one controller. `loaded` is the name of the loaded program."""
 
-    def __init__(self) -> None:
-        self.loaded = SCRIPT_PROGRAM
+    def __init__(self, tree: ProgramTree | None = None) -> None:
+        """A production program is loaded at first if one is given."""
+        self._trees = {} if tree is None else {f"{tree.name}.urp": tree}
+        self.loaded = next(iter(self._trees), SCRIPT_PROGRAM)
+        self._served: Mapping[Host, str | None] = {}
 
     def load(self, path: str) -> bool:
         """Load a program. Returns False if there is no such file."""
         name = self._name(path)
-        if name in PROGRAMS:
+        found = name in PROGRAMS or name in self._trees
+        if found:
             self.loaded = name
-        return name in PROGRAMS
+        return found
+
+    @property
+    def hosts(self) -> tuple[Host, ...]:
+        """The hosts that the loaded program asks for text at Play."""
+        return self._trees[self.loaded].hosts if self.loaded in self._trees else ()
+
+    def serve(self, served: Mapping[Host, str | None]) -> None:
+        """Take over what the hosts answered; None where one did not."""
+        self._served = served
 
     def has_installation(self, path: str) -> bool:
         """Whether there is an installation file of this name."""
         return self._name(path) in INSTALLATIONS
 
     @property
-    def program(self) -> Source | None:
-        """The loaded program; None if only scripts have run so far."""
-        script = parse(PROGRAMS[self.loaded]) if self.loaded in PROGRAMS else None
-        return script if isinstance(script, Source) else None
+    def program(self) -> Source | Refused | None:
+        """The loaded program, made into a script as at Play; None if only scripts have run so far."""
+        if self.loaded in self._trees:
+            text = self._trees[self.loaded].script(self._served)
+        elif self.loaded in PROGRAMS:
+            text = PROGRAMS[self.loaded]
+        else:
+            return None
+        script = parse(text, recognise=False)
+        return script if isinstance(script, Source | Refused) else None
 
     @staticmethod
     def _name(path: str) -> str:

@@ -368,7 +368,7 @@ def _nodes(node: ast.AST) -> Iterator[ast.AST]:
 NOT_SIMULATED = frozenset(  # functions of URScript that a program may call on a real arm, and not here
     (
         *("movec", "movep", "optimovej", "optimovel", "servoc", "direct_torque", "torque_command"),
-        *("force_mode", "popup", "freedrive_mode", "teach_mode"),
+        *("force_mode", "freedrive_mode", "teach_mode"),
         *("set_tool_voltage", "set_tool_communication", "ft_rtde_input_enable", "enable_external_ft_sensor"),
         *("get_mass_matrix", "get_coriolis_and_centrifugal_torques", "get_jacobian", "get_jacobian_time_derivative"),
         *("socket_open", "socket_close", "socket_send_string", "socket_read_string", "socket_read_ascii_float"),

@@ -17,6 +17,7 @@ from monitor.simulate.controller.program.steps import (
     Kill,
     Output,
     PathProgress,
+    Popup,
     ProtectiveStop,
     Run,
     Say,
@@ -129,6 +130,12 @@ class Player:
                 machine.moves.stop(stop)
             case Run() | Kill() | Join() | Critical():
                 self._ask(step)
+            case Popup(text, blocking):
+                machine.modes.popup = text
+                if blocking:
+                    self._waits = lambda: not machine.modes.popup
+                else:
+                    self._wait(0.0)
             case Watch(variable, frequency, action):
                 machine.watchdog.watch(variable, frequency, action)
             case Write(register, value, whole):

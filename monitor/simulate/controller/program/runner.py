@@ -30,7 +30,7 @@ class Programs:
         self._machine = machine
         self.current: Program | None = None
         self._full_speed_at_s = 0.0  # until this time after a start, `speed_scaling` is 0
-        self.files = ProgramFiles()
+        self.files = ProgramFiles(machine.settings.program)
         self._name = ""  # of the present program
 
     def step(self) -> None:
@@ -132,6 +132,7 @@ class Programs:
         self.current = None
         machine.modes.end_program()
         machine.watchdog.clear()
+        machine.modes.popup = ""
         machine.moves.forget()
         if reference.mode != "stop" or reference.queued:
             reference.stop(PROGRAM_STOP_RAD_S2)
@@ -157,7 +158,7 @@ class Programs:
             if self.current is not None or loaded is None:
                 return False
             self.start(loaded, SOMEBODY_ELSE)
-            return True
+            return not isinstance(loaded, Refused)
         machine.modes.play()
         machine.watchdog.feed()
         machine.moves.resume()

@@ -92,6 +92,14 @@ class Watch:
 
 
 @dataclass(frozen=True, slots=True)
+class Popup:
+    """A popup; a blocking one holds its thread until it is closed."""
+
+    text: str
+    blocking: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Run:
     """The start of a thread. The one who plays the program answers with the number of the thread."""
 
@@ -120,11 +128,11 @@ class Critical:
 
 
 Threading = Run | Kill | Join | Critical
-Step = Move | StopMotion | Servo | Speed | Write | PathProgress | Wait | Say | Declare | Output | ProtectiveStop | Watch | Threading
+Step = Move | StopMotion | Servo | Speed | Write | PathProgress | Wait | Say | Declare | Output | ProtectiveStop | Watch | Popup | Threading
 
 STEPS = frozenset(  # the calls that make a step
     (
-        *("movej", "movel", "servoj", "speedj", "speedl", "stopj", "stopl", "sleep", "sync", "textmsg", "protective_stop"),
+        *("movej", "movel", "servoj", "speedj", "speedl", "stopj", "stopl", "sleep", "sync", "textmsg", "popup", "protective_stop"),
         *("rtde_set_watchdog", "run", "kill", "join", "enter_critical", "exit_critical"),
         *("write_output_integer_register", "write_output_float_register", "signal_async_progress"),
         *("set_payload", "set_target_payload", "set_tcp", "set_gravity"),
@@ -137,7 +145,7 @@ OUTPUTS = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2), "digital
 
 def takes_time(step: Step) -> bool:
     """Whether time passes in this step."""
-    return isinstance(step, Move | StopMotion | Servo | Speed | Wait | Join)
+    return isinstance(step, Move | StopMotion | Servo | Speed | Wait | Join | Popup)
 
 
 def step_of(name: str, arguments: list[Any], named: dict[str, Any]) -> Step:
@@ -180,6 +188,9 @@ def _step(name: str, arguments: list[Any], named: dict[str, Any]) -> tuple[Step,
             return Wait(0.0), []
         case "textmsg":
             return Say("".join(map(text_of, arguments))), []
+        case "popup":
+            shown = dict(zip(("s", "title", "warning", "error", "blocking"), arguments, strict=False)) | named
+            return Popup(text_of(shown["s"]), bool(shown.get("blocking", False))), []
         case "protective_stop":
             return ProtectiveStop(), []
         case "set_payload" | "set_target_payload" | "set_tcp" | "set_gravity":
