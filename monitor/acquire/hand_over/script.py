@@ -1,0 +1,198 @@
+"""The URScript of the node at which a production program hands the arm over.
+
+The node offers the arm with a new number. If the monitor has said beforehand that a replay is due, and repeats the number within
+`wait_s`, the arm is its own: ur-rtde's control loop runs until the monitor withdraws the number. The heartbeat is a register that the
+monitor changes; without a change for `silence_s` the arm stops and the program ends. The program goes on at its next node only where the
+arm stands within `near_rad` of where it was taken; anywhere else it ends. Nothing of the loop stays behind: threads are ended, the
+watchdog ignores its input, and output register 0 no longer says "ready".
+
+Registers of integers, in the ranges that ur-rtde leaves to others (outputs 12 … 19, inputs 18 … 22; 24 more in the upper range): output
+OFFER holds the number while the arm is offered or taken, and STATE says how far the node is; input DUE is 1 when a replay is due, TAKE
+repeats the number, and BEAT changes as long as the monitor lives. Their values outlive every connection, so a number is never used twice
+in a row, and a number alone is not believed without a beat.
+"""
+
+import re
+from dataclasses import dataclass
+
+from monitor.errors import BadInput
+
+HEADER_BEGIN, HEADER_END = "# HEADER_BEGIN", "# HEADER_END"  # what stands between them is put once at the top of the program
+LOOP_BEGIN, LOOP_END = "# NODE_CONTROL_LOOP_BEGINS", "# NODE_CONTROL_LOOP_ENDS"
+ASK = "cmd = rtde_cmd()"  # how ur-rtde's loop reads its next command
+OFFER, STATE = 18, 19  # output registers of the lower range
+TAKE, BEAT, DUE = 20, 21, 22  # input registers of the lower range
+UPPER = 24  # the upper range lies so much higher
+IDLE, OFFERED, TAKEN, LOST, ASTRAY = range(5)  # values of STATE
+NUMBER_MAX = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandOverSettings:
+    """The limits of a hand-over, as the served text has them."""
+
+    wait_s: float = 0.08  # how long the node waits for the monitor when a replay is due
+    silence_s: float = 0.12  # without a beat for so long the arm stops and the program ends
+    near_rad: float = 0.001  # how near each joint must be to where the arm was taken
+    stop_rad_s2: float = 8.0  # deceleration of the stop when contact is lost
+
+    def __post_init__(self) -> None:
+        """Check the limits. Raises BadInput with the field and what is expected."""
+        for name, low, high in (("wait_s", 0.0, 1.0), ("silence_s", 0.02, 1.0), ("near_rad", 1e-5, 0.01), ("stop_rad_s2", 0.5, 40.0)):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise BadInput(f"hand_over: {name} = {value!r}; expected {low:g} … {high:g}")
+
+
+def hand_over_script(control_script: str, settings: HandOverSettings | None = None) -> str:
+    """The text that a node of a program gets: header, control loop and hand-over.
+
+    control_script : ur-rtde's own text for the software of this controller, with the offset of its registers.
+    Raises BadInput where ur-rtde's text is not as expected.
+    """
+    settings = settings or HandOverSettings()
+    header, loop = _parts(control_script)
+    offset = re.search(r"# int register offset\s*\n\s*(\d+)", header)
+    if offset is None or int(offset[1]) not in (0, UPPER):
+        raise BadInput("hand_over: ur-rtde's control script does not say which registers it uses; expected an offset of 0 or 24")
+    if loop.count(ASK) != 1:
+        raise BadInput(f"hand_over: ur-rtde's loop reads its command {loop.count(ASK)} times as {ASK!r}; expected once")
+    own = _filled(_HEADER, settings, int(offset[1]))
+    node = _filled(_NODE, settings, int(offset[1])).replace("LOOP\n", loop.replace(ASK, "cmd = jm_command()").strip("\n") + "\n")
+    return f"{HEADER_BEGIN}\n{header.strip(chr(10))}\n{own}{HEADER_END}\n\n{LOOP_BEGIN}\n{node}{LOOP_END}\n"
+
+
+def _parts(text: str) -> tuple[str, str]:
+    """Header and loop of ur-rtde's text. Raises BadInput where a mark is missing."""
+    for mark in (HEADER_BEGIN, HEADER_END, LOOP_BEGIN, LOOP_END):
+        if text.count(mark) != 1:
+            raise BadInput(f"hand_over: ur-rtde's control script has {text.count(mark)} lines {mark!r}; expected one")
+    header = text.split(HEADER_BEGIN)[1].split(HEADER_END, maxsplit=1)[0]
+    loop = text.split(LOOP_BEGIN)[1].split(LOOP_END, maxsplit=1)[0]
+    return header, loop
+
+
+def _filled(text: str, settings: HandOverSettings, offset: int) -> str:
+    """A part of the text with its figures."""
+    figures = {
+        **{name: repr(getattr(settings, name)) for name in ("wait_s", "silence_s", "near_rad", "stop_rad_s2")},
+        **{name: str(place + offset) for name, place in _REGISTERS.items()},
+        **{f"is_{name.lower()}": str(value) for name, value in _STATES.items()},
+        "watchdog": f"input_int_register_{offset}",
+        "number_max": str(NUMBER_MAX),
+    }
+    return re.sub(r"\{(\w+)\}", lambda name: figures[name[1]], text)
+
+
+_REGISTERS = {"OFFER": OFFER, "STATE": STATE, "TAKE": TAKE, "BEAT": BEAT, "DUE": DUE}
+_STATES = {"IDLE": IDLE, "OFFERED": OFFERED, "TAKEN": TAKEN, "LOST": LOST, "ASTRAY": ASTRAY}
+_HEADER = """
+    # joint-monitor: hand-over of the arm
+    global jm_number = 0
+    global jm_leaving = 0
+    global jm_guard_thrd = 0
+    global jm_taken_q = [0, 0, 0, 0, 0, 0]
+
+    # The next command of the control loop. Once the monitor has withdrawn the number, 255 ends the loop; the 0 before it is needed,
+    # because the loop begins no command until it has seen the end of the one before.
+    def jm_command():
+        if read_input_integer_register({TAKE}) == jm_number:
+            return rtde_cmd()
+        end
+        if jm_leaving == 0:
+            jm_leaving = 1
+            return 0
+        end
+        return 255
+    end
+
+    def jm_end_threads():
+        enter_critical
+        kill servo_thrd
+        kill servoc_thrd
+        kill speed_thrd
+        kill move_thrd
+        kill stop_thrd
+        kill force_thrd
+        kill jog_thrd
+        kill contact_thrd
+        servo_thrd = 0
+        servoc_thrd = 0
+        speed_thrd = 0
+        move_thrd = 0
+        stop_thrd = 0
+        force_thrd = 0
+        jog_thrd = 0
+        contact_thrd = 0
+        is_servoing = 0
+        is_speeding = 0
+        is_in_forcemode = 0
+        internal_cmd = 0
+        exit_critical
+    end
+
+    # Ends the program where the arm is: no node may follow from a pose that the program did not choose.
+    def jm_give_up(state, text):
+        write_output_integer_register({STATE}, state)
+        jm_end_threads()
+        stopj({stop_rad_s2})
+        textmsg(text)
+        halt
+    end
+
+    thread jm_guard():
+        jm_last_beat = read_input_integer_register({BEAT})
+        jm_silent_s = 0.0
+        while True:
+            jm_beat = read_input_integer_register({BEAT})
+            if jm_beat != jm_last_beat:
+                jm_last_beat = jm_beat
+                jm_silent_s = 0.0
+            end
+            jm_silent_s = jm_silent_s + get_steptime()
+            if jm_silent_s > {silence_s}:
+                jm_give_up({is_lost}, "joint-monitor: contact lost, the program ends here")
+            end
+            sync()
+        end
+    end
+"""
+_NODE = """
+        jm_number = read_output_integer_register({OFFER}) + 1
+        if jm_number > {number_max} or jm_number < 1:
+            jm_number = 1
+        end
+        write_output_integer_register({OFFER}, jm_number)
+        if read_input_integer_register({DUE}) == 1:
+            write_output_integer_register({STATE}, {is_offered})
+            jm_waited_s = 0.0
+            jm_first_beat = read_input_integer_register({BEAT})
+            jm_alive = False
+            while jm_waited_s < {wait_s} and (read_input_integer_register({TAKE}) != jm_number or not jm_alive):
+                sync()
+                jm_waited_s = jm_waited_s + get_steptime()
+                jm_alive = jm_alive or read_input_integer_register({BEAT}) != jm_first_beat
+            end
+            if read_input_integer_register({TAKE}) == jm_number and jm_alive:
+                jm_taken_q = get_target_joint_positions()
+                jm_leaving = 0
+                jm_guard_thrd = run jm_guard()
+                write_output_integer_register({STATE}, {is_taken})
+LOOP
+                kill jm_guard_thrd
+                jm_guard_thrd = 0
+                jm_end_threads()
+                write_output_integer_register(0 + reg_offset_int, 0)
+                rtde_set_watchdog("{watchdog}", 1.0, "ignore")
+                jm_joint = 0
+                jm_here_q = get_target_joint_positions()
+                while jm_joint < 6:
+                    if norm(jm_here_q[jm_joint] - jm_taken_q[jm_joint]) > {near_rad}:
+                        jm_give_up({is_astray}, "joint-monitor: the arm is not where it was taken, the program ends here")
+                    end
+                    jm_joint = jm_joint + 1
+                end
+            end
+        end
+        write_output_integer_register({STATE}, {is_idle})
+"""

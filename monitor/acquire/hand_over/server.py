@@ -1,0 +1,81 @@
+"""The server that a controller asks for the text of its hand-over nodes, at Play."""
+
+import logging
+import socketserver
+import threading
+
+from monitor.errors import BadInput
+
+log = logging.getLogger(__name__)
+
+PORT = 50002  # where the manufacturer's External Control node asks
+REQUEST = b"request_program"
+REQUEST_S = 5.0  # a client that asks for nothing is let go after so long
+REQUEST_MAX_BYTES = 256
+CLIENTS_MAX = 16
+
+
+class _Handler(socketserver.BaseRequestHandler):
+    server: "_Server"
+
+    def handle(self) -> None:
+        """Answer one request with the whole text in one write: a controller reads only while something is ready."""
+        self.request.settimeout(REQUEST_S)
+        asked = b""
+        try:
+            while b"\n" not in asked and len(asked) < REQUEST_MAX_BYTES:
+                data = self.request.recv(REQUEST_MAX_BYTES)
+                if not data:
+                    break
+                asked += data
+            if asked.split(b"\n")[0].strip() == REQUEST:
+                self.request.sendall(self.server.text.encode())
+                self.server.served += 1
+            else:
+                log.warning("hand-over: %s asked for %r, which is not known", self.client_address[0], asked[:40])
+        except OSError as wrong:
+            log.warning("hand-over: %s: %s", self.client_address[0], wrong)
+
+
+class _Server(socketserver.ThreadingTCPServer):
+    allow_reuse_address = True
+    daemon_threads = True
+    request_queue_size = CLIENTS_MAX
+    text = ""
+    served = 0
+
+
+class HandOverServer:
+    """Serves one text as long as it is open. Use it as a context."""
+
+    def __init__(self, text: str, *, bind: str, port: int = PORT) -> None:
+        """Listen. Raises BadInput where the address cannot be bound."""
+        try:
+            self._server = _Server((bind, port), _Handler)
+        except OSError as wrong:
+            raise BadInput(f"hand_over: port {port} on {bind}: {wrong.strerror}; is another External Control server running?") from None
+        self._server.text = text
+        self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, name="hand-over", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """The port that was bound."""
+        return int(self._server.server_address[1])
+
+    @property
+    def served(self) -> int:
+        """How often the text was served."""
+        return self._server.served
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    def __enter__(self) -> "HandOverServer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
