@@ -1,13 +1,18 @@
 """What happened to an arm that its charts must show: work on a joint, another tool, another payload."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Mapping, Sequence
+from itertools import groupby, pairwise
+from typing import Any, NamedTuple
 
 N_ = str  # marks a text for the catalogue
-SERVICED = "serviced"  # kind of the events of work on a joint
-WORK = {"greased": N_("greased"), "replaced": N_("replaced"), "overhauled": N_("overhauled"), "serviced": N_("serviced")}
-RENEWS = ("replaced", "overhauled")  # what begins friction anew
+WORK = {
+    "greased": N_("greased"),
+    "replaced": N_("replaced"),
+    "overhauled": N_("overhauled"),
+    "maintenance": N_("maintenance"),
+    "joint_serials": N_("serial numbers"),
+}
+RENEWS = ("new_joint", "new_reference")  # outcomes of work after which friction counts anew
 FACTS = {  # of a context, with the text of its change
     "tool": N_("tool changed"),
     "payload_kg": N_("payload changed"),
@@ -28,35 +33,27 @@ class Mark(NamedTuple):
     renews: bool  # whether friction of the joint is compared with what it was from then on
 
 
-class Event(Protocol):
-    """An event of the history."""
-
-    @property
-    def at_unix_s(self) -> float:
-        """When it happened."""
-
-    @property
-    def document(self) -> dict[str, Any]:
-        """What happened."""
-
-
 def mark_text(document: Mapping[str, Any]) -> str | None:
-    """What an event of work says; None for a transition of an alert."""
-    if document.get("kind") != SERVICED:
-        return None
-    return WORK.get(_work(document), WORK[SERVICED])
+    """What was done to the joint, of a transition that work made; None for another transition of an alert."""
+    kind = document.get("serviced_kind")
+    because = document.get("kind") == "serviced" or str(document.get("cleared_why") or "").startswith("serviced")
+    return WORK.get(str(kind), str(kind)) if because and kind else None
 
 
-def marks(events: Iterable[Event], contexts: Sequence[Mapping[str, Any]]) -> list[Mark]:
+def marks(works: Sequence[Mapping[str, Any]], contexts: Sequence[Mapping[str, Any]]) -> list[Mark]:
     """The marks in order of time.
 
-    events : of the history; contexts : the ledger of the belief, with what it compares and when each was first seen.
+    works : on joints, as the history holds them, without those that were taken back; contexts : the ledger of the belief, with what it
+    compares and when each was first seen.
     """
-    found = [
-        Mark(float(event.at_unix_s), event.document.get("joint"), text, _work(event.document) in RENEWS)
-        for event in events
-        if (text := mark_text(event.document)) is not None
-    ]
+    found = []
+    for (at, kind), group in groupby(works, key=lambda work: (float(work["at_unix_s"]), str(work["kind"]))):
+        same = list(group)
+        text, renews = WORK.get(kind, kind), [work for work in same if work.get("outcome") in RENEWS]
+        if kind in ("maintenance", "joint_serials"):  # declared of the arm: the joints that it moved have a mark that renews them
+            found += [Mark(at, None, text, False), *(Mark(at, int(work["joint"]), text, True) for work in renews)]
+        else:
+            found += [Mark(at, int(work["joint"]), text, work in renews) for work in same]
     ordered = sorted(contexts, key=lambda each: float(each["opened_at_unix_s"]))
     for before, after in pairwise(ordered):
         old, new = before["context"], after["context"]
@@ -66,11 +63,6 @@ def marks(events: Iterable[Event], contexts: Sequence[Mapping[str, Any]]) -> lis
         found += [Mark(at, joint, FACTS["joint_serials"], True) for joint in joints]
         found += [Mark(at, None, FACTS[name], False) for name in changed if not (name == "joint_serials" and joints)]
     return sorted(found, key=lambda mark: mark.t)
-
-
-def _work(document: Mapping[str, Any]) -> str:
-    """The name of the work in an event of work."""
-    return next((str(document[name]) for name in ("work", "what", "how", "service") if document.get(name)), SERVICED)
 
 
 def _replaced(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[int]:

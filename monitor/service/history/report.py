@@ -169,14 +169,26 @@ def _alerts(until: Sequence[AlertEvent], health: Mapping[str, Any] | None, begin
     """
     found = {(alert["joint"], alert["condition"]): dict(alert) for alert in (health or {}).get("alerts", ())}
     for event in until:
-        alert = {name: value for name, value in event.document.items() if name != "kind"}
-        found[alert["joint"], alert["condition"]] = alert
+        alert = {name: value for name, value in event.document.items() if name not in ("kind", "by", "why")}
+        key = alert["joint"], alert["condition"]
+        before = found.get(key) if event.document.get("kind") != "raised" else None
+        found[key] = alert if alert.get("gravest") else alert | {"gravest": _graver(before, alert)}
     listed = [
         alert | {"active": alert["cleared_at_unix_s"] is None}
         for alert in found.values()
         if alert["raised_at_unix_s"] < end and (alert["cleared_at_unix_s"] is None or alert["cleared_at_unix_s"] >= begin)
     ]
     return sorted(listed, key=lambda alert: (not alert["active"], TIERS.index(alert["tier"]) * -1, alert["raised_at_unix_s"]))
+
+
+def _graver(before: Mapping[str, Any] | None, alert: Mapping[str, Any]) -> dict[str, Any]:
+    """The gravest moment of an alert whose transitions a release without it stored: the graver of that before and of this one."""
+    now = {
+        "at_unix_s": alert["updated_at_unix_s"],
+        **{name: alert.get(name) for name in ("tier", "change", "probability", "text", "split")},
+    }
+    known = (before or {}).get("gravest") or now
+    return max(known, now, key=lambda one: (TIERS.index(one["tier"]), abs(one["change"])))
 
 
 def _works(store: Store, begin: float, end: float) -> list[dict[str, Any]]:
@@ -200,7 +212,7 @@ def _stop(stop: Stop, end: float) -> dict[str, Any]:
 
 
 def _short(event: Mapping[str, Any]) -> dict[str, Any]:
-    names = ("kind", "joint", "condition", "tier", "text", "acknowledged_by", "acknowledged_why", "shelved_by", "shelved_why")
+    names = ("kind", "joint", "condition", "tier", "text", "by", "why", "acknowledged_by", "acknowledged_why", "shelved_by", "shelved_why")
     return {name: event.get(name) for name in names}
 
 

@@ -61,6 +61,10 @@ def _lines(alert: Mapping[str, Any], report: Mapping[str, Any], say: Language) -
         action = say.retell(alert["action"])
         if action not in others:
             lines.append(paragraph(action))
+    gravest = alert.get("gravest")
+    if gravest is not None and gravest["text"] != alert["text"]:
+        when = moment(unix_s(gravest["at"]), say)
+        lines.append(paragraph(say.say("At its gravest, {when}: {text}", when=when, text=say.retell(gravest["text"])), "small"))
     lines += [paragraph(say.retell(alert["text"]), "small"), _probability(alert, say)]
     if alert["acknowledged_at"]:
         when = moment(unix_s(alert["acknowledged_at"]), say)

@@ -9,6 +9,7 @@ import numpy as np
 from monitor.recording import Array
 from monitor.views.language.catalogue import Language
 from monitor.views.language.dates import MONTHS
+from monitor.views.report.works import draw_works
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,6 +101,7 @@ def friction_over_time(report: Mapping[str, Any], say: Language) -> "Figure":
             if 100 * level < 1.2 * top:
                 one.axhline(100 * level, color=colour, lw=0.9, ls=dash)
         one.set_ylim(min(-3.0, float(np.min(wear - 2 * std)), float(np.nanmin([0.0, *(alone - 2 * alone_std)]))), 1.15 * top)
+        draw_works(one, report, j + 1, at[-1], say)
         _remaining_life_fan(one, at, rows[-1], of["life_limit_rise"])
         locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
         one.xaxis.set_major_locator(locator)

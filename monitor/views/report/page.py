@@ -15,6 +15,7 @@ from monitor.views.report.alerts import alert_boxes, by_gravity, chip, lead, tra
 from monitor.views.report.charts import friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 from monitor.views.report.unwatched import unwatched
+from monitor.views.report.works import work_table
 from monitor.views.units import PERCENT_PER_MONTH
 
 N_ = str  # marks a text for the catalogue
@@ -74,7 +75,12 @@ def _robot(report: Mapping[str, Any], say: Language, *, new_page: bool) -> list[
                 "Viscous friction over joint temperature, wear taken out; the law of all replays so far, ± 2σ; %/K as a straight line."
             )
             parts.append(drawn(friction_over_temperature(report, say), caption))
-    parts += [*transitions(report, say), *_contexts(report, say), heading(say.say("What was not monitored, and why"), 3)]
+    parts += [
+        *work_table(report, say),
+        *transitions(report, say),
+        *_contexts(report, say),
+        heading(say.say("What was not monitored, and why"), 3),
+    ]
     parts += [*unwatched(report, say), *_small_print(report, say)]
     return parts
 

@@ -62,13 +62,14 @@ class Content:
     file_name: str = "friction"  # of the table, without its ending
     _began: float = field(default_factory=time.monotonic)
     _lock: threading.Lock = field(default_factory=threading.Lock)
-    _history_of: tuple[int, int] = (-1, -1)  # count and newest number of the replays that `_history` was made of
+    _history_of: tuple[int, int, int] = (-1, -1, -1)  # number and newest one of the replays, and number of the works, in `_history`
     _history: dict[str, Any] = field(default_factory=dict)
 
     def history(self) -> dict[str, Any]:
-        """The history of every joint as columns: old replays thinned, the newest complete. It is read again only after a replay."""
+        """The history of every joint as columns: old replays thinned, the newest complete. It is read again only after a replay or work."""
         ids = self.store.assessments.replays()
-        history_of = (len(ids), ids[-1] if ids else 0)
+        works = self.store.works.rows()
+        history_of = (len(ids), ids[-1] if ids else 0, len(works) + sum(not row.in_force for row in works))
         with self._lock:
             if history_of != self._history_of:
                 shown = thinned(ids, MAX_REPLAYS, NEWEST_REPLAYS)
@@ -108,7 +109,8 @@ class Content:
     def _marks(self) -> list[dict[str, Any]]:
         """What happened to the arm, for the charts."""
         state = self.store.assessments.state()
-        found: list[Mark] = marks(self.store.events.rows(), (state.belief if state else {}).get("contexts", ()))
+        works = [row.document for row in self.store.works.rows() if row.in_force]
+        found: list[Mark] = marks(works, (state.belief if state else {}).get("contexts", ()))
         return [mark._asdict() for mark in found]
 
     def schedule(self) -> dict[str, Any]:

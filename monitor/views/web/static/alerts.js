@@ -10,6 +10,7 @@ const allAlerts = () => Object.entries(values).filter(([key]) => key.startsWith(
 // the state that the monitor itself gives the joint; "advice" where the joint stays NORMAL
 function stateOfAlert(alert) {
   if (!alert.active) return "null";
+  if (alert.awaiting_proof) return "CHECK_FUNCTION";
   const condition = about.conditions[alert.condition], state = condition ? condition.states[alert.tier] : null;
   return state === "NORMAL" ? "advice" : state || "CHECK_FUNCTION";
 }
@@ -40,6 +41,7 @@ function stepsOf(alert) {
   const steps = [t("raised {when}", { when: brief(alert.raised_at) })], because = (why) => (why ? `: ${why}` : "");
   if (alert.updated_at !== alert.raised_at && alert.active) steps.push(t("updated {when}", { when: brief(alert.updated_at) }));
   if (alert.cleared_at) steps.push(t("cleared {when}", { when: brief(alert.cleared_at) }));
+  if (alert.serviced_at) steps.push(t("serviced by {who}, {when}", { who: alert.serviced_by, when: brief(alert.serviced_at) }) + because(alert.serviced_why));
   if (alert.acknowledged_at) steps.push(t("acknowledged by {who}, {when}", { who: alert.acknowledged_by, when: brief(alert.acknowledged_at) }) + because(alert.acknowledged_why));
   if (alert.shelved_until) steps.push(t(shelved(alert) ? "shelved by {who} until {when}" : "was shelved by {who} until {when}", { who: alert.shelved_by, when: brief(alert.shelved_until) }) + because(alert.shelved_why));
   return steps.join(" · ");
@@ -63,6 +65,7 @@ function buttonsOf(alert, name) {
   if (!alert.acknowledged_at) add(t("Acknowledge…"), "ack", t("Acknowledge: {name}", { name }), t("You have seen it. It clears by itself once its condition is gone."), { class: "primary" });
   add(t("Shelve…"), "shelve", t("Shelve: {name}", { name }), t("It stays active, and goes to the end of the list until then."));
   if (alert.joint != null) {
+    add(t("Serviced…"), "serviced", t("Work on {joint}", { joint: jointName(alert.joint) }), t("Replaced: everything is learned anew. Greased or overhauled: the next replays show whether it helped."));
     const look = make("button", t("Look at {joint}", { joint: jointName(alert.joint) }), { type: "button", "data-do": "look" });
     look.addEventListener("click", () => { choose(alert.joint); $("detail-h").scrollIntoView({ block: "start" }); });
     row.append(look);
@@ -76,6 +79,7 @@ function alertCard(alert) {
   const text = make("div", null, { class: "text" }), label = make("p", null, { class: "kind" });
   label.append(name, make("span", alert.active ? t(TIER_WORDS[alert.tier] || alert.tier) : t("cleared"), { class: "pill" }));
   if (alert.active && alert.acknowledged_at) label.append(make("span", t("acknowledged"), { class: "pill" }));
+  if (alert.active && alert.awaiting_proof) label.append(make("span", t("waits for its proof"), { class: "pill" }));
   if (alert.active && shelved(alert)) label.append(make("span", t("shelved"), { class: "pill" }));
   text.append(label, make("h3", said.headline));
   if (said.pace) text.append(make("p", said.pace));

@@ -10,10 +10,12 @@ function ask(command, what, title, text) {
   $("problem").textContent = "";
   $("hours-l").hidden = $("hours").disabled = command !== "shelve";  // a hidden field must not be required
   if (command === "shelve") $("hours").value = "24";
+  $("work-l").hidden = $("work").disabled = command !== "serviced";
+  $("work").value = "";
   $("by").value = localStorage.getItem("joint-monitor-name") || "";
   $("reason").value = "";
-  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion") }[command];
-  $("reason").required = command === "allow";  // somebody will ask why it moves again
+  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion"), serviced: t("Declare") }[command];
+  $("reason").required = command === "allow" || command === "serviced";  // somebody will ask
   $("dialog").showModal();
   ($("by").value ? $("reason") : $("by")).focus();
 }
@@ -25,6 +27,7 @@ $("form").addEventListener("submit", async (event) => {
   const { command, what } = pending;
   const request = { ...what, by: $("by").value.trim(), why: $("reason").value.trim() };
   if (command === "shelve") request.hours = Number($("hours").value);
+  if (command === "serviced") { request.kind = $("work").value; delete request.condition; }
   localStorage.setItem("joint-monitor-name", request.by);
   $("ok").disabled = true;
   try {
