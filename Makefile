@@ -55,7 +55,7 @@ MODELS ?= ur3 ur5 ur10 ur3e ur5e ur10e ur16e ur20 ur30
 excitations: $(STAMP) ## design config/excitation anew, each with its proof: the same files again, about eight minutes
 	for robot in $(MODELS); do for mounting in ground ceiling wall; do \
 		$(BIN)/joint-monitor design --robot $$robot --mounting $$mounting --seed 1 --evaluations 3000 --speed-limit 2.2 --flange-speed-limit 1.5 \
-			-o config/excitation/$$robot-$$mounting.json || exit; done; done
+			--force -o config/excitation/$$robot-$$mounting.json || exit; done; done
 
 # A service for this machine. Again is an upgrade: history and configuration stay where they are, and the history is migrated by the next start.
 PREFIX ?= /opt/joint-monitor

@@ -35,6 +35,13 @@ class ReplayProgress(NamedTuple):
     elapsed_s: float  # in this phase
     duration_s: float  # of this phase; 0 where it is not known
     rows: int
+    slow: bool = False  # of a slow first pass
+
+    @property
+    def text(self) -> str:
+        """What is under way, for a person."""
+        playing = "slow first pass" if self.slow else "replay"
+        return {"play": playing, "approach": "way to the start", "return": "way back"}.get(self.phase, self.phase)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

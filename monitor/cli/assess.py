@@ -9,6 +9,7 @@ from monitor.cli.options import (
     ColumnsOption,
     Commands,
     FilesArgument,
+    ForceOption,
     GainsOption,
     IntervalOption,
     JsonOption,
@@ -17,6 +18,7 @@ from monitor.cli.options import (
     load_configuration,
     optional_figures,
     print_json,
+    refuse_overwriting,
 )
 from monitor.errors import BadInput
 
@@ -99,6 +101,7 @@ def rehearse(
     world: Annotated[
         str | None, typer.Option(help="A world that the judge does not assume, three years an arm: plain, noise-4, …", show_default=False)
     ] = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Would these thresholds catch wear? A simulated fleet: false alarms a year, days to detect, coverage, remaining life."""
@@ -120,6 +123,7 @@ def rehearse(
         from monitor.views.plots.picture import check_target
 
         check_target(plot)
+    refuse_overwriting(plot, force)
     with status_line(f"{arms} arms live a year each, some of them wear"):
         document = play(
             configuration.assess, arms=arms, seed=seed, between_std=NOISE if noise is None else noise, robot=configuration.robot.model

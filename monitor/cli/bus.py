@@ -27,12 +27,13 @@ def alerts(
     """List the alerts of a running daemon. Exit 0 whether there are any or not."""
     from monitor.views.terminal.arm import print_alerts
 
-    with client_of(load_configuration(config)) as client:
+    configuration = load_configuration(config)
+    with client_of(configuration) as client:
         documents = [alert.model_dump(mode="json") for alert in client.alerts(cleared=cleared)]
     if as_json:
         print_json({"alerts": documents})
     else:
-        print_alerts(documents)
+        print_alerts(documents, configuration.schedule.zone())
 
 
 def ack(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from monitor import __version__
-from monitor.cli.options import Commands, JsonOption, figures, optional_figures, print_json, stop_on
+from monitor.cli.options import Commands, ForceOption, JsonOption, figures, optional_figures, print_json, refuse_overwriting, stop_on
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def design(
     seed: Annotated[int, typer.Option(help="Of the search.")] = 0,
     random: Annotated[int | None, typer.Option(metavar="SEED", help="A pseudo-random trajectory for validation instead.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw it (.png or .html).", show_default=False)] = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Find a trajectory that makes friction visible and hits nothing; write it with its proof. Ctrl-C keeps the best so far."""
@@ -57,6 +58,8 @@ def design(
     from monitor.views.plots.picture import check_target
 
     _check(output, time_limit)
+    refuse_overwriting(output, force)
+    refuse_overwriting(plot, force)
     if plot is not None:
         check_target(plot)
     arm = load_robot(robot)

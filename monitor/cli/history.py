@@ -10,6 +10,7 @@ from monitor.cli.options import (
     ColumnsOption,
     Commands,
     ConfigOption,
+    ForceOption,
     FromOption,
     IntervalOption,
     JsonOption,
@@ -17,6 +18,7 @@ from monitor.cli.options import (
     ToOption,
     load_configuration,
     print_json,
+    refuse_overwriting,
 )
 from monitor.errors import BadInput, StoreError
 
@@ -71,6 +73,9 @@ def history(
     from monitor.views.terminal.arm import print_history
 
     configuration = load_configuration(config)
+    joints = configuration.robot_description.joints
+    if joint is not None and joint > joints:
+        raise BadInput(f"--joint {joint}: a {configuration.robot.model} has {joints} joints; expected 1 to {joints}")
     begin, end = _when(since, "--from"), _when(until, "--to")
     with Store.reader(configuration.state_directory) as store:
         rows = _all_rows(store, joint, begin, end)
@@ -79,7 +84,7 @@ def history(
     if as_json:
         print_json({"robot": configuration.robot.id, "rows": shown, "left_out": left_out})
     else:
-        print_history(shown, left_out)
+        print_history(shown, left_out, configuration.schedule.zone())
 
 
 def export(
@@ -89,6 +94,7 @@ def export(
     replay: Annotated[int | None, typer.Option(help="Which, for --what recording.", show_default=False)] = None,
     since: FromOption = None,
     until: ToOption = None,
+    force: ForceOption = False,
 ) -> None:
     """The history as a table for other programs: CSV or Parquet, times in UTC; or one recording."""
     from monitor.service.history.transfer import export_recording, table, write_table
@@ -100,6 +106,7 @@ def export(
         raise BadInput(f"{output}: the folder {output.parent} does not exist")
     if (what == "recording") != (replay is not None):
         raise BadInput("--what recording and --replay NUMBER belong together; one of them is missing")
+    refuse_overwriting(output, force)
     with Store.reader(load_configuration(config).state_directory) as store:
         if replay is not None:
             typer.echo(f"{output}: replay {replay}, {export_recording(store, replay, output).samples} samples")

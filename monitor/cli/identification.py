@@ -9,6 +9,7 @@ from monitor.cli.laws import LAWS
 from monitor.cli.options import (
     ColumnsOption,
     Commands,
+    ForceOption,
     GainsOption,
     JsonOption,
     MountingOption,
@@ -17,6 +18,7 @@ from monitor.cli.options import (
     figures,
     optional_figures,
     print_json,
+    refuse_overwriting,
 )
 from monitor.errors import BadInput
 
@@ -61,6 +63,7 @@ def identify(
     plot: Annotated[
         Path | None, typer.Option(help="Residual against speed, load, position: a .png or .html of the held-out, else the fitted.")
     ] = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Recordings → base parameters, friction, fit; each with its uncertainty."""
@@ -76,6 +79,8 @@ def identify(
         check_target(plot)
     if export is not None:
         identify_files.check_export(export, method)
+    refuse_overwriting(plot, force)
+    refuse_overwriting(export, force)
     pair = _payload_pair(payload_pair, payload, payload_com, payload_std)
     request = identify_files.Request(
         files=files,

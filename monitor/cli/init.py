@@ -8,7 +8,7 @@ import typer
 
 from monitor import __version__
 from monitor.cli.init_cell import CellAnswers, cell_of
-from monitor.cli.options import Commands, figures
+from monitor.cli.options import FOR_ALL, Commands, figures
 from monitor.cli.questions import Questions, number_from, numbers, text_of
 from monitor.errors import BadInput
 
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from monitor.config.first_file import Answers
     from monitor.service.first_gains import FirstGains
 
-FOR_ALL = Path("/etc/joint-monitor")  # where the service looks for configurations, and where it keeps their histories
-HISTORIES = Path("/var/lib/joint-monitor")
+HISTORIES = Path("/var/lib/joint-monitor")  # where the service keeps the histories of its configurations
 BUS_PORT, PAGE_PORT, PORTS = 7447, 8420, 100  # the first of each kind, and how many are tried
 ALLOW_MOTION = (
     "\nMay the arm move by the clock? Only where the file says allow_motion = true, and every condition of `joint-monitor check` holds. "

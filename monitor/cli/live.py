@@ -1,11 +1,26 @@
 """The commands `predict`, `watch` and `status`, which show the arm as it is now."""
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor.cli.options import FIGURES_HELP, Commands, ConfigOption, JsonOption, client_of, figures, load_configuration, print_json
+from monitor.cli.options import (
+    CONFIG_HELP,
+    CONFIG_VARIABLE,
+    FIGURES_HELP,
+    FOR_ALL,
+    Commands,
+    ConfigOption,
+    JsonOption,
+    client_of,
+    figures,
+    load_configuration,
+    named_configuration,
+    print_json,
+)
+from monitor.errors import BadInput, MonitorError
 
 if TYPE_CHECKING:
     from monitor.config.schema import Configuration
@@ -73,23 +88,48 @@ def watch(
 
 
 def status(
-    config: ConfigOption,
+    names: Annotated[
+        list[Path] | None, typer.Argument(metavar="[NAME…]", help=f"Of {FOR_ALL}/NAME.toml, or files; else --config, else all of them.")
+    ] = None,
+    config: Annotated[
+        list[Path] | None,
+        typer.Option("--config", "-c", help=f"{CONFIG_HELP} May be given again.", envvar=CONFIG_VARIABLE, show_default=False),
+    ] = None,
     as_json: JsonOption = False,
     why: Annotated[int | None, typer.Option(min=1, help="Of this joint: why does it not alert?", show_default=False)] = None,
 ) -> None:
-    """What is known of the arm now, from its history; works without the daemon."""
+    """What is known of the arm now, from its history; works without the daemon. Of several arms, one after the other."""
     import time
 
     from monitor.service.history.status import status_document
     from monitor.views.terminal.arm import print_not_alerting, print_status
 
-    document = status_document(load_configuration(config), time.time(), why)
+    paths = [*(names or config or sorted(FOR_ALL.glob("*.toml")))]
+    if not paths:
+        raise BadInput(f"whose status? expected a NAME of {FOR_ALL}/NAME.toml, --config FILE, or the variable {CONFIG_VARIABLE}")
+    documents, failed = [], []
+    for number, path in enumerate(paths):
+        try:
+            configuration = load_configuration(path)
+            document = status_document(configuration, time.time(), why)
+        except MonitorError as error:
+            if len(paths) == 1:
+                raise
+            failed.append(f"{named_configuration(path)}: {error}")
+            continue
+        documents.append(document)
+        if not as_json:
+            if number:
+                typer.echo("")
+            print_status(document, configuration.schedule.zone())
+            if why is not None:
+                print_not_alerting(why, document["not_alerting"]["reasons"])
     if as_json:
-        print_json(document)
-        return
-    print_status(document)
-    if why is not None:
-        print_not_alerting(why, document["not_alerting"]["reasons"])
+        print_json(documents[0] if len(paths) == 1 else {"robots": documents, "failed": failed})
+    for text in failed:
+        typer.echo(f"joint-monitor: {text}", err=True)
+    if failed:
+        raise typer.Exit(BadInput.exit_code)
 
 
 COMMANDS: Commands = {"predict": predict, "watch": watch, "status": status}

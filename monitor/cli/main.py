@@ -6,23 +6,53 @@ so that `--help` is quick.
 
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from monitor import __version__
-from monitor.cli import assess, bus, demo, design, history, identification, init, live, motion, reports, service, serviced, simulator, trial
+from monitor.cli import (
+    assess,
+    bus,
+    demo,
+    design,
+    history,
+    identification,
+    init,
+    live,
+    models,
+    motion,
+    reports,
+    service,
+    serviced,
+    simulator,
+    trial,
+)
 from monitor.cli.laws import CommandWithLaws
 from monitor.errors import MonitorError
 
+
+class WholeHelp(TyperGroup):
+    """A program whose list of commands shows the whole first sentence of each, in as many lines as it needs."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # the types are private to typer
+        """Write the list. Click calls this for --help."""
+        commands = [(name, command) for name in self.list_commands(ctx) if (command := self.get_command(ctx, name)) is not None]
+        rows = [(name, " ".join((command.help or "").split("\n\n")[0].split())) for name, command in commands if not command.hidden]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
 # in the order of --help
-TOPICS = (init, service, simulator, identification, live, design, bus, serviced, assess, motion, history, reports, demo, trial)
+TOPICS = (init, service, simulator, models, identification, live, design, bus, serviced, assess, motion, history, reports, demo, trial)
 
 app = typer.Typer(
     name="joint-monitor",
     help="Friction health of a robot arm: replay, re-identify, track, and tell over Zenoh.",
     no_args_is_help=True,
-    add_completion=False,
+    cls=WholeHelp,
+    add_completion=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # brackets in a help text are units, not markup
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor.cli.options import Commands, ConfigOption, JsonOption, RecordingOutputOption, load_configuration, print_json, stop_on
+from monitor.cli.options import (
+    Commands,
+    ConfigOption,
+    ForceOption,
+    JsonOption,
+    RecordingOutputOption,
+    load_configuration,
+    print_json,
+    refuse_overwriting,
+    stop_on,
+)
 from monitor.errors import BadInput, StoreError
 
 if TYPE_CHECKING:
@@ -58,7 +68,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
         raise typer.Exit(EXIT_NOT_NOW)
 
 
-def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOption = False) -> None:
+def replay(config: ConfigOption, output: RecordingOutputOption, force: ForceOption = False, as_json: JsonOption = False) -> None:
     """Move the arm once along the configured excitation, guarded, slowly first after a change, and save the recording."""
     from monitor.service.motion import move
     from monitor.store.recordings import write_recording
@@ -66,7 +76,7 @@ def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOpt
     from monitor.views.terminal.progress import progress
 
     configuration = load_configuration(config)
-    _check_output(output)
+    _check_output(output, force)
     first = output.with_name(f"{output.stem}-first-pass.parquet")
     with (
         stop_on(*STOP_SIGNALS) as stopping,
@@ -76,7 +86,7 @@ def replay(config: ConfigOption, output: RecordingOutputOption, as_json: JsonOpt
     ):
 
         def on_progress(at: "ReplayProgress") -> None:
-            show(at.phase, at.elapsed_s, at.duration_s)
+            show(at.text, at.elapsed_s, at.duration_s)
 
         def announce(about: "Mapping[str, Any]") -> None:
             in_s = about["moves_at_unix_s"] - time.time()
@@ -110,6 +120,7 @@ def record(
     config: ConfigOption,
     output: RecordingOutputOption,
     seconds: Annotated[float | None, typer.Option(help="For so long; else until Ctrl-C.", show_default=False)] = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Only listen, while a program of yours moves the arm, and save the recording."""
@@ -118,7 +129,7 @@ def record(
     from monitor.views.terminal.progress import progress
 
     configuration = load_configuration(config)
-    _check_output(output)
+    _check_output(output, force)
     if seconds is not None and not 0.1 <= seconds <= 86_400.0:
         raise BadInput(f"--seconds {seconds:g}; expected 0.1 to 86400")
     with stop_on(*STOP_SIGNALS) as stopping, progress("record") as show:
@@ -194,12 +205,13 @@ def _permit_query(configuration: "Configuration") -> "Iterator[AskAnswer | None]
         yield asker.ask
 
 
-def _check_output(output: Path) -> None:
-    """Raises BadInput unless a recording can be written to `output`."""
+def _check_output(output: Path, force: bool) -> None:
+    """Raises BadInput unless a recording can be written to `output`, and replaces nothing unless `force` says so."""
     if output.suffix != ".parquet":
         raise BadInput(f"{output}: a recording is written as Parquet; give a name that ends in .parquet")
     if not output.parent.is_dir():
         raise BadInput(f"{output}: the folder {output.parent} does not exist")
+    refuse_overwriting(output, force)
 
 
 def _recording_document(output: Path, recording: "Recording") -> dict[str, Any]:

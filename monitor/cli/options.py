@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 Commands = Mapping[str, Callable[..., None]]  # of one topic: name on the command line → function
 
 FIGURES_HELP = "one figure a joint, comma-separated"
-ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="The robot's TOML file.", show_default=False)]
+CONFIG_VARIABLE = "JOINT_MONITOR_CONFIG"  # names the configuration where --config does not
+FOR_ALL = Path("/etc/joint-monitor")  # where the service looks for configurations, NAME.toml
+CONFIG_HELP = f"The robot's TOML file, or NAME for {FOR_ALL}/NAME.toml."
+ConfigOption = Annotated[Path, typer.Option("--config", "-c", help=CONFIG_HELP, envvar=CONFIG_VARIABLE, show_default=False)]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 RobotOption = Annotated[str | None, typer.Option(help="Model, e.g. ur5, or a .toml of an arm of yours.", show_default=False)]
 UrdfOption = Annotated[Path | None, typer.Option(help="Instead of a model: any serial arm of 1 to 8 turning joints.", show_default=False)]
@@ -38,13 +42,25 @@ ToOption = Annotated[str | None, typer.Option("--to", help="Time, not included."
 
 
 def load_configuration(path: Path, *, secrets_needed: bool = True) -> "Configuration":
-    """Read the configuration of one robot from its TOML file. Raises BadConfiguration, which names every mistake.
+    """Read the configuration of one robot from its TOML file, or from NAME.toml of the service's folder where only a name is given.
 
-    secrets_needed : where false, credentials are not read.
+    secrets_needed : where false, credentials are not read. Raises BadConfiguration, which names every mistake.
     """
     from monitor.config.load import load
 
-    return load(path, secrets_needed=secrets_needed)
+    return load(named_configuration(path), secrets_needed=secrets_needed)
+
+
+def named_configuration(path: Path) -> Path:
+    """The file of a configuration: the path itself, or NAME.toml of the service's folder where `path` is a name and no file."""
+    is_name = path.name == str(path) and not path.suffix and not path.exists()
+    return FOR_ALL / f"{path}.toml" if is_name else path
+
+
+def refuse_overwriting(path: Path | None, force: bool) -> None:
+    """Raises BadInput where an output exists already and nobody asked for it to be replaced."""
+    if path is not None and path.exists() and not force:
+        raise BadInput(f"{path} exists; nothing was done. Give another name, or --force to replace it")
 
 
 def client_of(configuration: "Configuration") -> "Client":

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from monitor.cli.options import Commands, JsonOption, ReportOutputOption, load_configuration, print_json
+from monitor.cli.options import Commands, ForceOption, JsonOption, ReportOutputOption, load_configuration, print_json, refuse_overwriting
 from monitor.errors import BadInput
 from monitor.publish.timestamps import unix_s
 from monitor.views.report.html import check_page
@@ -17,6 +17,7 @@ def reproduce(
     seed: Annotated[int, typer.Option(min=0, help="Of searches and noise: the same seed, the same figures.")] = 0,
     replays: Annotated[int, typer.Option(min=2, max=61, help="Of the half hour's warm-up, identified.")] = 13,
     evaluations: Annotated[int, typer.Option(min=100, max=100_000, help="Of each search for a trajectory.")] = 1600,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """The paper's tables and figures on the simulated arms, beside the paper's own. Exit 1: something that must agree does not."""
@@ -25,6 +26,7 @@ def reproduce(
     from monitor.views.terminal.progress import campaign_progress
     from monitor.views.terminal.studies import print_reproduction
 
+    refuse_overwriting(output, force)
     settings = CampaignSettings(seed=seed, replays=replays, evaluations=evaluations)
     robots = robot or ["ur3", "ur5"]
     with campaign_progress(robots) as show:
@@ -44,6 +46,7 @@ def report(
     until: Annotated[str | None, typer.Option("--to", help="End, not included; else now.", show_default=False)] = None,
     output: ReportOutputOption = None,
     language: Annotated[str | None, typer.Option(help="en or de; else that of [page] language, or English.", show_default=False)] = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """One page to print for the maintenance file: verdicts, evidence, context changes, what was not monitored and why."""
@@ -59,6 +62,7 @@ def report(
         raise BadInput("report: expected -o FILE.html, or --json")
     if output is not None:
         check_page(output)
+        refuse_overwriting(output, force)
     begin, end = (None if text is None else _moment(text, option) for text, option in ((since, "--from"), (until, "--to")))
     if language is not None and language not in LANGUAGES:
         raise BadInput(f"--language {language}: expected one of {', '.join(LANGUAGES)}")

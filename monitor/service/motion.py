@@ -117,7 +117,7 @@ def move(
                 settings,
                 context=context,
                 installation=configuration.installation,
-                on_progress=on_progress,
+                on_progress=None if on_progress is None else _named(on_progress, slow=slowly),
                 should_stop=should_stop,
                 forbidden=forbidden,
                 stopped_before=_waiting_text(store),
@@ -186,6 +186,11 @@ def _waiting_text(store: Store) -> str | None:
     """What waits for a person, as a sentence: the newest stop, or a motion whose end nobody knows."""
     texts = [stop.text for stop in store.stops.waiting()] + [motion.unknown_text for motion in store.motions.left_over()]
     return texts[-1] if texts else None
+
+
+def _named(on_progress: Callable[[ReplayProgress], None], *, slow: bool) -> Callable[[ReplayProgress], None]:
+    """The same display, which is told whether this is a slow first pass."""
+    return lambda at: on_progress(at._replace(slow=slow))
 
 
 def _permit(ask: AskAnswer) -> AskPermit:

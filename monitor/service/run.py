@@ -27,6 +27,7 @@ from monitor.service.monitor_document import MonitorDocument
 from monitor.service.motion import move
 from monitor.service.page import page
 from monitor.service.problems import Problems
+from monitor.service.progress_log import progress_log
 from monitor.service.reload import Reloader
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
@@ -163,6 +164,7 @@ def _replay_over_rtde(daemon: Daemon, store: Store, excitation: Excitation, cont
         ask=daemon.bus.ask_permit,
         announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": row.id, **about}),
         model=daemon.state.torque_model,
+        on_progress=progress_log(),
     )
 
 

@@ -176,13 +176,15 @@ class Scheduler:
             self._monitor.skip(self._clocks.now(), short, "requested")
 
     def _serve_windows_beside(self, asked_unix_s: float) -> None:
-        """A window that is open when a replay is asked for, or opens soon after, needs no replay of its own once that one was learnt from."""
+        """A window that is open when a replay is asked for, or opens soon after, needs no replay of its own once it was learnt from."""
         settings, began = self._monitor.configuration.schedule, self._store.ledger.began_unix_s()
         reach_s = settings.grace_s + settings.jitter_s
         near = windows(settings, asked_unix_s - reach_s, asked_unix_s + reach_s, began, self._salt)
         for window in near:
             is_open = window.opens_unix_s <= asked_unix_s < window.closes_unix_s
-            if (is_open or asked_unix_s < window.opens_unix_s <= asked_unix_s + settings.grace_s) and window.opens_unix_s >= self._not_before:
+            if (
+                is_open or asked_unix_s < window.opens_unix_s <= asked_unix_s + settings.grace_s
+            ) and window.opens_unix_s >= self._not_before:
                 self._monitor.skip(window.key_unix_s, f"one replay serves this window and the request of {rfc3339(asked_unix_s)}")
 
     def coming(self, count: int, now: float | None = None) -> list[Window]:

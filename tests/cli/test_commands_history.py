@@ -65,7 +65,7 @@ def test_what_is_exported_can_be_read_by_others_and_a_recording_be_imported_agai
         rows = list(csv.DictReader(file))
     assert [float(row["coulomb_nm"]) for row in rows] == list(parquet["coulomb_nm"])
     for what, full in (("friction", parquet), ("ledger", pd.read_csv(tmp_path / "ledger.csv"))):
-        printed("export", "--config", str(cell), "-o", str(tmp_path / "none.csv"), "--what", what, "--from", "2100-01-01")
+        printed("export", "--config", str(cell), "-o", str(tmp_path / "none.csv"), "--what", what, "--from", "2100-01-01", "--force")
         none = pd.read_csv(tmp_path / "none.csv")
         assert len(none) == 0
         assert set(none.columns) <= set(full.columns)

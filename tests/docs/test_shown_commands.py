@@ -10,6 +10,7 @@ import shutil
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,7 @@ INSTEAD = {  # makes a command quick, or reads the history instead of a daemon
     "--evaluations 3000": "--evaluations 100",
     "predict": "predict --local",
 }
+OUTPUTS = {"-o", "--plot", "--export"}
 ENDS_WITH = {"run --config bad.toml": 78}
 OF_A_DAEMON = re.compile(r"monitor \d|  up \d")  # lines of `status` that exist only after a daemon has run
 BAD = '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n\n[schedule]\ntimezone = "UTC"\ncron = "at noon"\nblackot = []\n'
@@ -55,6 +57,9 @@ def shape(line: str) -> str:
 def run(folder: Path, words: list[str]) -> tuple[int, str]:
     """Exit code and output of `joint-monitor …`, called in that folder."""
     output, argv = io.StringIO(), sys.argv
+    for option, value in pairwise(words):
+        if option in OUTPUTS:  # another page may show a command that writes the same file
+            (folder / value).unlink(missing_ok=True)
     sys.argv = ["joint-monitor", *words]
     try:
         with chdir(folder), redirect_stdout(output), redirect_stderr(output):

@@ -421,10 +421,13 @@ def _commands(run: Run, home: Path, when: str) -> None:
         "predict-local": ("predict", *config, "--local", f"--q={figures[0]}", f"--qd={figures[1]}", "--json"),
     }.items():
         run.command(f"history/{when}-{name}.json", *arguments, cwd=home, at_unix_s=LATER_UNIX_S)
+    page.unlink(missing_ok=True)  # a command replaces no file unasked
     run.command(f"history/{when}-report.json", "report", *config, "-o", page, cwd=home, at_unix_s=LATER_UNIX_S, files=[page])
     for what in ("friction", "ledger", "events", "assessments"):
+        exported.unlink(missing_ok=True)
         table = ("--what", what, "-o", exported)
         run.command(f"history/{when}-export-{what}.json", "export", *config, *table, cwd=home, at_unix_s=LATER_UNIX_S, files=[exported])
+    exported.unlink(missing_ok=True)
     options = ("--what", "recording", "--replay", "3", "-o", exported)
     run.command(f"history/{when}-export-recording.json", "export", *config, *options, cwd=home, at_unix_s=LATER_UNIX_S)
     run.put(f"history/{when}-exported-recording.json", {"sha256": _digest(exported.read_text("utf-8"))})

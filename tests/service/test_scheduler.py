@@ -264,7 +264,7 @@ def test_a_requested_replay_runs_at_once_and_beside_the_schedule(arm: Arm):
 
 
 def test_a_requested_replay_serves_the_window_beside_it(tmp_path: Path):
-    """`run --now` two minutes before the window, or while it is open: one replay, and the row of the window says which; not if it was lost."""
+    """`run --now` two minutes before the window, or while it is open: one replay, and the row of the window says which."""
     for begins_s, outcome, replays in ((-120.0, "assessed", 1), (120.0, "assessed", 1), (-120.0, "rejected", 2), (-3600.0, "assessed", 2)):
         with Store.open(tmp_path / f"{begins_s}{outcome}") as store:
             arm = Arm(tmp_path, store, cron="0 3 * * *", grace_s=600.0)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from datetime import UTC, tzinfo
 from typing import Any
 
 from rich.console import Console
@@ -16,20 +17,21 @@ from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import ENGLISH
 from monitor.views.language.dates import unix_s
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
+from monitor.views.terminal.local_times import local_times
 from monitor.views.units import PERCENT_PER_MONTH
 
 
-def print_alerts(alerts: list[dict[str, Any]]) -> None:
-    """Print every alert: tier, time, text, advice, and who has acknowledged or shelved it."""
+def print_alerts(alerts: list[dict[str, Any]], zone: tzinfo = UTC) -> None:
+    """Print every alert: tier, time in the zone, text, advice, and who has acknowledged or shelved it."""
     console = standard_output(120)
     if not alerts:
         console.print("no alerts")
-    for alert in alerts:
+    for published, alert in zip(alerts, local_times(alerts, zone), strict=True):
         place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
         state = alert["tier"] if alert["active"] else "cleared"
         console.print(f"[bold]{place}/{alert['condition']}[/] [{TIER_STYLE.get(state, 'white')}]{state}[/] since {alert['raised_at']}")
         if alert["active"]:
-            _print_leading(console, alert, None)
+            _print_leading(console, published, None)
         console.print(f"  {alert['text']}")
         console.print(f"  do: {alert['action']}")
         if alert["acknowledged_at"]:
@@ -39,11 +41,12 @@ def print_alerts(alerts: list[dict[str, Any]]) -> None:
             console.print(f"  shelved by {alert['shelved_by']} until {alert['shelved_until']}", markup=False)
 
 
-def print_status(document: dict[str, Any]) -> None:
+def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
     """Print what `status` knows: health, friction of every joint, active alerts, the monitor's own state, the last windows.
 
-    document : of `service.status.status_document`.
+    document : of `service.status.status_document`. zone : in which times are shown.
     """
+    published, document = document, local_times(document, zone)
     console = standard_output(120, highlight=True)
     health = document["health"]
     not_watched = document.get("not_watched")
@@ -58,20 +61,26 @@ def print_status(document: dict[str, Any]) -> None:
         for text in (assumptions_text(document["friction"]), unseen_steps_text(document["friction"])):
             if text:
                 console.print(text, highlight=False)
-    for alert in health["alerts"] if health else document.get("early_alerts", []):
+    for utc, alert in zip(_alerts(published), _alerts(document), strict=True):
         if alert.get("active"):
-            rows = [row for row in document["friction"] if row["joint"] == alert["joint"]]
-            _print_leading(console, alert, rows[0] if rows else None)
+            rows = [row for row in published["friction"] if row["joint"] == alert["joint"]]
+            _print_leading(console, utc, rows[0] if rows else None)
             place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
             console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {alert['text']}", highlight=False, markup=False)
     if document.get("monitor"):
         console.print(monitor_lines(document["monitor"]), highlight=False, markup=False)
-    for row in document["ledger"]:
-        console.print(
-            f"  replay {row['replay']}  {row['window']}  {row['state']}{'  ' + row['reason'] if row['reason'] else ''}", highlight=False
-        )
+    for count, row in _grouped(document["ledger"]):
+        times = "" if count == 1 else f" and {count - 1} before it"
+        reason = f"  {row['reason']}" if row["reason"] else ""
+        console.print(f"  replay {row['replay']}  {row['window']}  {row['state']}{times}{reason}", highlight=False, markup=False)
         for nth, each in enumerate(row.get("tries", []), start=1):
             console.print(f"    try {nth} ended {each['at']}: {each['reason']}", highlight=False, markup=False)
+
+
+def _alerts(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """The alerts of a status document; before the first verdict those that came early."""
+    alerts: list[dict[str, Any]] = document["health"]["alerts"] if document["health"] else document.get("early_alerts", [])
+    return alerts
 
 
 def _print_leading(console: Console, alert: dict[str, Any], friction: dict[str, Any] | None) -> None:
@@ -79,6 +88,19 @@ def _print_leading(console: Console, alert: dict[str, Any], friction: dict[str, 
     learnt = None if friction is None or not friction.get("recorded_at") else unix_s(friction["recorded_at"])
     told = sentences(alert, JointPast(friction, None, learnt), time.time(), ENGLISH)
     console.print(Text.assemble((told.headline, "bold"), *(f" {more}" for more in (told.pace, told.due) if more)))
+
+
+def _grouped(ledger: list[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
+    """Windows in a row that ended alike for the same reason: how many, and the newest of them."""
+    groups: list[tuple[int, dict[str, Any]]] = []
+    for row in ledger:
+        last = groups[-1] if groups else None
+        alike = last is not None and row["reason"] and (row["state"], row["reason"]) == (last[1]["state"], last[1]["reason"])
+        if last is not None and alike and not (row.get("tries") or last[1].get("tries")):
+            groups[-1] = (last[0] + 1, row)
+        else:
+            groups.append((1, row))
+    return groups
 
 
 def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]], *, of_then: bool = False) -> Table:
@@ -154,8 +176,9 @@ def print_not_alerting(joint: int, reasons: Sequence[str]) -> None:
         console.print(f"  {reason}", highlight=False, markup=False)
 
 
-def print_history(rows: list[dict[str, Any]], left_out: int) -> None:
-    """Print the rows of the history, and how many earlier ones are left out."""
+def print_history(rows: list[dict[str, Any]], left_out: int, zone: tzinfo = UTC) -> None:
+    """Print the rows of the history with times in the zone, and how many earlier ones are left out."""
+    rows = local_times(rows, zone)
     console = standard_output(120, highlight=True)
     if not rows:
         console.print("no replay has been assessed in that time")

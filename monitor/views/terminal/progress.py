@@ -1,24 +1,52 @@
-"""Progress on standard error while a person waits. Where standard error is no terminal, nothing is shown."""
+"""Progress on standard error while a person waits: a bar on a terminal, elsewhere a line now and then."""
 
+import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
+LINE_EVERY_S = 5.0  # where there is no terminal: a person who reads a log should not wait longer in silence
+
 
 @contextmanager
 def progress(title: str) -> Iterator[Callable[[str, float, float], None]]:
-    """A bar for phases of known length, a spinner for others. Call what it yields with phase, elapsed and total time [s], 0 if unknown."""
+    """A bar for phases of known length, a spinner for others. Call what it yields with phase, elapsed and total time [s], 0 if unknown.
+
+    Where standard error is no terminal, a line comes every LINE_EVERY_S.
+    """
     console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"))
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    if not console.is_terminal:
+        yield _lines(title)
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(title, total=None)
 
         def show(phase: str, elapsed_s: float, duration_s: float) -> None:
-            bar.update(task, description=f"{title}: {phase}", completed=elapsed_s, total=duration_s or None)
+            bar.update(task, description=progress_text(title, phase, elapsed_s, duration_s), completed=elapsed_s, total=duration_s or None)
 
         yield show
+
+
+def progress_text(title: str, phase: str, elapsed_s: float, duration_s: float) -> str:
+    """Where something is, e.g. `replay: slow first pass, 40 s of 52`."""
+    total = f" of {duration_s:.0f}" if duration_s else ""
+    return f"{title}: {phase}, {elapsed_s:.0f} s{total}"
+
+
+def _lines(title: str) -> Callable[[str, float, float], None]:
+    shown_at = time.monotonic()
+
+    def show(phase: str, elapsed_s: float, duration_s: float) -> None:
+        nonlocal shown_at
+        if time.monotonic() - shown_at >= LINE_EVERY_S:
+            shown_at = time.monotonic()
+            print(progress_text(title, phase, elapsed_s, duration_s), file=sys.stderr, flush=True)  # noqa: T201
+
+    return show
 
 
 @contextmanager
