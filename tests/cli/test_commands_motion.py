@@ -298,12 +298,13 @@ def test_the_cells_own_program_permits_over_zenoh(remote, config, answer, code):
 def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_needs_none(remote, config):
     """The first pass takes twice the time at half the speed, in a file of its own; the next replay needs none."""
     path = config(first_pass=True, first_pass_time_scale=0.5, approach_speed_rad_s=1.0)
+    (path.parent / "short.json").write_text(json.dumps(short(period_s=2.0).as_document()))
     output, first = path.parent / "r.parquet", path.parent / "r-first-pass.parquet"
     done = program("replay", "--config", path, "-o", output, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["first_pass"] == str(first)
     slow, normal = read_recording(first), read_recording(output)
-    for recording, expected_s in ((slow, 6.0), (normal, 3.0)):  # where targets are sent late the motion waits for them
+    for recording, expected_s in ((slow, 4.0), (normal, 2.0)):  # where targets are sent late the motion waits for them
         assert recording.duration_s - recording.quality["slipped_s"] == pytest.approx(expected_s, abs=0.05)
     assert slow.quality["time_scale"] == 0.5
     assert "first pass" in slow.context.note
