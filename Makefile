@@ -3,8 +3,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# three on two cores, as tests wait a third of their time; the third begins when no arm moves in real time any more, which it would disturb
-WORKERS ?= 3
+# four on two cores: one has the arm in real time, which the others let go first, and tests wait a third of their time
+WORKERS ?= 4
 # more threads of linear algebra would only fight over the cores
 export OMP_NUM_THREADS ?= 1
 # the suite starts hundreds of commands: each would compile the program anew

@@ -1,11 +1,8 @@
 """What the tests share: where the real recordings are, and loopback addresses that no two tests use at once."""
 
 import os
-import shutil
 import socket
-import tempfile
-import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: threads for matrices this small only wait for each other
@@ -18,7 +15,9 @@ settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy 
 settings.load_profile("ours")
 
 
-# what moves an arm in real time, or waits for a few milliseconds of the clock
+# What moves an arm in real time, or waits for a few milliseconds of the clock: one test after the other on one worker, the longest first.
+# A new such module joins by its name here (`test_house.py` asks for it). Together they take as long as the whole suite does: before one is
+# added, see `--durations=20` of it, and let it share an arm, a short trajectory (`excitations.short`) and a place near its start.
 REAL_TIME = (
     "studies/test_demo.py",
     *(
@@ -45,13 +44,10 @@ REAL_TIME = (
 )
 # a long test that begins last keeps everybody waiting
 LONG = ("acquire/", "store/test_series.py", "studies/", "test_assess.py", "golden/", "cli/", "design/")
-GIVE_WAY = 19  # niceness of the other workers: they hardly delay the arm, and get what it leaves
+GIVE_WAY = 19  # niceness of the other workers, where the kernel knows no better way to let the arm go first
 ON_THE_WIRE = (*REAL_TIME, "acquire/", "simulate/", "publish/")
-BESIDE_THE_ARM = 2  # workers; further ones begin when no arm moves in real time any more, and use the time in which tests wait
-# for a client, a browser, a period: two thirds of the time on the wire; they come when there are more workers, the longest first
+# for a client, a browser, a period: two thirds of the time on the wire
 MOSTLY_WAITING = ("views/", "service/", "simulate/", "publish/")
-SHARED = "JOINT_MONITOR_TESTS"  # environment: a folder of this run, which all workers see
-AT_MOST_S = 1200.0  # the worker with the arm was killed
 
 
 @pytest.hookimpl(tryfirst=True)  # before the plugin that puts the groups into the names: by these it distributes them
@@ -68,70 +64,42 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if place.startswith(REAL_TIME):
             item.add_marker(pytest.mark.xdist_group("real time"))
         elif item.get_closest_marker("xdist_group") is None and _has_module_fixture(item):
-            item.add_marker(
-                pytest.mark.xdist_group(place)
-            )  # one worker prepares the fixture once; three workers would prepare it three times
+            item.add_marker(pytest.mark.xdist_group(place))  # one worker prepares the fixture once; others would prepare it again
         if place.startswith(ON_THE_WIRE) and item.get_closest_marker("soak") is None:
             item.add_marker(pytest.mark.flaky(reruns=2 if place.startswith(REAL_TIME) else 1, reruns_delay=2))
 
 
-def _rank(item: pytest.Item) -> int:
-    """Where a test stands in the order: in real time, with a fixture of its module, in folders of long tests, mostly waiting, other."""
+def _rank(item: pytest.Item) -> tuple[int, int]:
+    """Where a test stands in the order: in real time, with a fixture of its module, other; within these, by folders of long tests."""
     place = item.path.relative_to(ROOT / "tests").as_posix()
     if place.startswith(REAL_TIME):
-        return next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix))
-    if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING):
-        return len(REAL_TIME)
+        return 0, next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix))
     order = (*LONG, *MOSTLY_WAITING)
-    return len(REAL_TIME) + next((rank for rank, prefix in enumerate(order, start=1) if place.startswith(prefix)), len(order) + 1)
+    within = next((rank for rank, prefix in enumerate(order) if place.startswith(prefix)), len(order))
+    return (1 if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING) else 2), within
 
 
-def _in_real_time(item: pytest.Item | None) -> bool:
-    return item is not None and item.path.relative_to(ROOT / "tests").as_posix().startswith(REAL_TIME)
+def _in_real_time(item: pytest.Item) -> bool:
+    return item.path.relative_to(ROOT / "tests").as_posix().startswith(REAL_TIME)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The process that starts the workers makes the folder that they share."""
-    if not hasattr(config, "workerinput"):
-        os.environ[SHARED] = tempfile.mkdtemp(prefix="joint-monitor-tests-")
-
-
-def pytest_unconfigure(config: pytest.Config) -> None:
-    """It removes the folder at the end."""
-    if not hasattr(config, "workerinput"):
-        shutil.rmtree(os.environ[SHARED], ignore_errors=True)
-
-
-@pytest.hookimpl(wrapper=True, tryfirst=True)  # around the time limit: waiting is no part of a test
-def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, object, object]:
-    """A worker that would be one too many beside an arm in real time waits until the last such test is over."""
-    number = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    if number >= BESIDE_THE_ARM and not _in_real_time(item) and any(map(_in_real_time, item.session.items)):
-        until = time.monotonic() + AT_MOST_S
-        while not _over().exists() and time.monotonic() < until:
-            time.sleep(0.5)
-    result = yield
-    if _in_real_time(item) and not _in_real_time(nextitem):
-        _over().touch()
-    return result
-
-
-def pytest_sessionfinish() -> None:
-    """A worker that ends, for whatever reason, keeps nobody waiting."""
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        _over().touch()
-
-
-def _over() -> Path:
-    """It exists once no test of this run moves an arm in real time any more."""
-    return Path(os.environ[SHARED]) / "no arm moves"
+    """Tests are handed out in the order in which they are sorted: xdist would begin with the groups of the most tests, not the longest."""
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A worker that does other work gives way to the worker with the arm in real time. It cannot rise again: real-time tests come first."""
-    place = item.path.relative_to(ROOT / "tests").as_posix()
-    if os.environ.get("PYTEST_XDIST_WORKER") and not place.startswith(REAL_TIME) and os.nice(0) < GIVE_WAY:
+    """A worker that does other work gives way to the worker with the arm in real time. It cannot rise again: real-time tests come first.
+
+    A process of the idle class ends its turn at once when the arm wakes up; one that is only nice may first use up a part of it.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ or _in_real_time(item):
+        return
+    try:
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    except (AttributeError, OSError):  # not Linux, or a container that forbids it
         os.nice(GIVE_WAY - os.nice(0))
 
 
