@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from monitor.cli.options import Commands, ForceOption, JsonOption, ReportOutputOption, load_configuration, print_json, refuse_overwriting
-from monitor.errors import BadInput
+from monitor.errors import BadInput, StoreError
 from monitor.publish.timestamps import unix_s
 from monitor.views.report.html import check_page
 
@@ -66,21 +66,30 @@ def report(
     begin, end = (None if text is None else _moment(text, option) for text, option in ((since, "--from"), (until, "--to")))
     if language is not None and language not in LANGUAGES:
         raise BadInput(f"--language {language}: expected one of {', '.join(LANGUAGES)}")
-    now, reports = time.time(), []
+    now, reports, left_out = time.time(), [], []
     for path in config:
         configuration = load_configuration(path)
         language = language or (configuration.page.language if configuration.page.language in LANGUAGES else None)
-        with Store.reader(configuration.state_directory) as store:
-            reports.append(collect(configuration, store, begin, end, now))
+        try:
+            with Store.reader(configuration.state_directory) as store:
+                reports.append(collect(configuration, store, begin, end, now))
+        except (BadInput, StoreError) as why:  # a new arm must not cost the page of all others
+            if len(config) == 1:
+                raise
+            left_out.append({"site": configuration.robot.site, "id": configuration.robot.id, "why": str(why)})
+    if not reports:
+        raise BadInput("; ".join(one["why"] for one in left_out))
     if output is not None:
         try:
-            output.write_text(report_page(reports, say_in(language or "en")), encoding="utf-8")
+            output.write_text(report_page(reports, say_in(language or "en"), left_out), encoding="utf-8")
         except OSError as wrong:
             raise BadInput(f"-o {output}: cannot be written: {wrong.strerror}") from None
     if as_json:
-        print_json({"reports": reports}, indent=None)
+        print_json({"reports": reports, "left_out": left_out}, indent=None)
     else:
         typer.echo(f"written: {output}")
+        for one in left_out:
+            typer.echo(f"  not in it: {one['site']}/{one['id']}: {one['why']}")
 
 
 def _moment(text: str, option: str) -> float:

@@ -23,6 +23,7 @@ log = logging.getLogger(__name__)
 
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
 LONGEST_PARAMETERS = 1000
+JSON_NAMES = {type(None): "null", bool: "true or false", int: "a number", float: "a number", str: "a string", list: "an array"}
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
 
 
@@ -255,5 +256,5 @@ def _payload(query: zenoh.Query, key: str) -> Mapping[str, Any]:
     except orjson.JSONDecodeError as error:
         raise BadInput(f"{key}: the payload is not JSON: {error}") from None
     if not isinstance(document, dict):
-        raise BadInput(f"{key}: the payload is {type(document).__name__}; expected a JSON object")
+        raise BadInput(f"{key}: the payload is {JSON_NAMES.get(type(document), 'no object')}; expected a JSON object")
     return document

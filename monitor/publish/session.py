@@ -118,10 +118,11 @@ def _from_file(path: str) -> zenoh.Config:
         raise BadInput(f"{path}: is no Zenoh configuration: {str(error).split(' at /')[0]}") from None
 
 
+# a router that does not answer is the problem `router`, in our words and in our log
+_ZENOH_WARNINGS = "warn,zenoh::net::routing::hat::peer=error,zenoh::net::runtime::orchestrator=error"
 # who connects and under which name, who is refused by access control, certificate or password; only warnings of all else
 _ZENOH_LOG_LEVELS = (
-    "warn,zenoh::net::routing::hat::peer=error,zenoh::net::routing::interceptor=info,zenoh_link_tls=debug,"
-    "zenoh_transport::unicast::establishment::accept=debug"
+    f"{_ZENOH_WARNINGS},zenoh::net::routing::interceptor=info,zenoh_link_tls=debug,zenoh_transport::unicast::establishment::accept=debug"
 )
 
 
@@ -132,7 +133,7 @@ def log_refusals(settings: BusSettings) -> None:
     """
     if not sys.stdout.isatty():
         os.environ.setdefault("NO_COLOR", "1")
-    zenoh.init_log_from_env_or(_ZENOH_LOG_LEVELS if settings.zenoh else "warn,zenoh::net::routing::hat::peer=error")
+    zenoh.init_log_from_env_or(_ZENOH_LOG_LEVELS if settings.zenoh else _ZENOH_WARNINGS)
 
 
 @cache

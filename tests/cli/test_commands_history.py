@@ -10,7 +10,7 @@ import pytest
 from command_line import printed
 from test_backups_and_retention import configuration, lived, recordings  # noqa: F401 - a fixture
 
-from monitor.errors import BadInput
+from monitor.errors import BadInput, MonitorError
 from monitor.recording import Context, Recording
 from monitor.store.recordings import read_recording, write_recording
 from monitor.store.store import Store
@@ -64,6 +64,8 @@ def test_what_is_exported_can_be_read_by_others_and_a_recording_be_imported_agai
     with (tmp_path / "friction.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["coulomb_nm"]) for row in rows] == list(parquet["coulomb_nm"])
+    assert all(cell[:1] not in {"[", "{"} for row in rows for cell in row.values())  # no list in a cell
+    assert {"remaining_revolutions.p10", "remaining_revolutions.p50", "remaining_revolutions.p90"} <= set(rows[0])
     for what, full in (("friction", parquet), ("ledger", pd.read_csv(tmp_path / "ledger.csv"))):
         printed("export", "--config", str(cell), "-o", str(tmp_path / "none.csv"), "--what", what, "--from", "2100-01-01", "--force")
         none = pd.read_csv(tmp_path / "none.csv")
@@ -128,3 +130,18 @@ def test_check_reports_whether_the_service_could_run(cell: Path, tmp_path: Path)
     document = json.loads(printed("check", "--config", str(tmp_path / "cell.toml"), "--json", code=3))
     assert [each["name"] for each in document["service"] if not each["holds"]] == ["history"]
     assert not document["may_run"]
+
+
+def test_a_new_arm_does_not_cost_the_report_of_the_others(cell: Path, tmp_path: Path):
+    """It is named with its reason, on the page, in the JSON and on the terminal; alone it is a mistake as before."""
+    new = tmp_path / "new.toml"
+    new.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "new"\n[store]\ndirectory = "nothing"\n')
+    text = printed("report", "--config", str(cell), "--config", str(new), "-o", str(tmp_path / "report.html"))
+    assert "not in it: lab/new: " in text
+    assert "no history yet" in text
+    assert "no history yet" in (tmp_path / "report.html").read_text("utf-8")
+    document = json.loads(printed("report", "--config", str(new), "--config", str(cell), "--json"))
+    assert [one["id"] for one in document["left_out"]] == ["new"]
+    assert len(document["reports"]) == 1
+    with pytest.raises(MonitorError, match="no history yet"):
+        printed("report", "--config", str(new), "-o", str(tmp_path / "none.html"))

@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -68,7 +70,9 @@ def test_a_malformed_query_gets_an_error_that_names_the_mistake(bus):
         for payload, says in (
             (None, "no payload"),
             (b"{", "not JSON"),
-            (b"[1]", "expected a JSON object"),
+            (b"[1]", "the payload is an array; expected a JSON object"),
+            (b"null", "the payload is null; expected a JSON object"),
+            (b'"j3"', "the payload is a string; expected a JSON object"),
             (b"{}", "x is missing"),
             (b"[" * 100_000, "not JSON"),
             (b'{"x": NaN}', "not JSON"),
@@ -192,3 +196,18 @@ def test_a_missing_router_is_reported_and_joined_when_it_starts(free_port: int):
             assert bus.without_router() is None
     with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "cell-1")) as bus:
         assert bus.without_router() is None
+
+
+def test_a_missing_router_is_told_in_our_words_alone(tmp_path, free_port):
+    """Zenoh's own warnings of its start stay out of the log: the problem `router` says it once."""
+    code = (
+        "import sys; from monitor.publish.bus import Bus; from monitor.publish.session import BusSettings, log_refusals\n"
+        "settings = BusSettings(listen=(), connect=(sys.argv[1],)); log_refusals(settings)\n"
+        "with Bus(settings, 'joint-monitor/v1/lab/a') as bus: print(bus.without_router())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, f"tcp/127.0.0.1:{free_port}"], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stderr == ""
+    (line,) = done.stdout.splitlines()
+    assert line.startswith(f"nobody answers at tcp/127.0.0.1:{free_port}")

@@ -20,6 +20,7 @@ from monitor.store.store import Store
 
 AHEAD_S = 300.0  # [s] the clock of the host that made a recording may be so far ahead
 LONGEST_S = 2e11  # [s] until the year 8307; `datetime` has no later dates
+QUANTILES = ("p10", "p50", "p90")  # of remaining life, as a list in documents
 # each with the columns of an empty table, so that a reader finds a header
 TABLES = {
     "friction": ("replay", "joint", "recorded_at"),
@@ -86,11 +87,25 @@ def write_table(frame: pd.DataFrame, path: Path) -> None:
         if path.suffix == ".parquet":
             frame.to_parquet(path, index=False, compression="zstd")
         elif path.suffix == ".csv":
-            frame.to_csv(path, index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ")
+            _without_lists(frame).to_csv(path, index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ")
         else:
             raise BadInput(f"{path}: expected a name that ends in .csv or .parquet")
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _without_lists(frame: pd.DataFrame) -> pd.DataFrame:
+    """The table with a column for each element of its lists: a cell of a CSV is a figure or a text."""
+    columns: dict[str, Any] = {}
+    for name in frame.columns:
+        width = max((len(cell) for cell in frame[name] if isinstance(cell, list)), default=None)
+        if width is None:
+            columns[name] = frame[name]
+            continue
+        parts = QUANTILES if str(name).startswith("remaining_") and width == len(QUANTILES) else [str(k + 1) for k in range(width)]
+        for k, part in enumerate(parts):
+            columns[f"{name}.{part}"] = [cell[k] if isinstance(cell, list) and k < len(cell) else None for cell in frame[name]]
+    return pd.DataFrame(columns)
 
 
 def export_recording(store: Store, replay: int, path: Path) -> Recording:

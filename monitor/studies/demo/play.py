@@ -6,6 +6,7 @@ real time with the same physics.
 """
 
 import json
+import logging
 import shutil
 import sys
 import tempfile
@@ -48,6 +49,7 @@ def play(*, ticker: Ticker, seed: int = 0, keep: Path | None = None, as_json: bo
     other, else 1. An error that ends it says how busy this machine is.
     """
     began = time.monotonic()
+    logging.getLogger("monitor").addHandler(logging.NullHandler())  # what the daemon logs is on the screen in words
     console = Console(stderr=as_json, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
     state, received = DemoState(), Received()
     ticker.activity = lambda: state.activity

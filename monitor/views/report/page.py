@@ -29,11 +29,16 @@ CONTEXT_WORDS = {
 }
 
 
-def report_page(reports: Sequence[Mapping[str, Any]], say: Language = ENGLISH) -> str:
-    """The HTML page. Each robot begins on a new sheet. reports : documents of `service.report`."""
+def report_page(reports: Sequence[Mapping[str, Any]], say: Language = ENGLISH, left_out: Sequence[Mapping[str, str]] = ()) -> str:
+    """The HTML page. Each robot begins on a new sheet.
+
+    reports : documents of `service.report`. left_out : robots of which there is nothing to report, by site, id and why.
+    """
     parts: list[str] = []
     for number, one in enumerate(reports):
         parts += _robot(one, say, new_page=number > 0)
+    for robot in left_out:
+        parts += [heading(f"{robot['site']}/{robot['id']}"), paragraph(say.retell(robot["why"]), "warn")]
     first = reports[0]
     subtitle = say.say(
         "{names}. {begin} to {end}; made on {made} by joint-monitor {version}. Times are UTC.",
