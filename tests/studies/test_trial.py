@@ -7,6 +7,7 @@ import pytest
 from command_line import ended, program
 
 from monitor.studies.trial.clock import TrialClock
+from monitor.studies.trial.world import TrialArm
 
 
 def test_days_pass_in_seconds_and_no_window_is_missed(tmp_path):
@@ -44,6 +45,29 @@ def test_a_wrong_option_is_said_before_anything_starts(option, value, expected):
     result = ended("try", option, value)
     assert result.returncode == 2
     assert expected in result.stderr
+
+
+def test_declared_work_is_done_on_the_simulated_arm():
+    """A replaced joint is as new and wears like a healthy one; grease takes four fifths away and leaves the pace."""
+
+    class Worn:
+        def __init__(self):
+            self.calls = []
+
+        def truth(self):
+            return {"wear_coulomb": [1.0, 2.0], "wear_viscous": [1.0, 1.5], "wear_per_revolution": [1e-9, 1e-5]}
+
+        def wear(self, joint, **factors):
+            self.calls.append((joint, factors))
+
+    worn = Worn()
+    arm = TrialArm(worn, TrialClock(0.0, 1.0))
+    arm.repair(2, "replaced")
+    arm.repair(2, "greased")
+    arm.repair(2, "polished")
+    (_, new), (_, greased) = worn.calls
+    assert new == {"coulomb_factor": 1.0, "viscous_factor": 1.0, "per_revolution": 1e-9}
+    assert greased == pytest.approx({"coulomb_factor": 1.2, "viscous_factor": 1.1, "per_revolution": None})
 
 
 def test_the_clock_waits_at_a_window_and_stands_while_the_arm_moves():

@@ -58,10 +58,11 @@ def play(trial: Trial) -> None:
 
 
 def _advance(trial: Trial, clock: TrialClock, arm: TrialArm, service: Running, says: Says) -> None:
-    """Let time pass from window to window, age the arm with it, and say what happens, until the daemon stops or the days are over."""
+    """Let time and the arm's age pass from window to window, do declared work, say what happens; until the daemon stops or the days are over."""
     stopping = service.daemon.state.stopping
     end_unix_s = STARTS_UNIX_S + (trial.days * DAY_S if trial.days is not None else float("inf"))
     due: Window | None = None
+    done = 0  # works that the simulated mechanic has carried out
     while not stopping.wait(STEP_S):
         try:
             if service.daemon.state.replaying.locked():  # also while it is judged: an alert has the time of its replay
@@ -72,6 +73,9 @@ def _advance(trial: Trial, clock: TrialClock, arm: TrialArm, service: Running, s
             until = end_unix_s if due is None else min(due.opens_unix_s, end_unix_s)
             clock.stop_at(until)
             arm.follow()
+            for work in service.store.works.rows()[done:]:
+                done += 1
+                arm.repair(work.joint, str(work.document["kind"]))
             says.news(service, clock.now(), arm)
         except MonitorError as error:
             says.line(str(error))

@@ -45,6 +45,7 @@ class Says:
             ("what is known", f"joint-monitor status --config {path}"),
             ("alerts, and what they ask", f"joint-monitor alerts --config {path}"),
             ("somebody has seen one", f"joint-monitor ack --config {path} j3/wear_rising --by you"),
+            ("a mechanic works on it", f"joint-monitor serviced --config {path} --joint 3 --replaced --by you --why worn"),
             ("something breaks", f"joint-monitor simulate --bind {self._host} --fault 'protective_stop'"),
         ):
             self.line(f"  {what:<26} {command}")

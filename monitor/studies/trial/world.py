@@ -15,6 +15,7 @@ from monitor.studies.demo.replays import known_facts
 from monitor.studies.trial.clock import TrialClock
 
 HOUR_S = 3600.0
+TAKEN_AWAY = {"replaced": 1.0, "overhauled": 0.95, "greased": 0.8}  # share of a joint's wear, by the kind of work
 LEAST_STEP_S = 300.0  # heat and wear change little within five minutes
 
 
@@ -55,13 +56,17 @@ class TrialArm:
                 self._unix_s += recording.duration_s
         return dataclasses.replace(recording, context=dataclasses.replace(recording.context, **known_facts(context)))
 
-    def repair(self, joint: int, *, recovery: float) -> None:
-        """A mechanic's work on one joint (from 1): the share `recovery` of its wear is taken away."""
+    def repair(self, joint: int, kind: str) -> None:
+        """The work on one joint (from 1) that a person has declared, done on the simulated arm; unknown kinds change nothing."""
+        if kind not in TAKEN_AWAY:
+            return
         with self._lock:
             truth = self._remote.truth()
-            left = 1.0 - recovery
+            left = 1.0 - TAKEN_AWAY[kind]
             coulomb, viscous = (1.0 + left * (truth[key][joint - 1] - 1.0) for key in ("wear_coulomb", "wear_viscous"))
-            self._remote.wear(joint, coulomb_factor=coulomb, viscous_factor=viscous)
+            # grease does not mend what wears the joint; other parts wear as the healthiest joint does
+            pace = None if kind == "greased" else min(truth["wear_per_revolution"])
+            self._remote.wear(joint, coulomb_factor=coulomb, viscous_factor=viscous, per_revolution=pace)
 
 
 def trial_file(folder: Path, document: dict[str, Any], host: str, bus_port: int, page_port: int) -> Path:
