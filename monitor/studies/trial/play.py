@@ -58,7 +58,7 @@ def play(trial: Trial) -> None:
 
 
 def _advance(trial: Trial, clock: TrialClock, arm: TrialArm, service: Running, says: Says) -> None:
-    """Let time and the arm's age pass from window to window, do declared work, say what happens; until the daemon stops or the days are over."""
+    """Let time pass from window to window, and with it the arm; do declared work, say what happens; until the end of the days."""
     stopping = service.daemon.state.stopping
     end_unix_s = STARTS_UNIX_S + (trial.days * DAY_S if trial.days is not None else float("inf"))
     due: Window | None = None
