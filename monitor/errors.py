@@ -63,18 +63,32 @@ class ReplayAborted(MonitorError):
         }
     )
 
-    # of these, the causes on this machine's side or on the network's: the same window may try again
+    # of these, the causes of this machine or of somebody whom the motion asks: nothing but us stopped the arm, and the way that it came is
+    # as free as it was. An arm that such an end left on its trajectory is brought back over that way by the next motion.
+    BROUGHT_BACK = frozenset({"parent_asked_to_stop", "permit_withdrawn", "motion_forbidden", "late", "timeout", "joint_temperature"})
+
+    # of the harmless, the causes on this machine's side or on the network's: the same window may try again
     TRANSIENT = frozenset({"late", "stalled", "timeout", "child_died", "connection_lost", "no_control", "no_watchdog"})
 
     def __init__(
-        self, message: str, cause: str = "unknown", *, moved: bool = False, at_rest: bool = False, unknown: str | None = None
+        self,
+        message: str,
+        cause: str = "unknown",
+        *,
+        moved: bool = False,
+        at_rest: bool = False,
+        unknown: str | None = None,
+        phase: str = "",
+        home_q: tuple[float, ...] = (),
     ) -> None:
         """`moved`: a program of ours may have moved the arm. `at_rest`: it was seen at rest, and our program has ended.
 
-        `unknown`: what is not known of the arm after this end; None: all that must be known is.
+        `unknown`: what is not known of the arm after this end, or must be put right; None: all that must be known is.
+        `phase`: the last one in which targets were sent; empty: none was. `home_q`: (J,) [rad] where the arm should have come back to.
         """
         super().__init__(message)
         self.cause, self.moved, self.at_rest, self.unknown = cause, moved, at_rest, unknown
+        self.phase, self.home_q = phase, home_q
 
     @property
     def needs_a_person(self) -> bool:
@@ -87,7 +101,14 @@ class ReplayAborted(MonitorError):
     def known(self, unknown: str | None) -> "ReplayAborted":
         """The same end after a look at the arm; the message says what is `unknown` after it."""
         message = str(self) if unknown is None else f"{self}; after it {unknown}"
-        return ReplayAborted(message, self.cause, moved=self.moved, at_rest=self.at_rest, unknown=unknown)
+        return self._with(message, self.cause, unknown)
+
+    def stopped(self, cause: str, text: str, unknown: str | None) -> "ReplayAborted":
+        """The same end, of which a stop by the robot's safety system turned out to be the cause."""
+        return self._with(f"{self}; after it {text}", cause, unknown)
+
+    def _with(self, message: str, cause: str, unknown: str | None) -> "ReplayAborted":
+        return ReplayAborted(message, cause, moved=self.moved, at_rest=self.at_rest, unknown=unknown, phase=self.phase, home_q=self.home_q)
 
 
 class StoreError(MonitorError):

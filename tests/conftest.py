@@ -37,6 +37,7 @@ REAL_TIME = (
             "refusals",
             "replay",
             "stop_ours",
+            "way_back",
         )
     ),
     "cli/test_commands_motion.py",

@@ -6,6 +6,7 @@ from monitor.acquire.driver import Driver
 from monitor.acquire.safety.conditions import conditions
 from monitor.acquire.safety.gate import AskPermit
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Permit
+from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.errors import RobotUnreachable
@@ -23,13 +24,15 @@ def check(
     installation: Installation | None = None,
     stopped_before: str | None = None,
     expected_serial: str | None = None,
+    left: Left | None = None,
     ask: AskPermit | None = None,
     driver: Driver = UNIVERSAL_ROBOTS,
 ) -> tuple[ConditionResult, ...]:
     """Every condition as it is now.
 
-    `stopped_before` describes a stop that nobody has acknowledged; `expected_serial` is the number of the arm that was moved before; `ask`
-    asks for somebody else's permit. An arm that does not answer fails the conditions that need its answer; nothing is raised for it.
+    `stopped_before` describes a stop that nobody has acknowledged; `expected_serial` is the number of the arm that was moved before, `left`
+    how the last motion left it; `ask` asks for somebody else's permit. An arm that does not answer fails the conditions that need its
+    answer; nothing is raised for it.
     """
     try:
         identity = driver.identity(settings.host)
@@ -52,5 +55,6 @@ def check(
             expected_serial=expected_serial,
             permit=permit,
             installation=installation or Installation(),
+            left=left,
         )
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
 
 from monitor.acquire.safety.band.basis import BandBasis
+from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.errors import MonitorError
@@ -47,6 +48,7 @@ class ReplayTask:
     context: Context
     installation: Installation = field(default_factory=Installation)
     basis: BandBasis = field(default_factory=BandBasis)  # what was learnt for the torque band
+    left: Left | None = None  # how the last motion left the arm; None: it brought it back
 
 
 class Session(Protocol):
@@ -85,10 +87,11 @@ class Driver(Protocol):
         """
 
     def stream(self, task: ReplayTask) -> Session:
-        """A session that plays one replay: connect, ready, control, approach, settle, play, return, settle, finish.
+        """A session that plays one replay: connect, ready, control, approach or way_back, settle, play, return, settle, finish.
 
         It sends the rows of the play, and these messages: `phase` with `phase` and `duration_s`; `state` with a `row` while it waits in
-        the phase `ready`; `alive`; and a last one: `done`, `failed` with `cause` and `text`, `refused` or `unreachable` with a `text`.
+        the phase `ready`; `alive`; `waiting` while the robot's next row is late; and a last one: `done`, `failed` with `cause` and
+        `text`, `refused` or `unreachable` with a `text`.
         A `failed` with `ended` true means that the session has ended its program and the arm stands.
         It takes the words `go`, without which nothing moves, and `stop`. Raises SessionEnded where no process can be started.
         """

@@ -18,10 +18,13 @@ SAFETY_CAUSES = {3: "protective_stop", 5: "safeguard_stop", 6: "emergency_stop",
 
 
 class ArmAfter:
-    """The arm after a motion. `stop` is the stop that its safety system holds; `unknown` says what is not known; None: all is in order."""
+    """The arm after a motion. `stop` is the stop that its safety system holds; `unknown` says what is not known; None: all is in order.
 
-    def __init__(self, stop: SafetyStop | None, unknown: str | None) -> None:
-        self.stop, self.unknown = stop, unknown
+    `state` is what the controller reported; None where it did not answer.
+    """
+
+    def __init__(self, stop: SafetyStop | None, unknown: str | None, state: ArmState | None = None) -> None:
+        self.stop, self.unknown, self.state = stop, unknown, state
 
 
 def look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: Callable[[], bool] = lambda: False) -> ArmAfter:
@@ -53,22 +56,22 @@ def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:
     if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
         name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
         text = f"the controller's safety mode is {state.safety_mode} ({name}), bits {state.safety_bits:#x}"
-        return ArmAfter(SafetyStop(SAFETY_CAUSES.get(state.safety_mode, "safety"), text), text)
+        return ArmAfter(SafetyStop(SAFETY_CAUSES.get(state.safety_mode, "safety"), text), text, state)
     if state.robot_mode != names.ROBOT_MODE_RUNNING:
         text = f"the robot mode is {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})"
-        return ArmAfter(SafetyStop("robot_mode", text), text)
+        return ArmAfter(SafetyStop("robot_mode", text), text, state)
     if clean:
-        return ArmAfter(None, None)
+        return ArmAfter(None, None, state)
     if state.runtime_state != names.RUNTIME_STOPPED:
         name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
-        return ArmAfter(None, f"a program is {name}: it is not known whether it is ours, and whether the arm came to rest")
+        return ArmAfter(None, f"a program is {name}: it is not known whether it is ours, and whether the arm came to rest", state)
     if not np.all(np.abs(state.qd) <= names.STANDSTILL_RAD_S):  # also where a speed is no number
-        return ArmAfter(None, "the arm does not stand still")
-    return ArmAfter(None, None)
+        return ArmAfter(None, "the arm does not stand still", state)
+    return ArmAfter(None, None, state)
 
 
 def judged_end(error: ReplayAborted, after: ArmAfter) -> ReplayAborted:
     """The same end of a replay, with what is known of the arm after it. A stop by the robot's safety system is the cause of any end."""
     if after.stop is not None:
-        return ReplayAborted(f"{error}; after it {after.stop.text}", after.stop.cause, moved=error.moved, unknown=after.unknown)
+        return error.stopped(after.stop.cause, after.stop.text, after.unknown)
     return error.known(after.unknown)

@@ -19,6 +19,7 @@ from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, n
 from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.oversight import Oversight, Question, permit_kept, remote_control_kept
+from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
@@ -49,6 +50,7 @@ def replay(
     ask: AskPermit | None = None,
     announce: Announce | None = None,
     basis: BandBasis | None = None,
+    left: Left | None = None,
     driver: Driver = UNIVERSAL_ROBOTS,
 ) -> Recording:
     """Move to the start, play every repetition once, and come back; the recording has the rows of the play alone, one a tick.
@@ -59,7 +61,8 @@ def replay(
     nobody has acknowledged, `expected_serial` is the number of the arm that was moved before. `met` is called with who answers, before
     anything is refused for it; `begin` just before the arm may move: what it raises ends the replay, and nothing moves. `ask` asks for
     somebody else's permit, again and again while the arm moves; `announce` tells whoever must know. `basis` is what was
-    learnt for the torque band, which ends the motion; None: nothing was. The calling thread blocks until the arm is back, and must not end
+    learnt for the torque band, which ends the motion; None: nothing was. `left` is how the last motion left the arm; None: it brought
+    it back. The calling thread blocks until the arm is back, and must not end
     before.
 
     Raises MotionRefused (nothing was moved), RobotUnreachable (nothing was moved), ReplayAborted with its `cause`.
@@ -75,6 +78,7 @@ def replay(
         stopped_before=stopped_before,
         installation=installation or Installation(),
         expected_serial=expected_serial,
+        left=left,
     )
     refuse_unless(named_conditions(inputs, OF_CONFIGURATION))
     identity = driver.identity(settings.host)
@@ -89,6 +93,7 @@ def replay(
         context=inputs.context,
         installation=inputs.installation,
         basis=basis or BandBasis(),
+        left=left,
     )
     gate = Gate(inputs, ask=ask, announce=announce)
     questions: tuple[Question, ...] = (permit_kept(gate.ask_again),) if gate.asks_over_zenoh else ()
@@ -112,7 +117,8 @@ def replay(
         stopped = not watch.may_move or driver.stop_program(settings.host, watch.our_program)
         watch.oversight.join()
     if not watch.done:
-        _raise_ending(watch, driver, exit_code, session.printed, stopped=stopped)
+        home_q = () if watch.state is None else tuple(inputs.way_from(watch.state).home_q.tolist())
+        _raise_ending(watch, driver, exit_code, session.printed, stopped=stopped, home_q=home_q)
     return _recording(watch, _full_context(inputs, watch.state), excitation)
 
 
@@ -135,7 +141,7 @@ def _full_context(inputs: ConditionInputs, state: ArmState | None) -> Context:
     )
 
 
-def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *, stopped: bool) -> NoReturn:
+def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *, stopped: bool, home_q: tuple[float, ...]) -> NoReturn:
     """Raise what ended the replay, in words for a person."""
     message, host = watch.last_message, watch.settings.host
     if message is not None and message["kind"] == "refused":
@@ -161,7 +167,15 @@ def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *,
     outcome = "" if stopped else "; THE CONTROLLER DID NOT CONFIRM THE STOP: look at the arm"
     unknown = None if stopped else "it is not known whether our program has ended"
     at_rest = message is not None and message.get("ended", False)
-    raise ReplayAborted(f"{host}: {cause} {where}: {text}{outcome}", cause, moved=watch.in_control, at_rest=at_rest, unknown=unknown)
+    raise ReplayAborted(
+        f"{host}: {cause} {where}: {text}{outcome}",
+        cause,
+        moved=watch.in_control,
+        at_rest=at_rest,
+        unknown=unknown,
+        phase=watch.last_motion,
+        home_q=home_q,
+    )
 
 
 def _recording(watch: Watch, context: Context, excitation: Excitation) -> Recording:

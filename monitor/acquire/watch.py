@@ -26,12 +26,13 @@ STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come
 
 
 NOTHING_SENT = frozenset({"start", "connect", "ready"})  # the phases in which the session has sent no program
+MOTIONS = frozenset({"approach", "way_back", "play", "return"})  # the phases that move the arm from one place to another
 
 
 class ReplayProgress(NamedTuple):
     """Where a replay is, for a display."""
 
-    phase: str  # start, connect, ready, control, approach, settle, play, return or finish
+    phase: str  # start, connect, ready, control, approach, way_back, settle, play, return or finish
     elapsed_s: float  # in this phase
     duration_s: float  # of this phase; 0 where it is not known
     rows: int
@@ -88,9 +89,10 @@ class Watch:
         self.last_message: dict[str, Any] | None = None  # the message after which the session ends
         self.interruption: Interruption | None = None
         self.phase, self.duration_s = "start", 0.0
+        self.last_motion = ""  # the last phase that moves the arm from one place to another; empty: none has begun
         self._gone = False  # the session was told `go`
         self._phase_at = self._received_at = self._asked_at = time.monotonic()
-        self._read_at = self._alive_at = time.monotonic()  # when the pipe was empty; when the session is known to have sent something
+        self._read_at = self._alive_at = time.monotonic()  # when the pipe was empty; when the session was last seen in order
         self.silent_before_end_s = 0.0  # from the last that came until the session was seen to have ended
         self._silent_s = 0.0  # for so long this process has waited for the session while the arm moves
 
@@ -185,19 +187,22 @@ class Watch:
 
     def _take(self, frame: Array | dict[str, Any]) -> None:
         self._received_at = time.monotonic()
-        # a frame may have waited while this process slept: it came after the pipe was last empty, and a row has its own time
-        self._alive_at = self._read_at if isinstance(frame, dict) else float(frame[COLUMN["host_monotonic_s"]][0])
+        if not isinstance(frame, dict):
+            self._alive_at = float(frame[COLUMN["host_monotonic_s"]][0])
+        elif frame["kind"] not in {"waiting", "failed"}:
+            self._alive_at = self._read_at  # a frame may have waited while this process slept: it came after the pipe was last empty
         if not isinstance(frame, dict):
             if self.first_row_unix_s is None:
                 self.first_row_unix_s = time.time()
             self.rows.append(frame)
         elif frame["kind"] == "phase":
             self.phase, self.duration_s, self._phase_at = frame["phase"], frame["duration_s"], self._received_at
+            self.last_motion = self.phase if self.phase in MOTIONS else self.last_motion
         elif frame["kind"] == "state":
             self.state = arm_state(np.array(frame["row"], dtype=float))
         elif frame["kind"] in {"refused", "unreachable"} and self.phase not in NOTHING_SENT:
             self.last_message = {"kind": "failed", "cause": "internal", "text": frame["text"]}  # it cannot mean that nothing was moved
-        elif frame["kind"] != "alive":
+        elif frame["kind"] not in {"alive", "waiting"}:
             self.last_message = frame
 
     def _out_of_patience(self, now: float) -> bool:

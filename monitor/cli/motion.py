@@ -154,10 +154,16 @@ def allow(
     config: ConfigOption,
     by: Annotated[str, typer.Option(help="Who has looked at the arm.", show_default=False)],
     why: Annotated[str, typer.Option(help="What was found, and why it may move again.", show_default=False)],
+    way_back: Annotated[
+        bool,
+        typer.Option("--way-back", help="The arm stands on its trajectory, and the way back along it is free: the next motion takes it."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Let the arm move again after a stop that a person had to look at, or accept another arm; who and why are kept with it."""
     from monitor.publish.timestamps import rfc3339
+    from monitor.service.left_arm import let_back
+    from monitor.store.stops import WAY_BACK
     from monitor.store.store import Store
 
     configuration = load_configuration(config)
@@ -166,12 +172,17 @@ def allow(
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
     with Store.beside(configuration.state_directory) as store:
         store.motions.give_up_left_over(time.time())  # a motion without a known end waits for a person too
+        back = let_back(configuration, store) if way_back else None
+        if back is not None:
+            store.stops.add(WAY_BACK, f"a person lets the arm be brought back: {back}", time.time())
         waiting = store.stops.allow(by.strip(), why.strip(), time.time())
     stops = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.text, "serial": stop.serial} for stop in waiting]
     others = [stop.serial for stop in waiting if stop.serial is not None]
     if as_json:
         expected = others[-1] if others else None
-        print_json({"robot": configuration.robot.id, "allowed": stops, "by": by.strip(), "why": why.strip(), "serial": expected})
+        print_json(
+            {"robot": configuration.robot.id, "allowed": stops, "by": by.strip(), "why": why.strip(), "serial": expected, "way_back": back}
+        )
         return
     if not waiting:
         typer.echo(f"{configuration.robot.id}: no stop is waiting for a person")

@@ -17,6 +17,7 @@ from monitor.acquire.replay import replay
 from monitor.acquire.safety.first_pass import first_pass_key, slowed
 from monitor.acquire.safety.gate import Announce, AskPermit
 from monitor.acquire.safety.inputs import ConditionResult, Permit
+from monitor.acquire.safety.way import Left
 from monitor.acquire.state import Identity
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.watch import ReplayProgress
@@ -27,6 +28,7 @@ from monitor.model.fourier import Excitation
 from monitor.publish.permit import PermitReply
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
+from monitor.service.left_arm import condition_inputs, left_by, left_in, with_a_person
 from monitor.service.torque_basis import torque_basis
 from monitor.store.backup import present
 from monitor.store.motions import UNKNOWN_END
@@ -65,15 +67,19 @@ class MotionLog:
             at_unix_s=time.time(),
         )
 
-    def end(self, cause: str, reason: str | None, *, needs_a_person: bool) -> None:
-        """Note how the motion ended. Where the disk refuses, it stays without an end, which waits for a person too."""
+    def end(self, cause: str, reason: str | None, *, needs_a_person: bool, left: Left | None = None, moved: bool = True) -> None:
+        """Note how the motion ended, and how it `left` the arm if it `moved` it; None: it brought it back.
+
+        Where the disk refuses, it stays without an end, which waits for a person too.
+        """
         if self._id is None:
             return
+        document = None if left is None else left.as_document()
         try:
             if needs_a_person:
-                self._store.motions.end_in_stop(self._id, cause, reason or cause, time.time())
+                self._store.motions.end_in_stop(self._id, cause, reason or cause, time.time(), left=document, moved=moved)
             else:
-                self._store.motions.end(self._id, cause, reason, time.time())
+                self._store.motions.end(self._id, cause, reason, time.time(), left=document, moved=moved)
         except StoreError as error:
             log.error("the end of a motion cannot be stored, a person must look at the arm before the next one: %s", error)
 
@@ -110,6 +116,7 @@ def move(
             "%s at %g of the pace, torque within the band of %s", "first pass" if slowly else "replay", played.time_scale, basis.description
         )
         motion = MotionLog(store, context, settings.host, ledger_id, first_pass=slowly)
+        before = left_in(store)
         try:
             recording = replay(
                 played,
@@ -127,16 +134,21 @@ def move(
                 ask=None if ask is None else _permit(ask),
                 announce=announce,
                 basis=basis,
+                left=before,
                 driver=driver,
             )
         except ReplayAborted as error:
-            ended = error
+            ended, after = error, None
             if error.moved and error.cause in ReplayAborted.HARMLESS:
-                ended = judged_end(error, look(driver, settings, clean=error.at_rest, should_stop=should_stop))
-            motion.end(ended.cause, str(ended), needs_a_person=ended.needs_a_person)
+                after = look(driver, settings, clean=error.at_rest, should_stop=should_stop)
+                ended = judged_end(error, after)
+            left = left_by(ended, after, played, before)
+            if error.phase:
+                ended = with_a_person(ended, left, after, condition_inputs(configuration, played, context))
+            motion.end(ended.cause, str(ended), needs_a_person=ended.needs_a_person, left=left, moved=bool(error.phase))
             raise ended from error
         except (MotionRefused, RobotUnreachable) as error:
-            motion.end("refused", str(error), needs_a_person=False)  # it was told to go, and found a reason not to move
+            motion.end("refused", str(error), needs_a_person=False, moved=False)  # it was told to go, and found a reason not to move
             raise
         except BaseException as error:
             motion.end("internal", f"internal: {type(error).__name__}: {error}", needs_a_person=True)
@@ -163,10 +175,10 @@ def move(
 
 def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[ConditionResult, ...]:
     """Every condition as it is now. Nothing is sent to the arm but requests for its state; the history adds its stops."""
-    stop_text = serial = None
+    stop_text = serial = left = None
     try:
         with Store.reader(configuration.state_directory) as store:
-            stop_text, serial = _waiting_text(store), store.motions.expected_serial()
+            stop_text, serial, left = _waiting_text(store), store.motions.expected_serial(), left_in(store)
     except StoreError:
         if present(configuration.state_directory):
             raise  # a history that cannot be read is not an empty one
@@ -178,6 +190,7 @@ def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = No
         installation=configuration.installation,
         stopped_before=stop_text,
         expected_serial=serial,
+        left=left,
         ask=None if ask is None else _permit(ask),
     )
 

@@ -4,19 +4,23 @@ A motion that a crash, a power cut or a full disk left without an end becomes a 
 """
 
 import fcntl
+import json
 import os
+import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from monitor.errors import MotionRefused
 from monitor.store.backup import refused_by
-from monitor.store.database import Database
+from monitor.store.database import Database, json_text
 from monitor.store.stops import SERIAL, insert_stop
 
 LOCK = "motion.lock"  # held by the process that moves the arm; the kernel lets go of it when that process ends, however it ends
 LOCK_PATIENCE_S = 1.0  # somebody who only looks whether the arm is moved holds the lock for less than a millisecond
+LEFT = "arm_left"  # name of the note that says how the last motion left the arm; there is none where it brought the arm back
 UNKNOWN_END = "unknown_end"  # the cause of the stop that a motion without a known end becomes
 _KEYS = ("id", "ledger_id", "began_at_unix_s", "host", "serial", "first_pass", "ended_at_unix_s", "ending", "reason")
 
@@ -92,17 +96,35 @@ class Motions:
             )
             return int(cursor.lastrowid or 0)
 
-    def end(self, motion_id: int, ending: str, reason: str | None, at_unix_s: float) -> None:
-        """Note how a motion ended: well, or by a cause that needs no person. Raises StoreError; the motion then stays without an end."""
+    def end(
+        self,
+        motion_id: int,
+        ending: str,
+        reason: str | None,
+        at_unix_s: float,
+        *,
+        left: Mapping[str, Any] | None = None,
+        moved: bool = True,
+    ) -> None:
+        """Note how a motion ended: well, or by a cause that needs no person; and how it left the arm, None: it brought it back.
+
+        A motion that has not `moved` left the arm as it was. Raises StoreError; the motion then stays without an end.
+        """
         with self._db.transaction() as db:
+            if moved:
+                _note_left(db, left)
             db.execute(
                 "UPDATE motion SET ended_at_unix_s = ?, ending = ?, reason = ? WHERE id = ? AND ended_at_unix_s IS NULL",
                 (float(at_unix_s), ending, reason, motion_id),
             )
 
-    def end_in_stop(self, motion_id: int, cause: str, reason: str, at_unix_s: float) -> None:
-        """Note that a person must look after a motion: its end and the stop are stored together. Raises StoreError."""
+    def end_in_stop(
+        self, motion_id: int, cause: str, reason: str, at_unix_s: float, *, left: Mapping[str, Any] | None = None, moved: bool = True
+    ) -> None:
+        """Note that a person must look after a motion, as `end` does: its end and the stop are stored together. Raises StoreError."""
         with self._db.transaction() as db:
+            if moved:
+                _note_left(db, left)
             ((ledger_id,),) = db.execute("SELECT ledger_id FROM motion WHERE id = ?", (motion_id,)).fetchall()
             insert_stop(db, ledger_id, at_unix_s, cause, reason)
 
@@ -133,6 +155,16 @@ class Motions:
         )
         return [_motion(row) for row in reversed(rows)]
 
+    def left(self) -> dict[str, Any] | None:
+        """How the last motion left the arm; None where it brought it back."""
+        rows = self._db.rows("SELECT value FROM note WHERE key = ?", (LEFT,))
+        return json.loads(rows[0][0]) if rows else None
+
+    def set_left(self, left: Mapping[str, Any]) -> None:
+        """Replace how the arm was left: a person has looked at it. Raises StoreError."""
+        with self._db.transaction() as db:
+            _note_left(db, left)
+
     def expected_serial(self) -> str | None:
         """The serial number of the arm that this history belongs to; None before the first motion, and of an arm that says none."""
         rows = self._db.rows("SELECT value FROM note WHERE key = ?", (SERIAL,))
@@ -156,6 +188,13 @@ class Motions:
         """The caller holds the right to move the arm, so nobody carries these motions out."""
         for motion in self._unended():
             self.end_in_stop(motion.id, UNKNOWN_END, motion.unknown_text, at_unix_s)
+
+
+def _note_left(db: sqlite3.Connection, left: Mapping[str, Any] | None) -> None:
+    if left is None:
+        db.execute("DELETE FROM note WHERE key = ?", (LEFT,))
+    else:
+        db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", (LEFT, json_text(left)))
 
 
 def _motion(row: tuple[object, ...]) -> Motion:

@@ -36,7 +36,8 @@ class Stop:
 
 
 # causes that no replay ended by: their reason is the whole sentence
-STANDING_BY_THEMSELVES = frozenset({ANOTHER_ARM, "unknown_end", "history_restored"})
+WAY_BACK = "way_back"  # of the entry that a person made of a way back
+STANDING_BY_THEMSELVES = frozenset({ANOTHER_ARM, WAY_BACK, "unknown_end", "history_restored"})
 
 
 class Stops:
@@ -46,7 +47,7 @@ class Stops:
         self._db = database
 
     def add(self, cause: str, reason: str, at_unix_s: float) -> None:
-        """Store the stop of a replay by hand, which the ledger does not have."""
+        """Store the stop of a replay by hand, which the ledger does not have, or what a person allows beyond a stop."""
         with self._db.transaction() as db:
             insert_stop(db, None, at_unix_s, cause, reason)
 

@@ -21,6 +21,7 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 
 ROOT = Path(__file__).parent.parent.parent
+SHIPPED_NAMES = sorted(path.stem for path in (ROOT / "config" / "excitation").glob("*.json"))
 SETTINGS = ReplaySettings(host="127.0.0.1")
 NORMAL = {  # what is normal: settings of the arm, wear of Coulomb and viscous friction
     "as learnt": ({}, 1.0, 1.0),

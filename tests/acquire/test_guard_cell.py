@@ -56,10 +56,11 @@ def test_a_trajectory_that_was_changed_by_hand_is_detected():
 
 def test_an_approach_through_the_table_is_refused_and_one_from_home_is_not():
     """The straight way in joint space from the present position is checked."""
-    limits.clear_approach(PLAIN, GROUND, UR5, np.array([0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]))
+    start = GROUND.at(np.zeros(1)).q[0]
+    limits.clear_line(PLAIN, GROUND, UR5, np.array([0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]), start)
     below = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(MotionRefused, match=r"on the straight way .* mounting surface come to be .* inside each other"):
-        limits.clear_approach(PLAIN, GROUND, UR5, below)
+        limits.clear_line(PLAIN, GROUND, UR5, below, start)
 
 
 def configured(folder: Path, **replay: object):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_arms import NORMAL, ROOT, SETTINGS, arm_of, first_outside, learnt_arm
+from learnt_arms import NORMAL, SETTINGS, SHIPPED_NAMES, arm_of, first_outside, learnt_arm
 
 from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN, WIDTH
@@ -20,7 +20,6 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.stepped import GAIN, LOOKAHEAD_S, stepped_replay
 from monitor.store.recordings import read_recording
 
-SHIPPED = sorted(path.stem for path in (ROOT / "config" / "excitation").glob("*.json"))
 UR10E_COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 UR10E = Installation(gains_nm_per_a=(14.87, 13.26, 11.13, 10.62, 11.03, 11.47))
 pytestmark = pytest.mark.xdist_group("learnt arms")  # one worker learns each arm once, and does not learn those of the other module again
@@ -71,7 +70,7 @@ def test_no_real_fourier_run_leaves_the_band_that_was_learnt_on_another(ur10e, l
 def test_nothing_normal_leaves_the_band_on_any_shipped_trajectory(soak_row):
     """Every arm and mounting, every normal circumstance, each kind of basis."""
     left, largest, count = [], 0.0, 0
-    for name in SHIPPED:
+    for name in SHIPPED_NAMES:
         learnt = learnt_arm(name)
         for normal in NORMAL:
             recording = stepped_replay(arm_of(learnt.excitation, normal, seed=23), learnt.excitation)

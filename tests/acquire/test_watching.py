@@ -13,6 +13,7 @@ from monitor.acquire.watch import cause_of_death
 from monitor.errors import ReplayAborted
 
 ALIVE = {"kind": "alive"}
+WAITING_FOR_A_ROW = {"kind": "waiting"}
 
 
 @pytest.mark.parametrize(
@@ -108,3 +109,14 @@ def test_an_old_setting_of_one_second_counts_as_a_tenth(monkeypatch):
             ReplaySettings(host="127.0.0.1", allow_motion=True, silence_timeout_s=1.0),
             driver=ScriptedDriver(session),
         )
+
+
+def test_a_sign_of_life_without_a_row_and_a_last_message_do_not_show_that_a_program_is_still_ours(monkeypatch):
+    """While the rows are late somebody else may have started a program, and we must not stop it."""
+    late = {"kind": "failed", "cause": "late", "text": "no processor time", "ended": False}
+    clock = Clock()
+    monkeypatch.setattr(watch_module, "time", clock)
+    driver = ScriptedDriver(TimedSession(clock, [phase("control"), phase("play"), ALIVE, *[WAITING_FOR_A_ROW] * 12, late]))
+    with pytest.raises(ReplayAborted, match="no processor time"):
+        replay(short(), UR5, ReplaySettings(host="127.0.0.1", allow_motion=True), driver=driver)
+    assert clock.now_s - driver.ours.at_s > 0.1

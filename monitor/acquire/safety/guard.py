@@ -5,6 +5,7 @@
 
 from monitor.acquire.safety.conditions import OF_STATE, named_conditions, refuse_unless
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
+from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -17,6 +18,7 @@ def inputs(
     robot: Robot,
     context: Context | None = None,
     installation: Installation | None = None,
+    left: Left | None = None,
 ) -> ConditionInputs:
     """What is known before the controller is asked, at no particular time."""
     return ConditionInputs(
@@ -28,6 +30,7 @@ def inputs(
         identity=None,
         state=None,
         installation=installation or Installation(),
+        left=left,
     )
 
 

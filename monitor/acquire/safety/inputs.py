@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from monitor.acquire.safety.turns import turned
+from monitor.acquire.safety.way import Left, Way, way
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
-from monitor.recording import Context
+from monitor.recording import Array, Context
 
 
 class Permit(NamedTuple):
@@ -33,11 +33,20 @@ class ConditionInputs:
     expected_serial: str | None = None  # of the arm that was moved before; None: none was moved yet, or it says none
     permit: Permit | None = None  # the answer over Zenoh; None: nobody was asked
     installation: Installation = field(default_factory=Installation)
+    left: Left | None = None  # how the last motion left the arm; None: it brought it back
 
     @property
     def played(self) -> Excitation:
         """The trajectory as it will be played from where the arm stands: around the nearest turn of each joint."""
-        return self.excitation if self.state is None else turned(self.excitation, self.robot, self.state.target_q)
+        return self.excitation if self.state is None else self.way_from(self.state).excitation
+
+    def way_from(self, state: ArmState) -> Way:
+        """The ways to the start and back for an arm in this state."""
+        return self.way_from_position(state.target_q)
+
+    def way_from_position(self, q: Array) -> Way:
+        """The ways to the start and back for an arm that stands at q (J,)."""
+        return way(self.excitation, self.robot, q, self.left, max_approach_rad=self.settings.max_approach_rad)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

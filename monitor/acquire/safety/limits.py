@@ -74,13 +74,13 @@ def clear_of(cell: Cell, excitation: Excitation, robot: Robot) -> None:
         raise MotionRefused(f"the excitation does not keep clear in the cell {cell.name!r}, whatever its file says: {near}")
 
 
-def clear_approach(cell: Cell, excitation: Excitation, robot: Robot, q: Array) -> Clearance:
-    """The clearance of the straight way in joint space from q (J,) to the start of the excitation.
+def clear_line(cell: Cell, excitation: Excitation, robot: Robot, begin: Array, end: Array) -> Clearance:
+    """The clearance of the straight way in joint space between two positions (J,), to the start of the excitation or from its end.
 
     Raises MotionRefused where it is less than the margins of the cell.
     """
     try:
-        line = surroundings(robot, excitation.mounting, cell).line(q, excitation.at(np.zeros(1)).q[0])
+        line = surroundings(robot, excitation.mounting, cell).line(begin, end)
     except BadInput as error:
         raise MotionRefused(f"the approach cannot be checked: {error}") from None
     near = line.short_of(cell)

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 
-from monitor.acquire.path import joint_path
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.limits import clear_of, within_limits
 from monitor.errors import MotionRefused
@@ -54,11 +53,8 @@ def _there_and_back_s(inputs: ConditionInputs) -> float:
     """Duration of the way to the start and back; 0 where it is not known where the arm stands."""
     if inputs.state is None or not np.all(np.isfinite(inputs.state.target_q)):
         return 0.0
-    settings, start_q = inputs.settings, inputs.played.at(np.zeros(1)).q[0]
-    way = joint_path(
-        inputs.state.target_q, start_q, speed_rad_s=settings.approach_speed_rad_s, acceleration_rad_s2=settings.approach_acceleration_rad_s2
-    )
-    return 2.0 * way.duration_s
+    way = inputs.way_from(inputs.state)
+    return way.to_start(inputs.settings).duration_s + way.to_home(inputs.settings).duration_s
 
 
 def trajectory(inputs: ConditionInputs) -> str:

@@ -168,12 +168,13 @@ def _points(inputs: ConditionInputs) -> _Points:
     curve = excitation.at(np.linspace(0.0, excitation.pass_s, max(2, round(excitation.pass_s * CHECK_RATE_HZ) + 1)))
     q, qd = curve.q, curve.qd
     if state is not None and np.all(np.isfinite(state.target_q)):
-        way = q[0] - state.target_q  # (J,)
-        farthest = float(np.max(np.abs(way)))
-        if farthest > 0.0:
-            share = np.linspace(0.0, 1.0, WAY_SAMPLES)[:, None]
-            q = np.vstack([state.target_q + share * way, q])
-            qd = np.vstack([np.tile(inputs.settings.approach_speed_rad_s * way / farthest, (WAY_SAMPLES, 1)), qd])
+        for begin, end in inputs.way_from(state).lines:
+            way = end - begin  # (J,)
+            farthest = float(np.max(np.abs(way)))
+            if farthest > 0.0:
+                share = np.linspace(0.0, 1.0, WAY_SAMPLES)[:, None]
+                q = np.vstack([begin + share * way, q])
+                qd = np.vstack([np.tile(inputs.settings.approach_speed_rad_s * way / farthest, (WAY_SAMPLES, 1)), qd])
     return points(robot, q, qd, _tool(inputs))
 
 

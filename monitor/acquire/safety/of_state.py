@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
-from monitor.acquire.safety.limits import clear_approach
+from monitor.acquire.safety.limits import clear_line
+from monitor.acquire.safety.way import Way
 from monitor.acquire.state import (
     FULL_SPEED,
     JOINT_MODE_RUNNING,
@@ -168,26 +169,44 @@ def tilt_deg(robot: Robot, mounting: Mounting, q: Array, accelerometer_m_s2: Arr
 
 
 def approach_near(inputs: ConditionInputs) -> str:
-    """The start of the trajectory is near enough to where the arm stands."""
+    """The start of the trajectory is near enough to where the arm stands, or the arm stands on it, where our last motion left it."""
     state, settings = _state(inputs), inputs.settings
-    far = np.abs(state.q - inputs.played.at(np.zeros(1)).q[0])  # (J,)
+    way = inputs.way_from(state)
+    if way.back_from_s is not None:
+        return (
+            f"the arm stands where the last motion left it, {way.off_path_rad:.2f} rad from its trajectory: it is brought back over the "
+            f"way it came, in {way.to_start(settings).duration_s:.0f} s"
+        )
+    far = np.abs(state.q - way.start_q)  # (J,)
     j = int(np.argmax(far))
     if not far[j] <= settings.max_approach_rad:
         raise MotionRefused(
-            f"{joint_text(j + 1)} is {far[j]:.2f} rad from the start of the excitation; at most {settings.max_approach_rad:g}"
+            f"{joint_text(j + 1)} is {far[j]:.2f} rad from the start of the excitation; at most {settings.max_approach_rad:g}: "
+            + _what_to_do(way)
         )
     return f"{joint_text(j + 1)} has farthest to go: {far[j]:.2f} rad"
 
 
+def _what_to_do(way: Way) -> str:
+    """What a person does about an arm that stands too far from the start."""
+    start = ", ".join(f"{angle:.0f}" for angle in np.degrees(way.start_q))
+    return (
+        f"jog the arm near the start, at {start}°; or, where a stop of ours left it on its trajectory, look whether the way back along it "
+        "is free and say so: joint-monitor allow --way-back"
+    )
+
+
 def approach_clear(inputs: ConditionInputs) -> str:
-    """The straight way in joint space to the start keeps clear of the cell."""
+    """The straight ways in joint space to the start, and from it to where the arm will rest, keep clear of the cell."""
     state, cell = _state(inputs), inputs.settings.cell
     if cell is None:
         raise Unreported("the configuration says unchecked: the way to the start is not proved")
     if not np.all(np.isfinite(state.target_q)):
         raise MotionRefused("unknown: where the arm stands is not finite")
-    line = clear_approach(cell, inputs.played, inputs.robot, state.target_q)
-    gaps = [1000.0 * line.itself.gap_m] + ([] if line.cell is None else [1000.0 * line.cell.gap_m])
+    gaps = []
+    for begin, end in inputs.way_from(state).lines:
+        line = clear_line(cell, inputs.excitation, inputs.robot, begin, end)
+        gaps += [1000.0 * line.itself.gap_m] + ([] if line.cell is None else [1000.0 * line.cell.gap_m])
     return f"the straight way to the start keeps {min(gaps):.0f} mm clear"
 
 

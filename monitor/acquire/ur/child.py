@@ -17,7 +17,7 @@ from monitor.recording import Array
 PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29  # options of prctl(2)
 REAL_TIME_PRIORITY = 10  # above every ordinary process, below the kernel's own real-time threads
 
-ALIVE = message_frame("alive", {})  # made once: it is sent in every tick
+ALIVE, WAITING = (message_frame(kind, {}) for kind in ("alive", "waiting"))  # made once: one of them is sent in every tick
 
 EXIT_ORPHANED = 70  # the parent is gone
 EXIT_PIPE = 71  # the parent does not read, or its end of the pipe is closed
@@ -73,8 +73,12 @@ class Outbox:
         self._write(message_frame(kind, content))
 
     def alive(self) -> None:
-        """Send a sign of life; leaves the process where the pipe is full or closed."""
+        """Send a sign of life with which all is in order; leaves the process where the pipe is full or closed."""
         self._write(ALIVE)
+
+    def waiting(self) -> None:
+        """Send a sign of life while the controller's next row is late; leaves the process where the pipe is full or closed."""
+        self._write(WAITING)
 
     def _write(self, frame: bytes) -> None:
         try:

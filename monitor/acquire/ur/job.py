@@ -7,6 +7,7 @@ import numpy as np
 
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.safety.band.basis import basis_from_document
+from monitor.acquire.safety.way import left_from_document
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.design.cell import cell_from_document
 from monitor.model.fourier import excitation_from_document
@@ -24,6 +25,7 @@ def job_document(task: ReplayTask) -> dict[str, Any]:
         "context": dataclasses.asdict(task.context),
         "installation": dataclasses.asdict(task.installation),
         "basis": task.basis.as_document(),
+        "left": None if task.left is None else task.left.as_document(),
         "max_position_rad": task.robot.max_position_rad.tolist(),
         "max_speed_rad_s": task.robot.max_speed_rad_s.tolist(),
     }
@@ -44,6 +46,7 @@ def task_from_document(job: dict[str, Any]) -> ReplayTask:
         context=Context(**job["context"]),
         installation=_installation(job["installation"]),
         basis=basis_from_document(job["basis"]),
+        left=None if job["left"] is None else left_from_document(job["left"]),
     )
 
 

@@ -14,13 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.acquire.driver import ReplayTask
-from monitor.acquire.path import joint_path
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety import guard
 from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.safety.first_pass import band_for
 from monitor.acquire.safety.inputs import ConditionInputs
-from monitor.acquire.safety.turns import turned
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.ur.job import task_from_document
@@ -195,16 +193,14 @@ def finish(arm: Arm) -> None:
 
 
 def play(arm: Arm, known: ConditionInputs, begin_q: Array) -> None:
-    """The whole motion: approach, excitation, return. The arm comes to rest after approach and return.
+    """The whole motion: approach or way back, excitation, return. The arm comes to rest after each but the excitation.
 
     Raises StreamFailure; Stopped where a stop was asked for, with the arm at rest and the control program ended.
     """
-    settings, excitation = arm.settings, turned(known.excitation, arm.robot, begin_q)
-    start_q = excitation.at(np.zeros(1)).q[0]  # (J,)
-    gently = {"speed_rad_s": settings.approach_speed_rad_s, "acceleration_rad_s2": settings.approach_acceleration_rad_s2}
-    there, back = joint_path(begin_q, start_q, **gently), joint_path(start_q, begin_q, **gently)
+    way = known.way_from_position(begin_q)
+    excitation, there, back = way.excitation, way.to_start(arm.settings), way.to_home(arm.settings)
     try:
-        stream(arm, "approach", there.duration_s, there.at)
+        stream(arm, "approach" if way.back_from_s is None else "way_back", there.duration_s, there.at)
         settle(arm)
         stream(arm, "play", excitation.duration_s, lambda tau_s: excitation.at(np.array([tau_s])).q[0], keep=True)
         stream(arm, "return", back.duration_s, back.at)
@@ -225,7 +221,7 @@ def main() -> None:
     arm: Arm | None = None
     try:
         task = task_from_document(job)
-        known = guard.inputs(task.settings, task.excitation, task.robot, task.context, task.installation)
+        known = guard.inputs(task.settings, task.excitation, task.robot, task.context, task.installation, task.left)
         guard.check_quick(known)
         arm = connect(task, outbox, lifeline, known)
         play(arm, known, take_control(arm))

@@ -331,9 +331,13 @@ class Arm:
             self.outbox.row(row)
 
     def _tell_if_due(self, now: float) -> None:
-        """A sign of life where the next row is late, and before the arm moves: what runs just after it is ours."""
-        if self.control is not None and now - self._told_at > SIGN_OF_LIFE_S:
-            self._told_at = now
+        """A sign of life where the next row is late. Before the arm moves it says too that what runs now is ours."""
+        if self.control is None or now - self._told_at <= SIGN_OF_LIFE_S:
+            return
+        self._told_at = now
+        if self._moving:
+            self.outbox.waiting()
+        else:
             self.outbox.alive()
 
     def explained(self, failure: StreamFailure) -> StreamFailure:
