@@ -93,7 +93,8 @@ class Driver(Protocol):
         the phase `ready`; `alive`; `waiting` while the robot's next row is late; and a last one: `done`, `failed` with `cause` and
         `text`, `refused` or `unreachable` with a `text`.
         A `failed` with `ended` true means that the session has ended its program and the arm stands.
-        It takes the words `go`, without which nothing moves, and `stop`. Raises SessionEnded where no process can be started.
+        It takes the words `go`, without which nothing moves, `stop`, and while the arm moves `here` from whoever watches it: without that
+        it lets the arm come to rest. Raises SessionEnded where no process can be started.
         """
 
     def safety_stop(self, host: str) -> SafetyStop | None:

@@ -22,6 +22,8 @@ CALL_SILENCE_S = 0.08  # a call that blocks ends the process 0.06 s after its la
 LONGEST_SILENCE_S = 0.1  # a larger setting counts as this one: the controller's watchdog has stopped the arm by then
 PROGRESS_EVERY_S = 0.1  # how often the caller is shown the progress
 TIME_ROUNDING_S = 1e-6  # of the sum of several waits
+CONNECTION_WORDS = ("Connection reset by peer", "Broken pipe", "End of file", "boost::system::system_error", "boost::wrapexcept")
+BEAT_EVERY_S = 0.1  # a session that moves the arm hears so often that this process still watches it
 STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come to rest, end the program
 
 
@@ -55,11 +57,14 @@ class Caller:
     on_progress: Callable[[ReplayProgress], None] | None = None
 
 
-def cause_of_death(exit_code: int, silent_s: float) -> Interruption:
+def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interruption:
     """Why a session's process ended without a last message; it had been silent for silent_s before.
 
     The process lets the kernel end it where it would open a new connection (SIGSYS), and where it does not report in time (SIGALRM).
+    ur-rtde aborts it (SIGABRT) where one of its own threads meets a connection that was reset; what it `printed` says so.
     """
+    if exit_code == -signal.SIGABRT and any(word in printed for word in CONNECTION_WORDS):
+        return Interruption("connection_lost", "the RTDE connection broke off, and its library aborted")
     if exit_code == -signal.SIGSYS:
         return Interruption("connection_lost", "the RTDE connection broke off, and its library was kept from connecting again")
     if exit_code == -signal.SIGALRM and silent_s < CALL_SILENCE_S:
@@ -91,6 +96,7 @@ class Watch:
         self.phase, self.duration_s = "start", 0.0
         self.last_motion = ""  # the last phase that moves the arm from one place to another; empty: none has begun
         self._gone = False  # the session was told `go`
+        self._beat_at = 0.0  # when the session last heard from here (monotonic)
         self._phase_at = self._received_at = self._asked_at = time.monotonic()
         self._read_at = self._alive_at = time.monotonic()  # when the pipe was empty; when the session was last seen in order
         self.silent_before_end_s = 0.0  # from the last that came until the session was seen to have ended
@@ -148,6 +154,9 @@ class Watch:
                     self.interruption = Interruption(reason.cause, f"{reason.text} before the arm moved")
                     return
                 session.send("stop")
+            if self._gone and now - self._beat_at >= BEAT_EVERY_S:
+                self._beat_at = now
+                session.send("here")
             if self.last_message is None and self.phase == "ready" and self.state is not None and not self._gone:
                 self._go_if_allowed(session, now)
             if self.last_message is None and self._out_of_patience(now):
@@ -175,7 +184,7 @@ class Watch:
         self._gone = True
         session.send("go")
         self.oversight.start()
-        self._phase_at = self._alive_at = time.monotonic()  # now the session proves its way to the start, and takes control
+        self._phase_at = self._alive_at = self._beat_at = time.monotonic()  # now the session proves its way to the start, and takes control
 
     def _reason_to_stop(self) -> Interruption | None:
         """Why the arm must come to rest, along its path."""

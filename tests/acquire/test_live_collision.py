@@ -1,4 +1,4 @@
-"""A collision in an ordinary replay of a simulated arm in real time: the streaming process ends it alone, its parent stopped or not."""
+"""A simulated arm in real time whose streaming process is on its own: it ends a motion at a collision, or because nobody watches."""
 
 import os
 import signal
@@ -54,3 +54,27 @@ def test_a_collision_in_an_ordinary_replay_ends_it_within_a_quarter_of_a_second(
     assert cause == "torque_band"
     assert stop_s is not None
     assert stop_s <= WITHIN_S
+
+
+def test_a_motion_that_nobody_watches_comes_to_rest_within_a_second():
+    """The parent hangs (SIGSTOP): it cannot ask for permits, local control and requests to stop. The arm played on until the end before."""
+    with simulated_arm(HOST) as host:
+        parent = replaying(host)
+        try:
+            assert parent.stdout is not None
+            for line in parent.stdout:
+                phase, elapsed = line.split()
+                assert phase != "aborted", line
+                if phase == "play" and float(elapsed) >= 0.5:
+                    break
+            os.kill(parent.pid, signal.SIGSTOP)
+            time.sleep(1.4)  # 0.5 s of silence, 0.4 s of slowing down along the path, and the program's end
+            with Remote(host) as remote:
+                truth = remote.truth()
+            os.kill(parent.pid, signal.SIGCONT)
+            printed = parent.communicate(timeout=10.0)[0].split()
+        finally:
+            parent.kill()
+            parent.wait()
+    assert truth["standing"]
+    assert printed[-2:] == ["aborted", "late"]

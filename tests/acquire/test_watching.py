@@ -120,3 +120,22 @@ def test_a_sign_of_life_without_a_row_and_a_last_message_do_not_show_that_a_prog
     with pytest.raises(ReplayAborted, match="no processor time"):
         replay(short(), UR5, ReplaySettings(host="127.0.0.1", allow_motion=True), driver=driver)
     assert clock.now_s - driver.ours.at_s > 0.1
+
+
+def test_an_abort_by_the_library_is_a_lost_connection_where_its_last_words_say_so():
+    """ur-rtde aborts the whole process where one of its threads meets a reset; other aborts stay unexplained."""
+    words = "terminate called after throwing an instance of 'boost::wrapexcept<boost::system::system_error>'\n  what():  Broken pipe"
+    assert cause_of_death(-signal.SIGABRT, 0.01, words).cause == "connection_lost"
+    assert cause_of_death(-signal.SIGABRT, 0.01, "double free or corruption").cause == "child_died"
+
+
+@pytest.mark.parametrize(("exit_code", "cause"), [(-signal.SIGSYS, "connection_lost"), (-signal.SIGKILL, "timeout")])
+def test_a_silent_child_that_was_already_dying_is_named_by_its_death(monkeypatch, exit_code, cause):
+    """A process that the kernel ends takes some time to go on a busy machine, longer than the silence that its parent bears."""
+    clock = Clock()
+    monkeypatch.setattr(watch_module, "time", clock)
+    session = TimedSession(clock, [phase("control"), phase("play"), *[ALIVE] * 5])
+    session.exit_code = exit_code
+    with pytest.raises(ReplayAborted) as aborted:
+        replay(short(), UR5, ReplaySettings(host="127.0.0.1", allow_motion=True), driver=ScriptedDriver(session))
+    assert aborted.value.cause == cause

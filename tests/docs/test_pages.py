@@ -98,7 +98,9 @@ def test_every_cause_that_ends_a_replay_and_every_problem_is_in_its_table():
     from monitor.errors import ReplayAborted
 
     source = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
-    rows = re.findall(r"^\| (`[^|]*) \| ([^|]*) \|$", section("docs/real-robot-safety.md", "What is supervised during a motion"), re.MULTILINE)
+    rows = re.findall(
+        r"^\| (`[^|]*) \| ([^|]*) \|$", section("docs/real-robot-safety.md", "What is supervised during a motion"), re.MULTILINE
+    )
     documented = {name: "next window" in then for cells, then in rows for name in re.findall(r"`(\w+)`", cells)}
     assert len(documented) > 20
     assert {name for name, harmless in documented.items() if harmless} >= ReplayAborted.HARMLESS & set(documented)

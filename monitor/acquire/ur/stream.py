@@ -22,7 +22,7 @@ from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.ur.job import task_from_document
-from monitor.acquire.ur.streaming.arm import Arm
+from monitor.acquire.ur.streaming.arm import UNWATCHED_S, Arm
 from monitor.acquire.ur.streaming.failures import StreamFailure
 from monitor.errors import MonitorError, RobotUnreachable
 from monitor.recording import Array
@@ -241,7 +241,8 @@ def main() -> None:
         outbox.message("failed", cause=explained.cause, text=str(explained), ended=ended, ours=failure.ours)
     except Stopped:
         cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
-        outbox.message("failed", cause=cause, text="stopped on request; the arm stands", ended=True)
+        why = f"the monitor's own process said nothing for {UNWATCHED_S:g} s" if cause == "late" else "stopped on request"
+        outbox.message("failed", cause=cause, text=f"{why}; the arm stands", ended=True)
     except RobotUnreachable as error:
         outbox.message("unreachable", text=str(error))
     except MonitorError as error:

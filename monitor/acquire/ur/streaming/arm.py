@@ -38,6 +38,7 @@ WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog say
 WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
 SPEED_RISE_S = 1.0  # after the start of a program the trajectory limiter reports 0 for 4 to 20 ms
 MOVED_RAD = 0.005  # an arm moved by more between the proof of its approach and its first target would take an unproved path
+UNWATCHED_S = 0.5  # without a word from the parent, which says one every 0.1 s: it is stopped, or hangs, or has no processor time
 REASON_READS, REASON_PAUSE_S = 4, 0.005  # how often and how far apart the state is read after a target was refused: two ticks and more
 
 
@@ -67,6 +68,7 @@ class Arm:
         self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
         self.program_sent = False  # a program of ours may run
         self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
+        self._heard_at = time.monotonic()  # when the parent last said anything
         self.may_go = False
         self.band: TorqueBand | None = None  # of the motion; `guard_torque` sets it before anything moves
         self.missed = self.torn = 0  # ticks without a target; rows that were read again
@@ -202,7 +204,7 @@ class Arm:
         self.recent.append(begin_q)
         self.note_busy()
         self.gaps.clear()  # proofs and the upload took their time before anything moved
-        self._moving, self._sent_at = True, self.seen_at
+        self._moving, self._sent_at, self._heard_at = True, self.seen_at, self.seen_at
         self._control.report_every(self.settings.max_timestamp_age_s + DEAD_MAN_MARGIN_S)
         return begin_q
 
@@ -358,6 +360,10 @@ class Arm:
 
     def _listen_to_parent(self) -> None:
         word = self.lifeline.word()
+        if word is not None:
+            self._heard_at = time.monotonic()
+        elif self._moving and self.asked_to_stop is None and time.monotonic() - self._heard_at > UNWATCHED_S:
+            self.asked_to_stop = "late"  # the parent asks whether motion is still allowed: without it nobody does
         if word == "stop":
             self.asked_to_stop = "parent_asked_to_stop"
         elif word == "go":

@@ -43,6 +43,7 @@ class Control:
         try:
             sockets.send_at_once(host)
             sockets.end_dashboard(host)
+            self._peer = sockets.PeerWatch(host, sockets.RTDE_PORT)
         except OSError as error:  # /proc is not there
             raise MotionRefused(f"this machine does not show this process's connections: {error}") from None
         if why := forbid_new_sockets():
@@ -51,8 +52,8 @@ class Control:
 
     @property
     def connected(self) -> bool:
-        """Whether the connection stands, as far as ur-rtde knows."""
-        return bool(self._rtde.isConnected())
+        """Whether this connection and the receiving one stand, as far as the kernel and ur-rtde know."""
+        return not self._peer.ended and bool(self._rtde.isConnected())
 
     def program_runs(self) -> bool:
         """Whether a program runs, as the control connection reports; the rows come on another one, a tick earlier or later."""

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 import socket
 import stat
 from collections.abc import Iterator
@@ -26,6 +27,21 @@ def connected_to(host: str, port: int) -> Iterator[socket.socket]:
         except OSError:  # not connected any more
             pass
         copy.close()
+
+
+class PeerWatch:
+    """Tells whether the controller has closed or reset one of the connections to it, before a call of ur-rtde blocks on it."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._kept = tuple(connected_to(host, port))  # copies: ur-rtde may close its own at any time
+        self._poll = select.poll()
+        for connection in self._kept:
+            self._poll.register(connection, select.POLLRDHUP)  # errors and resets are always reported
+
+    @property
+    def ended(self) -> bool:
+        """Whether one of them has come to its end."""
+        return bool(self._poll.poll(0))
 
 
 def send_at_once(host: str) -> None:
