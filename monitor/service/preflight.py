@@ -1,9 +1,10 @@
-"""Preflight: the conditions that the service itself needs, each by name: configuration, history, disk, clock."""
+"""Preflight: the conditions that the service itself needs, each by name: configuration, history, disk, clock, and the kernel's filter."""
 
 import os
 import shutil
 import sqlite3
 import subprocess
+import sys
 import time
 from contextlib import closing
 from pathlib import Path
@@ -21,7 +22,13 @@ BEFORE_THIS_PROGRAM_UNIX_S = 1_767_225_600.0  # 2026-01-01: an earlier clock is 
 def service_conditions(configuration: Configuration, now_unix_s: float | None = None) -> tuple[ConditionResult, ...]:
     """All conditions of the service; checking them changes nothing."""
     now = time.time() if now_unix_s is None else now_unix_s
-    return (_configuration(configuration), _history(configuration), _disk(configuration), _clock(configuration, now))
+    return (
+        _configuration(configuration),
+        _history(configuration),
+        _disk(configuration),
+        _clock(configuration, now),
+        _socket_lock(configuration),
+    )
 
 
 def _configuration(configuration: Configuration) -> ConditionResult:
@@ -91,6 +98,24 @@ def _clock(configuration: Configuration, now: float) -> ConditionResult:
         )
     words = "synchronised" if synchronised else "not synchronised: drifting hours would shift the windows"
     return ConditionResult(name="clock", holds=True, text=f"{rfc3339(now)}, {words}", checked=synchronised)
+
+
+SOCKET_LOCK = "from monitor.acquire.ur.streaming.no_new_sockets import forbid_new_sockets; print(forbid_new_sockets() or '')"
+SOCKET_LOCK_S = 10.0  # for a process that starts, tries it and ends
+
+
+def _socket_lock(configuration: Configuration) -> ConditionResult:
+    """Whether the process that moves an arm could forbid itself new connections. Another process tries it: it cannot be undone."""
+    name = "socket_lock"
+    try:
+        tried = subprocess.run([sys.executable, "-c", SOCKET_LOCK], capture_output=True, text=True, timeout=SOCKET_LOCK_S, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return ConditionResult(name=name, holds=True, text=f"it could not be tried: {error}", checked=False)
+    why = tried.stdout.strip() if tried.returncode == 0 else f"the process that tried ended with {tried.returncode}"
+    if not why:
+        return ConditionResult(name=name, holds=True, text="the kernel lets the process that moves the arm forbid itself new connections")
+    text = f"{why}: nothing moves without it; a systemd unit must permit the system call seccomp"
+    return ConditionResult(name=name, holds=configuration.replay.allow_motion is not True, text=text)
 
 
 def _newest(path: Path) -> float | None:
