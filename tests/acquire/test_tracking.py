@@ -104,3 +104,24 @@ def test_a_position_that_is_no_number_is_a_failure():
     broken = q.copy()
     broken[30, 4] = np.nan
     assert ended(broken, q, q)[2] == 30
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_an_encoder_whose_zero_moves_is_no_late_target_although_the_controller_believes_it(late):
+    """Measured position and the controller's own target jump together, by more than a joint can move: a person must look."""
+    sent = sweep([0.5, 0.2, -0.4, 0.1, 0.0, 0.3])
+    own = delayed(sent, 2)
+    own[40:, 2] += 0.2
+    cause, text, n = ended(delayed(own, 0), own, sent, late=lambda _: late)
+    assert cause == "following_error"
+    assert "joint 3" in text
+    assert n == 40
+
+
+def test_rows_that_are_far_apart_are_no_jump():
+    """Up to the gap at which the stream ends, at the fastest joint's speed."""
+    tracking = Tracking(TICK_S, largest_rad=0.05, lasting_rad=0.005)
+    t = np.cumsum([0.0, 0.008, 0.096, 0.008, 0.048])
+    sent = np.outer(t, [2.5] * 6)
+    for q, step_s in zip(sent, [TICK_S, *np.diff(t)], strict=True):
+        assert tracking.failure(q, q, np.full(6, 2.5), sent, late=True, step_s=step_s) is None

@@ -294,6 +294,7 @@ class Arm:
             row[COLUMN["target_qd"]],
             np.array(self.recent),
             late=self.gaps.were_late(self.seen_at, self.tick_s),
+            step_s=self.step_s,
         )
         assert self.band is not None
         outside = self.band.outside(row, phase_s)

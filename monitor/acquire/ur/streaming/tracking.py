@@ -16,6 +16,7 @@ from monitor.recording import Array
 
 LAG_S = 0.04  # an arm may be so far behind the controller's target; real ones are 1 to 10 ms behind it
 SPEED_SHARE_S = 0.01  # per rad/s of the target, for the servo's error in fast motions; real ones have less than a tenth of it
+FASTEST_RAD_S, JUMP_RAD = 2.0 * math.pi, 0.02  # the fastest joint of any arm; beyond it a position jumped
 ROWS = 3  # successive rows before a small distance counts: one row may be torn between two ticks of the controller
 
 
@@ -27,13 +28,25 @@ class Tracking:
         self._largest_rad, self._lasting_rad = largest_rad, lasting_rad
         self._own: deque[Array] = deque(maxlen=max(2, round(LAG_S / tick_s) + 1))  # the controller's targets, (J,) each
         self._outside = 0  # successive rows
+        self._tick_s = tick_s
+        self._before: Array | None = None  # (J,) the measured position of the row before
 
-    def failure(self, q: Array, own_q: Array, own_qd: Array, sent: Array, *, late: bool) -> StreamFailure | None:
+    def failure(
+        self, q: Array, own_q: Array, own_qd: Array, sent: Array, *, late: bool, step_s: float | None = None
+    ) -> StreamFailure | None:
         """Why the motion must end after this row; None while everything is where it should be.
 
         q, own_q, own_qd : (J,) the measured position [rad], and the controller's own target with its speed [rad/s].
         sent : (n, J) the targets of the last 0.2 s. late : whether the stream of targets was interrupted just before.
+        step_s : controller's time since the row before; None: one tick.
         """
+        before, self._before = q if self._before is None else self._before, q
+        j, jump = _farthest(q, before[None])
+        if not jump <= FASTEST_RAD_S * (self._tick_s if step_s is None else step_s) + JUMP_RAD:
+            text = (
+                f"the position of {joint_text(j + 1)} jumped by {jump:.3f} rad between two rows: no joint is so fast, its encoder is wrong"
+            )
+            return StreamFailure("following_error", text)
         self._own.append(own_q)
         j, far = _farthest(q, np.array(self._own))
         allowed = self._lasting_rad + SPEED_SHARE_S * abs(float(own_qd[j]))
