@@ -39,7 +39,7 @@ def test_an_arm_that_was_left_on_its_trajectory_goes_back_along_it_slowly_and_th
     assert np.allclose(q[0], found.begin_q)
     assert np.allclose(q[-1], FAR.at(np.zeros(1)).q[0])
     places = [nearest_place(FAR, each) for each in q[::10]]
-    assert max(off for off, _ in places) < 0.003
+    assert max(off for off, _ in places) < 0.006  # the search samples the path
     qd = np.diff(q, axis=0) / 0.008
     assert np.max(np.abs(qd)) < 1.02 * SETTINGS.approach_speed_rad_s
     assert np.max(np.abs(np.diff(qd, axis=0) / 0.008)) < 1.5 * SETTINGS.approach_acceleration_rad_s2  # and the curve's own, slowed
@@ -84,7 +84,8 @@ def test_an_arm_is_not_brought_back_over_a_way_that_it_did_not_come(why):
             left = None
     found = way_of(left, q)
     assert found.back_from_s is None
-    assert np.array_equal(found.home_q, q)
+    as_left = why in {"a cause that is not harmless", "left beside the path"}
+    assert np.allclose(found.home_q, HOME if as_left else q)
     (near,) = named_conditions(inputs(ready_state(q=q, target_q=q), settings=SETTINGS, excitation=FAR, left=left), ("approach_near",))
     assert not near.holds
     assert "jog the arm near the start" in near.text

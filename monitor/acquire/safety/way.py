@@ -20,7 +20,7 @@ from monitor.recording import Array
 
 LEFT_RAD = 0.02  # an arm sags by less when its brakes close; one that stands farther from where it was left was moved by somebody
 JOIN_RAD = 0.2  # each joint brakes by itself: at 10 rad/s² an arm stopped at full speed is 0.05 rad from its path, at 4 rad/s² 0.17
-CURVE_SAMPLES = 4001  # of one period: at 3 rad/s and 30 s two of them are 0.02 rad apart
+CURVE_SAMPLES = 2001  # of one period: at 2.5 rad/s and 20 s two of them are 0.025 rad apart
 AS_NEAR_RAD = 0.005  # of two places of the path as near as this, the earlier one is taken: the way back from there is shorter
 
 
@@ -123,18 +123,17 @@ def way(excitation: Excitation, robot: Robot, q: Array, left: Left | None, *, ma
     """
     nearest = turned(excitation, robot, q)
     straight = Way(excitation=nearest, begin_q=q, home_q=q)
-    if left is None or not left.free or not stands_as_left(left, excitation, q):
+    if left is None or not stands_as_left(left, excitation, q):
         return straight
     home_q = np.array(left.home_q) if len(left.home_q) == len(q) else None
     around = [nearest] if home_q is None else [turned(excitation, robot, home_q), nearest]
     off_path_rad, at_s, played = min(((*nearest_place(each, q), each) for each in around), key=lambda found: found[0])
-    start_q = played.at(np.zeros(1)).q[0]
+    brought_back = left.on_path and left.free and off_path_rad <= JOIN_RAD
+    start_q = (played if brought_back else nearest).at(np.zeros(1)).q[0]
     if home_q is None or np.max(np.abs(home_q - start_q)) > max_approach_rad:
         home_q = start_q
-    if not left.on_path:
+    if not brought_back:
         return replace(straight, home_q=home_q)
-    if off_path_rad > JOIN_RAD:
-        return straight
     return Way(excitation=played, begin_q=q, home_q=home_q, back_from_s=at_s, off_path_rad=off_path_rad)
 
 
