@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from monitor.config.schema import Configuration
 
-# sockets, files and identity are opened once; a belief keeps its reference speed for ever
+# sockets, files and identity are opened once
 NEEDS_RESTART = (
     "robot.model",
     "robot.site",
@@ -18,6 +18,8 @@ NEEDS_RESTART = (
     "store.directory",
     "drift.reference_speed_rad_s",
 )
+# a history is of one model and refers its friction to one speed: neither can change in it, with a restart or without
+BOUND_TO_HISTORY = ("robot.model", "drift.reference_speed_rad_s")
 
 
 class Reloaded(NamedTuple):
@@ -26,12 +28,16 @@ class Reloaded(NamedTuple):
     configuration: Configuration
     changed: tuple[str, ...]  # keys in force
     waiting: tuple[str, ...]  # keys that a restart will put in force
+    held: tuple[str, ...] = ()  # keys that stay as they are as long as the history is the same: a start with them is refused
 
     @property
     def text(self) -> str:
         """As a sentence."""
         parts = [f"changed {', '.join(self.changed)}"] if self.changed else []
         parts += [f"waiting for a restart: {', '.join(self.waiting)}"] if self.waiting else []
+        if self.held:
+            what = "another [store] directory begins a new history; with this one the next start is refused"
+            parts.append(f"stays as it is, because the history is bound to it: {', '.join(self.held)} ({what})")
         return "; ".join(parts) or "nothing has changed"
 
 
@@ -40,6 +46,7 @@ def reloaded(old: Configuration, new: Configuration) -> Reloaded:
     was, will = _flat(old), _flat(new)
     different = sorted(key for key in was.keys() | will.keys() if was.get(key) != will.get(key))
     waiting = tuple(key for key in different if any(key == name or key.startswith(f"{name}.") for name in NEEDS_RESTART))
+    held = () if "store.directory" in waiting else tuple(key for key in waiting if key in BOUND_TO_HISTORY)
     kept = {name: getattr(old, name) for name in ("bus", "metrics", "page") if hasattr(old, name)}
     staying = [name.removeprefix("robot.") for name in NEEDS_RESTART if name.startswith("robot.")]
     robot = dataclasses.replace(new.robot, **{name: getattr(old.robot, name) for name in staying})
@@ -55,7 +62,8 @@ def reloaded(old: Configuration, new: Configuration) -> Reloaded:
         path=old.path,
         **kept,
     )
-    return Reloaded(merged, tuple(key for key in different if key not in waiting), waiting)
+    changed = tuple(key for key in different if key not in waiting)
+    return Reloaded(merged, changed, tuple(key for key in waiting if key not in held), held)
 
 
 def _flat(configuration: Configuration) -> dict[str, Any]:

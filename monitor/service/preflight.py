@@ -17,6 +17,7 @@ from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix
 from monitor.store.schema import schema_of
 
 BEFORE_THIS_PROGRAM_UNIX_S = 1_767_225_600.0  # 2026-01-01: an earlier clock is wrong, and the preflight check says so
+BOUND_TO = "SELECT json_extract(belief, '$.robot'), json_extract(belief, '$.reference_speed_rad_s') FROM state"
 
 
 def service_conditions(configuration: Configuration, now_unix_s: float | None = None) -> tuple[ConditionResult, ...]:
@@ -57,6 +58,7 @@ def _history(configuration: Configuration) -> ConditionResult:
             result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             version = schema_of(connection, directory)
             rows = connection.execute("SELECT count(*) FROM ledger").fetchone()[0] if version else 0
+            bound = connection.execute(BOUND_TO).fetchone() if version else None
     except StoreError as error:
         return ConditionResult(name="history", holds=False, text=str(error))
     except sqlite3.Error as error:
@@ -69,9 +71,23 @@ def _history(configuration: Configuration) -> ConditionResult:
         )
     if not os.access(path, os.W_OK) or not os.access(directory, os.W_OK):
         return ConditionResult(name="history", holds=False, text=f"{path}: cannot be written by this user")
+    if bound is not None and (why := misfit(configuration, *bound)) is not None:
+        return ConditionResult(name="history", holds=False, text=f"{path}: {why}")
     newest = next(iter(backups(directory)), None)
     backup = f"the newest backup is of {rfc3339(made_at_unix_s(newest))}" if newest else "no backup yet"
     return ConditionResult(name="history", holds=True, text=f"sound, {rows} windows; {backup}")
+
+
+def misfit(configuration: Configuration, model: str | None, speed_rad_s: float | None) -> str | None:
+    """Why a history of this model and reference speed cannot be continued with this configuration; None where it can."""
+    robot, speed = configuration.robot_description.name, configuration.assess.drift.reference_speed_rad_s
+    other = "or begin a new history with another [store] directory"
+    if model is not None and model != robot:
+        return f"it is of a {model}, robot.model is {robot}: every replay would be rejected; set robot.model back, {other}"
+    if speed_rad_s is not None and speed_rad_s != speed:
+        why = f"its friction refers to {speed_rad_s:g} rad/s, drift.reference_speed_rad_s is {speed:g}: every replay would be rejected"
+        return f"{why}; set it back to {speed_rad_s:g}, {other}"
+    return None
 
 
 def _disk(configuration: Configuration) -> ConditionResult:

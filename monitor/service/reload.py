@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from monitor.config.load import load
@@ -28,13 +29,13 @@ class Reloader:
             found = reloaded(self._monitor.configuration, load(self._monitor.configuration.path))
         except BadConfiguration as error:
             log.error("reload refused, the old configuration stays: %s", error)
-            self._keep(done=False, text=str(error), waiting=[])
+            self._keep(done=False, text=str(error))
         else:
             self._monitor.reconfigure(found.configuration)
             self._scheduler.reconsider()
             log.info("reloaded: %s", found.text)
-            self._keep(done=True, text=found.text, waiting=list(found.waiting))
+            self._keep(done=True, text=found.text, waiting=found.waiting, held=found.held)
         notify("READY=1")
 
-    def _keep(self, *, done: bool, text: str, waiting: list[str]) -> None:
-        self.outcome = {"at_unix_s": time.time(), "done": done, "told": text, "waiting": waiting}
+    def _keep(self, *, done: bool, text: str, waiting: Sequence[str] = (), held: Sequence[str] = ()) -> None:
+        self.outcome = {"at_unix_s": time.time(), "done": done, "told": text, "waiting": list(waiting), "held": list(held)}

@@ -26,6 +26,7 @@ from monitor.service.monitor import Replay
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.motion import move
 from monitor.service.page import page
+from monitor.service.preflight import misfit
 from monitor.service.problems import Problems
 from monitor.service.progress_log import progress_log
 from monitor.service.reload import Reloader
@@ -147,6 +148,15 @@ def _beside_state_directory(directory: Path) -> str:
     if not state or directory.is_relative_to(state):
         return ""
     return f"; the unit may write below {state} alone: leave [store] directory out, or name it in ReadWritePaths="
+
+
+def check_fits(configuration: Configuration, store: Store) -> None:
+    """Raises BadConfiguration where the history is of another model or reference speed: nothing could be learnt with it."""
+    state = store.assessments.state()
+    if state is not None:
+        why = misfit(configuration, state.belief.get("robot"), state.belief.get("reference_speed_rad_s"))
+        if why is not None:
+            raise BadConfiguration(f"{store.directory}: {why}")
 
 
 def _replay_over_rtde(daemon: Daemon, store: Store, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:

@@ -327,7 +327,7 @@ def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_shown
 
 
 def test_a_reload_applies_what_can_change_and_names_what_needs_a_restart(tmp_path: Path):
-    """Thresholds, schedule, guards, payload and residuals change at once; sockets, files, identity and reference speed at a restart."""
+    """Thresholds, schedule, guards, payload and residuals change at once; sockets, files and identity at a restart, reference speed with a new history."""
     from monitor.config.reload import reloaded
 
     old = load(written(tmp_path, ""), {})
@@ -347,6 +347,13 @@ def test_a_reload_applies_what_can_change_and_names_what_needs_a_restart(tmp_pat
         "store.backups",
     )  # fmt: skip
     assert found.waiting == ("bus.live_rate_hz", "drift.reference_speed_rad_s", "robot.host", "store.directory")
+    assert found.held == ()  # with another directory the restart begins a new history
+    held = reloaded(old, load(written(tmp_path, "[drift]\nreference_speed_rad_s = 0.5\n"), {}))
+    assert (held.changed, held.waiting, held.held) == ((), (), ("drift.reference_speed_rad_s",))
+    assert held.configuration.assess.drift.reference_speed_rad_s == 0.4
+    assert "stays as it is" in held.text
+    assert "new history" in held.text
+
     merged = found.configuration
     assert (merged.schedule.cron, merged.robot.payload_kg, merged.robot.host) == ("0 5 * * *", 2.0, "127.0.0.1")
     assert merged.replay.host == "127.0.0.1"
