@@ -16,11 +16,13 @@ from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
+from monitor.publish.timestamps import rfc3339
 from monitor.recording import Context
 from monitor.store.store import Store
 
 ON_PATH = frozenset({"play", "way_back"})  # phases in which the arm is on its trajectory
 MOST_FAILED = 3  # motions in succession that ended while they brought the arm back: then something speaks against it
+COUNTED = 100  # newest windows that are looked through
 LOOK_S = 5.0  # for the arm's state, when a person lets it be brought back
 NEAR = ("approach_near", "approach_clear")  # the conditions that an arm far from its start does not fulfil
 
@@ -76,6 +78,22 @@ def let_back(configuration: Configuration, store: Store, driver: Driver = UNIVER
         )
     store.motions.set_left(left.as_document())
     return named_conditions(known, NEAR)[0].text
+
+
+def away(store: Store) -> str | None:
+    """The problem that the newest windows were refused because the arm stands too far from its start: that does not pass by itself.
+
+    None where it is not so. Raises StoreError.
+    """
+    refused = []
+    for row in reversed(store.ledger.rows(limit=COUNTED)):
+        if row.state != "skipped" or not (row.reason or "").startswith(NEAR):
+            break
+        refused.append(row)
+    if not refused:
+        return None
+    windows = "the window" if len(refused) == 1 else f"each of {len(refused)} windows"
+    return f"nothing is learnt: since {rfc3339(refused[-1].started_at_unix_s)} {windows} was refused: {refused[0].reason}"
 
 
 def condition_inputs(configuration: Configuration, excitation: Excitation, context: Context) -> ConditionInputs:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from monitor.config.schema import StoreSettings
 from monitor.errors import StoreError
 from monitor.recording import DAY_S
+from monitor.service.left_arm import away
 from monitor.service.problems import Problems
 from monitor.service.scheduler import too_little_room
 from monitor.store.backup import backups, lost, made_at_unix_s
@@ -46,6 +47,7 @@ class Maintenance:
         self._problems.update("disk", None if short is None else short.removeprefix("disk: "))
         self._problems.update("clock_behind", self._behind())
         self._problems.update("stop", self._stopped())
+        self._problems.update("away", away(self._store))
         if self._maintained is None or time.monotonic() - self._maintained >= (FRESH_S if "backup" in self._problems else DAY_S):
             self._maintained = time.monotonic()
             self.maintain()

@@ -17,7 +17,7 @@ from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted
-from monitor.service.left_arm import MOST_FAILED
+from monitor.service.left_arm import MOST_FAILED, away
 from monitor.service.motion import check_conditions, move
 from monitor.store.store import Store
 
@@ -159,6 +159,24 @@ def test_a_person_lets_the_arm_be_brought_back_and_the_history_keeps_who_and_why
         assert [(stop.cause, stop.allowed_by) for stop in store.stops.rows()] == [("torque_band", "Ada"), ("way_back", "Ada")]
     _, driver = moved(configuration, phase("way_back"), *PLAYED[1:], DONE, at=AWAY)
     assert np.allclose(driver.task.left.home_q, START)
+
+
+def test_windows_that_are_refused_because_the_arm_stands_elsewhere_are_a_problem_from_the_first_on(configuration):
+    """Without a stop, as where somebody jogged the arm away. It ends with the next window that moves or is refused for another reason."""
+    with Store.open(configuration.state_directory) as store:
+        for hour, reason, windows in (
+            (0, "approach_near: jog it", 1),
+            (1, "approach_clear: a wall", 2),
+            (2, "no_other_program: one plays", 0),
+        ):
+            ledger_id = store.ledger.claim(3600.0 * hour, "scheduled", 3600.0 * hour)
+            store.ledger.end(ledger_id, "skipped", reason, 3600.0 * hour)
+            text = away(store)
+            assert (text is not None) == (windows > 0)
+            if text is not None:
+                assert "since 1970-01-01T00:00:00Z" in text
+                assert reason in text
+                assert (f"each of {windows} windows" in text) == (windows > 1)
 
 
 def test_check_says_that_the_arm_will_be_brought_back(configuration, monkeypatch):
