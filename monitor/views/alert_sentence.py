@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 from monitor.recording import DAY_S
 from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import around, day, since, span, utc
+from monitor.views.language.dates import around, day, since, span, unix_s, utc
+from monitor.views.marks import WORK
 
 N_ = str  # marks a text for the catalogue
 OF_ONE_JOINTS_FRICTION = ("wear_rising", "sudden_step", "friction_falling")
@@ -53,7 +54,7 @@ def sentences(alert: Mapping[str, Any], past: JointPast, now_unix_s: float, say:
     """The sentences of one alert, a document as it is published."""
     headline = _headline(alert, past.began_unix_s, now_unix_s, say)
     action = say.retell(alert["action"])
-    if not alert["active"] or alert["condition"] not in {"wear_rising", "sudden_step"} or not past.friction:
+    if not alert["active"] or alert["condition"] not in {"wear_rising", "sudden_step"} or not past.friction or alert.get("awaiting_proof"):
         return Sentences(headline, "", action)
     life = past.friction.get("remaining_life") or {}
     learnt = past.learnt_unix_s or now_unix_s
@@ -68,9 +69,18 @@ def sentences(alert: Mapping[str, Any], past: JointPast, now_unix_s: float, say:
 
 
 def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: float, say: Language) -> str:
-    joint, condition, change = alert["joint"], alert["condition"], alert.get("change") or 0.0
-    who = say.joint(joint)
-    held = _HELD.search(alert["text"])
+    joint, condition, who = alert["joint"], alert["condition"], say.joint(alert["joint"])
+    if alert.get("awaiting_proof") and alert.get("serviced_at"):
+        when, work = unix_s(alert["serviced_at"]), WORK.get(alert["serviced_kind"], alert["serviced_kind"])
+        return say.say(
+            "{joint}: {work} {when}. The next replays show whether it helped.",
+            joint=who,
+            work=say.say(work),
+            when=since(when, now_unix_s, say),
+        )
+    gravest = alert.get("gravest") if not alert["active"] else None  # a cleared alert says what it was about
+    change, text = float((gravest or alert).get("change") or 0.0), str((gravest or alert)["text"])
+    held = _HELD.search(text)
     if held is not None:
         began_unix_s = datetime.fromisoformat(held[1]).replace(tzinfo=UTC).timestamp()
     before = say.say("at the beginning") if began_unix_s is None else since(began_unix_s, now_unix_s, say)
@@ -88,7 +98,7 @@ def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: 
     known = (OF_ARM if joint is None else OF_JOINT).get(condition)
     if known is not None:
         return say.say(known, joint=who) if joint is not None else say.say(known)
-    first = re.split(r"(?<=[.!?])\s", alert["text"], maxsplit=1)[0]
+    first = re.split(r"(?<=[.!?])\s", text, maxsplit=1)[0]
     return say.retell(first) or say.retell(condition)
 
 

@@ -33,8 +33,9 @@ def opened(served, browser):
     server, _, _ = served
     contexts, trouble = [], []
 
-    def open_(size="desktop", scheme="light"):
-        context = browser.new_context(viewport=SIZES[size], color_scheme=scheme, reduced_motion="reduce")
+    def open_(size="desktop", scheme="light", language="en"):
+        locale = {"en": "en-GB", "de": "de-DE"}[language]
+        context = browser.new_context(viewport=SIZES[size], color_scheme=scheme, reduced_motion="reduce", locale=locale)
         contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(20_000)
@@ -48,7 +49,7 @@ def opened(served, browser):
         page.on("pageerror", lambda error: trouble.append(str(error)))
         page.on("request", lambda request: None if request.url.startswith((server.url, "data:")) else trouble.append(request.url))
         page.goto(server.url)
-        expect(page.locator("#link")).to_have_text("live")
+        expect(page.locator("#link")).to_have_text({"en": "live", "de": "verbunden"}[language])
         expect(page.locator("#windows tbody tr").first).to_be_visible()
         return page
 
@@ -218,17 +219,12 @@ def test_a_refusal_is_shown_in_the_dialog(opened):
 
 
 @pytest.mark.parametrize(
-    ("size", "scheme"),
-    [
-        ("desktop", "light"),
-        ("phone", "dark"),
-        pytest.param("desktop", "dark", marks=pytest.mark.soak),
-        pytest.param("phone", "light", marks=pytest.mark.soak),
-    ],
+    ("size", "scheme", "language"),
+    [("desktop", "light", "en"), ("desktop", "dark", "de"), ("phone", "light", "de"), ("phone", "dark", "en")],
 )
-def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme):
+def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme, language):
     """Nothing is wider than the window, text has a contrast of 4.5 or more, and what one touches is 20 pixels high or more."""
-    page = opened[0](size, scheme)
+    page = opened[0](size, scheme, language)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     weak = page.evaluate(
         """() => {
@@ -301,4 +297,121 @@ def test_an_old_verdict_is_marked_with_advice(browser, tmp_path):
         expect(page.locator("#arm .joint.stale")).to_have_count(6)
         expect(page.locator("#joints .old")).to_have_count(6)
         assert page.title().startswith("OUT OF DATE")
+        page.close()
+
+
+ENGLISH_WORDS = re.compile(r"\b(the|of|is|are|and|not|were|with|since|from|this|that|has|been|by|until|no|nothing|joints?|replays?|wear)\b")
+# names, and what other programs and people have said
+FOREIGN = (
+    "uPlot, MIT",
+    "English",
+    "the cell's door is open",
+    "<b>grease</b> is ordered",
+    "spare joint comes on Tuesday",
+    "joint-monitor status",
+    "joint-monitor",
+)
+
+
+def test_no_english_sentence_remains_in_the_german_page(opened):
+    """Everything a person reads or hears of the page is German, but for names and what other programs have said."""
+    page = opened[0](language="de")
+    expect(page.locator("#active h3")).to_have_text("Ellbogen dreht 22\u00a0% schwerer als am 1. Juni.")
+    for details in page.locator("details:not([hidden])").all():
+        details.evaluate("one => one.open = true")
+    texts = page.evaluate(
+        """() => { const said = [];
+            for (const one of document.querySelectorAll("body *:not(script):not(style)")) {
+                for (const name of ["aria-label", "title", "placeholder"]) if (one.getAttribute(name)) said.push(one.getAttribute(name));
+                for (const node of one.childNodes) if (node.nodeType === 3 && node.textContent.trim()) said.push(node.textContent.trim());
+            }
+            return [...said, document.title, document.documentElement.lang]; }"""
+    )
+    assert len(texts) > 150
+    assert texts[-1] == "de"
+    for foreign in FOREIGN:
+        texts = [text.replace(foreign, "") for text in texts]
+    assert [text for text in texts if ENGLISH_WORDS.search(text)] == []
+    assert page.locator("#figures").get_by_text("+23,").count() == 1  # figures are German too
+
+
+def test_the_dialogs_and_the_report_are_german_too(opened, served):
+    """The dialog of every command and the printed report have no English word; the button to the report leads to it."""
+    page = opened[0](language="de")
+    commands = page.locator('#active button[data-do]:not([data-do="look"])')
+    assert commands.count() == 3
+    for command in commands.all():
+        command.click()
+        assert not ENGLISH_WORDS.search(page.locator("#dialog").inner_text())
+        page.keyboard.press("Escape")
+    with page.expect_popup() as opening:
+        page.locator("#report-link").click()
+    report = opening.value
+    expect(report.locator("h1")).to_have_text("Bericht über den Reibungszustand")
+    text = report.locator("body").inner_text()
+    for foreign in FOREIGN:
+        text = text.replace(foreign, "")
+    assert ENGLISH_WORDS.findall(text) == []
+    assert report.locator("svg").count() == 2
+    csv = page.request.get(served[0].url + "history.csv")
+    assert csv.headers["content-disposition"] == 'attachment; filename="hall-2-cell-1.csv"'
+    assert csv.text().splitlines()[0].startswith("joint,")
+    assert len(csv.text().splitlines()) == 38 * 6 + 1
+
+
+def test_the_language_is_chosen_by_a_link_and_remembered(opened, served):
+    """The link at the foot changes the language, and the page without its parameter comes in it again."""
+    page = opened[0]()
+    page.locator("#languages a").click()
+    expect(page.locator("#alerts-h")).to_contain_text("Meldungen")
+    page.goto(served[0].url)
+    expect(page.locator("#alerts-h")).to_contain_text("Meldungen")
+
+
+def test_a_person_allows_motion_after_a_stop(browser, tmp_path):
+    """The stop is at the top and the headline is no green one; with a name and a reason motion is allowed, and both are kept."""
+    with monitor(tmp_path, days=3, moving=False, before=lambda store: store.stops.add("protective_stop", "safety mode 3", 0.0)) as (
+        server,
+        _,
+        store,
+    ):
+        page = browser.new_page()
+        page.goto(server.url)
+        expect(page.locator("#troubles")).to_contain_text("Nothing moves until a person has looked at the arm and allows it")
+        expect(page.locator("#verdict")).to_have_attribute("data-state", "CHECK_FUNCTION")
+        page.locator("#allow").click()
+        page.locator("#by").fill("Ada")
+        page.locator("#ok").click()
+        expect(page.locator("#dialog")).to_be_visible()  # a reason is asked for
+        page.locator("#reason").fill("a box stood in the way")
+        page.locator("#ok").click()
+        expect(page.locator("#dialog")).not_to_be_visible()
+        expect(page.locator("#troubles")).to_be_empty()
+        expect(page.locator("#verdict")).to_have_attribute("data-state", "NORMAL")
+        assert not store.stops.waiting()
+        assert [(stop.allowed_by, stop.allowed_why) for stop in store.stops.rows()] == [("Ada", "a box stood in the way")]
+        page.close()
+
+
+def test_work_on_a_joint_is_declared_on_the_page(browser, tmp_path):
+    """A replaced joint begins anew: its alert clears, the dialog says what that means, and the chart has a mark."""
+    with monitor(tmp_path, days=32, moving=False) as (server, _, store):
+        page = browser.new_page()
+        page.goto(server.url)
+        page.locator('#active [data-do="serviced"]').click()
+        page.locator("#kind").select_option("replaced")
+        page.locator("#by").fill("Ada")
+        page.locator("#reason").fill("spare part 7")
+        page.locator("#ok").click()
+        expect(page.locator("#dialog-text")).to_contain_text("It is a new joint")
+        expect(page.locator("#fields")).to_be_hidden()
+        page.locator("#cancel").click()
+        expect(page.locator("#active")).to_contain_text("No active alert")
+        page.locator("#past summary").first.click()
+        expect(page.locator("#cleared h3")).to_contain_text("Elbow turns")
+        expect(page.locator("#cleared")).to_contain_text("serviced: Elbow (joint 3) was replaced")
+        (work,) = store.works.rows()
+        assert work.document["kind"] == "replaced"
+        page.locator("#tab-3").click()
+        expect(page.locator("#wear")).to_have_attribute("aria-label", re.compile("; replaced on Jul 3$"))
         page.close()

@@ -24,6 +24,7 @@ RETOLD = frozenset(  # keys of documents whose value is a sentence for people
     {"text", "why", "action", "stale_why", "assumption", "reason", "told", "next_replay_why", "verdict_text", "tries", "stops"}
 )
 NOT_RETOLD = frozenset({"acknowledged_why", "shelved_why"})  # what a person wrote stays as it is
+SPOKEN = frozenset({"who", "reason"})  # places of a sentence with the words of a person
 
 
 class Language:
@@ -69,7 +70,9 @@ class Language:
         for pattern, template in self._patterns:
             found = pattern.fullmatch(plain)
             if found is not None:
-                return self.catalogue[template].format(**{name: self._retell(value) for name, value in found.groupdict().items()})
+                places = found.groupdict()
+                said = {name: value if name in SPOKEN else self._retell(value) for name, value in places.items()}
+                return self.catalogue[template].format(**said)
         for splitter in _SENTENCES:
             parts = splitter.split(plain)
             if len(parts) > 1:

@@ -66,6 +66,8 @@ def _lines(alert: Mapping[str, Any], report: Mapping[str, Any], say: Language) -
         when = moment(unix_s(gravest["at"]), say)
         lines.append(paragraph(say.say("At its gravest, {when}: {text}", when=when, text=say.retell(gravest["text"])), "small"))
     lines += [paragraph(say.retell(alert["text"]), "small"), _probability(alert, say)]
+    if alert.get("cleared_why"):
+        lines.append(paragraph(say.say("Cleared: {why}.", why=say.retell(alert["cleared_why"]))))
     if alert["acknowledged_at"]:
         when = moment(unix_s(alert["acknowledged_at"]), say)
         lines.append(

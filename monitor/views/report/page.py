@@ -167,12 +167,13 @@ def _life(life: Mapping[str, Any], say: Language) -> str:
 
 
 def _contexts(report: Mapping[str, Any], say: Language) -> list[str]:
-    """The changes of the context in the period: arm, mounting, payload, tool, trajectory; nothing where there was none."""
+    """Changes of arm, mounting, payload, tool and trajectory in the period; nothing where there was none."""
     rows = []
     for change in report["contexts"][1:]:
         what = [
             f"{say.say(CONTEXT_WORDS[name])}: {_fact(name, before, say)} → {_fact(name, after, say)}"
             for name, (before, after) in change["changed"].items()
+            if name in CONTEXT_WORDS
         ]
         meaning = say.say("a new baseline") if change["new"] else say.say("known before: its baseline again")
         rows.append([moment(unix_s(change["at"]), say), "; ".join(what), meaning])

@@ -238,7 +238,7 @@ class PageApp:
             return JSONResponse({"error": "is no JSON"}, status_code=400)
         except BadInput as error:
             return JSONResponse({"error": self._language(request).retell(str(error))}, status_code=409)
-        return JSONResponse(answer)
+        return JSONResponse(self._language(request).document(dict(answer)))
 
 
 async def _body(request: Request) -> bytes | None:

@@ -41,7 +41,8 @@ function stepsOf(alert) {
   const steps = [t("raised {when}", { when: brief(alert.raised_at) })], because = (why) => (why ? `: ${why}` : "");
   if (alert.updated_at !== alert.raised_at && alert.active) steps.push(t("updated {when}", { when: brief(alert.updated_at) }));
   if (alert.cleared_at) steps.push(t("cleared {when}", { when: brief(alert.cleared_at) }));
-  if (alert.serviced_at) steps.push(t("serviced by {who}, {when}", { who: alert.serviced_by, when: brief(alert.serviced_at) }) + because(alert.serviced_why));
+  if (alert.cleared_why) steps.push(alert.cleared_why);
+  if (alert.serviced_at && alert.active) steps.push(t("serviced by {who}, {when}", { who: alert.serviced_by, when: brief(alert.serviced_at) }) + because(alert.serviced_why));
   if (alert.acknowledged_at) steps.push(t("acknowledged by {who}, {when}", { who: alert.acknowledged_by, when: brief(alert.acknowledged_at) }) + because(alert.acknowledged_why));
   if (alert.shelved_until) steps.push(t(shelved(alert) ? "shelved by {who} until {when}" : "was shelved by {who} until {when}", { who: alert.shelved_by, when: brief(alert.shelved_until) }) + because(alert.shelved_why));
   return steps.join(" · ");
@@ -50,6 +51,7 @@ function stepsOf(alert) {
 function evidenceOf(alert, name) {
   const evidence = make("details"), figure = probability(alert);
   evidence.append(make("summary", t("Evidence"), { "aria-label": t("Evidence: {name}", { name }) }), make("p", alert.text));
+  if (alert.gravest && alert.gravest.text !== alert.text) evidence.append(make("p", `${t("At its gravest, {when}:", { when: brief(alert.gravest.at) })} ${alert.gravest.text}`));
   if (figure) evidence.append(make("p", figure));
   if (alert.split) evidence.append(attribution(alert.split));
   return evidence;
@@ -62,10 +64,12 @@ function buttonsOf(alert, name) {
     button.addEventListener("click", () => ask(command, what, title, text));
     row.append(button);
   };
-  if (!alert.acknowledged_at) add(t("Acknowledge…"), "ack", t("Acknowledge: {name}", { name }), t("You have seen it. It clears by itself once its condition is gone."), { class: "primary" });
-  add(t("Shelve…"), "shelve", t("Shelve: {name}", { name }), t("It stays active, and goes to the end of the list until then."));
+  if (alert.acknowledged_at) add(t("Not acknowledged after all…"), "unack", t("Take back the acknowledgement: {name}", { name }), t("The alert waits for a person again."));
+  else add(t("Acknowledge…"), "ack", t("Acknowledge: {name}", { name }), t("You have seen it. It clears by itself once its condition is gone."), { class: "primary" });
+  if (alert.joint != null && OF_FRICTION.includes(alert.condition)) add(t("Work was done…"), "serviced", t("Work on {joint}", { joint: jointName(alert.joint) }), t("What was done, and when? The next replays show what it did to friction; a replaced joint begins anew."));
+  if (shelved(alert)) add(t("Show again…"), "unshelve", t("Show again: {name}", { name }), t("It goes to its place in the list again."));
+  else add(t("Shelve…"), "shelve", t("Shelve: {name}", { name }), t("It stays active, and goes to the end of the list until then."));
   if (alert.joint != null) {
-    add(t("Serviced…"), "serviced", t("Work on {joint}", { joint: jointName(alert.joint) }), t("Replaced: everything is learned anew. Greased or overhauled: the next replays show whether it helped."));
     const look = make("button", t("Look at {joint}", { joint: jointName(alert.joint) }), { type: "button", "data-do": "look" });
     look.addEventListener("click", () => { choose(alert.joint); $("detail-h").scrollIntoView({ block: "start" }); });
     row.append(look);
@@ -79,7 +83,7 @@ function alertCard(alert) {
   const text = make("div", null, { class: "text" }), label = make("p", null, { class: "kind" });
   label.append(name, make("span", alert.active ? t(TIER_WORDS[alert.tier] || alert.tier) : t("cleared"), { class: "pill" }));
   if (alert.active && alert.acknowledged_at) label.append(make("span", t("acknowledged"), { class: "pill" }));
-  if (alert.active && alert.awaiting_proof) label.append(make("span", t("waits for its proof"), { class: "pill" }));
+  if (alert.awaiting_proof) label.append(make("span", t("waits for its proof"), { class: "pill" }));
   if (alert.active && shelved(alert)) label.append(make("span", t("shelved"), { class: "pill" }));
   text.append(label, make("h3", said.headline));
   if (said.pace) text.append(make("p", said.pace));

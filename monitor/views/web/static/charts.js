@@ -107,9 +107,9 @@ const Charts = (() => {
       const reach = alone.map((a, k) => (a == null ? null : (2 * (100 + a) * own.replay_torque_std_nm[k]) / own.replay_torque_nm[k]));
       const missing = alone.filter((a, k) => a == null && own.wear[k] != null).length;
       const ends = [1, -1].map((sign) => side(sign).concat(alone.map((a, k) => (a == null ? null : a + sign * reach[k]))).filter((x) => x != null));
-      const ahead = this.ahead(times, own, now, limit);
+      const ahead = renewed(joint) ? null : this.ahead(times, own, now, limit);
       const top = ends[0].reduce((a, b) => Math.max(a, b), ahead ? Math.max(6, ahead.early[1]) : 6), low = ends[1].reduce((a, b) => Math.min(a, b), -3);
-      const marks = (past_.marks || []).filter((mark) => mark.joint == null || mark.joint === joint);
+      const marks = (past_.marks || []).filter((mark) => mark.joint == null || mark.joint === joint).map((mark) => ({ ...mark, text: t(mark.text) }));
       const levels = { hooks: { draw: [(u) => { this.marks(u, marks); this.levels(u, tiers.map(({ name, rise, state }) => [100 * rise, `${t(name)} ${number(100 * rise, 100 * rise % 1 ? 1 : 0)} %`, state === "FAILURE" ? "--fail" : "--maint"])); }] } };
       const told = (u, k) => [days(u.data[0][k] * 1000), percent[k] == null ? null : t("estimate {figure} %", { figure: signed(percent[k]) }), alone[k] == null ? null : t("this replay {figure} %", { figure: signed(alone[k]) })].filter(Boolean).join(" · ");
       this.draw(id, {
@@ -134,7 +134,8 @@ const Charts = (() => {
       }
       const last = percent[percent.length - 1];
       const text = t("{joint}: {count} replays shown, friction now {figure} % above the beginning", { joint: jointName(joint), count: times.length, figure: number(last ?? 0, 1) });
-      place.setAttribute("aria-label", text + (ahead ? `; ${t("limit {days} days after the last replay", { days: number(now.remaining_life.p50_days, 0) })}` : ""));
+      const happened = marks.map((mark) => `; ${t("{what} on {day}", { what: mark.text, day: days(1000 * mark.t) })}`).join("");
+      place.setAttribute("aria-label", text + happened + (ahead ? `; ${t("limit {days} days after the last replay", { days: number(now.remaining_life.p50_days, 0) })}` : ""));
     }
 
     // what happened to the joint: greased, replaced, another tool

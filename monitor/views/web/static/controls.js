@@ -10,12 +10,14 @@ function ask(command, what, title, text) {
   $("problem").textContent = "";
   $("hours-l").hidden = $("hours").disabled = command !== "shelve";  // a hidden field must not be required
   if (command === "shelve") $("hours").value = "24";
-  $("work-l").hidden = $("work").disabled = command !== "serviced";
-  $("work").value = "";
   $("by").value = localStorage.getItem("joint-monitor-name") || "";
   $("reason").value = "";
-  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion"), serviced: t("Declare") }[command];
-  $("reason").required = command === "allow" || command === "serviced";  // somebody will ask
+  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion"), unack: t("Take back"), unshelve: t("Show again"), serviced: t("Declare the work") }[command];
+  $("work").hidden = $("kind").disabled = $("at").disabled = command !== "serviced";
+  $("at").value = new Date(now()).toISOString().slice(0, 10);
+  $("at").max = $("at").value;
+  $("fields").hidden = false; $("ok").hidden = false; $("cancel").textContent = t("Cancel");
+  $("reason").required = command === "allow" || command === "serviced";  // somebody will ask why it moves again
   $("dialog").showModal();
   ($("by").value ? $("reason") : $("by")).focus();
 }
@@ -27,7 +29,11 @@ $("form").addEventListener("submit", async (event) => {
   const { command, what } = pending;
   const request = { ...what, by: $("by").value.trim(), why: $("reason").value.trim() };
   if (command === "shelve") request.hours = Number($("hours").value);
-  if (command === "serviced") { request.kind = $("work").value; delete request.condition; }
+  if (command === "serviced") {
+    delete request.condition;
+    request.kind = $("kind").value;
+    if ($("at").value && $("at").value !== $("at").max) request.at = `${$("at").value}T12:00:00Z`;  // today's work is done now
+  }
   localStorage.setItem("joint-monitor-name", request.by);
   $("ok").disabled = true;
   try {
@@ -36,8 +42,13 @@ $("form").addEventListener("submit", async (event) => {
     });
     const reply = await answer.json();
     if (!answer.ok) throw new Error(reply.error || String(answer.status));
-    $("dialog").close();
     soon();
+    if (command !== "serviced") return $("dialog").close();
+    // what it means is said before the dialog goes
+    $("fields").hidden = $("ok").hidden = true;
+    $("dialog-text").textContent = (reply.text || []).join(" ");
+    $("cancel").textContent = t("Close");
+    $("cancel").focus();
   } catch (error) {
     $("problem").textContent = error.message;
   } finally {

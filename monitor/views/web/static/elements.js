@@ -56,7 +56,10 @@ const words = (condition) => { const known = t(condition); return (known === con
 const spoken = (why) => (why || "").replace(/\b[a-z]+(_[a-z]+)+\b/g, (word) => t(word).replaceAll("_", " "));
 const sentence = (text) => (text ? spoken(text).replace(/^./, (letter) => letter.toUpperCase()).replace(/([^.!?])$/, "$1.") : "");
 const jointName = (joint) => (joint == null ? t("The arm") : about && about.joints[joint - 1] ? t(about.joints[joint - 1]) : t("Joint {number}", { number: joint }));
+// whether the joint began anew after its last replay: what is known of its wear is of the old one
+const renewed = (joint) => (past.marks || []).some((mark) => mark.renews && mark.joint === joint && mark.t > (past.t[past.t.length - 1] || 0));
 function life(row) {
+  if (row && renewed(row.joint)) return t("not known yet");
   const left = row && row.remaining_life;
   if (!left) return "–";
   if (left.verdict === "reached") return t("limit reached");
