@@ -55,6 +55,8 @@ def test_a_replaced_joint_is_declared_on_the_bus_and_everybody_hears_of_it(cell,
     [message] = client.get("joint/3/work")
     jsonschema.validate(message.document, schema("work"))
     assert client.health().joints[2].state == "NORMAL"
+    row = client.friction()[2]
+    assert (row.wear, row.reference_torque_nm, row.remaining_life.p50_days) == (0.0, None, None), "the old joint's"
     assert store.assessments.state().belief["works"][0]["kind"] == "replaced"
     later(daemon, arm, 2)
     assert recompute(store)["identical"] == 5

@@ -63,6 +63,7 @@ class AlertChanges:
         """Take the state after work, and publish what it changed. The caller holds `revising`."""
         self._state.take_amended(declared.state)
         self._publisher.work(declared.answer["work"])
+        self._publisher.newest_friction(int(declared.answer["work"]["joint"]))
         for alert in declared.alerts:
             self._publisher.alert(alert)
         self._publisher.health()

@@ -12,7 +12,7 @@ from monitor.publish.health_document import published_health
 from monitor.publish.timestamps import outside
 from monitor.service.bus.info import info
 from monitor.service.bus.production import Production
-from monitor.service.history.work import row_document
+from monitor.service.history.work import friction_known, row_document
 from monitor.service.shared_state import SharedState
 from monitor.store.events import AlertEvent
 from monitor.store.store import Store
@@ -34,8 +34,8 @@ class Publisher:
     def everything(self) -> None:
         """Publish every last value that is known at a start."""
         self.info()
-        for document in self._store.assessments.friction(limit=self._state.robot.joints):
-            self.say("friction", {key: value for key, value in document.items() if key != "replay"}, joint=document["joint"])
+        for joint in range(1, self._state.robot.joints + 1):
+            self.newest_friction(joint)
         for row in self._store.works.rows():  # of each joint the last one stays
             self.work(row_document(row))
         self.judgement()
@@ -71,6 +71,14 @@ class Publisher:
     def friction(self, joint: JointFriction) -> None:
         """Publish one joint after one replay."""
         self.say("friction", plain(joint), joint=joint.joint)
+
+    def newest_friction(self, joint: int) -> None:
+        """Publish what is known of one joint (from 1) after the last replay, and after work since then."""
+        belief = self._state.estimator.belief
+        rows = self._store.assessments.friction(joint=joint, limit=1)
+        if belief is not None and rows:
+            known = friction_known(rows[0], float(belief.filter_state.replays[joint - 1]))
+            self.say("friction", {key: value for key, value in known.items() if key != "replay"}, joint=joint)
 
     def work(self, document: dict[str, Any]) -> None:
         """Publish the last work on one joint."""

@@ -20,12 +20,14 @@ from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import early_alerts
+from monitor.service.history.work import friction_known, row_document
 from monitor.service.monitor_document import not_watched, present_unix_s, read_monitor_document, silent_s
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present
 from monitor.store.ledger import LedgerRow, Try
 from monitor.store.store import Store
 
+WORKS_SHOWN = 6  # newest works on joints that `status` shows: all joints of one `maintenance`
 LEDGER_ROWS = 10  # newest windows that `status` shows
 WINDOWS_SHOWN = 5  # newest past windows that `schedule` shows
 
@@ -38,6 +40,9 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
     with Store.reader(configuration.state_directory) as store:
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
+        works = [row_document(row) for row in store.works.rows() if row.in_force][-WORKS_SHOWN:]
+        if state is not None and (replays := state.belief.get("track", {}).get("replays")):
+            newest = [friction_known(row, replays[row["joint"] - 1]) for row in newest]
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
         tries = store.ledger.tries(ledger)
         early = [] if state else early_alerts(store)
@@ -49,6 +54,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "health": outside(with_stale(state.health, now_unix_s, configuration.assess.health)) if state else None,
         "early_alerts": [outside(alert_document(alert)) for alert in early],
         "friction": outside(newest),
+        "works": works,
         "monitor": monitor,
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
         "not_watched": not_watched(monitor, now_unix_s),

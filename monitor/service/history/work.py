@@ -3,7 +3,7 @@
 The daemon does this when it is asked on the bus, and `joint-monitor serviced` itself where no daemon runs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -128,6 +128,27 @@ def row_document(row: WorkRow) -> dict[str, Any]:
     undone = outside({"undone_at_unix_s": row.undone_at_unix_s})
     assert isinstance(undone, dict)
     return work_document(Work(**row.document)) | undone | {"undone_by": row.undone_by, "undone_why": row.undone_why}
+
+
+def friction_known(row: Mapping[str, Any], replays: float) -> dict[str, Any]:
+    """The newest friction of a joint. Of a joint that was replaced and has not replayed since, what the old one had worn is left out.
+
+    replays : that the filter has learnt of the joint that is there now.
+    """
+    if replays > 0:
+        return dict(row)
+    nothing = {"trend_probability": 0.5, "verdict": "no_trend", "before_service_probability": 0.0, "assumption": ""}
+    life = {name: nothing.get(name) for name in row["remaining_life"]}
+    unknown = (
+        "reference_torque_nm",
+        "reference_torque_std_nm",
+        "replay_torque_nm",
+        "replay_torque_std_nm",
+        "unseen_step",
+        "unseen_step_days",
+    )
+    zero = dict.fromkeys(("wear", "wear_std", "wear_rate_per_day", "wear_rate_std_per_day"), 0.0)
+    return {**row, **dict.fromkeys(unknown), **zero, "remaining_life": life, "remaining_revolutions": [None, None, None]}
 
 
 def _meaning(store: Store, work: Work, transitions: Sequence[Transition]) -> list[str]:

@@ -67,6 +67,8 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
             _print_leading(console, utc, rows[0] if rows else None)
             place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
             console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {alert['text']}", highlight=False, markup=False)
+    for work in document.get("works", ()):
+        console.print(f"  {work['text']}", highlight=False, markup=False)
     if document.get("monitor"):
         console.print(monitor_lines(document["monitor"]), highlight=False, markup=False)
     for count, row in _grouped(document["ledger"]):
