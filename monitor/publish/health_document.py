@@ -46,7 +46,9 @@ def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthS
     health = health_from_document(document)
     silent = stale_joints(health, now_unix_s, settings)
     joints = [{**joint, "stale": old} for joint, old in zip(document["joints"], silent, strict=True)]
-    return {**document, "stale": any(silent), "stale_why": _stale_why(health, silent, now_unix_s, settings), "joints": joints}
+    alerts = [alert_document(alert) for alert in health.alerts]  # a stored one does not say whether it is active
+    why = _stale_why(health, silent, now_unix_s, settings)
+    return {**document, "stale": any(silent), "stale_why": why, "joints": joints, "alerts": alerts}
 
 
 def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, settings: HealthSettings) -> str | None:

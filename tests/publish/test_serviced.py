@@ -16,6 +16,7 @@ from monitor.publish.registry import schema
 from monitor.service.daemon import Daemon
 from monitor.service.history.recompute import recompute
 from monitor.service.history.report import report
+from monitor.service.history.status import status_document
 from monitor.store.store import Store
 
 
@@ -70,6 +71,9 @@ def test_a_greased_joint_waits_for_its_proof(cell, client):  # noqa: F811
     assert answer.work.outcome is None
     [alert] = client.alerts()
     assert alert.awaiting_proof
+    told = status_document(daemon.state.configuration, arm.clock_unix_s)
+    assert [each["awaiting_proof"] for each in told["health"]["alerts"] if each["active"]] == [True]
+    assert told["works"][0]["text"].startswith("Elbow (joint 3) was greased on 2026-01-07 (Ada: 200 h service)")
     assert client.health().joints[2].state == "CHECK_FUNCTION"
     assert client.health().state == "CHECK_FUNCTION"
     later(daemon, arm, 4)
