@@ -16,11 +16,10 @@ from typing import Any
 from monitor.errors import MotionRefused
 from monitor.store.backup import refused_by
 from monitor.store.database import Database, json_text
-from monitor.store.stops import SERIAL, insert_stop
+from monitor.store.stops import LEFT, SERIAL, insert_stop
 
 LOCK = "motion.lock"  # held by the process that moves the arm; the kernel lets go of it when that process ends, however it ends
 LOCK_PATIENCE_S = 1.0  # somebody who only looks whether the arm is moved holds the lock for less than a millisecond
-LEFT = "arm_left"  # name of the note that says how the last motion left the arm; there is none where it brought the arm back
 UNKNOWN_END = "unknown_end"  # the cause of the stop that a motion without a known end becomes
 _KEYS = ("id", "ledger_id", "began_at_unix_s", "host", "serial", "first_pass", "ended_at_unix_s", "ending", "reason")
 

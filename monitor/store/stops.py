@@ -9,6 +9,7 @@ from typing import Any
 from monitor.store.database import Database, json_text
 
 SERIAL = "arm_serial"  # name of the note with the serial number of the arm that this history belongs to
+LEFT = "arm_left"  # name of the note that says how the last motion left the arm; there is none where it brought the arm back
 ANOTHER_ARM = "another_arm"  # the cause of the stop that another serial number than the expected one is
 
 
@@ -84,6 +85,7 @@ class Stops:
             )
             others = [stop.serial for stop in waiting if stop.serial is not None]
             if others:
+                db.execute("DELETE FROM note WHERE key = ?", (LEFT,))  # that was another arm
                 db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", (SERIAL, others[-1]))
                 # a first pass of no provenance: the latest one is not of this arm, nor is the torque model of that time
                 note = json_text({"another_arm": others[-1]})

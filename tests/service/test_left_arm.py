@@ -143,6 +143,16 @@ def test_a_crash_in_mid_motion_forgets_how_the_arm_was_left(configuration):
         assert store.motions.left() is None
 
 
+def test_another_arm_that_a_person_accepts_was_not_left_by_us(configuration):
+    """How the arm before it was left says nothing of this one."""
+    moved(configuration, *PLAYED, failed("late"))
+    with Store.open(configuration.state_directory) as store:
+        store.stops.add_another_arm("8", "the controller's serial number is 8, expected 7", 1.0)
+        assert store.motions.left() is not None
+        store.stops.allow("Ada", "exchanged", 2.0)
+        assert store.motions.left() is None
+
+
 def test_a_person_lets_the_arm_be_brought_back_and_the_history_keeps_who_and_why(configuration, monkeypatch):
     """`allow --way-back`; an arm that does not stand on its trajectory has no way back along it."""
     path = configuration.path
