@@ -327,7 +327,7 @@ def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_shown
 
 
 def test_a_reload_applies_what_can_change_and_names_what_needs_a_restart(tmp_path: Path):
-    """Thresholds, schedule, guards, payload and residuals change at once; sockets, files and identity at a restart, reference speed with a new history."""
+    """Thresholds, schedule, guards, payload: at once; sockets, files and identity: at a restart; reference speed: with a new history."""
     from monitor.config.reload import reloaded
 
     old = load(written(tmp_path, ""), {})
