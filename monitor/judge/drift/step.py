@@ -120,14 +120,8 @@ def initial_state(observation: Observation, joints_per_arm: int, drift: DriftSet
     )
 
 
-def step(
-    state: DriftState, replay: Replay, drift: DriftSettings, temperature: TemperatureSettings, *, settle_on_learnt: bool = False
-) -> StepResult:
+def step(state: DriftState, replay: Replay, drift: DriftSettings, temperature: TemperatureSettings) -> StepResult:
     """One replay of every arm: the state after it.
-
-    settle_on_learnt : which replays T0 is the mean temperature of. False, as the monitor does it: the arm's first `settle_replays` replays;
-    a joint without a temperature keeps its T0 in such a replay. True, as `rehearse` does it: for each joint, the first `settle_replays`
-    replays that taught the filter something of that joint and had a temperature.
 
     Judging your own fleet, here three arms of which joint 2 of arm 2 steps by 20 % on day 40. `weigh_evidence` turns the state
     into tiers, as the daemon does it; 1 is the wear tier.
@@ -178,8 +172,7 @@ def step(
     state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift, joint.worked))
     state = replace(state, filter_state=remember_warming(state.filter_state, observation.warming_k_per_min))
     state = replace(state, filter_state=look_beside(state, joint, observation))
-    counted = state.filter_state.learnt_from & np.isfinite(observation.temperature_c) if settle_on_learnt else joint.replayed
-    state = settle_reference(state, observation.temperature_c, counted, drift)
+    state = settle_reference(state, observation.temperature_c, drift)
     return StepResult(learn_laws(state, observation), observation, inside, stuck)
 
 
@@ -300,14 +293,11 @@ def remember_baseline(state: DriftState, observation: Observation, drift: DriftS
     )
 
 
-def settle_reference(state: DriftState, temperature_c: Array, counted: np.ndarray, drift: DriftSettings) -> DriftState:
-    """The state with T0 as the mean temperature of the first `settle_replays` replays among those `counted` (N,).
-
-    temperature_c : (N,) NaN where it is unknown: T0 then stays, and the replay counts.
-    """
-    settling = counted & (state.settled < drift.settle_replays)
+def settle_reference(state: DriftState, temperature_c: Array, drift: DriftSettings) -> DriftState:
+    """The state with T0 as the mean of a joint's first `settle_replays` temperatures (N,) of replays that the filter learned from."""
+    settling = state.filter_state.learnt_from & np.isfinite(temperature_c) & (state.settled < drift.settle_replays)
     T0 = state.reference_temperature_c
-    moved = T0 + (np.where(np.isfinite(temperature_c), temperature_c, T0) - T0) / (state.settled + 1.0)
+    moved = T0 + (temperature_c - T0) / (state.settled + 1.0)
     return replace(state, reference_temperature_c=np.where(settling, moved, T0), settled=state.settled + settling)
 
 

@@ -97,7 +97,7 @@ def play(
     state: DriftState | None = None
     early = np.zeros(A * J + A, dtype=bool)
     alerts, accuracy = _AlertDays(fleet), _Accuracy(fleet, assess.drift)
-    for day, _, now, result, evidence in judged_days(fleet, settings.days, assess, count_use=count_use, settle_on_learnt=True):
+    for day, _, now, result, evidence in judged_days(fleet, settings.days, assess, count_use=count_use):
         state = result.state
         if day < learning:
             early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
@@ -122,10 +122,8 @@ def play(
     )
 
 
-def judged_days(
-    fleet: LivingFleet, days: int, assess: AssessSettings, *, count_use: bool = True, settle_on_learnt: bool = False
-) -> Iterator[JudgedDay]:
-    """A fleet's days, judged by the daemon's own functions in turn; `settle_on_learnt` as in `step`."""
+def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_use: bool = True) -> Iterator[JudgedDay]:
+    """A fleet's days, judged by the daemon's own functions in turn."""
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
     counts, last = nothing_counted(A * J, A), np.zeros(A)
@@ -142,7 +140,7 @@ def judged_days(
             revolutions=now.revolutions.ravel() if count_use else None,
         )
         last = np.where(now.replayed, day, last)
-        result = step(state, replay, assess.drift, assess.temperature, settle_on_learnt=settle_on_learnt)
+        result = step(state, replay, assess.drift, assess.temperature)
         state = result.state
         usable = state.filter_state.learnt_from & result.inside_range
         evidence = weigh_evidence(wear_of_state(state.filter_state, usable, math.floor(day)), counts, J, assess.health)

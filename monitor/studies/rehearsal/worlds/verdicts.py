@@ -25,8 +25,8 @@ common alert, where three or more wear), the onset's day included; arms in which
 no other joint's tier came between onset and detection, of the arms where anything was found. Coverage: share of days on which the 90 %
 interval of friction at T0 (with the undetected-change mixture) holds the truth, of healthy joints, of worn ones from the onset on, of these
 until the detection. Remaining life is asked at 50 and 75 % of the time from the onset to the limit, where wear has such a time: P10–P90
-holds, P50 within 20 %, median of P50 over the truth. The judge's functions are the daemon's (`step` without `settle_on_learnt`,
-`weigh_evidence`); nobody counts revolutions."""
+holds, P50 within 20 %, median of P50 over the truth. The judge's functions are the daemon's (`step`, `weigh_evidence`);
+nobody counts revolutions."""
 
 
 class Episodes:
