@@ -10,7 +10,7 @@ from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.chance import AGES, GROUPS, LEAST, inflation_of, nothing_seen
-from monitor.judge.drift.noise import alike, follow, present
+from monitor.judge.drift.noise import LEAST_SIGMA, MOST_SIGMA, alike, counted_sigma, follow, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
@@ -126,6 +126,17 @@ def test_joints_are_as_alike_as_they_prove_to_be():
     assert np.allclose(alike(np.full(J, 4e-4), np.full(J, 50.0), J), 4e-4)
     assert few.min() >= var.min()
     assert few.max() <= var.max()
+
+
+def test_an_arm_with_outliers_counts_each_replay_for_less():
+    """Gaussian noise, outliers in one joint and in none of another arm: the joints of the arm share the bound, and others do not."""
+    replays, outliers = np.full(2 * J, 300.0), np.zeros(2 * J)
+    outliers[1] = 30.0
+    counted = counted_sigma(outliers, replays, J)
+    assert np.all(counted[:J] < 2.0)
+    assert np.all(counted[:J] >= LEAST_SIGMA)
+    assert np.all(counted[J:] == MOST_SIGMA)
+    assert np.all(counted_sigma(np.zeros(J), np.zeros(J), J) == MOST_SIGMA)
 
 
 def test_the_present_noise_follows_the_arm_and_not_chance():

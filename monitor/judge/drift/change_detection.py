@@ -17,12 +17,13 @@ from monitor.judge.drift.blame import common_changes, pool_over_arms
 from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, WEAR, WINDOW, FilterState, open_slot
 from monitor.judge.drift.innovation import Gate, Innovation
 from monitor.judge.drift.kalman import symmetric
+from monitor.judge.drift.noise import counted_sigma
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Array
 
-CLIPPED = 3.0  # [σ] an ordinary replay counts for a change with no more than this: noise has longer tails than a Gaussian
-CLIPPED_OUTLIER = 1.0  # [σ] and an outlier with no more than this; several in a row on one side count in full
+CLIPPED = 3.0  # [σ] a replay that is further from an estimated change makes its size less certain
+CLIPPED_OUTLIER = 1.0  # [σ] an outlier counts for a change with no more than this; several in a row on one side count in full
 STAYS_SIGMA = 3.5  # [σ] by which outliers in a row must differ from a shock that fades away
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
@@ -77,12 +78,12 @@ class Change(NamedTuple):
     shared_var: Array  # (N,) its variance
 
 
-def advance_bank(state: FilterState, innovation: Innovation, gate: Gate) -> ChangeBank:
+def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, joints_per_arm: int) -> ChangeBank:
     """The bank with the changes that may have begun at this replay, and with this replay's evidence."""
     bank = add_candidates(state, innovation.resolved)
     nu, S = innovation.value, innovation.var
     G = np.einsum("na,nkwa->nkw", innovation.row, bank.responses)
-    limit = np.where(gate.gated, CLIPPED_OUTLIER, CLIPPED) * np.sqrt(S)
+    limit = np.where(gate.gated, CLIPPED_OUTLIER, counted_sigma(state.outliers, state.replays, joints_per_arm)) * np.sqrt(S)
     clipped = np.clip(nu, -limit, limit)
     counts = innovation.resolved & ~innovation.settling
     gain = np.where(counts[:, None, None], G / S[:, None, None], 0.0)

@@ -30,7 +30,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     """
     innovation = innovate(state, observation, slot, joints_per_arm, settings)
     gate = gate_outliers(state, innovation, settings)
-    bank = advance_bank(state, innovation, gate)
+    bank = advance_bank(state, innovation, gate, joints_per_arm)
     rho, var = state.autocorrelation(joints_per_arm, settings), state.noise_var(joints_per_arm, settings)
     gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, rho, var) | (state.replays < NOISE_KNOWN)))
     change = detect_change(state, bank, innovation, gate, slot, joints_per_arm, settings)

@@ -14,6 +14,21 @@ DIFFERENCES = 3.0  # variance of a mean of n half squared differences of success
 ALIKE_VAR, ALIKE_JOINTS = 0.1, 2.0  # prior variance of log γ₁ between the joints of an arm, and its weight in joints
 
 
+# How long the tails of the noise are, all joints of the arm tell by their outliers. A replay of Gaussian noise counts with up to 3 σ; the
+# score of Student's t is bounded by (ν+1)/(2√ν): 3 of ν = 34, and 1.8 of ν = 10 and of the t₃ whose σ is learnt without its outliers.
+MOST_SIGMA, LEAST_SIGMA = 3.0, 1.8  # [σ] bounds of what one replay counts with
+USUAL_OUTLIERS, OUTLIER_REPLAYS = 0.001, 200.0  # prior share of outliers, and its weight [replays]
+TAIL_POWER = 0.18  # so that 2 % of outliers, as t₃ noise has them, lead to the smallest bound
+
+
+def counted_sigma(outliers: Array, replays: Array, joints_per_arm: int) -> Array:
+    """(N,) [σ] with how much one replay counts for a change at most, by the outliers among the replays of the arm's joints, (N,) each."""
+    seen, of = (np.repeat(each.reshape(-1, joints_per_arm).sum(axis=1), joints_per_arm) for each in (outliers, replays + outliers))
+    share = (seen + USUAL_OUTLIERS * OUTLIER_REPLAYS) / (of + OUTLIER_REPLAYS)
+    counted: Array = np.clip(MOST_SIGMA * (USUAL_OUTLIERS / share) ** TAIL_POWER, LEAST_SIGMA, MOST_SIGMA)
+    return counted
+
+
 def alike(step_var: Array, replays: Array, joints_per_arm: int) -> Array:
     """(N,) γ₁ of each joint, nearer to the arm's the less the joints of this arm differ beyond chance (James and Stein, 1961)."""
     J = joints_per_arm
