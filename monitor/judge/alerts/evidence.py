@@ -20,8 +20,8 @@ from monitor.recording import DAY_S, Array
 
 FALLING = len(TIERS)  # column of `Counts` that counts fallen friction; the columns before it count risen friction, one a tier
 COLUMNS = FALLING + 1
-# Upward crossings of its mean by the estimated wear of a healthy joint. 0.25 was measured while no change was found. A change that was found
-# by chance is estimated anew with every replay, and its wear crosses more often: this leads to 3 σ, with which such an alert does not stand.
+# Upward crossings of its mean by the estimated wear of a healthy joint. 0.25 was measured where no change was found. One that was found by
+# chance is estimated anew with every replay, and its wear crosses more often: this leads to 3 σ, at which such an alert ends.
 CROSSINGS_PER_YEAR = 0.75
 MIN_WEAR_STD = 1e-9  # keeps the number of standard deviations finite
 MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise for a common cause
