@@ -68,7 +68,7 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/root/", "/home/")))' || { echo "the service cannot reach a Python below /root or /home; say another: make install PYTHON=/usr/bin/python3" >&2; exit 2; }
 	@# the service's user reads what root installs, whatever root's umask is
 	umask 022; $(PYTHON) -m venv $(INTO)
-	umask 022; $(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade .
+	umask 022; $(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[plots]'
 	@# a package is built elsewhere than it will lie
 	test -z "$(DESTDIR)" || grep -lI "$(INTO)" $(INTO)/bin/* $(INTO)/pyvenv.cfg | xargs sed -i 's#$(INTO)#$(PREFIX)#g'
 	install -d $(DESTDIR)$(SYSTEM)/systemd/system $(DESTDIR)$(SYSTEM)/sysusers.d $(DESTDIR)$(SYSTEM)/tmpfiles.d $(DESTDIR)/etc/joint-monitor $(DESTDIR)$(COMMAND)
@@ -80,6 +80,21 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	test -n "$(DESTDIR)" || { systemd-sysusers $(SYSTEM)/sysusers.d/joint-monitor.conf && systemd-tmpfiles --create $(SYSTEM)/tmpfiles.d/joint-monitor.conf; }
 	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || systemctl daemon-reload
 	@echo "installed; now write $(DESTDIR)/etc/joint-monitor/NAME.toml and: systemctl enable --now joint-monitor@NAME"
+
+DEB ?= build/joint-monitor.deb
+deb: ## a Debian package of the service for this machine's release and architecture: build/joint-monitor.deb
+	rm -rf build/deb
+	umask 022; $(MAKE) --no-print-directory install DESTDIR=$(CURDIR)/build/deb PREFIX=/opt/joint-monitor SYSTEM=/usr/lib COMMAND=/usr/bin
+	deploy/deb/build build/deb $$($(PYTHON) -c 'import re; print(re.search(r"__version__ = .(.+).", open("monitor/__init__.py").read())[1])') \
+		$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])') $(DEB)
+
+user: ## for you alone, without developers' tools: a virtual environment in ~/.local/share, the command in ~/.local/bin
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }
+	$(PYTHON) -m venv $(HOME)/.local/share/joint-monitor
+	$(HOME)/.local/share/joint-monitor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[plots]'
+	install -d $(HOME)/.local/bin
+	ln -sfn $(HOME)/.local/share/joint-monitor/bin/joint-monitor $(HOME)/.local/bin/joint-monitor
+	@echo "installed: joint-monitor --help (is $(HOME)/.local/bin in your PATH?); next: joint-monitor try, or joint-monitor init"
 
 uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monitor and /var/lib/joint-monitor stay
 	@# stop knows patterns; disable does not, and takes the template for all of its instances

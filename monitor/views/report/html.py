@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from monitor.errors import BadInput
+from monitor.views.plots.picture import needs_drawing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,6 +71,7 @@ def check_page(path: Path) -> None:
         raise BadInput(f"-o {path}: expected a name that ends in .html")
     if path.is_dir() or not path.parent.is_dir():
         raise BadInput(f"-o {path}: expected the name of a file in a folder that exists")
+    needs_drawing("-o")
 
 
 def escaped(value: object) -> str:
