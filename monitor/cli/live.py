@@ -23,6 +23,8 @@ from monitor.cli.options import (
 from monitor.errors import BadInput, MonitorError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from monitor.config.schema import Configuration
 
 
@@ -78,13 +80,28 @@ def watch(
     configuration, printer = load_configuration(config), DocumentPrinter()
     with client_of(configuration) as client:
         try:
-            for message in client.watch(keys):
+            for message in client.watch(keys, alive=_tell_alive()):
                 if as_json:
                     typer.echo(json.dumps({"key": message.key, "document": message.document}, ensure_ascii=False))
                 else:
                     printer.print(message.key, message.document)
         except KeyboardInterrupt:
             return
+
+
+def _tell_alive() -> "Callable[[bool], None]":
+    """Says when nothing more may come for a long time, and why: beside what the programs behind standard output read."""
+    gone = False
+
+    def tell(alive: bool) -> None:
+        nonlocal gone
+        if not alive:
+            typer.echo("the monitor, or the way to it, is gone: what stands above is of before", err=True)
+        elif gone:
+            typer.echo("the monitor is back", err=True)
+        gone = not alive
+
+    return tell
 
 
 def status(

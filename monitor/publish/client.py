@@ -176,27 +176,37 @@ class Client:
         answer = self._one(kind_of(ReplayRequest).key(), ReplayRequest(by=by, why=why).model_dump())
         return str(answer.document["done"])
 
-    def watch(self, selector: str = "**", *, with_last: bool = True, until: Callable[[], bool] = lambda: False) -> Iterator[Message]:
+    def watch(
+        self,
+        selector: str = "**",
+        *,
+        with_last: bool = True,
+        until: Callable[[], bool] = lambda: False,
+        alive: Callable[[bool], None] = lambda _: None,
+    ) -> Iterator[Message]:
         """Yield the last values, then every document that is published, until `until()` is true.
 
         Where the selector includes `event`, every transition comes once and in order. Those missed while the link, a router or the daemon
-        was down follow as soon as the daemon is back, together with the last values. Raises as `get`.
+        was down follow as soon as the daemon is back, together with the last values. `alive` is called with False when the monitor, or the
+        way to it, is gone, and with True when it is back. Raises as `get`.
         """
         key = self._key(selector)
         # the callbacks only fill a queue: a slow one would block the whole link after 256 samples
-        arrived: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        arrived: queue.SimpleQueue[Message | bool] = queue.SimpleQueue()
 
         def hand_over(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:
                 arrived.put(self._message(sample))
 
         def back(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.PUT:
-                arrived.put(None)
+            arrived.put(sample.kind == zenoh.SampleKind.PUT)
 
         log = _Transitions(self) if zenoh.KeyExpr(key).intersects(zenoh.KeyExpr(f"{self._prefix}/{EVENT}")) else None
         subscriber = self._session.declare_subscriber(key, hand_over)
-        alive = self._session.liveliness().declare_subscriber(f"{self._prefix}/alive/monitor", back)
+        # without its history the subscriber would not be told that a token from before it is gone; that history's PUT is no return
+        alive_key = f"{self._prefix}/alive/monitor"
+        known = any(reply.ok is not None for reply in self._session.liveliness().get(alive_key, timeout=self._timeout_s))
+        token = self._session.liveliness().declare_subscriber(alive_key, back, history=True)
         try:
             if log is not None:
                 log.begin(with_last=with_last)
@@ -207,7 +217,13 @@ class Client:
                     message = arrived.get(timeout=0.2)  # short waits, so that Ctrl-C and `until` take effect
                 except queue.Empty:
                     continue
-                if message is None:
+                if isinstance(message, bool):
+                    known, was_known = False, known
+                    if message and was_known:
+                        continue
+                    alive(message)
+                    if not message:
+                        continue
                     if log is not None:
                         yield from log.missed()
                     yield from self._again(selector)
@@ -217,7 +233,7 @@ class Client:
                     yield message
         finally:
             subscriber.undeclare()
-            alive.undeclare()
+            token.undeclare()
 
     def _last(self, selector: str) -> list[Message]:
         """Last values in the order of their keys. `event` is a log without a last value: a query there is answered with a page of it."""

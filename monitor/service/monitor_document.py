@@ -14,6 +14,7 @@ from typing import Any
 
 from monitor import __version__
 from monitor.errors import StoreError
+from monitor.publish.documents import Monitor
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
 from monitor.service.problems import Problems
@@ -76,6 +77,7 @@ def read_monitor_document(directory: Path) -> dict[str, Any] | None:
     """The document that the daemon of a state directory wrote last; None where there is none."""
     try:
         document: dict[str, Any] = json.loads((directory / FILE).read_text("utf-8"))
+        Monitor.model_validate(document)  # a file that somebody has edited is none
     except (OSError, ValueError):
         return None
     return document
@@ -95,15 +97,39 @@ def silent_s(document: dict[str, Any], now_unix_s: float) -> float | None:
 def not_watched(document: dict[str, Any] | None, now_unix_s: float) -> str | None:
     """Why nobody watches the arm now, from the document that was written last; None where the monitor runs."""
     if document is None:
-        return "no monitor has run with this history"
+        return f"no monitor has run with this history, or its {FILE} cannot be read"
     if document.get("stopped_at"):
         return f"the monitor was stopped at {document['stopped_at']}"
     silent = silent_s(document, now_unix_s)
     if silent is None:
-        return None
+        ended = _has_ended(document["process"])
+        return f"the monitor was killed, or its host restarted, after {document['said_at']}" if ended else None
     if silent < 0.0:
         return f"the monitor wrote last at {document['said_at']}, in the future: the clock was set back, or the monitor does not run"
     return f"the monitor does not run, or cannot write: it wrote last at {document['said_at']}, {_span(silent)} ago"
+
+
+def _has_ended(process: dict[str, Any]) -> bool:
+    """Whether the monitor's process is known to have ended: a process of another container or host cannot be seen from here."""
+    pid = process.get("pid")
+    if not isinstance(pid, int) or pid <= 0 or process.get("pid_namespace") is None or process["pid_namespace"] != _pid_namespace():
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # it is another user's
+        return False
+    return False
+
+
+def _pid_namespace() -> str | None:
+    """What tells processes apart that may have the same number; None where the system has no /proc."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text("ascii").strip()
+        return f"{boot} {os.readlink('/proc/self/ns/pid')}"
+    except OSError:
+        return None
 
 
 def _span(seconds: float) -> str:
@@ -162,4 +188,6 @@ def _process() -> dict[str, Any]:
         "resident_bytes": resident,
         "cpu_s": round(sum(each.ru_utime + each.ru_stime for each in usage), 1),
         "threads": threading.active_count(),
+        "pid": os.getpid(),
+        "pid_namespace": _pid_namespace(),
     }

@@ -211,3 +211,28 @@ def test_a_missing_router_is_told_in_our_words_alone(tmp_path, free_port):
     assert done.stderr == ""
     (line,) = done.stdout.splitlines()
     assert line.startswith(f"nobody answers at tcp/127.0.0.1:{free_port}")
+
+
+def test_a_watcher_is_told_when_the_monitor_is_gone_and_when_it_is_back(free_port):
+    """By the liveliness token, whatever it watches: nothing else would come from a dead monitor."""
+    endpoint, told = f"tcp/127.0.0.1:{free_port}", []
+    with Bus(BusSettings(listen=(endpoint,)), "joint-monitor/v1/lab/cell-1") as first, Client(endpoint, "lab", "cell-1") as client:
+        done = threading.Event()
+        watching = threading.Thread(target=lambda: list(client.watch("alert/**", until=done.is_set, alive=told.append)))
+        watching.start()
+        try:
+            time.sleep(1.0)
+            first.close()
+            _until(lambda: told[-1:] == [False])
+            with Bus(BusSettings(listen=(endpoint,)), "joint-monitor/v1/lab/cell-1"):
+                _until(lambda: told[-1:] == [True])
+        finally:
+            done.set()
+            watching.join()
+
+
+def _until(holds, within_s: float = 20.0) -> None:
+    deadline = time.monotonic() + within_s
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)

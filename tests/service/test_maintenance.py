@@ -1,5 +1,7 @@
 """The maintenance of the monitor, and the report of its own state: document, file and metrics."""
 
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -136,6 +138,18 @@ def test_status_reports_a_monitor_that_no_longer_publishes(maintenance, capsys: 
     about.write(document)
     about.write_end()
     assert not_watched(read_monitor_document(store.directory), 1.7e9 + 5.0) == "the monitor was stopped at 2023-11-14T22:13:20Z"
+    running = {**document, "said_at": outside({"x_unix_s": 1.7e9})["x"]}
+    assert not_watched(running, 1.7e9 + 5.0) is None
+    with subprocess.Popen([sys.executable, "-c", ""]) as killed:
+        pass
+    gone = {**running, "process": {**running["process"], "pid": killed.pid}}
+    assert not_watched(gone, 1.7e9 + 5.0) == "the monitor was killed, or its host restarted, after 2023-11-14T22:13:20Z"
+    elsewhere = {**gone, "process": {**gone["process"], "pid_namespace": "another host's"}}
+    assert not_watched(elsewhere, 1.7e9 + 5.0) is None  # its processes cannot be seen from here
+    for odd in ("[]", "{", '{"said_at": 3}', '{"said_at": "2026-10-18T03:00:00Z"}'):
+        (store.directory / "monitor.json").write_text(odd)
+        assert read_monitor_document(store.directory) is None
+    assert "no monitor has run" in not_watched(None, 0.0)
     print_status({**status, "not_watched": None})
     assert "NOT WATCHED" not in capsys.readouterr().out
 
