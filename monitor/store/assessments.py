@@ -194,7 +194,7 @@ class Assessments:
         with self._db.transaction() as db:
             later = [row[0] for row in db.execute("SELECT ledger_id FROM assessment WHERE recorded_at_unix_s > ?", (after_unix_s,))]
             for ledger_id in later:
-                for name in ("friction", "checkpoint", "assessment"):
+                for name in ("friction", "checkpoint", "assessment", "work"):
                     db.execute(f"DELETE FROM {name} WHERE ledger_id = ?", (ledger_id,))  # noqa: S608 - fixed names
                 db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason, ledger_id))
             db.execute("DELETE FROM ledger WHERE state = 'skipped' AND window_unix_s > ?", (after_unix_s,))

@@ -9,6 +9,7 @@ from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, History
 
 from monitor.judge.alerts.health import Transition
 from monitor.judge.alerts.serviced import declare
+from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.work import GREASED, NEW_JOINT, NEW_REFERENCE, OVERHAULED, REPLACED, STILL_WORN, Work
 from monitor.judge.works import begin_works, with_new_joints
@@ -83,6 +84,8 @@ def test_a_serviced_joint_waits_for_its_proof_and_is_normal_once_replays_have_sh
     [waiting] = serviced(history, 2, kind, 39.5)
     assert (waiting.kind, waiting.alert.active, waiting.alert.awaiting_proof) == ("serviced", True, True)
     assert history.health.joints[1].state == "CHECK_FUNCTION"
+    [why] = why_not_alerting(history.health, history.last.belief, 2, history.settings.health)
+    assert "The next replays show what it did" in why
     works = after(history, 2, -0.03, range(40, 70))
     assert list(works) == [42]
     assert works[42][0].outcome == NEW_REFERENCE

@@ -14,6 +14,9 @@ from monitor.judge.belief import Belief
 
 def why_not_alerting(health: Health, belief: Belief, joint: int, settings: HealthSettings) -> tuple[str, ...]:
     """What is missing between a joint (from 1) and its next tier of risen friction; empty where the highest tier is active."""
+    waiting = [work for work in belief.works if work.waiting and work.joint == joint]
+    if waiting:
+        return (waiting[-1].text,)
     active = [alert for alert in health.active_alerts if alert.joint == joint and alert.condition in RISES]
     tier = TIERS.index(active[0].tier) + 1 if active else 0
     if tier >= len(TIERS):
