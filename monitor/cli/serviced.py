@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from monitor.cli.options import Commands, ConfigOption, JsonOption, client_of, load_configuration, print_json
-from monitor.errors import BadInput, StoreInUse
+from monitor.errors import BadInput, BusError, StoreError, StoreInUse
 
 if TYPE_CHECKING:
     from monitor.config.schema import Configuration
@@ -70,11 +70,22 @@ def _declared(configuration: "Configuration", request: "ServicedRequest | UndoSe
     from monitor.service.history.work import offline
     from monitor.store.backup import present
 
-    if present(configuration.state_directory):
-        try:
+    refused: StoreError | None = None
+    try:
+        if present(configuration.state_directory):
             return offline(configuration, request, time.time())
-        except StoreInUse:
-            pass  # the daemon has it
+    except StoreError as error:  # a daemon has it, or this user may not read it: the daemon can be asked
+        refused = error
+    try:
+        return _asked(configuration, request)
+    except BusError:
+        if refused is None or isinstance(refused, StoreInUse):
+            raise
+        raise refused from None
+
+
+def _asked(configuration: "Configuration", request: "ServicedRequest | UndoServicedRequest") -> dict[str, Any]:
+    """The answer of a running daemon. Raises BadInput with its reason where it refuses, BusError where nobody answers."""
     from monitor.publish.documents import ServicedRequest
 
     with client_of(configuration) as client:
