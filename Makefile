@@ -11,7 +11,7 @@ export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test docs texts card lint bench soak excitations install uninstall clean
+.PHONY: help demo test docs texts pictures card lint bench soak excitations install uninstall clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -41,6 +41,9 @@ docs: $(STAMP) ## the pages that are generated, and the site of all pages in bui
 
 texts: $(STAMP) ## gather the texts of page and report into their catalogues, and compile these
 	$(BIN)/python docs/site/texts.py
+
+pictures: $(STAMP) ## the pictures of the pages in docs, taken in a real Chromium
+	JOINT_MONITOR_PICTURES=1 $(BIN)/python -m pytest -q tests/views/test_pictures.py
 
 lint: $(STAMP) ## style, types, and who may import whom
 	$(BIN)/ruff check .

@@ -292,6 +292,7 @@ def test_the_shown_output_of_the_demo_has_its_titles_columns_and_last_sentence()
 def test_the_picture_is_there_and_small():
     """It has at most 200 kB, and the README and the first page show it."""
     picture = ROOT / "docs" / "page.png"
+    assert all(10_000 < each.stat().st_size <= 200_000 for each in (ROOT / "docs").glob("*.png"))
     assert f"](docs/{picture.name})" in PAGES["README.md"]
     assert f"]({picture.name})" in PAGES["docs/index.md"]
     assert 10_000 < picture.stat().st_size <= 200_000

@@ -54,6 +54,7 @@ class Language:
         text = f"{value:{'+' if signed else ''}z.{digits}f}"
         if signed and not text.strip("+-0."):
             text = text.lstrip("+-")
+        text = text.replace("-", "\u2212")
         return text.replace(".", ",") if self.code == "de" else text
 
     def percent(self, fraction: float, digits: int = 0, *, signed: bool = False) -> str:
