@@ -7,10 +7,10 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.document import array, entry, key_of, plain
-from monitor.judge.drift.chance import chance_from_document
-from monitor.judge.drift.channel_state import channels_from_document
+from monitor.judge.drift.channels.state import channels_from_document
 from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
+from monitor.judge.drift.noise.chance import chance_from_document
 from monitor.judge.drift.reference import reference_from_document
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS

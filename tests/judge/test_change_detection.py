@@ -10,9 +10,9 @@ from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, weather
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief, belief_from_document
-from monitor.judge.drift.change_detection import DENSE
 from monitor.judge.drift.filter_state import OUTLIER, WINDOW, replace_joints
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.update.change_detection import DENSE
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 

@@ -9,8 +9,8 @@ from synthetic_arm import CONTEXT, START_S, Arm
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import belief_from_document
-from monitor.judge.drift.chance import AGES, GROUPS, LEAST, inflation_of, nothing_seen
-from monitor.judge.drift.noise import LEAST_SIGMA, MOST_SIGMA, alike, counted_sigma, follow, present
+from monitor.judge.drift.noise.chance import AGES, GROUPS, LEAST, inflation_of, nothing_seen
+from monitor.judge.drift.noise.size import LEAST_SIGMA, MOST_SIGMA, alike, counted_sigma, follow, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step

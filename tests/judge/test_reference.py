@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.document import plain
-from monitor.judge.drift.blame import common_changes
 from monitor.judge.drift.filter_state import LEVELS, RATE, SLOPE, SLOPE_CHANGE, WEAR, initial_filter, replace_joints
-from monitor.judge.drift.lowest_level import begin_here
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import from_beginning, reference_from_document
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
+from monitor.judge.drift.update.blame import common_changes
+from monitor.judge.drift.update.lowest_level import begin_here
 from monitor.judge.temperature.laws import TemperatureSettings
 
 DRIFT, TEMPERATURE, HEALTH = DriftSettings(), TemperatureSettings(), HealthSettings()

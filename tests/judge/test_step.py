@@ -12,8 +12,9 @@ from synthetic_arm import CONTEXT, Arm, History, weather
 
 from monitor.assess import AssessSettings
 from monitor.identify.warnings import DataWarning
-from monitor.judge.drift import filter_update, step
+from monitor.judge.drift import step
 from monitor.judge.drift.filter_state import RATE, WEAR
+from monitor.judge.drift.update import filter_update
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import play
 

@@ -21,9 +21,9 @@ from monitor.judge.alerts.health import TIERS, Confirmations
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC
 from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
 from monitor.judge.belief import Belief
-from monitor.judge.drift.blame import LOADED
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
+from monitor.judge.drift.update.blame import LOADED
 from monitor.model.joint_names import joint_text
 from monitor.recording import DAY_S
 

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from monitor.judge.drift.chance import Chance, nothing_seen
-from monitor.judge.drift.channel_state import ChannelState
+from monitor.judge.drift.channels.state import ChannelState
 from monitor.judge.drift.kalman import predict
-from monitor.judge.drift.noise import alike, present
+from monitor.judge.drift.noise.chance import Chance, nothing_seen
+from monitor.judge.drift.noise.size import alike, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings

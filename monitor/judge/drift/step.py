@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.channels import ChannelReplay, restart, update_channels
+from monitor.judge.drift.channels.update import ChannelReplay, restart, update_channels
 from monitor.judge.drift.filter_state import (
     FilterState,
     initial_filter,
@@ -24,10 +24,10 @@ from monitor.judge.drift.filter_state import (
     unknown_joint,
     update_interval,
 )
-from monitor.judge.drift.filter_update import update_filter
-from monitor.judge.drift.lowest_level import count_from_lowest
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.update.filter_update import update_filter
+from monitor.judge.drift.update.lowest_level import count_from_lowest
 from monitor.judge.drift.usage import Usage, no_usage, update_usage
 from monitor.judge.temperature.laws import Law, TemperatureSettings, initial_law, inside_range, reopen_law, update_law
 from monitor.judge.temperature.stuck import SensorHistory, forget_sensors, stuck_sensors, suspect_sensors, update_sensors

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.change_detection import RATES_PER_STEP, thresholds
 from monitor.judge.drift.filter_state import KINDS, WEAR, WINDOW, FilterState
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.update.change_detection import RATES_PER_STEP, thresholds
 from monitor.recording import Array
 
 FRESH_DAYS = 10.0  # [d] a step of so many days ago is what `unseen_step` is about: replays since say something of it, and not yet enough

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.judge.drift.filter_state import SLOPE, SLOPE_CHANGE, WEAR, FilterState
-from monitor.judge.drift.lowest_level import begin_here
 from monitor.judge.drift.reference import forget
+from monitor.judge.drift.update.lowest_level import begin_here
 from monitor.model.joint_names import joint_text
 from monitor.recording import Array
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.judge.drift.chance import forget_chance
 from monitor.judge.drift.filter_state import LEVELS, RATE, STATES, WEAR, FilterState
 from monitor.judge.drift.kalman import symmetric
+from monitor.judge.drift.noise.chance import forget_chance
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Array

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.judge.drift.chance import forget_chance, learn_chance
-from monitor.judge.drift.change_detection import advance_bank, detect_change, stays
 from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, SLOPE, STEP, UNRESOLVED, FilterState
-from monitor.judge.drift.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.kalman import update
-from monitor.judge.drift.lowest_level import may_run_in, running_in
-from monitor.judge.drift.noise import follow
+from monitor.judge.drift.noise.chance import forget_chance, learn_chance
+from monitor.judge.drift.noise.size import follow
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import with_common_change
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.update.change_detection import advance_bank, detect_change, stays
+from monitor.judge.drift.update.innovation import Gate, Innovation, gate_outliers, innovate
+from monitor.judge.drift.update.lowest_level import may_run_in, running_in
 from monitor.judge.drift.wear_history import add_replay, move_level
 from monitor.recording import Array
 

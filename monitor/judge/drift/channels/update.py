@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.channel_state import (
+from monitor.judge.drift.channels.state import (
     CONTRAST,
     CURVE,
     DIFFUSE_VAR,

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from monitor.judge.drift.chance import of_arm
+from monitor.judge.drift.noise.chance import of_arm
 from monitor.recording import Array
 
 MOST = 2.0 / 3.0  # share of an arm's joints that a common change is in

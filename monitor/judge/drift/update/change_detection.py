@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.blame import common_changes, pool_over_arms
 from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, WEAR, WINDOW, FilterState, open_slot
-from monitor.judge.drift.innovation import Gate, Innovation
 from monitor.judge.drift.kalman import symmetric
-from monitor.judge.drift.noise import counted_sigma
+from monitor.judge.drift.noise.size import counted_sigma
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
+from monitor.judge.drift.update.blame import common_changes, pool_over_arms
+from monitor.judge.drift.update.innovation import Gate, Innovation
 from monitor.recording import Array
 
 CLIPPED = 3.0  # [σ] a replay that is further from an estimated change makes its size less certain

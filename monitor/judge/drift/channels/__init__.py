@@ -1,0 +1,1 @@
+"""Wear that F(v*) does not show: contrast, two more speeds, the residual."""
