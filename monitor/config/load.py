@@ -13,7 +13,7 @@ import numpy as np
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import AssessSettings
 from monitor.config.files import find_cell, find_excitation
-from monitor.config.schema import Configuration, RobotSettings, assess_sections, retired_keys, section_classes, text_keys
+from monitor.config.schema import Configuration, RobotSettings, StoreSettings, assess_sections, retired_keys, section_classes, text_keys
 from monitor.config.sections import nearest, read_section
 from monitor.config.sources import PREFIX, overridden, placed, with_credentials, without_secrets
 from monitor.errors import BadConfiguration, BadInput
@@ -65,6 +65,8 @@ def _place_history(document: dict[str, Any], path: Path, environment: Mapping[st
     store = document.setdefault("store", {})
     if not isinstance(store, dict) or "directory" in store:
         return
+    if os.path.exists(path.parent / StoreSettings().directory / "history.sqlite"):
+        return  # an earlier version began it beside the file, and it goes on there
     of_service = environment.get("STATE_DIRECTORY", "").split(":")[0]
     if of_service:  # systemd.exec(5), StateDirectory=
         store["directory"] = of_service

@@ -93,7 +93,10 @@ class ArmHeard:
         """Since when the arm is not heard, and for how long that may be; None where it may still be found after the start."""
         if self._monotonic() - self._began < TRIED_S:
             return None
-        since = min(self._at, self._now())  # a clock that was set back
+        now = self._now()
+        since = min(self._at, now)  # a clock that was set back
+        if settings.heard_within_days <= 0.0 and now - since < UNHEARD_DAYS * DAY_S:
+            return Standing(since, self._problem or "")  # no search for windows while the arm is heard
         if settings.heard_within_days > 0.0:
             until: float | None = since + DAY_S * settings.heard_within_days
         else:

@@ -384,5 +384,9 @@ def test_a_service_without_a_directory_has_its_history_where_systemd_put_it_and_
     assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x:/var/lib/y"}).state_directory == Path("/var/lib/x")
     monkeypatch.setattr("monitor.config.load.ETC", tmp_path)
     assert load(tmp_path / "cell-1.toml", {}).state_directory == Path("/var/lib/joint-monitor/cell-1")
+    begun = tmp_path / "var/joint-monitor"  # by an earlier version, which knew no other place
+    begun.mkdir(parents=True)
+    (begun / "history.sqlite").touch()
+    assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x"}).state_directory == begun
     (tmp_path / "cell-1.toml").write_text(f'{least}[store]\ndirectory = "history"\n')
     assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x"}).state_directory == tmp_path / "history"
