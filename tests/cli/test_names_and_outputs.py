@@ -11,6 +11,8 @@ from monitor.views.terminal.arm import print_status
 from monitor.views.terminal.local_times import local_times
 from monitor.views.terminal.progress import progress, progress_text
 
+STOPPED = {"joint": None, "condition": "stopped", "tier": "advisory", "active": True, "action": "Look at the arm.", "change": 0.0}
+
 
 @pytest.fixture
 def arms(tmp_path, monkeypatch, replayed):
@@ -56,8 +58,13 @@ def test_a_reason_that_repeats_is_said_once(capsys):
     document = {"robot": "a", "health": None, "model_revision": 0, "friction": [], "ledger": ledger, "monitor": None}
     print_status(document)
     shown = capsys.readouterr().out
-    assert shown.count("too far") == 1
     assert "replay 7  2026-01-07T03:00:00Z  skipped and 6 before it  too far" in shown
+    assert shown.count("too far") == 1
+    health = {"state": "CHECK_FUNCTION", "joints": [], "alerts": [STOPPED | {"text": "Nothing moves: replay 7 was ended: too far."}]}
+    print_status(document | {"health": health})
+    shown = capsys.readouterr().out
+    assert shown.count("too far") == 1
+    assert "skipped and 6 before it  as above" in shown
 
 
 def test_a_joint_that_the_arm_lacks_is_named(arms):

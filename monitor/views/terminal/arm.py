@@ -1,7 +1,7 @@
 """What the commands `status`, `alerts`, `history` and `check` print about one arm."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, tzinfo
 from typing import Any
 
@@ -48,6 +48,7 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
     """
     published, document = document, local_times(document, zone)
     console = standard_output(120, highlight=True)
+    once = _Once(row["reason"] for row in document["ledger"])
     health = document["health"]
     not_watched = document.get("not_watched")
     if not_watched:  # before anything that looks like a verdict of now
@@ -66,17 +67,34 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
             rows = [row for row in published["friction"] if row["joint"] == alert["joint"]]
             _print_leading(console, utc, rows[0] if rows else None)
             place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
-            console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {alert['text']}", highlight=False, markup=False)
+            console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {once(alert['text'])}", highlight=False, markup=False)
     for work in document.get("works", ()):
         console.print(f"  {work['text']}", highlight=False, markup=False)
     if document.get("monitor"):
-        console.print(monitor_lines(document["monitor"]), highlight=False, markup=False)
+        for line in monitor_lines(document["monitor"]).splitlines():
+            console.print(once(line), highlight=False, markup=False)
     for count, row in _grouped(document["ledger"]):
         times = "" if count == 1 else f" and {count - 1} before it"
-        reason = f"  {row['reason']}" if row["reason"] else ""
+        reason = f"  {once(row['reason'])}" if row["reason"] else ""
         console.print(f"  replay {row['replay']}  {row['window']}  {row['state']}{times}{reason}", highlight=False, markup=False)
         for nth, each in enumerate(row.get("tries", []), start=1):
             console.print(f"    try {nth} ended {each['at']}: {each['reason']}", highlight=False, markup=False)
+
+
+class _Once:
+    """Gives a text back, with `as above` in place of a window's reason that an earlier text has named."""
+
+    def __init__(self, reasons: Iterable[str | None]) -> None:
+        self._reasons = sorted({reason for reason in reasons if reason}, key=len, reverse=True)  # the longest first: one may hold another
+        self._said: set[str] = set()
+
+    def __call__(self, text: str) -> str:
+        named = [reason for reason in self._reasons if reason in text]
+        for reason in named:
+            if reason in self._said:
+                text = text.replace(reason, "as above")
+        self._said.update(named)
+        return text
 
 
 def _alerts(document: dict[str, Any]) -> list[dict[str, Any]]:
