@@ -1,15 +1,16 @@
 """The command `init`: asks the arm and a person, and writes the first configuration of an arm."""
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from monitor import __version__
 from monitor.cli.init_cell import CellAnswers, cell_of
 from monitor.cli.options import FOR_ALL, Commands, figures
-from monitor.cli.questions import Questions, number_from, numbers, text_of
+from monitor.cli.questions import Questions, listed, number_from, numbers, text_of
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
@@ -73,94 +74,169 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
 ) -> None:
     """Write the configuration of an arm: asks the arm and you, checks it, and says what is next. Moves nothing."""
-    from monitor.config.files import find_excitation
-    from monitor.config.first_file import Answers, cell_text, configuration_text, write_new
+    _write(Options(**locals()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """The options of `init`, by their names; None where one is not given."""
+
+    file: Path | None
+    host: str | None
+    simulated: bool
+    model: str | None
+    site: str | None
+    robot_id: str | None
+    serial: str | None
+    mounting: str | None
+    payload: float | None
+    payload_cog: str | None
+    tcp_offset: str | None
+    tcp_speed_limit: float | None
+    tool: str | None
+    gains: str | None
+    gains_from: Path | None
+    payload_pair: tuple[Path, Path] | None
+    pair_payload: float | None
+    pair_cog: str | None
+    cell: str | None
+    table_top: float | None
+    wall: list[str] | None
+    box: list[str] | None
+    tool_length: float | None
+    tool_radius: float | None
+    excitation: str | None
+    timezone: str | None
+    cron: str | None
+    window_utc: list[str] | None
+    store: str | None
+    page: bool | None
+    allow_motion: bool | None
+    no_input: bool
+    force: bool
+
+
+def _write(given: Options) -> None:
+    """Ask, write cell and configuration, check them, and say what is next. Raises BadInput, and then has written nothing."""
+    from monitor.config.first_file import cell_text, configuration_text, write_new
+
+    ask = Questions(not given.no_input)
+    if given.file is not None:
+        _refuse_taken(given.file, given.force)
+    ask.say("joint-monitor init writes the configuration of one arm. Enter takes what stands in brackets; Ctrl-C writes nothing.\n")
+    address = ask.answer(
+        "--host", given.host, "Address of the controller (- for none yet)", "127.0.0.1" if given.simulated else "-", text_of()
+    )
+    found = _survey(address)
+    about = _arm(given, ask, found, address)
+    path = given.file or Path(f"{about['id']}.toml")
+    _refuse_taken(path, given.force)
+    cell_answers = CellAnswers(given.cell, given.table_top, given.wall or [], given.box or [], given.tool_length, given.tool_radius)
+    around = cell_of(cell_answers, ask, path.parent)
+    cell_file = path.with_name(f"{path.stem}-cell.toml")
+    answers = _answers(given, ask, path, about, around if isinstance(around, str) else cell_file.name)
+    new_cell = None if isinstance(around, str) else cell_text(around.as_document())
+    text = configuration_text(answers)
+    if new_cell is not None:
+        write_new(cell_file, new_cell, force=given.force)
+    try:
+        _refuse_wrong(text, path)
+    except BadInput:
+        if new_cell is not None:  # its name is in the configuration, which is not written
+            cell_file.unlink(missing_ok=True)
+        raise
+    write_new(path, text, force=given.force)
+    typer.echo(f"{path} is written" + ("" if new_cell is None else f", and {cell_file}, what stands around the arm"))
+    typer.echo(f"gains: {answers.gains_source}")
+    _check_and_next(path, answers, reached=found.identity is not None)
+
+
+def _arm(given: Options, ask: Questions, found: "Survey", address: str) -> dict[str, Any]:
+    """Which arm it is, where it stands, what it carries, and its gains: the fields of `Answers` by their names."""
     from monitor.model.robot import Mounting, load_robot
 
-    ask = Questions(not no_input)
-    if file is not None:
-        _refuse_taken(file, force)
-    ask.say("joint-monitor init writes the configuration of one arm. Enter takes what stands in brackets; Ctrl-C writes nothing.\n")
-    address = ask.answer("--host", host, "Address of the controller (- for none yet)", "127.0.0.1" if simulated else "-", text_of())
-    found = _survey(address)
-    name = ask.answer("--model", model, "Model", found.model or None, text_of(load_robot))
-    robot = load_robot(name)
-    of_site = ask.answer("--site", site, "Site (a–z, 0–9, _ and -)", "lab", text_of(_key_part))
-    arm_id = ask.answer("--id", robot_id, "Name of the arm, unique within the site", file.stem if file else "cell-1", text_of(_key_part))
-    path = file or Path(f"{arm_id}.toml")
-    _refuse_taken(path, force)
-    number = ask.answer("--serial", serial, "Serial number (empty: the first one met)", found.serial or "", text_of())
-    stands = ask.answer("--mounting", mounting, "Mounting", found.mounting(robot) or "ground", text_of(Mounting.parse))
-    mass = ask.answer("--payload", payload, "Payload as set in the controller [kg]", found.payload_kg or 0.0, number_from(0.0, 100.0))
-    cog = found.payload_cog_m if mass else ()
-    if mass or payload_cog is not None:
-        cog = ask.answer("--payload-cog", payload_cog, "Its centre X,Y,Z [m] (- not compared)", _listed(cog), numbers(3, "coordinates"))
-    tcp = found.tcp_offset(robot)
-    tcp = ask.answer("--tcp-offset", tcp_offset, "Tool centre point X,Y,Z,RX,RY,RZ (- not compared)", _listed(tcp), numbers(6, "figures"))
-    limit = ask.answer(
-        "--tcp-speed-limit", tcp_speed_limit, "Speed limit in the safety settings [m/s] (0: not checked)", 0.0, number_from(0.0, 10.0)
-    )
-    tool_name = ask.answer("--tool", tool, "Tool, in your words", "none", text_of())
-    known = _gains(gains, gains_from, payload_pair, pair_payload, pair_cog, model=name, mounting=stands, host=address, simulated=simulated)
-    known = _accepted(known, gains is None, ask)
-    cell_answers = CellAnswers(cell, table_top, wall or [], box or [], tool_length, tool_radius)
-    around = cell_of(cell_answers, ask, path.parent)
-    zone = ask.answer("--timezone", timezone, "Time zone", _own_zone(), text_of(_zone))
-    when = ask.answer("--cron", cron, "When to replay: minute hour day month weekday", "0 3 * * *", text_of(_cron))
-    if allow_motion is None:
-        ask.say(ALLOW_MOTION)
-    may_move = ask.confirm("--allow-motion", allow_motion, "allow_motion", default=False)
+    model = ask.answer("--model", given.model, "Model", found.model or None, text_of(load_robot))
+    robot = load_robot(model)
+    site = ask.answer("--site", given.site, "Site (a–z, 0–9, _ and -)", "lab", text_of(_key_part))
+    named = given.file.stem if given.file else "cell-1"
+    arm_id = ask.answer("--id", given.robot_id, "Name of the arm, unique within the site", named, text_of(_key_part))
+    serial = ask.answer("--serial", given.serial, "Serial number (empty: the first one met)", found.serial or "", text_of())
+    mounting = ask.answer("--mounting", given.mounting, "Mounting", found.mounting(robot) or "ground", text_of(Mounting.parse))
+    mass = ask.answer("--payload", given.payload, "Payload as set in the controller [kg]", found.payload_kg or 0.0, number_from(0.0, 100.0))
+    cog: tuple[float, ...] = ()
+    if mass or given.payload_cog is not None:
+        told = listed(found.payload_cog_m)
+        cog = ask.answer("--payload-cog", given.payload_cog, "Its centre X,Y,Z [m] (- not compared)", told, numbers(3, "coordinates"))
+    told = listed(found.tcp_offset(robot))
+    tcp = ask.answer("--tcp-offset", given.tcp_offset, "Tool centre point X,Y,Z,RX,RY,RZ (- not compared)", told, numbers(6, "figures"))
+    question = "Speed limit in the safety settings [m/s] (0: not checked)"
+    limit = ask.answer("--tcp-speed-limit", given.tcp_speed_limit, question, 0.0, number_from(0.0, 10.0))
+    tool = ask.answer("--tool", given.tool, "Tool, in your words", "none", text_of())
+    gains = _accepted(_gains(given, model=model, mounting=mounting, host=address), given.gains is None, ask)
+    return {
+        "model": model,
+        "site": site,
+        "id": arm_id,
+        "host": "127.0.0.1" if address == "-" else address,
+        "serial": serial,
+        "mounting": mounting,
+        "payload_kg": mass,
+        "payload_cog_m": cog,
+        "tcp_offset": tcp,
+        "tcp_speed_limit_m_s": limit,
+        "tool": tool,
+        "gains_nm_per_a": gains.values,
+        "gains_source": gains.source,
+    }
 
-    cell_file = path.with_name(f"{path.stem}-cell.toml")
-    own_cell = around if isinstance(around, str) else cell_file.name
-    designed, chosen = "", excitation or ""
-    if own_cell != "plain" and not excitation:
-        chosen = f"{path.stem}-motion.json"
-        designed = f"joint-monitor design --robot {name} --mounting {stands} --cell {path.parent / own_cell} -o {path.parent / chosen}"
-    elif not excitation and stands not in {"ground", "ceiling", "wall"}:
-        raise BadInput(
-            f"no trajectory is shipped for the mounting {stands}: joint-monitor design --robot {name} --mounting {stands} -o motion.json, "
-            "then again with --excitation motion.json; nothing was written"
-        )
-    elif excitation:
-        find_excitation(excitation, path.parent)
+
+def _answers(given: Options, ask: Questions, path: Path, about: dict[str, Any], cell: str) -> "Answers":
+    """All answers: those about the arm, and when, where and whether it moves."""
+    from monitor.config.first_file import Answers
+
+    zone = ask.answer("--timezone", given.timezone, "Time zone", _own_zone(), text_of(_zone))
+    when = ask.answer("--cron", given.cron, "When to replay: minute hour day month weekday", "0 3 * * *", text_of(_cron))
+    if given.allow_motion is None:
+        ask.say(ALLOW_MOTION)
+    may_move = ask.confirm("--allow-motion", given.allow_motion, "allow_motion", default=False)
+    excitation, designed = _trajectory(given.excitation, path, about["model"], about["mounting"], cell)
     bus_port, page_port = _free_ports(path)
-    with_page = ask.confirm("--page", page, f"A status page at http://127.0.0.1:{page_port}/", default=True)
-    answers = Answers(
-        model=name,
-        site=of_site,
-        id=arm_id,
-        host="127.0.0.1" if address == "-" else address,
-        mounting=stands,
-        payload_kg=mass,
-        payload_cog_m=cog,
-        tcp_offset=tcp,
-        tcp_speed_limit_m_s=limit,
-        tool=tool_name,
-        serial=number,
-        gains_nm_per_a=known.values,
-        gains_source=known.source,
-        cell=own_cell,
-        excitation=chosen,
+    with_page = ask.confirm("--page", given.page, f"A status page at http://127.0.0.1:{page_port}/", default=True)
+    return Answers(
+        **about,
+        cell=cell,
+        excitation=excitation,
         designed=designed,
         timezone=zone,
         cron=when,
-        windows_utc=tuple(window_utc or ()),
-        store=store or _store(path, arm_id),
+        windows_utc=tuple(given.window_utc or ()),
+        store=given.store or _store(path, about["id"]),
         bus_port=bus_port,
         page=f"127.0.0.1:{page_port}" if with_page else "",
         allow_motion=may_move,
         written=f"{__version__} on {time.strftime('%Y-%m-%d')}",
     )
-    text = configuration_text(answers)
-    new_cell = None if isinstance(around, str) else cell_text(around.as_document())
-    if new_cell is not None:
-        write_new(cell_file, new_cell, force=force)
-    _refuse_wrong(text, path)
-    write_new(path, text, force=force)
-    typer.echo(f"{path} is written" + ("" if new_cell is None else f", and {cell_file}, what stands around the arm"))
-    typer.echo(f"gains: {known.source}")
-    _check_and_next(path, answers, reached=found.identity is not None)
+
+
+def _trajectory(given: str | None, path: Path, model: str, mounting: str, cell: str) -> tuple[str, str]:
+    """The trajectory's name, empty for the shipped one, and the command that designs it; empty where none is needed.
+
+    Raises BadInput where a trajectory is named that is none, and where none is shipped for the mounting.
+    """
+    if given is not None:
+        from monitor.config.files import find_excitation
+
+        find_excitation(given, path.parent)
+        return given, ""
+    if cell != "plain":
+        name = f"{path.stem}-motion.json"
+        return name, f"joint-monitor design --robot {model} --mounting {mounting} --cell {path.parent / cell} -o {path.parent / name}"
+    if mounting not in {"ground", "ceiling", "wall"}:
+        raise BadInput(
+            f"no trajectory is shipped for the mounting {mounting}: joint-monitor design --robot {model} --mounting {mounting} "
+            "-o motion.json, then again with --excitation motion.json; nothing was written"
+        )
+    return "", ""
 
 
 def _survey(address: str) -> "Survey":
@@ -180,33 +256,22 @@ def _survey(address: str) -> "Survey":
     return found
 
 
-def _gains(
-    given: str | None,
-    recording: Path | None,
-    pair: tuple[Path, Path] | None,
-    pair_kg: float | None,
-    pair_cog: str | None,
-    *,
-    model: str,
-    mounting: str,
-    host: str,
-    simulated: bool,
-) -> "FirstGains":
+def _gains(given: Options, *, model: str, mounting: str, host: str) -> "FirstGains":
     """The gains by the best source that there is. Raises BadInput where options contradict each other or show nothing."""
     from monitor.service import first_gains
 
-    if sum(each is not None for each in (given, recording, pair)) > 1:
+    if sum(each is not None for each in (given.gains, given.gains_from, given.payload_pair)) > 1:
         raise BadInput("--gains, --gains-from and --payload-pair each give the gains; expected one of them")
-    if (pair is None) != (pair_kg is None):
+    if (given.payload_pair is None) != (given.pair_payload is None):
         raise BadInput("--payload-pair EMPTY LOADED and --pair-payload KG belong together; one of them is missing")
-    if given is not None:
-        return first_gains.FirstGains(tuple(figures(given, "--gains", 6).tolist()), "as given")
-    if recording is not None:
-        return first_gains.gains_of_recording(recording, model)
-    if pair is not None and pair_kg is not None:
-        com_m = (0.0, 0.0, 0.0) if pair_cog is None else tuple(figures(pair_cog, "--pair-cog", 3, "coordinates").tolist())
-        return first_gains.gains_of_pair(first_gains.PayloadPair(*pair, pair_kg, com_m), model, mounting)
-    if simulated:
+    if given.gains is not None:
+        return first_gains.FirstGains(tuple(figures(given.gains, "--gains", 6).tolist()), "as given")
+    if given.gains_from is not None:
+        return first_gains.gains_of_recording(given.gains_from, model)
+    if given.payload_pair is not None and given.pair_payload is not None:
+        com_m = (0.0, 0.0, 0.0) if given.pair_cog is None else tuple(figures(given.pair_cog, "--pair-cog", 3, "coordinates").tolist())
+        return first_gains.gains_of_pair(first_gains.PayloadPair(*given.payload_pair, given.pair_payload, com_m), model, mounting)
+    if given.simulated:
         from monitor.simulate.remote import Remote
 
         with Remote(host) as remote:
@@ -226,7 +291,7 @@ def _accepted(found: "FirstGains", may_change: bool, ask: Questions) -> "FirstGa
         return found
     ask.say(f"\nGains, joint torque per ampere: {found.source}.")
     values = ask.answer(
-        "--gains", None, "Gains of joints 1 to 6 [N·m/A] (- none)", _listed(found.values), numbers(6, "figures, one a joint")
+        "--gains", None, "Gains of joints 1 to 6 [N·m/A] (- none)", listed(found.values), numbers(6, "figures, one a joint")
     )
     return (
         found if values == found.values else FirstGains(values, "as given" if values else "none were given, and without them nothing moves")
@@ -305,11 +370,6 @@ def _cron(text: str) -> None:
     ScheduleSettings(cron=text)
 
 
-def _listed(values: tuple[float, ...]) -> str:
-    """Figures as an answer that can be typed; - for none."""
-    return ",".join(f"{value:g}" for value in values) or "-"
-
-
 def _own_zone() -> str:
     """The name of this machine's time zone; UTC where it tells none."""
     try:
@@ -327,13 +387,13 @@ def _store(path: Path, arm_id: str) -> str:
 
 def _free_ports(path: Path) -> tuple[int, int]:
     """A port for the bus and one for the page that no other configuration of this folder names."""
-    texts = [
-        each.read_text("utf-8", "replace") for each in path.resolve().parent.glob("*.toml") if each.is_file() and each.name != path.name
-    ]
-    taken = " ".join(texts)
-    return tuple(  # type: ignore[return-value]
-        next(port for port in range(first, first + PORTS) if f"127.0.0.1:{port}" not in taken) for first in (BUS_PORT, PAGE_PORT)
-    )
+    others = [each for each in path.resolve().parent.glob("*.toml") if each.is_file() and each.name != path.name]
+    taken = " ".join(each.read_text("utf-8", "replace") for each in others)
+
+    def free(first: int) -> int:
+        return next(port for port in range(first, first + PORTS) if f"127.0.0.1:{port}" not in taken)
+
+    return free(BUS_PORT), free(PAGE_PORT)
 
 
 COMMANDS: Commands = {"init": init}

@@ -103,3 +103,8 @@ def numbers(count: int, what: str) -> Callable[[str], tuple[float, ...]]:
         return () if text.strip() in {"", "-"} else tuple(figures(text, "the answer", count, what).tolist())
 
     return read
+
+
+def listed(values: tuple[float, ...]) -> str:
+    """Figures as an answer that can be typed; - for none."""
+    return ",".join(f"{value:g}" for value in values) or "-"
