@@ -1,5 +1,6 @@
 """The web page of one robot's monitor, put together from its configuration, its bus and its history."""
 
+import re
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -40,16 +41,18 @@ def page(
         language=configuration.page.language,
         report=partial(_report, configuration, now),
         table=partial(_table, configuration),
-        file_name=f"{configuration.robot.site}-{configuration.robot.id}",
+        file_name=re.sub(r"[^A-Za-z0-9._-]+", "-", f"{configuration.robot.site}-{configuration.robot.id}"),
     )
     return PageServer(configuration.page, content, token)
 
 
 def _report(configuration: Configuration, now: Callable[[], float], code: str) -> str:
-    """The report on the whole history as HTML. It reads beside the daemon, which goes on."""
+    """The report on the whole history as HTML. It reads beside the daemon, which goes on. Raises BadInput where nothing can be drawn."""
     from monitor.service.history.report import report
+    from monitor.views.plots.picture import needs_drawing
     from monitor.views.report.page import report_page
 
+    needs_drawing("report")
     with Store.reader(configuration.state_directory) as store:
         return report_page([report(configuration, store, None, None, now())], language(code))
 

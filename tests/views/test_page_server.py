@@ -41,7 +41,7 @@ def guarded(tmp_path_factory):
 
 def ask(server, path, method="GET", body=None, **headers):
     host, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
-    connection = http.client.HTTPConnection(host, int(port), timeout=10)
+    connection = http.client.HTTPConnection(host, int(port), timeout=60)
     names = {name.replace("_", "-"): value for name, value in headers.items()}
     connection.request(method, path, body, names)
     answer = connection.getresponse()
@@ -380,3 +380,43 @@ def test_the_vendored_library_is_declared_and_shipped():
     assert {path.name for path in static.iterdir()} == {*STATIC, "index.html", "login.html"}
     assert "answer" in KINDS  # what a command is answered with
     assert sqlite3.sqlite_version_info >= (3, 38)  # json_each is built in
+
+
+def test_report_and_history_are_made_on_request(served):
+    """The report is a page without scripts in the language of the address; the history is a table with a row for each joint and replay."""
+    server, _, _ = served
+    status, headers, page = ask(server, "/report?lang=de")
+    assert status == 200
+    assert "default-src 'none'" in headers["content-security-policy"]
+    assert "Bericht über den Reibungszustand" in page.decode()
+    status, headers, table = ask(server, "/history.csv")
+    assert status == 200
+    assert headers["content-disposition"] == 'attachment; filename="hall-2-cell-1.csv"'
+    assert len(table.decode().splitlines()) == 38 * 6 + 1
+
+
+def test_a_report_that_cannot_be_drawn_is_answered_with_the_reason(served, monkeypatch):
+    """Where matplotlib is not installed the answer says so, and the page goes on."""
+    server, _, _ = served
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    status, _, text = ask(server, "/report?lang=en")
+    assert status == 409
+    assert "matplotlib" in text.decode()
+    assert ask(server, "/")[0] == 200
+
+
+def test_the_page_comes_in_the_language_of_the_browser(served):
+    """The header decides, the address before it; sentences of the bus come in it, and those of the bus itself stay English."""
+    server, daemon, _ = served
+    for path, accepted, code, word in (
+        ("/", "de-CH,en;q=0.5", "de", "Meldungen"),
+        ("/?lang=en", "de", "en", "Alerts"),
+        ("/", "fr", "en", "Alerts"),
+    ):
+        page = ask(server, path, Accept_Language=accepted)[2].decode()
+        assert f'<html lang="{code}">' in page
+        assert word in page
+        assert "[[" not in page
+    schedule = json.loads(ask(server, "/api/schedule?lang=de")[2])
+    assert any(row["reason"] == "keine Freigabe: the cell's door is open" for row in schedule["windows"])
+    assert "friction" in daemon.bus.last_values()["alert/j3/wear_rising"]["text"]

@@ -8,10 +8,13 @@ import asyncio
 import html
 import json
 import math
+import os
 import re
 import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from importlib.resources import files
 from typing import Any
 from urllib.parse import parse_qs
@@ -70,7 +73,8 @@ class PageApp:
     def __init__(self, content: Content, access: Access) -> None:
         self._content, self._access = content, access
         self._streams = 0
-        self._making = asyncio.Lock()
+        # one at a time, and behind everything else: what it makes takes seconds of the processors that may be moving an arm
+        self._maker = ThreadPoolExecutor(1, "page-maker", _step_back)
         self.closing = threading.Event()
         package = files("monitor.views.web").joinpath("static")
         self._static = {name: package.joinpath(name).read_bytes() for name in STATIC}
@@ -155,14 +159,13 @@ class PageApp:
         return response
 
     async def _made(self, make: Callable[[str], str] | None, say: Language, media_type: str) -> Response:
-        """What `make` makes, in a thread; one at a time, because it takes seconds of the processor that also moves the arm."""
+        """What `make` makes, in a thread of its own."""
         if make is None:
             return Response("not offered here", status_code=404)
-        async with self._making:
-            try:
-                text = await asyncio.to_thread(make, say.code)
-            except (BadInput, StoreError) as error:
-                return Response(say.retell(str(error)), status_code=409, media_type="text/plain")
+        try:
+            text = await asyncio.get_running_loop().run_in_executor(self._maker, make, say.code)
+        except (BadInput, StoreError) as error:
+            return Response(say.retell(str(error)), status_code=409, media_type="text/plain")
         response = Response(text, media_type=media_type)
         if media_type == "text/html":  # its drawings and its style stand in the page
             response.headers["Content-Security-Policy"] = REPORT_POLICY
@@ -239,6 +242,12 @@ class PageApp:
         except BadInput as error:
             return JSONResponse({"error": self._language(request).retell(str(error))}, status_code=409)
         return JSONResponse(self._language(request).document(dict(answer)))
+
+
+def _step_back() -> None:
+    """Give this thread a low priority."""
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)  # Linux takes the number of a thread here
 
 
 async def _body(request: Request) -> bytes | None:
