@@ -9,7 +9,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm
 from monitor.identify.gains import Gains
-from monitor.identify.identification import Identification
+from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, Identification
 from monitor.identify.payload import NAMES as PAYLOAD_NAMES
 from monitor.identify.payload import Payload
 from monitor.identify.validate import Validation
@@ -18,6 +18,7 @@ from monitor.model.friction import CONCAVE_EXPONENT
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
 
+NINETY = 1.645  # standard deviations on each side of an interval of 90 %
 LARGEST = 1e6  # [kg, kg·m, kg·m², N·m] no arm has a larger parameter
 
 
@@ -59,6 +60,7 @@ def document(identification: Identification, validations: Sequence[Validation] =
             "temperature_c": None if found.temperature_c is None else _numbers(found.temperature_c),
             "max_speed_rad_s": _numbers(found.max_speed_rad_s),
             **_misfit(found),
+            "at_speeds": [_at_speed(found, speed) for speed in QUOTED_SPEEDS_RAD_S],
             "law": _law(found),
         },
         "fit": {
@@ -108,6 +110,12 @@ def _misfit(found: Identification) -> dict[str, Any]:
         return {}
     fc, fv = np.sqrt(found.misfit_cov[:, [0, 1], [0, 1]]).T
     return {"coulomb_misfit_std_nm": _numbers(fc), "viscous_misfit_std_nm_s_per_rad": _numbers(fv)}
+
+
+def _at_speed(found: Identification, speed_rad_s: float) -> dict[str, Any]:
+    """Friction fc + fv·v at one speed, and the half width of the interval that holds 90 % of what other runs find there."""
+    torque_nm, std_nm = found.line_at(speed_rad_s)
+    return {"speed_rad_s": speed_rad_s, "torque_nm": _numbers(torque_nm), "another_run_90_nm": _numbers(NINETY * std_nm)}
 
 
 def _law(found: Identification) -> dict[str, Any]:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm
 
 
+QUOTED_SPEEDS_RAD_S = (0.2, 0.4, 0.8)  # at which friction is compared between runs
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifySettings:
     """How a motion becomes parameters."""
@@ -123,3 +126,12 @@ class Identification:
         x = np.array([1.0, speed_rad_s])
         torque: Array = self.coulomb_nm + self.viscous_nm_s_per_rad * speed_rad_s
         return torque, np.sqrt(np.einsum("i,jik,k->j", x, self.friction_cov, x))
+
+    def line_at(self, speed_rad_s: float) -> tuple[Array, Array]:
+        """Friction fc + fv·v (J,) [N·m] at a positive speed, and the standard deviation of what a run of another motion finds.
+
+        That run is as doubtful as this one, so its deviation counts twice.
+        """
+        x = np.array([1.0, speed_rad_s])
+        cov = self.friction_cov if self.misfit_cov is None else self.friction_cov + self.misfit_cov
+        return self.coulomb_nm + self.viscous_nm_s_per_rad * speed_rad_s, np.sqrt(2.0 * np.einsum("i,jik,k->j", x, cov, x))

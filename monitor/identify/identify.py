@@ -9,14 +9,14 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify import warnings as remarks_on
 from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
-from monitor.identify.fit.covariance import covariances, mapped, positive
+from monitor.identify.fit.covariance import covariances, law_doubt, mapped, positive
 from monitor.identify.fit.equations import FitProblem, equations_of, layout_of
 from monitor.identify.fit.fit import Fit, fit, refit
-from monitor.identify.fit.least_squares import Solution, condition_number
+from monitor.identify.fit.least_squares import Solution, best_condition, condition_number
 from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
 from monitor.identify.fit.projection import mean_load, projection
 from monitor.identify.fit.selection import choose_law
-from monitor.identify.identification import FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
+from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
 from monitor.identify.mounting import mounting_check
 from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
 from monitor.identify.signals.motion import Motion, motion
@@ -124,10 +124,18 @@ def identify_motions(
     speeds, measured = np.concatenate([moved.qd for moved in motions]), np.concatenate(list(torques))
     moving = np.abs(speeds) > options.settings.moving_rad_s
     errors = errors_of(measured, measured - np.concatenate(found.residuals), moving)
-    condition = condition_number(found.joints, np.flatnonzero(~problem.layout.rigid) if problem.layout.frozen else np.arange(base.count))
+    fitted = np.flatnonzero(~problem.layout.rigid) if problem.layout.frozen else np.arange(base.count)
+    condition = condition_number(found.joints, fitted)
     own_warnings = [*remarks_on.of_joints(robot, speeds, moving), *remarks_on.of_robust_weights(found.rows)]
     excited = found.solution.excited[: base.count] | (problem.layout.rigid & problem.layout.frozen)
-    own_warnings += remarks_on.of_solution(base.names, excited, condition, len(measured), paper.coulomb_nm, paper.viscous_nm_s_per_rad)
+    own_warnings += remarks_on.of_solution(
+        base.names,
+        excited,
+        best_condition(found.joints, base.combination, fitted),
+        len(measured),
+        paper.coulomb_nm,
+        paper.viscous_nm_s_per_rad,
+    )
     own_warnings += diagnose(
         problem,
         found,
@@ -229,13 +237,14 @@ class _PaperParameters(NamedTuple):
 def _paper_parameters(problem: FitProblem, found: Fit, free: Solution, rigid_from: Identification | None) -> _PaperParameters:
     """The paper's base parameters and their covariances, whatever the friction law. free : as in `covariances`."""
     layout, solution = problem.layout, found.solution
-    covariance, with_misfit = covariances(problem, found, free)
+    sure = covariances(problem, found, free)
+    covariance = sure.noise
     unknown = ~solution.excited
     covariance[unknown], covariance[:, unknown] = np.nan, np.nan
     loads = [eq.load(solution.values[: len(problem.prior)], layout) for eq in problem.equations]
     M, places = projection(problem, loads, found), layout.of_law(found.law)  # (B, X), (J, K)
-    values, base_covariance, total = M @ solution.values, mapped(M, covariance), mapped(M, with_misfit)
-    misfit = total - mapped(M, np.nan_to_num(covariance))
+    values, base_covariance, total = M @ solution.values, mapped(M, covariance), mapped(M, sure.with_misfit)
+    misfit = mapped(M, sure.lasting) - mapped(M, np.nan_to_num(covariance))
     total[np.isnan(base_covariance)] = np.nan
     if rigid_from is not None:
         values[layout.rigid] = rigid_from.values[layout.rigid]
@@ -244,6 +253,9 @@ def _paper_parameters(problem: FitProblem, found: Fit, free: Solution, rigid_fro
     known = np.all(solution.excited[places], axis=1)  # (J,)
     pair = layout.friction[:, :, None], layout.friction[:, None, :]
     coulomb, viscous = np.where(known[:, None], values[layout.friction], np.nan).T  # (J,), (J,)
+    speeds = np.max([np.max(np.abs(eq.motion.qd), axis=0) for eq in problem.equations], axis=0)  # (J,)
+    off = law_doubt(problem, sure.upright, values[layout.friction], QUOTED_SPEEDS_RAD_S)  # (J,) [N·m]
+    another = np.array([off_nm**2 * np.diag([1.0, 1.0 / max(speed, 0.1) ** 2]) for off_nm, speed in zip(off, speeds, strict=True)])
     richer = None
     if found.law != PAPER:
         richer = FrictionFit(
@@ -260,7 +272,7 @@ def _paper_parameters(problem: FitProblem, found: Fit, free: Solution, rigid_fro
         friction_cov=base_covariance[pair],
         friction=richer,
         total_covariance=total,
-        misfit_cov=np.where(known[:, None, None], [positive(part) for part in misfit[pair]], np.nan),
+        misfit_cov=np.where(known[:, None, None], [positive(part) for part in misfit[pair]] + another, np.nan),
         paper_d=np.linalg.norm((M @ solution.directions), axis=1),
     )
 

@@ -1,28 +1,62 @@
 """How sure a fit is: the covariance by noise alone, and by noise and misfit of the friction law together."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 
 from monitor.identify.fit.equations import FitProblem, own_columns
 from monitor.identify.fit.fit import Fit, robust_inflation
-from monitor.identify.fit.jackknife import jackknife_covariances
+from monitor.identify.fit.jackknife import WINDOW_STEPS, Blocks
 from monitor.identify.fit.least_squares import Solution, factors, residuals_of, solve
+from monitor.identify.fit.projection import mean_load
 from monitor.model.friction import PAPER, residual_law
 from monitor.recording import Array
 
 
-def covariances(problem: FitProblem, found: Fit, free: Solution) -> tuple[Array, Array]:
-    """Covariance (X, X) of the unknowns by noise alone, and by noise and misfit together.
+class Covariances(NamedTuple):
+    """Covariances (X, X) of the unknowns of a fit, and the friction that its causes leave."""
+
+    noise: Array  # how far the same motion scatters
+    with_misfit: Array
+    lasting: Array  # by the whole residual in blocks of seconds: what depends on place, load or the time since rest does not average out
+    upright: Solution  # the fit beside its causes, as `with_causes` gives it
+
+
+def covariances(problem: FitProblem, found: Fit, free: Solution) -> Covariances:
+    """How sure the unknowns are.
 
     found : the fit, perhaps moved to a physically consistent arm. free : its solution before that move.
     A law that lacks something moves the rigid parameters in the same way at every replay, so this difference is added for them. The
     friction parameters need no such term: they mean the best description by this law. Raises Unidentifiable as `jackknife_covariance`.
     """
     upright, noise = with_causes(problem, found)
-    alone, together = jackknife_covariances(found.rows, found.weights, found.solution, [noise, found.residuals])
+    blocks = Blocks(found.rows, found.weights, found.solution, [noise, found.residuals])
+    alone, together = blocks.covariances(WINDOW_STEPS)
+    lasting = blocks.longer_covariances()[1]
     inflation = robust_inflation(found) ** 2
     leaning, B = np.zeros(len(free.values)), len(problem.prior)
     leaning[:B] = np.where(problem.layout.rigid & upright.excited[:B], free.values[:B] - upright.values[:B], 0.0)
-    return alone * inflation, together * inflation + np.outer(leaning, leaning)
+    return Covariances(alone * inflation, together * inflation + np.outer(leaning, leaning), lasting * inflation, upright)
+
+
+def law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Sequence[float]) -> Array:
+    """(J,) how far the line fc + fv·v is off the curve of the residual friction, at the worst of these speeds [N·m].
+
+    The curve is that of the fit beside its causes, at the mean load. No law is the arm's: what separates a line from a curve that fits
+    better is of the size by which another motion, with other speeds, finds another line. upright : of `covariances`. line : (J, 2).
+    """
+    law, B = residual_law(), len(problem.prior)
+    places = problem.layout.of_law(law)  # (J, K)
+    load_nm = mean_load(problem, [eq.load(upright.values[:B], problem.layout) for eq in problem.equations])
+    known = np.all(upright.excited[places], axis=1)
+    fastest = np.max([np.max(np.abs(eq.motion.qd), axis=0) for eq in problem.equations], axis=0)  # (J,)
+    off = np.zeros(len(line))
+    for speed in speeds:
+        v = np.minimum(speed, fastest)
+        curve = np.einsum("jk,jk->j", law.columns(v, load_nm), upright.values[places])
+        off = np.maximum(off, np.abs(line @ [1.0, 0.0] + line @ [0.0, 1.0] * v - curve))
+    return np.where(known, off, 0.0)
 
 
 def with_causes(problem: FitProblem, found: Fit) -> tuple[Solution, list[Array]]:

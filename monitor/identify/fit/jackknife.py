@@ -16,6 +16,8 @@ from monitor.recording import Array, Indices
 
 CORRELATED_S = 0.5  # time over which residuals of real arms are correlated: 0.4–0.55 s
 WINDOW_STEPS = 6  # steps in a block: with six staggered partitions instead of one the covariance is smoother, and regular
+LONG_STEPS = 36  # of the longer blocks, 4.8 s: what stays alike for seconds, as friction that depends on place or run-in, counts once
+FEWEST_LONG = 8  # of the longer blocks
 HIGHEST_LEVERAGE = 1.0 - 1e-3  # of a block: the influence of a block that the rest cannot replace is limited to a thousandfold
 
 
@@ -37,7 +39,42 @@ def jackknife_covariances(
     recordings: Sequence[Rows], weights: Array, solution: Solution, residuals: Sequence[Sequence[Array]]
 ) -> list[Array]:
     """`jackknife_covariance` for each of S estimates of the noise: residuals[s][r] is (N, J) [N·m] for recording r."""
-    T = solution.directions  # (B, r)
+    return Blocks(recordings, weights, solution, residuals).covariances(WINDOW_STEPS)
+
+
+class Blocks:
+    """What each step of the recordings contributes, from which blocks of any length are left out.
+
+    residuals : as for `jackknife_covariances`.
+    """
+
+    def __init__(self, recordings: Sequence[Rows], weights: Array, solution: Solution, residuals: Sequence[Sequence[Array]]) -> None:
+        self._T = solution.directions  # (B, r)
+        self._grams, self._scores, self._runs = _steps(recordings, weights, self._T, residuals)
+
+    def covariances(self, width: int) -> list[Array]:
+        """The S covariances with blocks of `width` steps. Raises Unidentifiable where too few such blocks are unbroken."""
+        T, runs = self._T, self._runs
+        windows = _windows(runs, width)
+        before = [np.concatenate([np.zeros_like(part[:1]), np.cumsum(part, axis=0)]) for part in (self._grams, self._scores)]
+        G, g = (total[windows + width] - total[windows] for total in before)  # (W, r, r), (W, r, S)
+        # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
+        moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g)  # (W, r, S)
+        blocks = len(runs) / width
+        factor = blocks / len(windows) * (blocks - 1.0) / blocks
+        return [factor * (delta.T @ delta) for delta in (moved[:, :, k] @ T.T for k in range(moved.shape[2]))]
+
+    def longer_covariances(self) -> list[Array]:
+        """The S covariances with blocks as long as the recordings allow, up to `LONG_STEPS`; with blocks of the usual length at least."""
+        width = min(LONG_STEPS, len(self._runs) // FEWEST_LONG)
+        longest = int(np.max(np.bincount(_run_numbers(self._runs))))
+        return self.covariances(max(WINDOW_STEPS, min(width, longest // 2)))
+
+
+def _steps(
+    recordings: Sequence[Rows], weights: Array, T: Array, residuals: Sequence[Sequence[Array]]
+) -> tuple[Array, Array, list[tuple[int, int]]]:
+    """Gram (K, r, r) and score (K, r, S) of each step, and the recording and unbroken stretch that it lies in."""
     grams, scores, runs = [], [], []
     for number, rec in enumerate(recordings):
         scaled = rec.root_weight * weights  # (N, J)
@@ -49,23 +86,21 @@ def jackknife_covariances(
             grams.append(Z.T @ Z)
             scores.append(Z.T @ e[first:last].reshape(-1, len(residuals)))  # (r, S)
             runs.append((number, int(rec.segments[first])))
-    windows = _windows(runs)
-    within = windows[:, None] + np.arange(WINDOW_STEPS)  # (W, 6) steps of each block
-    G, g = np.sum(np.array(grams)[within], axis=1), np.sum(np.array(scores)[within], axis=1)  # (W, r, r), (W, r, S)
-    # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
-    moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g)  # (W, r, S)
-    blocks = len(runs) / WINDOW_STEPS
-    factor = blocks / len(windows) * (blocks - 1.0) / blocks
-    return [factor * (delta.T @ delta) for delta in (moved[:, :, k] @ T.T for k in range(len(residuals)))]
+    return np.array(grams), np.array(scores), runs
 
 
-def _windows(runs: Sequence[tuple[int, int]]) -> Indices:
-    """(W,) first steps of the blocks of six neighbouring steps; each block begins one step after the block before it.
+def _run_numbers(runs: Sequence[tuple[int, int]]) -> Indices:
+    """(K,) number of the unbroken stretch of each step, from 0."""
+    return np.cumsum([k > 0 and runs[k] != runs[k - 1] for k in range(len(runs))])
+
+
+def _windows(runs: Sequence[tuple[int, int]], width: int) -> Indices:
+    """(W,) first steps of the blocks of `width` neighbouring steps; each block begins one step after the block before it.
 
     runs : the recording and the unbroken stretch of each step. No block reaches over a hole or into another recording.
     Raises Unidentifiable where there are fewer blocks than two partitions hold.
     """
-    windows = [k for k in range(len(runs) - WINDOW_STEPS + 1) if runs[k] == runs[k + WINDOW_STEPS - 1]]
+    windows = [k for k in range(len(runs) - width + 1) if runs[k] == runs[k + width - 1]]
     if len(windows) < 2 * WINDOW_STEPS:
         raise Unidentifiable("the stretches without a gap are too short to say how sure the result is; expected several seconds unbroken")
     return np.array(windows)

@@ -15,6 +15,9 @@ from monitor.recording import Array, Indices, Mask
 EXCITED = 1e-6  # of the largest singular value, columns scaled alike: a smaller one is rounding or encoder noise
 
 
+FELT = 1e-9  # of the largest column's norm: a smaller column is rounding, as of joints that never move together
+
+
 class Rows(NamedTuple):
     """The equations torque = Y·x of one recording."""
 
@@ -112,6 +115,8 @@ def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array
         stacked = np.concatenate([stacked, np.column_stack([np.diag(penalty), penalty * prior])[penalty > 0.0]])
     A, b = stacked[:, :-1], stacked[:, -1]
     norms = np.linalg.norm(A, axis=0)
+    norms = np.where(norms > FELT * np.max(norms, initial=0.0), norms, 0.0)
+    A = np.where(norms > 0.0, A, 0.0)
     scale = np.where(norms > 0.0, norms, 1.0)  # kg, kg·m and N·m made comparable
     U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
     keep = s > EXCITED * s[0]
@@ -130,6 +135,25 @@ def residual_rms(joints: Sequence[Factor], values: Array) -> Array:
 def condition_number(joints: Sequence[Factor], columns: Indices) -> float:
     """cond(Ȳ_B) of these columns of the fitted rows, unweighted and in SI units: Raviola et al. (2021), table 3."""
     s = np.linalg.svd(np.concatenate([factor.R[:, :-1][:, columns] for factor in joints]), compute_uv=False)
+    return float(s[0] / s[-1]) if s[-1] > 0.0 else float("inf")
+
+
+def best_condition(joints: Sequence[Factor], combination: Array, rows: Indices) -> float:
+    """Condition number of the motion itself, whatever base was chosen: of the best columns, each scaled to unit length.
+
+    combination : (B, P) base = combination · standard parameters; rows : of the base parameters that are fitted. The columns of all
+    standard parameters are Y·combination, of which QR with pivoting chooses as many as there are base parameters.
+    """
+    Y = np.concatenate([factor.R[:, :-1][:, rows] for factor in joints]) @ combination[rows]
+    norms = np.linalg.norm(Y, axis=0)
+    felt = norms > FELT * np.max(norms, initial=0.0)
+    if np.sum(felt) < len(rows):
+        return float("inf")
+    from scipy.linalg import qr
+
+    scaled = Y[:, felt] / norms[felt]
+    _, order = qr(scaled, mode="r", pivoting=True)
+    s = np.linalg.svd(scaled[:, order[: len(rows)]], compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > 0.0 else float("inf")
 
 

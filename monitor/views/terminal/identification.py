@@ -61,6 +61,10 @@ def _print_extras(console: Console, document: dict[str, Any]) -> None:
             for key in ("coulomb_misfit_std_nm", "viscous_misfit_std_nm_s_per_rad")
         )
         console.print(f"± is noise; another motion may change fc by ± {fc} and fv by ± {fv}, as the law is not quite the arm's")
+    for row in friction.get("at_speeds", ()):
+        pairs = zip(row["torque_nm"], row["another_run_90_nm"], strict=True)
+        values = "  ".join(f"{number(value, '.2f')} ± {number(half, '.2f')}" for value, half in pairs)
+        console.print(f"at {row['speed_rad_s']} rad/s, and 90 % of other motions: {values} Nm", highlight=False)
     law = friction["law"]
     if law.get("values"):
         for name in law["parameters"]:
