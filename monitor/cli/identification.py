@@ -125,13 +125,13 @@ def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recording
     """Draw what the identified model does not explain of these recordings. Raises BadInput like `residual_plot`."""
     from monitor.identify.signals.motion import motion
     from monitor.identify.signals.torque import joint_torque
-    from monitor.identify.validate import predict_torque
+    from monitor.identify.validate import held_out_settings, predict_motion
     from monitor.views.plots.residuals import Residuals, residual_plot
 
     shown = []
     for recording in recordings:
-        moved = motion(recording)
-        parts = predict_torque(found, arm, moved.q, moved.qd, moved.qdd)
+        moved = motion(recording, held_out_settings().signals)
+        parts = predict_motion(found, arm, moved)
         residual = joint_torque(moved, arm, gains) - parts.torque
         shown.append(Residuals(Path(moved.source).name, moved.qd, parts.rigid, moved.q, residual, moved.moving()))
     residual_plot(path, f"{arm.name}: measured − modelled torque ({found.method})", shown)

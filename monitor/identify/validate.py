@@ -1,6 +1,6 @@
 """Validation: predicted torque beside the measured torque of a recording that was not fitted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ from monitor.errors import BadInput
 from monitor.identify.fit.equations import layout_of
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.signals.checks import refuse_other_arm
-from monitor.identify.signals.motion import motion
+from monitor.identify.signals.motion import Motion, motion
 from monitor.identify.signals.torque import joint_torque
 from monitor.model.regressor import regressor
 from monitor.model.robot import Robot
@@ -75,6 +75,32 @@ def predict_torque(identification: Identification, robot: Robot, q: Array, qd: A
     return TorqueParts(rigid + friction, rigid, friction)
 
 
+def held_out_settings(settings: IdentifySettings | None = None) -> IdentifySettings:
+    """The settings for a recording that is predicted and not fitted: one joint that moves is enough."""
+    settings = settings or IdentifySettings()
+    return replace(settings, signals=replace(settings.signals, min_moving_share=0.0))
+
+
+def predict_motion(identification: Identification, robot: Robot, moved: Motion) -> TorqueParts:
+    """Torque of the identified model along a motion, with friction's steps rounded as the filter rounds those of the measured torque.
+
+    Raises BadInput for another robot.
+    """
+    sharp = predict_torque(identification, robot, moved.q, moved.qd, moved.qdd)
+    law = identification.law
+    if identification.friction:
+        Y = regressor(robot, identification.mounting, moved.q, moved.qd, moved.qdd)[:, :, list(identification.columns)]
+        load_nm = Y @ np.where(layout_of(identification.columns, robot.joints).load, identification.values, 0.0)  # (N, J)
+        parameters = identification.friction.values
+    else:
+        load_nm = np.zeros_like(moved.qd)
+        parameters = np.stack([identification.coulomb_nm, identification.viscous_nm_s_per_rad], axis=1)
+    columns = law.columns(moved.qd, load_nm)  # (N, J, K)
+    columns = np.concatenate([moved.direction[:, :, None], columns[:, :, 1:2], moved.rounded(columns[:, :, 2:])], axis=2)
+    friction = np.einsum("njk,jk->nj", columns, np.nan_to_num(parameters))
+    return TorqueParts(sharp.rigid + friction, sharp.rigid, friction)
+
+
 def validate(
     identification: Identification,
     recording: Recording,
@@ -85,13 +111,13 @@ def validate(
     """The errors of the identification, and of the manufacturer's parameters, on a recording that was not fitted.
 
     Measured torque and prediction both come from signals filtered as for the fit. gains : (J,) [N·m/A] as for `identify`.
-    Raises BadInput and Unidentifiable as `identify` does.
+    Raises BadInput and Unidentifiable as `identify` does, but one joint that moves is enough.
     """
-    settings = settings or IdentifySettings()
+    settings = held_out_settings(settings)
     refuse_other_arm(recording, robot)
     moved = motion(recording, settings.signals)
     measured = joint_torque(moved, robot, gains)
-    predicted = predict_torque(identification, robot, moved.q, moved.qd, moved.qdd).torque
+    predicted = predict_motion(identification, robot, moved).torque
     moving = moved.moving(settings.moving_rad_s)
     found = errors_of(measured, predicted, moving)
     nominal_torque = regressor(robot, identification.mounting, moved.q, moved.qd, moved.qdd) @ robot.nominal_parameters()

@@ -98,7 +98,10 @@ def of_solution(
         missing = "; ".join(name for name, known in zip(names, excited, strict=True) if not known)
         yield DataWarning("not_excited", f"this motion does not reveal {missing}: those values are the manufacturer's")
     elif condition > ILL_CONDITIONED:
-        yield DataWarning("ill_conditioned", f"the condition number is {condition:.3g}; a designed excitation reaches 50–200")
+        yield DataWarning(
+            "ill_conditioned",
+            f"the condition number of this motion is {condition:.3g}, in the best base; a designed excitation reaches 50–200",
+        )
     for j, (fc, fv) in enumerate(zip(coulomb_nm, viscous_nm_s_per_rad, strict=True)):
         if fc < 0.0 or fv < 0.0:
             text = (
@@ -114,6 +117,22 @@ def far_from_physical(residual_ratio: float) -> DataWarning:
         f"gains, mounting, robot or friction law are doubtful"
     )
     return DataWarning("far_from_physical", text)
+
+
+def of_held_out(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> Iterator[DataWarning]:
+    """Warnings about what is fitted and what is held out of the fit."""
+    for held in held_out:
+        for one in fitted:
+            if held.samples == one.samples and np.array_equal(held.t_s, one.t_s) and np.array_equal(held.q, one.q):
+                yield DataWarning(
+                    "validated_on_fitted", f"{held.source}: was fitted too, as {one.source}: its error says nothing about other motions"
+                )
+    if held_out and len(fitted) > 1:
+        yield DataWarning(
+            "fitted_together",
+            f"{', '.join(one.source for one in fitted)} are fitted together; held out of the fit: "
+            f"{', '.join(held.source for held in held_out)} (each held-out file has its own --validate)",
+        )
 
 
 def of_recordings(recordings: Sequence[Recording]) -> Iterator[DataWarning]:

@@ -17,6 +17,7 @@ from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
 from monitor.identify.validate import Validation, validate
+from monitor.identify.warnings import of_held_out
 from monitor.model.robot import Mounting, Robot, load_robot, robot_from_document
 from monitor.recording import Array, Recording
 from monitor.store.recordings import read_recording
@@ -122,6 +123,7 @@ def identify_files(request: Request) -> Outcome:
     )  # fmt: skip
     validations: list[Validation] = [validate(found, recording, robot, gains) for recording in held_out]
     result = document(found, validations)
+    result["warnings"] += [{"code": warning.code, "text": warning.text} for warning in of_held_out(recordings, held_out)]
     if estimated is not None:
         result["gains"] = gains_document(estimated)
     if loaded:

@@ -8,7 +8,7 @@ from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, Truth, exact_mo
 
 from monitor.errors import BadInput
 from monitor.identify.identify import IdentifyOptions, identify, identify_motions
-from monitor.identify.validate import predict_torque, validate
+from monitor.identify.validate import predict_motion, predict_torque, validate
 from monitor.model.robot import PER_JOINT, Mounting, load_robot
 
 UR5 = load_robot("ur5")
@@ -142,7 +142,7 @@ def test_validation_figures_follow_their_definitions():
     figures = validate(found, held_out, UR5)
     moved = motion(held_out)
     measured = moved.current * UR5.drive_gain_nm_per_a
-    residual = measured - predict_torque(found, UR5, moved.q, moved.qd, moved.qdd).torque
+    residual = measured - predict_motion(found, UR5, moved).torque
     nominal = measured - regressor(UR5, GROUND, moved.q, moved.qd, moved.qdd) @ UR5.nominal_parameters()
     for j in range(6):
         on = np.abs(moved.qd[:, j]) > 0.02

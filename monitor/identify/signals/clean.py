@@ -42,6 +42,8 @@ DOUBTS = (
     "current_saturated",
     "current_held",
     "current_stuck",
+    "temperature_doubtful",
+    "temperature_torn",
 )  # codes of what is told and left as it is
 
 

@@ -14,11 +14,13 @@ from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair, cleaned
 from monitor.identify.signals.drives import check_drives, refuse_other_unit
 from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
+from monitor.identify.signals.readings import check_temperatures, plausible_temperature
 from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.recording import Array, Indices, Mask, Recording
 
-MAX_TEMPERATURE_C = 200.0  # no reading of a joint's sensor
+OTHER_ACCELERATION = 0.5  # of the accelerations' size: a larger difference is noise, a sign or a unit
+LEAST_ACCELERATION = 0.1  # [rad/s²]
 FEWEST_ROWS = 10  # fewer sound rows are no recording
 
 
@@ -130,7 +132,15 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     measured = {key: value[keep] for key in LIMITS if (value := getattr(recording, key)) is not None}
     cutoff_hz = min(settings.cutoff_hz, 0.35 * rate_hz)  # at low rates the cutoff must be lower
     repaired = despike(measured) if settings.despike else 0
-    joined = _joined(recording, _Stretches(t_s, sound.breaks), measured, rate_hz, cutoff_hz, settings, why)
+    stretches = _Stretches(t_s, sound.breaks)
+    joined = _joined(recording, stretches, measured, rate_hz, cutoff_hz, settings, why)
+    if "qdd" in measured and (wrong := _other_acceleration(joined, rate_hz)):
+        del measured["qdd"]
+        joined = _joined(recording, stretches, measured, rate_hz, cutoff_hz, settings, why)
+        text = f"the accelerations of joint{'s' if len(wrong) > 1 else ''} {', '.join(map(str, wrong))} are not the change of the speeds"
+        repairs = (*repairs, Repair("accelerations_replaced", f"{text}: differences of the speeds stand in for all"))
+    temperature_c = _temperature(recording, keep, joined["t_s"])
+    repairs = (*repairs, *check_temperatures(recording))
     return Motion(
         source=recording.source,
         t_s=joined["t_s"],
@@ -140,7 +150,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         direction=joined["direction"],
         current=joined.get("current"),
         torque=joined.get("torque"),
-        temperature_c=_temperature(recording, keep, joined["t_s"]),
+        temperature_c=temperature_c,
         rate_hz=rate_hz,
         duration_s=float(t_s[-1] - t_s[0]),
         recorded_samples=recording.samples,
@@ -266,12 +276,20 @@ def _rate(t_s: Array) -> float:
     return rate
 
 
+def _other_acceleration(joined: dict[str, Array], rate_hz: float) -> list[int]:
+    """The joints, numbered from 1, whose recorded accelerations are not the change of their speeds."""
+    change = np.gradient(joined["qd"], 1.0 / rate_hz, axis=0)
+    size = np.quantile(np.maximum(np.abs(change), np.abs(joined["qdd"])), 0.75, axis=0)  # (J,)
+    off = np.quantile(np.abs(joined["qdd"] - change), 0.75, axis=0)
+    return [int(j) + 1 for j in np.flatnonzero((off > OTHER_ACCELERATION * size) & (size > LEAST_ACCELERATION))]
+
+
 def _temperature(recording: Recording, keep: Indices, t_s: Array) -> Array | None:
     """(N, J) measured temperatures at the times t_s (N,) [°C]; NaN for a joint without a plausible reading; None without any."""
     if recording.temperature_c is None:
         return None
     columns = []
     for column in recording.temperature_c[keep].T:
-        sensible = np.isfinite(column) & (np.abs(column) < MAX_TEMPERATURE_C)
+        sensible = plausible_temperature(column)
         columns.append(np.interp(t_s, recording.t_s[keep][sensible], column[sensible]) if sensible.any() else np.full(len(t_s), np.nan))
     return np.stack(columns, axis=1)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.identify.signals.motion import Motion
+from monitor.identify.signals.readings import plausible_temperature
 from monitor.recording import Array, Recording
 
 
@@ -23,10 +24,13 @@ def warming(recordings: Sequence[Recording]) -> Array | None:
     for recording in recordings:
         if recording.temperature_c is None:
             return None
-        good = np.isfinite(recording.t_s) & np.all(np.isfinite(recording.temperature_c), axis=1)
-        t = recording.t_s[good] - np.mean(recording.t_s[good]) if good.any() else np.zeros(0)
-        if len(t) < 2 or not np.ptp(t) > 0:
-            return None
-        slopes.append(60.0 * (t @ recording.temperature_c[good]) / (t @ t))
+        slope = np.full(recording.joints, np.nan)
+        for j, column in enumerate(recording.temperature_c.T):
+            good = np.isfinite(recording.t_s) & plausible_temperature(column)
+            t = recording.t_s[good] - np.mean(recording.t_s[good]) if good.any() else np.zeros(0)
+            if len(t) < 2 or not np.ptp(t) > 0:
+                return None
+            slope[j] = 60.0 * (t @ column[good]) / (t @ t)
+        slopes.append(slope)
     mean: Array = np.mean(slopes, axis=0)
     return mean

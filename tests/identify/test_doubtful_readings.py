@@ -1,0 +1,88 @@
+"""Temperatures, accelerations and bases that must not fool an identification; and what is said of held-out recordings."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command_line import printed
+from oracle_arm import GROUND
+from own_physics import UR5, worked_arm
+
+from monitor.identify.identify import identify
+from monitor.identify.signals.motion import motion
+from monitor.identify.signals.temperature import mean_temperature, warming
+from monitor.identify.validate import validate
+from monitor.store.recordings import write_recording
+
+HEALTHY = worked_arm()
+
+
+def one_joint_moves(recording, joint):
+    """The recording with every other joint at rest where it begins, and the torque that it had."""
+    others = np.arange(6) != joint
+    q, qd = recording.q.copy(), recording.qd.copy()
+    q[:, others], qd[:, others] = recording.q[0, others], 0.0
+    return replace(recording, q=q, qd=qd, source="sweep")
+
+
+def test_a_sensor_that_says_zero_has_no_temperature():
+    """Zero throughout is unknown, and told."""
+    silent = replace(HEALTHY, temperature_c=np.zeros_like(HEALTHY.temperature_c))
+    found = identify([silent], UR5, GROUND)
+    assert np.all(np.isnan(found.temperature_c))
+    assert "temperature_doubtful" in {warning.code for warning in found.warnings}
+
+
+def test_temperatures_in_fahrenheit_are_doubted():
+    """An arm whose joints are all hotter than 65 °C is likelier at 86 °F."""
+    hot = replace(HEALTHY, temperature_c=1.8 * HEALTHY.temperature_c + 32.0)
+    assert "if these are °F" in motion(hot).repairs[0].text
+
+
+def test_one_torn_temperature_moves_neither_mean_nor_warming():
+    """One reading of 253 °C is left out and told."""
+    torn = HEALTHY.temperature_c.copy()
+    torn[-3, 2] = 253.0
+    recording = replace(HEALTHY, temperature_c=torn)
+    np.testing.assert_allclose(mean_temperature([motion(recording)]), mean_temperature([motion(HEALTHY)]), atol=1e-3)
+    np.testing.assert_allclose(warming([recording]), warming([HEALTHY]), atol=1e-3)
+    assert [repair.code for repair in motion(recording).repairs] == ["temperature_torn"]
+
+
+@pytest.mark.parametrize("wrong", ["noise", "sign", "zero"])
+def test_accelerations_that_are_not_those_of_the_speeds_are_replaced(wrong):
+    """Noise in the place of q̈, the opposite sign or zeros: friction is that without the column, to the last bit, and it is told."""
+    right = np.gradient(HEALTHY.qd, 0.008, axis=0)
+    noise = 5.0 * np.random.default_rng(0).normal(size=right.shape)
+    found = identify([replace(HEALTHY, qdd={"noise": noise, "sign": -right, "zero": 0.0 * right}[wrong])], UR5, GROUND)
+    np.testing.assert_array_equal(found.coulomb_nm, identify([HEALTHY], UR5, GROUND).coulomb_nm)
+    assert {warning.code for warning in found.warnings} == {"accelerations_replaced"}
+
+
+def test_a_recording_of_one_joint_can_be_held_out():
+    """It would not do for a fit; a prediction says how good it is for this joint, and nothing for the others."""
+    found = identify([HEALTHY], UR5, GROUND)
+    held = validate(found, one_joint_moves(worked_arm(2), 5), UR5)
+    assert np.isfinite(held.relative_rms[5])
+    assert np.all(np.isnan(held.relative_rms[:5]))
+
+
+def test_the_prediction_rounds_friction_as_the_filter_rounds_the_torque():
+    """On the fitted recording itself, the error of validation is the residual of the fit, to 1e-9."""
+    for law in ("paper", "concave"):
+        found = identify([HEALTHY], UR5, GROUND, friction=law)
+        np.testing.assert_allclose(validate(found, HEALTHY, UR5).rms_nm, found.rms_nm, rtol=0.01 if law == "concave" else 1e-9)
+
+
+def test_what_is_fitted_and_what_is_held_out_is_said(tmp_path):
+    """A file behind that of --validate is fitted, and a fitted file that is held out says nothing: both are told."""
+    paths = [tmp_path / f"{name}.parquet" for name in ("first", "second", "third")]
+    for seed, path in enumerate(paths):
+        write_recording(path, worked_arm(seed, repetitions=1))
+    first, second, third = paths
+    document = json.loads(printed("identify", first, "--validate", second, third, "--robot", "ur5", "--json"))
+    told = {warning["code"]: warning["text"] for warning in document["warnings"]}
+    assert "first.parquet, third.parquet are fitted together; held out of the fit: second.parquet" in told["fitted_together"]
+    document = json.loads(printed("identify", first, "--validate", first, "--robot", "ur5", "--json"))
+    assert "validated_on_fitted" in {warning["code"] for warning in document["warnings"]}
