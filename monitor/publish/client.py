@@ -39,6 +39,7 @@ from monitor.publish.documents import (
 from monitor.publish.registry import KINDS, kind_of
 from monitor.publish.session import prefix, session_config
 
+JUDGED_AGAIN_S = 120.0  # for weeks of replays to be judged once more, on a slow machine
 EVENT = KINDS["event"].key()
 Content = TypeVar("Content", bound=BaseModel)
 
@@ -77,7 +78,7 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self._session.close()
 
-    def get(self, selector: str, payload: Mapping[str, Any] | None = None) -> list[Message]:
+    def get(self, selector: str, payload: Mapping[str, Any] | None = None, *, timeout_s: float | None = None) -> list[Message]:
         """The last values that match a selector below the prefix, e.g. `health`, `joint/*/friction`, `**`.
 
         Raises BadInput for an invalid selector or an error reply, BusError where the daemon does not answer in time.
@@ -85,7 +86,7 @@ class Client:
         answers = []
         key = self._key(selector)
         data = None if payload is None else json.dumps(payload).encode()
-        for reply in self._session.get(key, payload=data, timeout=self._timeout_s):
+        for reply in self._session.get(key, payload=data, timeout=timeout_s or self._timeout_s):
             if reply.ok is None:
                 problem = reply.err.payload.to_bytes().decode(errors="replace") if reply.err else "no answer"
                 try:
@@ -169,7 +170,7 @@ class Client:
 
     def undo_serviced(self, joint: int, *, by: str, why: str = "") -> Answer:
         """Take the last declared work on a joint back. Raises BadInput with the daemon's reason where that is not possible."""
-        return self._answer(UndoServicedRequest(joint=joint, by=by, why=why))
+        return self._answer(UndoServicedRequest(joint=joint, by=by, why=why), timeout_s=max(self._timeout_s, JUDGED_AGAIN_S))
 
     def request_replay(self, *, by: str, why: str = "") -> str:
         """Request a replay now. Raises BadInput with the daemon's reason where it refuses."""
@@ -245,8 +246,8 @@ class Client:
         except BusError:  # the daemon is gone again; its next return calls this again
             return []
 
-    def _one(self, selector: str, payload: Mapping[str, Any] | None = None) -> Message:
-        answers = self.get(selector, payload)
+    def _one(self, selector: str, payload: Mapping[str, Any] | None = None, *, timeout_s: float | None = None) -> Message:
+        answers = self.get(selector, payload, timeout_s=timeout_s)
         if not answers:
             raise BusError(f"{self._prefix}/{selector}: no answer; is a daemon running for this robot, and has it assessed a replay?")
         return answers[0]
@@ -260,8 +261,8 @@ class Client:
     def _command(self, request: Request) -> Alert:
         return Alert.model_validate(self._one(kind_of(type(request)).key(), request.model_dump()).document["alert"])
 
-    def _answer(self, request: Request) -> Answer:
-        return Answer.model_validate(self._one(kind_of(type(request)).key(), request.model_dump()).document)
+    def _answer(self, request: Request, *, timeout_s: float | None = None) -> Answer:
+        return Answer.model_validate(self._one(kind_of(type(request)).key(), request.model_dump(), timeout_s=timeout_s).document)
 
     def _key(self, selector: str) -> str:
         key = f"{self._prefix}/{selector}"

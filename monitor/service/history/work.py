@@ -171,9 +171,12 @@ def _meaning(store: Store, work: Work, transitions: Sequence[Transition]) -> lis
         lines.append(f"j{alert.joint}/{alert.condition} ({alert.tier}, at its gravest {alert.gravest_so_far.change:+z.1%}): {what}.")
     if not transitions:
         lines.append("No alert of this joint was active.")
-    later = sum(1 for verdict in store.assessments.between(work.at_unix_s, work.declared_at_unix_s + 1.0))
+    later = 0
+    if work.at_unix_s < work.declared_at_unix_s:
+        later = sum(1 for _ in store.assessments.between(work.at_unix_s, work.declared_at_unix_s))
     if later:
-        lines.append(f"{later} replays between the work and this declaration are not used for the new reference.")
+        which = "1 replay" if later == 1 else f"{later} replays"
+        lines.append(f"Not used for the new reference: {which} between the work and this declaration.")
     return [*lines, "What was found before stays in the history."]
 
 
