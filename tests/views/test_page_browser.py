@@ -415,3 +415,13 @@ def test_work_on_a_joint_is_declared_on_the_page(browser, tmp_path):
         page.locator("#tab-3").click()
         expect(page.locator("#wear")).to_have_attribute("aria-label", re.compile("; replaced on Jul 3$"))
         page.close()
+
+
+def test_a_dark_page_is_printed_on_white(opened):
+    """Printing paints page and charts light, and the screen is dark again afterwards."""
+    page = opened[0]("desktop", "dark")
+    dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(243, 245, 248)"
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark

@@ -173,6 +173,7 @@ WINDOWS = (
     N_("allow: no stop is waiting for a person"),
     N_("cmd: no alert can be {kind}: no replay has been assessed yet"),
     N_("no replay has been assessed yet"),
+    N_("no active alert {alert}; active: {others}"),
     N_("cold start"),
     N_("evidence"),
     N_("learning"),

@@ -142,7 +142,7 @@ const Charts = (() => {
     marks(u, marks) {
       const { ctx, bbox } = u, dpr = devicePixelRatio, ends = [];
       ctx.save();
-      ctx.font = `${11 * dpr}px system-ui, sans-serif`; ctx.textBaseline = "top";
+      ctx.font = `${11 * dpr}px system-ui, sans-serif`; ctx.textBaseline = "bottom";
       ctx.strokeStyle = ctx.fillStyle = css("--ink");
       for (const mark of marks) {
         const x = Math.round(u.valToPos(mark.t, "x", true));
@@ -155,7 +155,7 @@ const Charts = (() => {
         let row = 0;
         while (ends[row] > from - 6 * dpr) row++;  // labels of near marks go below each other
         ends[row] = from + width;
-        ctx.fillText(mark.text, from, bbox.top + (2 + 14 * row) * dpr);
+        ctx.fillText(mark.text, from, bbox.top + bbox.height - (2 + 14 * row) * dpr);  // below, where no limit is written
       }
       ctx.restore();
     }

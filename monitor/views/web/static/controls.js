@@ -69,6 +69,12 @@ $("theme").addEventListener("click", () => {
   repaint();
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => repaint());
+let screenTheme;  // paper is white
+addEventListener("beforeprint", () => { screenTheme = document.documentElement.dataset.theme; document.documentElement.dataset.theme = "light"; repaint(); });
+addEventListener("afterprint", () => {
+  if (screenTheme) document.documentElement.dataset.theme = screenTheme; else delete document.documentElement.dataset.theme;
+  repaint();
+});
 function repaint() { if (charts && chosen) { charts.again(); detail(); drawProofs(); } }
 
 $("tabs").addEventListener("keydown", (event) => {

@@ -25,7 +25,7 @@ function worstTruth() {
   for (const one of candidates.sort((x, y) => y.own - x.own)) if (grave(one.state) > grave(worst.state) || (one.state === worst.state && !worst.alert)) worst = { ...one, alert: true };
   const unsure = stops.length ? t("The arm is stopped: nothing moves until a person has looked at it.")
     : health.stale && health.state ? t("What stands here is out of date.") : "";
-  if (unsure && grave(worst.state) < grave("CHECK_FUNCTION")) worst = { state: "CHECK_FUNCTION", text: unsure };
+  if (unsure && !worst.own && grave(worst.state) <= grave("CHECK_FUNCTION")) worst = { state: "CHECK_FUNCTION", text: unsure };
   return worst;
 }
 
