@@ -61,6 +61,15 @@ def test_every_advice_of_an_alert_is_translated(code):
             "von der Temperatur, +0,0 % von Last und Umfeld, +21,6 % vom Verschleiß, +0,4 % vom Zufall.",
         ),
         ("Elbow (joint 3): wear_rising (wear): +21.6%", "Ellbogen (Gelenk 3): zunehmender Verschleiß (Verschleiß): +21,6 %"),
+        (
+            "Nothing moves since 2026-11-20T10:00:00Z: replay 7 was ended by protective_stop: safety mode 3. It waits for a person.",
+            "Seit 20.11.2026, 10:00 bewegt sich nichts: Prüffahrt 7 wurde beendet durch Schutzstopp: safety mode 3. Es wartet auf "
+            "einen Menschen.",
+        ),
+        (
+            "payload: the controller reckons with 0.900 kg, the configuration says 1.000 kg; at most 0.05 kg apart",
+            "Last: die Steuerung rechnet mit 0,900 kg, die Konfiguration sagt 1,000 kg; höchstens 0,05 kg Unterschied",
+        ),
         ("no permission: the cell's door is open", "keine Freigabe: the cell's door is open"),  # the words of another program stay
         ("approach_near: Wrist 3 (joint 6) is 2.60 rad from the start of the excitation; at most 1.5",
          "Arm zu weit vom Start: Handgelenk 3 (Gelenk 6) ist 2,60 rad vom Start der Prüffahrt entfernt; höchstens 1,5"),

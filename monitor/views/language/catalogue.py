@@ -19,11 +19,13 @@ _PLACE = re.compile(r"\{(\w+)\}")
 _JOINT = re.compile(rf"\b({'|'.join(NAMES)})\b(?: \(joint (\d)\))?")
 _FIGURE = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+)(?![\w.]*\d)")
 _DATE = re.compile(r"(?<!\d)(\d{4})-(\d\d)-(\d\d)(?!\d)(?:T(\d\d):(\d\d)(?::\d\d)?(?:\.\d+)?(?:Z|\+00:00)?)?")
+_NAMED = re.compile(r"([a-z]+(?:_[a-z0-9]+)*): (.+)", re.DOTALL)  # a reason with the name of its cause
 _SENTENCES = (re.compile(r"(?<=[.!?]) (?=[A-Z])"), re.compile(r"; "))
 RETOLD = frozenset(  # keys of documents whose value is a sentence for people
     {"text", "why", "action", "stale_why", "assumption", "reason", "told", "next_replay_why", "verdict_text", "tries", "stops"}
 )
 NOT_RETOLD = frozenset({"acknowledged_why", "shelved_why"})  # what a person wrote stays as it is
+WHOLE = frozenset({"who", "reason", "text"})  # places that may hold several sentences
 SPOKEN = frozenset({"who", "reason"})  # places of a sentence with the words of a person
 
 
@@ -70,10 +72,13 @@ class Language:
             return self.catalogue[plain]
         for pattern, template in self._patterns:
             found = pattern.fullmatch(plain)
-            if found is not None:
+            if found is not None and not _runs_on(found.groupdict()):
                 places = found.groupdict()
                 said = {name: value if name in SPOKEN else self._retell(value) for name, value in places.items()}
                 return self.catalogue[template].format(**said)
+        named = _NAMED.fullmatch(plain)
+        if named is not None and ("_" in named[1] or named[1] in self.catalogue):
+            return f"{self._retell(named[1])}: {self._retell(named[2])}"
         for splitter in _SENTENCES:
             parts = splitter.split(plain)
             if len(parts) > 1:
@@ -119,6 +124,11 @@ def _pattern(text: str) -> re.Pattern[str]:
 
     parts = _PLACE.split(text)
     return re.compile("".join(place(part) if k % 2 else re.escape(part) for k, part in enumerate(parts)), re.DOTALL)
+
+
+def _runs_on(places: Mapping[str, str]) -> bool:
+    """Whether a place has swallowed the end of its sentence and the begin of the next one."""
+    return any(name not in WHOLE and _SENTENCES[0].search(value) for name, value in places.items())
 
 
 def _is_name(text: str) -> bool:
