@@ -5,7 +5,6 @@ ended and the robot has been told to stop before `replay` raises.
 """
 
 import dataclasses
-import signal
 import time
 from collections.abc import Callable
 from typing import NoReturn
@@ -30,7 +29,6 @@ from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
 from monitor.recording import Context, Recording
 
-ENDED_BY_THE_KERNEL = frozenset({-signal.SIGSYS, -signal.SIGABRT})  # exit codes that say more than that the process was silent
 LEAVING_S = 1.0  # from the session's last message to the end of its process
 PRINTED_TAIL = 300  # characters of what a dead process printed that go into the error's text
 
@@ -152,11 +150,13 @@ def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *,
         raise RobotUnreachable(message["text"])
     if message is not None:
         cause, text = message["cause"], message["text"]
-    elif watch.interruption is not None and not (watch.interruption.cause == "timeout" and exit_code in ENDED_BY_THE_KERNEL):
-        cause, text = watch.interruption
-    else:  # also where the parent gave a silent process up that was already dying
+    else:
         cause, text = cause_of_death(exit_code, watch.silent_before_end_s, printed)
-        if printed:
+        # a silent process that was given up may have been dying of a lost connection already
+        dying = watch.in_control and cause == "connection_lost"
+        if watch.interruption is not None and not (watch.interruption.cause == "timeout" and dying):
+            cause, text = watch.interruption
+        elif printed:
             text += f"; its last words: {printed[-PRINTED_TAIL:]!r}"
     if not watch.in_control and cause == "timeout":
         raise RobotUnreachable(f"{host}: no RTDE connection: {text}")

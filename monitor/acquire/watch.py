@@ -22,7 +22,15 @@ CALL_SILENCE_S = 0.08  # a call that blocks ends the process 0.06 s after its la
 LONGEST_SILENCE_S = 0.1  # a larger setting counts as this one: the controller's watchdog has stopped the arm by then
 PROGRESS_EVERY_S = 0.1  # how often the caller is shown the progress
 TIME_ROUNDING_S = 1e-6  # of the sum of several waits
-CONNECTION_WORDS = ("Connection reset by peer", "Broken pipe", "End of file", "boost::system::system_error", "boost::wrapexcept")
+CONNECTION_WORDS = (  # what ur-rtde and the libraries below it print when a connection breaks off
+    "Robot closed the connection",
+    "Robot is disconnected",
+    "Lost connection to robot",
+    "Connection reset by peer",
+    "Broken pipe",
+    "End of file",
+    "boost::system::system_error",
+)
 BEAT_EVERY_S = 0.1  # a session that moves the arm hears so often that this process still watches it
 STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come to rest, end the program
 
@@ -61,10 +69,10 @@ def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interr
     """Why a session's process ended without a last message; it had been silent for silent_s before.
 
     The process lets the kernel end it where it would open a new connection (SIGSYS), and where it does not report in time (SIGALRM).
-    ur-rtde aborts it (SIGABRT) where one of its own threads meets a connection that was reset; what it `printed` says so.
+    ur-rtde aborts it (SIGABRT) where one of its own threads meets a connection that was reset, or blocks; what it `printed` says so.
     """
-    if exit_code == -signal.SIGABRT and any(word in printed for word in CONNECTION_WORDS):
-        return Interruption("connection_lost", "the RTDE connection broke off, and its library aborted")
+    if exit_code < 0 and any(word in printed for word in CONNECTION_WORDS):
+        return Interruption("connection_lost", "the RTDE connection broke off, and its library aborted or blocked")
     if exit_code == -signal.SIGSYS:
         return Interruption("connection_lost", "the RTDE connection broke off, and its library was kept from connecting again")
     if exit_code == -signal.SIGALRM and silent_s < CALL_SILENCE_S:

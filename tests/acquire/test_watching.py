@@ -127,15 +127,23 @@ def test_an_abort_by_the_library_is_a_lost_connection_where_its_last_words_say_s
     words = "terminate called after throwing an instance of 'boost::wrapexcept<boost::system::system_error>'\n  what():  Broken pipe"
     assert cause_of_death(-signal.SIGABRT, 0.01, words).cause == "connection_lost"
     assert cause_of_death(-signal.SIGABRT, 0.01, "double free or corruption").cause == "child_died"
+    assert cause_of_death(-signal.SIGALRM, 0.06, "RTDEControlInterface: Robot closed the connection!").cause == "connection_lost"
 
 
-@pytest.mark.parametrize(("exit_code", "cause"), [(-signal.SIGSYS, "connection_lost"), (-signal.SIGKILL, "timeout")])
-def test_a_silent_child_that_was_already_dying_is_named_by_its_death(monkeypatch, exit_code, cause):
+@pytest.mark.parametrize(
+    ("exit_code", "printed", "cause"),
+    [
+        (-signal.SIGSYS, "", "connection_lost"),
+        (-signal.SIGKILL, "", "timeout"),
+        (-signal.SIGKILL, "RTDEControlInterface: Lost connection to robot...", "connection_lost"),
+    ],
+)
+def test_a_silent_child_that_was_already_dying_is_named_by_its_death(monkeypatch, exit_code, printed, cause):
     """A process that the kernel ends takes some time to go on a busy machine, longer than the silence that its parent bears."""
     clock = Clock()
     monkeypatch.setattr(watch_module, "time", clock)
     session = TimedSession(clock, [phase("control"), phase("play"), *[ALIVE] * 5])
-    session.exit_code = exit_code
+    session.exit_code, session.printed = exit_code, printed
     with pytest.raises(ReplayAborted) as aborted:
         replay(short(), UR5, ReplaySettings(host="127.0.0.1", allow_motion=True), driver=ScriptedDriver(session))
     assert aborted.value.cause == cause
