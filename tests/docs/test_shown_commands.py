@@ -34,6 +34,7 @@ NOT_RUN = {  # by the command, or by its first words
     "record": "listens to an arm, in real time",
     "allow": "needs a stop that waits for a person",
     "try": "starts a daemon; the tests of the studies run it",
+    "serviced --config trial": "speaks with the daemon of that trial",
     "rehearse": "takes a minute; the tests of the studies play a smaller fleet",
 }
 INSTEAD = {  # makes a command quick, or reads the history instead of a daemon

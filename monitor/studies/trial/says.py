@@ -84,7 +84,8 @@ def _event(document: dict[str, Any]) -> str:
     """One change of an alert as a line."""
     where = "arm" if document.get("joint") is None else f"j{document['joint']}"
     kind = str(document.get("event") or document.get("kind") or "changed")
-    return f"ALERT {where}/{document.get('condition')} {document.get('tier')} {kind}: {document.get('text')}"
+    text = str(document.get("text")).split("; ")[0]  # `alerts` has the whole of it
+    return f"ALERT {where}/{document.get('condition')} {document.get('tier')} {kind}: {text}"
 
 
 def _date(unix_s: float) -> str:
