@@ -64,7 +64,7 @@ def _print_extras(console: Console, document: dict[str, Any]) -> None:
     for row in friction.get("at_speeds", ()):
         pairs = zip(row["torque_nm"], row["another_run_90_nm"], strict=True)
         values = "  ".join(f"{number(value, '.2f')} ± {number(half, '.2f')}" for value, half in pairs)
-        console.print(f"at {row['speed_rad_s']} rad/s, and 90 % of other motions: {values} Nm", highlight=False)
+        console.print(f"F({row['speed_rad_s']} rad/s) and its 90 % [Nm]: {values}", highlight=False)
     law = friction["law"]
     if law.get("values"):
         for name in law["parameters"]:
