@@ -62,10 +62,11 @@ def report(
         raise BadInput("report: expected -o FILE.html, or --json")
     if output is not None:
         check_page(output)
-        refuse_overwriting(output, force)
     begin, end = (None if text is None else _moment(text, option) for text, option in ((since, "--from"), (until, "--to")))
     if language is not None and language not in LANGUAGES:
         raise BadInput(f"--language {language}: expected one of {', '.join(LANGUAGES)}")
+    if output is not None:
+        refuse_overwriting(output, force)
     now, reports, left_out = time.time(), [], []
     for path in config:
         configuration = load_configuration(path)

@@ -153,7 +153,7 @@ def test_the_command_writes_the_page_and_the_document(lived, tmp_path):
         (["-c", str(folder / "cell.toml")], "expected -o"),
         (["-c", str(folder / "cell.toml"), "-o", str(tmp_path / "report.pdf")], "ends in .html"),
         (["-c", str(folder / "cell.toml"), "-o", str(page), "--from", "yesterday"], "expected a day"),
-        (["-c", str(folder / "absent.toml"), "-o", str(page)], "cannot be read"),
+        (["-c", str(folder / "absent.toml"), "-o", str(page), "--force"], "cannot be read"),
     ):
         ran = CliRunner().invoke(app, ["report", *arguments])
         assert isinstance(ran.exception, BadInput)
