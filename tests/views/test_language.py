@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,14 @@ def test_a_stored_sentence_is_said_in_german(english, german):
     """Joint names, figures and dates are German too; what nobody knows stays English, and English stays as it is."""
     assert language("de").retell(english).replace("\u00a0", " ") == german
     assert ENGLISH.retell(english) == english
+
+
+def test_a_long_text_of_another_program_is_no_burden():
+    """A reason of many thousand letters is passed on at once."""
+    began = time.process_time()
+    for text in ("x: " * 20_000, "joint is at " * 5_000, "W " * 10_000):
+        assert language("de").retell(text).strip() == text.strip()
+    assert time.process_time() - began < 2.0
 
 
 def test_what_a_person_wrote_is_never_translated():

@@ -15,6 +15,7 @@ from monitor.model.joint_names import NAMES
 
 DOMAIN = "joint_monitor"
 LANGUAGES = {"en": "English", "de": "Deutsch"}  # by their codes, in their own words; the first is that of the documents
+LONGEST = 700  # letters of a sentence that may be a known one: the patterns take long for a longer text
 _PLACE = re.compile(r"\{(\w+)\}")
 _JOINT = re.compile(rf"\b({'|'.join(NAMES)})\b(?: \(joint (\d)\))?")
 _FIGURE = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+)(?![\w.]*\d)")
@@ -70,7 +71,7 @@ class Language:
         plain = text.strip()
         if plain in self.catalogue:
             return self.catalogue[plain]
-        for pattern, template in self._patterns:
+        for pattern, template in self._patterns if len(plain) <= LONGEST else ():
             found = pattern.fullmatch(plain)
             if found is not None and not _runs_on(found.groupdict()):
                 places = found.groupdict()
