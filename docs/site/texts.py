@@ -84,7 +84,9 @@ def main() -> int:
     missing = 0
     for folder in sorted(path for path in LOCALE.iterdir() if path.is_dir()):
         catalogue = read(folder.name)
+        dated = catalogue.creation_date  # kept, so that the same texts make the same files
         catalogue.update(template(), no_fuzzy_matching=True)
+        catalogue.creation_date = dated
         catalogue.obsolete.clear()
         for message in catalogue:
             if message.id and not message.string:
