@@ -11,7 +11,7 @@ from monitor.identify import warnings as remarks_on
 from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
 from monitor.identify.fit.covariance import covariances, law_doubt, mapped, positive
 from monitor.identify.fit.equations import FitProblem, equations_of, layout_of
-from monitor.identify.fit.fit import Fit, fit, refit
+from monitor.identify.fit.fit import Fit, first_fit, fit, refit
 from monitor.identify.fit.least_squares import Solution, best_condition, condition_number
 from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
 from monitor.identify.fit.projection import mean_load, projection
@@ -111,12 +111,12 @@ def identify_motions(
         raise BadInput("identify: no recording was given; expected one or more")
     base = base_parameters(robot, mounting)
     problem = _problem(motions, torques, robot, mounting, base, options)
-    held_out = None
+    held_out, start = None, first_fit(problem, options.least_squares)
     if options.friction == AUTO:
-        law, held_out = choose_law(problem, options.least_squares)
+        law, held_out = choose_law(problem, options.least_squares, start)
     else:
         law = friction_law(options.friction)
-    found = fit(problem, law, method=options.least_squares)
+    found = fit(problem, law, method=options.least_squares, start=start)
     physical, free = None, found.solution
     if options.method == "consistent":
         found, physical = _physical(found, base, robot)

@@ -6,6 +6,8 @@ The links from j outward act on joint j, and no others. So Y is upper block-tria
 """
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,10 +39,55 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
     samples of one joint. Raises BadInput where the shapes do not fit the robot.
     """
     J = robot.joints
+    Y = np.zeros((J, PER_JOINT * J, len(q)))  # (J, P, N)
+    blocks = [Y[: i + 1, PER_JOINT * i : PER_JOINT * i + INERTIAL] for i in range(J)]
+    _fill(blocks, [range(INERTIAL)] * J, robot, mounting, (q, qd, qdd))
+    joints = np.arange(J)
+    Y[joints, PER_JOINT * joints + ROTOR] = qdd.T
+    for i in range(J):
+        Y[i, PER_JOINT * i + COULOMB : PER_JOINT * i + ROTOR] = PAPER.columns(qd[:, i]).T
+    return Y.transpose(2, 0, 1)  # (N, J, P)
+
+
+class Felt(NamedTuple):
+    """Where the columns of each joint's row that are not zero lie among the columns asked for."""
+
+    places: tuple[Indices, ...]  # of each joint: those of the links outward of it, then its own fc, fv and Im
+    kinds: tuple[tuple[int, ...], ...]  # of each link: which of its ten inertial columns are asked for
+
+
+def felt_columns(columns: Sequence[int], joints: int) -> Felt:
+    """What each joint feels of these columns of Y (ascending; every joint's fc and fv among them)."""
+    link, kind = np.divmod(np.asarray(columns), PER_JOINT)
+    inertial = kind < INERTIAL
+    places = tuple(np.concatenate([np.flatnonzero(inertial & (link >= j)), np.flatnonzero(~inertial & (link == j))]) for j in range(joints))
+    return Felt(places, tuple(tuple(kind[inertial & (link == i)].tolist()) for i in range(joints)))
+
+
+def felt_regressor(robot: Robot, mounting: Mounting, felt: Felt, q: Array, qd: Array, qdd: Array, direction: Array) -> list[Array]:
+    """Of each joint the columns of Y that it feels, (N, K) in the order of `felt`; no other column is formed.
+
+    direction : (N, J) stands in the columns of fc. Memory runs along the samples. Raises BadInput as `regressor`.
+    """
+    J, ends = robot.joints, np.cumsum([0, *(len(kinds) for kinds in felt.kinds)])
+    W = int(ends[-1])
+    Y = np.empty((J, W + PER_JOINT - INERTIAL, len(q)))  # each joint's own columns follow those of the links: what it feels is one block
+    _fill([Y[: i + 1, ends[i] : ends[i + 1]] for i in range(J)], felt.kinds, robot, mounting, (q, qd, qdd))
+    Y[:, W], Y[:, W + 1], Y[:, W + 2] = direction.T, qd.T, qdd.T
+    return [Y[j, ends[j] : ends[j] + len(felt.places[j])].T for j in range(J)]
+
+
+def _fill(
+    blocks: Sequence[Array], kinds: Sequence[Sequence[int]], robot: Robot, mounting: Mounting, state: tuple[Array, Array, Array]
+) -> None:
+    """Fill each link's block (i + 1, K, N): the torque of these of its ten inertial parameters on each axis inward of it.
+
+    state : q, q̇, q̈ as for `regressor`. Raises BadInput where the shapes do not fit the robot.
+    """
+    J, (q, qd, qdd) = robot.joints, state
     if q.ndim != 2 or q.shape[1] != J or qd.shape != q.shape or qdd.shape != q.shape:
         raise BadInput(f"{robot.name}: q, q̇, q̈ are {q.shape}, {qd.shape}, {qdd.shape}; expected (samples, {J}) for each")
     N = len(q)
-    Y = np.zeros((J, PER_JOINT * J, N))  # (J, P, N)
     angle = q.T + robot.zero_rad[:, None]  # (J, N)
     cos, sin = np.cos(angle), np.sin(angle)  # (J, N)
     speed, acceleration = np.ascontiguousarray(qd.T), np.ascontiguousarray(qdd.T)  # (J, N)
@@ -50,7 +97,7 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
     link[:, 2] = -robot.gravity(mounting)[:, None]
     # axes of joints 1…J and their moment arms (axis × vector from the axis to the origin), in the present frame
     screw = np.zeros((3, 2, J, N))  # (xyz, [axis, arm], J, N)
-    scratch = np.empty((6, J, N))
+    scratch = np.empty((J, N))
     for i in range(J):
         v, w, dw, a = speed[i], link[:, 0], link[:, 1], link[:, 2]
         dw[0] += w[1] * v
@@ -70,12 +117,7 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
             if length != 0.0:
                 a += turning[:, k] * length
                 _add_cross(seen[:, 1], seen[:, 0], k, length)
-
-        block = Y[: i + 1, PER_JOINT * i : PER_JOINT * i + INERTIAL]  # (i + 1, 10, N)
-        _link_block(block, seen[:, 0], seen[:, 1], w, dw, a, turning, scratch[:, : i + 1])
-        Y[i, PER_JOINT * i + ROTOR] = acceleration[i]
-        Y[i, PER_JOINT * i + COULOMB : PER_JOINT * i + ROTOR] = PAPER.columns(speed[i]).T
-    return Y.transpose(2, 0, 1)  # (N, J, P)
+        _link_block(blocks[i], kinds[i], seen, link, turning, scratch[: i + 1])
 
 
 def _into_next(v: Array, c: Array, s: Array, ca: float, sa: float) -> None:
@@ -119,29 +161,32 @@ def _add_cross(total: Array, v: Array, k: int, length: float) -> None:
     total[column] -= v[row] * length
 
 
-def _link_block(block: Array, axis: Array, arm: Array, w: Array, dw: Array, a: Array, turning: Array, scratch: Array) -> None:
-    """Fill (i, 10, N): the torque of one link's ten inertial parameters on each axis inward of it.
+def _link_block(block: Array, kinds: Sequence[int], screw: Array, link: Array, turning: Array, scratch: Array) -> None:
+    """Fill (i, K, N): the torque of these of one link's ten inertial parameters on each axis inward of it.
 
     The link's force is f = m·a + (S(ω̇) + S(ω)²)·mc, and its moment n = mc × a + Jω̇ + ω × Jω at its DH origin. The torque on an axis is
-    z·n + (z × r)·f. axis, arm : (3, i, N); ω, ω̇, a : (3, N); turning : (3, 3, N); scratch : (6, i, N).
+    z·n + (z × r)·f. screw : (3, [axis, arm], i, N); link : (3, [ω, ω̇, a], N); turning : (3, 3, N); scratch : (i, N).
     """
-    force = np.concatenate([a[:, None], turning], axis=1)  # (3, 4, N) by m, mx, my, mz
-    _combined(arm, force, block[:, :4], scratch)
-    for k in range(3):  # z·(mc × a) = mc·(a × z)
-        row, column = (k + 1) % 3, (k + 2) % 3
-        block[:, 1 + k] += np.multiply(a[row], axis[column], out=scratch[0])
-        block[:, 1 + k] -= np.multiply(a[column], axis[row], out=scratch[0])
-    _combined(axis, _moment(w, dw), block[:, 4:], scratch)
+    axis, arm, a = screw[:, 0], screw[:, 1], link[:, 2]
+    moment = _moment(link[:, 0], link[:, 1]) if any(kind >= 4 for kind in kinds) else turning
+    for place, kind in enumerate(kinds):
+        into = block[:, place]  # (i, N)
+        if kind == 0:
+            _combined(arm, a, into, scratch)
+        elif kind < 4:
+            _combined(arm, turning[:, kind - 1], into, scratch)
+            row, column = kind % 3, (kind + 1) % 3  # z·(mc × a) = mc·(a × z)
+            into += np.multiply(a[row], axis[column], out=scratch)
+            into -= np.multiply(a[column], axis[row], out=scratch)
+        else:
+            _combined(axis, moment[:, kind - 4], into, scratch)
 
 
-def _combined(v: Array, matrix: Array, out: Array, scratch: Array) -> None:
-    """Fill out (i, K, N) with vᵀ·matrix, of v (3, i, N) and matrix (3, K, N)."""
-    K = matrix.shape[1]
-    for k in range(K):
-        into = out[:, k]
-        np.multiply(v[0], matrix[0, k], out=into)
-        into += np.multiply(v[1], matrix[1, k], out=scratch[0])
-        into += np.multiply(v[2], matrix[2, k], out=scratch[0])
+def _combined(v: Array, vector: Array, out: Array, scratch: Array) -> None:
+    """Fill out (i, N) with v·vector, of v (3, i, N) and vector (3, N)."""
+    np.multiply(v[0], vector[0], out=out)
+    out += np.multiply(v[1], vector[1], out=scratch)
+    out += np.multiply(v[2], vector[2], out=scratch)
 
 
 def _moment(w: Array, dw: Array) -> Array:

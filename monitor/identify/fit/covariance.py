@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit.equations import FitProblem, own_columns
+from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.fit import Fit, robust_inflation
 from monitor.identify.fit.jackknife import WINDOW_STEPS, Blocks
-from monitor.identify.fit.least_squares import Solution, factors, residuals_of, solve
+from monitor.identify.fit.least_squares import Beside, Solution, residuals_beside, solve
 from monitor.identify.fit.projection import mean_load
 from monitor.model.friction import PAPER, residual_law
 from monitor.recording import Array
@@ -60,25 +60,31 @@ def law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Seque
 
 
 def with_causes(problem: FitProblem, found: Fit) -> tuple[Solution, list[Array]]:
-    """The fit once more beside every repeatable cause that has a name: solution, base parameters first, and residuals (N, J) [N·m].
+    """The fit once more beside every repeatable cause that has a name: solution and residuals (N, J) [N·m].
+
+    The solution's unknowns are those of the law of the residual friction, then each joint's share of the other causes.
 
     The causes are the law of the residual friction, the warming during the recording, and a delay of a fraction of a sample between
     torque and motion. The error of a law returns at every replay at the same places, so it is no noise, although it fills the residual.
     The residual also does not show how far that error moves the parameters: least squares has fitted the parameters to a part of it.
     """
-    prior, law = problem.prior, residual_law()
-    rows = []
+    law, B = residual_law(), len(problem.prior)
+    x = found.solution.values
+    rows, causes = [], []
     for eq, before in zip(problem.equations, found.rows, strict=True):
-        values = found.solution.values[: len(prior)]
-        rec = eq.rows(law, values, problem.layout, before.robust_weight)
-        qd, middle = eq.motion.qd, eq.motion.t_s - np.mean(eq.motion.t_s)
-        delay = np.gradient(before.Y @ found.solution.values, axis=0)  # (N, J) change of the fit's torque a sample
-        warming = middle[:, None, None] * PAPER.columns(qd)  # (N, J, 2)
-        causes = np.concatenate([delay[:, :, None], eq.motion.rounded(warming)], axis=2)
-        rows.append(rec._replace(Y=np.concatenate([rec.Y, own_columns(causes)], axis=2)))
-    unknowns = rows[0].Y.shape[2]
-    solution = solve(factors(rows), found.weights, np.append(prior, np.zeros(unknowns - len(prior))))
-    return solution, residuals_of(rows, solution.values)
+        rows.append(eq.rows(PAPER, x[:B], problem.layout, before.robust_weight))
+        middle = eq.motion.t_s - np.mean(eq.motion.t_s)
+        delay = np.gradient(before.Y @ x, axis=0)  # (N, J) change of the fit's torque a sample
+        warming = middle[:, None, None] * PAPER.columns(eq.motion.qd)  # (N, J, 2)
+        extra = eq.extra_columns(law, x[:B], problem.layout)
+        causes.append(np.concatenate([extra, delay[:, :, None], eq.motion.rounded(warming)], axis=2))
+    joints = Beside(rows, found.joints).with_own(causes)
+    solution = solve(joints, found.weights, np.append(problem.prior, np.zeros(joints[0].R.shape[1] - 1 - B)))
+    residuals = residuals_beside(rows, causes, solution.values)
+    own = B + np.arange(len(solution.values) - B).reshape(len(joints), -1)  # (J, E) places of each joint's own columns
+    terms = len(law.extra_terms)
+    order = np.concatenate([np.arange(B), own[:, :terms].ravel(), own[:, terms:].ravel()])
+    return Solution(values=solution.values[order], directions=solution.directions[order], excited=solution.excited[order]), residuals
 
 
 def mapped(M: Array, covariance: Array) -> Array:

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.jackknife import block_steps
 from monitor.identify.fit.least_squares import Rows
 from monitor.identify.signals.motion import Motion
 from monitor.model.base import Base
 from monitor.model.friction import FrictionLaw
-from monitor.model.regressor import ROTOR, friction_columns, regressor
+from monitor.model.regressor import ROTOR, felt_columns, felt_regressor, friction_columns
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices, Mask
 
@@ -52,7 +53,7 @@ class Equations:
     """One recording's rows in the paper's base parameters, from which the rows of any law are made."""
 
     motion: Motion
-    Y: Array  # (N, J, B) base regressor; the column of fc passed the filter of the torque
+    Y: Felt  # (N, J, B) base regressor; the column of fc passed the filter of the torque
     torque_nm: Array  # (N, J)
     used: Mask  # (N, J) the rows that are fitted
     steps: Indices  # (N,) as in `Rows`
@@ -67,9 +68,9 @@ class Equations:
         Y, torque = self.Y, self.torque_nm
         if layout.frozen:
             torque = torque - Y @ np.where(layout.rigid, values, 0.0)
-            Y = np.where(layout.rigid, 0.0, Y)
+            Y = Y.only(~layout.rigid)
         if law.extra_terms:
-            Y = np.concatenate([Y, own_columns(self.extra_columns(law, values, layout))], axis=2)
+            Y = Y.with_own(self.extra_columns(law, values, layout))
         return Rows(Y, torque, self.used, self.steps, self.motion.segments, robust_weight)
 
     def extra_columns(self, law: FrictionLaw, values: Array, layout: Layout) -> Array:
@@ -103,9 +104,11 @@ def equations_of(
     The measured torque passed a filter that rounds the step of Coulomb friction, so the column of fc passes the same filter. With a sharp
     step in the column, fc would be too small by several of its standard deviations, and fv too large.
     """
-    Y = regressor(robot, mounting, moved.q, moved.qd, moved.qdd)  # (N, J, P)
-    joints = np.arange(robot.joints)
-    Y[:, joints, friction_columns(robot.joints)[0]] = moved.direction
-    Y = Y[:, :, list(base.columns)]  # (N, J, B)
+    felt = felt_columns(base.columns, robot.joints)
+
+    def make(at: slice | Indices) -> list[Array]:
+        return felt_regressor(robot, mounting, felt, moved.q[at], moved.qd[at], moved.qdd[at], moved.direction[at])
+
+    Y = Felt(moved.samples, base.count, felt.places, make)
     used = np.ones(torque_nm.shape, dtype=bool) if all_rows else moved.moving(moving_rad_s)
     return Equations(motion=moved, Y=Y, torque_nm=torque_nm, used=used, steps=block_steps(moved, block_s))

@@ -11,8 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.identify.fit.equations import FitProblem
+from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.jackknife import CORRELATED_S
-from monitor.identify.fit.least_squares import Factor, Projected, Rows, Solution, factors, residual_rms, residuals_of, solve
+from monitor.identify.fit.least_squares import (
+    Beside,
+    Factor,
+    Rows,
+    Solution,
+    factors,
+    residual_rms,
+    residuals_beside,
+    residuals_of,
+    solve,
+)
 from monitor.model.friction import PAPER, FrictionLaw
 from monitor.recording import Array
 
@@ -40,31 +51,38 @@ class Fit:
         return residuals_of(self.rows, self.solution.values)
 
 
-def fit(problem: FitProblem, law: FrictionLaw, *, method: str) -> Fit:
-    """Parameters of the law by `method`: ls, wls or robust. The fit of a richer law begins with the fit of the paper's."""
-    found = _weighted(problem, PAPER, problem.prior, method)
+def fit(problem: FitProblem, law: FrictionLaw, *, method: str, start: Fit | None = None) -> Fit:
+    """Parameters of the law by `method`: ls, wls or robust. The fit of a richer law begins with the fit of the paper's.
+
+    start : what `first_fit` found, for callers that fit several laws.
+    """
+    found = start = first_fit(problem, method) if start is None else start
     for _ in range(0 if law == PAPER else _load_rounds(problem, law)):
-        found = _weighted(problem, law, found.solution.values[: len(problem.prior)], method, found.weights)
+        found = _richer(problem, law, start, found, method)
     return _robust(problem, found) if method == "robust" else found
+
+
+def first_fit(problem: FitProblem, method: str) -> Fit:
+    """The fit of the paper's law, before rows lose weight as outliers."""
+    rows = [eq.rows(PAPER, problem.prior, problem.layout) for eq in problem.equations]
+    joints = factors(rows)
+    return _weighted(problem, PAPER, rows, joints, np.ones(len(joints)), method)
 
 
 def refit(problem: FitProblem, paper: Fit, law: FrictionLaw) -> tuple[Solution, list[Array]]:
     """What `fit` makes of a richer law, to a hundredth of the residual, from a fit of the paper's law: solution and residuals (N, J) [N·m].
 
-    Only each joint's own columns change from round to round, so the other columns are triangulated once. Rows keep the robust weights of
-    the given fit.
+    Rows keep the robust weights of the given fit.
     """
-    B, J = len(problem.prior), len(paper.weights)
-    own = [Projected(paper.rows, j) for j in range(J)]
+    B = len(problem.prior)
+    beside = Beside(paper.rows, paper.joints)
     values, weights = paper.solution.values[:B], paper.weights
     for _ in range(_load_rounds(problem, law)):
         columns = [eq.extra_columns(law, values, problem.layout) for eq in problem.equations]
-        joints = [each.with_own([part[:, j] for part in columns], J) for j, each in enumerate(own)]
+        joints = beside.with_own(columns)
         solution = _solved(problem, law, joints, weights)
         values, weights = solution.values[:B], _weights(joints, solution)  # scales and load settle together
-    extra = solution.values[B:].reshape(J, -1)  # (J, E)
-    left = [rec.torque_nm - rec.Y @ values - np.einsum("nje,je->nj", part, extra) for rec, part in zip(paper.rows, columns, strict=True)]
-    return solution, left
+    return solution, residuals_beside(paper.rows, columns, solution.values)
 
 
 def robust_inflation(found: Fit) -> float:
@@ -88,11 +106,17 @@ def _load_rounds(problem: FitProblem, law: FrictionLaw) -> int:
     return LOAD_ROUNDS if law.loaded and not problem.layout.frozen else 1
 
 
-def _weighted(problem: FitProblem, law: FrictionLaw, values: Array, method: str, weights: Array | None = None) -> Fit:
-    """One fit of the law with the load of base parameters `values` (B,), by `ls` or with the joints' weights found in turn."""
-    rows = [eq.rows(law, values, problem.layout) for eq in problem.equations]
-    joints = factors(rows)
-    weights = np.ones(len(joints)) if weights is None else weights
+def _richer(problem: FitProblem, law: FrictionLaw, paper: Fit, before: Fit, method: str) -> Fit:
+    """One fit of a law with more terms, with the load that the fit before predicts. paper : by `first_fit`."""
+    values = before.solution.values[: len(problem.prior)]
+    columns = [eq.extra_columns(law, values, problem.layout) for eq in problem.equations]
+    joints = Beside(paper.rows, paper.joints).with_own(columns)
+    rows = [rec._replace(Y=Felt.of(rec.Y).with_own(own)) for rec, own in zip(paper.rows, columns, strict=True)]
+    return _weighted(problem, law, rows, joints, before.weights, method)
+
+
+def _weighted(problem: FitProblem, law: FrictionLaw, rows: list[Rows], joints: list[Factor], weights: Array, method: str) -> Fit:
+    """The fit of these rows with the joints' weights, by `ls`, or with the weights found in turn."""
     solution = _solved(problem, law, joints, weights)
     if method != "ls":
         for _ in range(REWEIGHTINGS):

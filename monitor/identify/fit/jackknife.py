@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.errors import Unidentifiable
+from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.least_squares import Rows, Solution, residuals_of
 from monitor.identify.signals.motion import Motion
 from monitor.recording import Array, Indices
@@ -18,6 +19,7 @@ CORRELATED_S = 0.5  # time over which residuals of real arms are correlated: 0.4
 WINDOW_STEPS = 6  # steps in a block: with six staggered partitions instead of one the covariance is smoother, and regular
 LONG_STEPS = 36  # of the longer blocks, 4.8 s: what stays alike for seconds, as friction that depends on place or run-in, counts once
 FEWEST_LONG = 8  # of the longer blocks
+BATCH = 256  # blocks that are left out together: a bound on memory
 HIGHEST_LEVERAGE = 1.0 - 1e-3  # of a block: the influence of a block that the rest cannot replace is limited to a thousandfold
 
 
@@ -56,13 +58,19 @@ class Blocks:
         """The S covariances with blocks of `width` steps. Raises Unidentifiable where too few such blocks are unbroken."""
         T, runs = self._T, self._runs
         windows = _windows(runs, width)
-        before = [np.concatenate([np.zeros_like(part[:1]), np.cumsum(part, axis=0)]) for part in (self._grams, self._scores)]
-        G, g = (total[windows + width] - total[windows] for total in before)  # (W, r, r), (W, r, S)
-        # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
-        moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g)  # (W, r, S)
+        total = np.zeros((self._scores.shape[2], len(T), len(T)))
+        for first in range(0, len(windows), BATCH):
+            here = windows[first : first + BATCH]
+            near = slice(here[0], here[-1] + width)
+            before = [np.concatenate([np.zeros_like(part[:1]), np.cumsum(part[near], axis=0)]) for part in (self._grams, self._scores)]
+            G, g = (sums[here - here[0] + width] - sums[here - here[0]] for sums in before)  # (W, r, r), (W, r, S)
+            # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
+            moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g)  # (W, r, S)
+            for k in range(len(total)):
+                delta = moved[:, :, k] @ T.T
+                total[k] += delta.T @ delta
         blocks = len(runs) / width
-        factor = blocks / len(windows) * (blocks - 1.0) / blocks
-        return [factor * (delta.T @ delta) for delta in (moved[:, :, k] @ T.T for k in range(moved.shape[2]))]
+        return list(blocks / len(windows) * (blocks - 1.0) / blocks * total)
 
     def longer_covariances(self) -> list[Array]:
         """The S covariances with blocks as long as the recordings allow, up to `LONG_STEPS`; with blocks of the usual length at least."""
@@ -77,16 +85,34 @@ def _steps(
     """Gram (K, r, r) and score (K, r, S) of each step, and the recording and unbroken stretch that it lies in."""
     grams, scores, runs = [], [], []
     for number, rec in enumerate(recordings):
-        scaled = rec.root_weight * weights  # (N, J)
-        A = rec.Y * scaled[:, :, None]  # (N, J, B)
-        e = np.stack([estimate[number] * scaled for estimate in residuals], axis=-1)  # (N, J, S)
         starts = np.flatnonzero(np.diff(rec.steps, prepend=-1))
-        for first, last in zip(starts, [*starts[1:], len(e)], strict=True):
-            Z = A[first:last].reshape(-1, A.shape[2]) @ T  # (n·J, r)
-            grams.append(Z.T @ Z)
-            scores.append(Z.T @ e[first:last].reshape(-1, len(residuals)))  # (r, S)
-            runs.append((number, int(rec.segments[first])))
-    return np.array(grams), np.array(scores), runs
+        gram, score = _steps_of(rec, weights, T, np.stack([estimate[number] for estimate in residuals], axis=-1), starts)
+        grams.append(gram)
+        scores.append(score)
+        runs += [(number, int(rec.segments[first])) for first in starts]
+    return np.concatenate(grams), np.concatenate(scores), runs
+
+
+def _steps_of(rec: Rows, weights: Array, T: Array, residuals: Array, starts: Indices) -> tuple[Array, Array]:
+    """ZᵀZ (steps, r, r) and Zᵀe (steps, r, S) of each step's rows, Z = Y·T and e weighted. residuals : (N, J, S) [N·m].
+
+    starts : first sample of each step.
+    """
+    scaled, ends = rec.root_weight * weights, np.append(starts[1:], len(rec.used))  # (N, J), (steps,)
+    Y, r, S = Felt.of(rec.Y), T.shape[1], residuals.shape[2]
+    J = len(Y.places)
+    gram, score = np.zeros((len(starts), r, r)), np.zeros((len(starts), r, S))
+    for piece, columns in Y.pieces():
+        Z = np.empty((piece.stop - piece.start, J, r))
+        for j, block in enumerate(columns):
+            np.multiply(block @ T[Y.places[j]], scaled[piece, j, None], out=Z[:, j])
+        e = residuals[piece] * scaled[piece, :, None]
+        for k in np.flatnonzero((starts < piece.stop) & (ends > piece.start)):
+            within = slice(max(0, starts[k] - piece.start), ends[k] - piece.start)
+            rows = Z[within].reshape(-1, r)
+            gram[k] += rows.T @ rows
+            score[k] += rows.T @ e[within].reshape(-1, S)
+    return gram, score
 
 
 def _run_numbers(runs: Sequence[tuple[int, int]]) -> Indices:

@@ -1,18 +1,23 @@
 """Weighted least squares by joint, from triangular factors.
 
 Each joint's rows are reduced to a triangular factor once. Another weight for a joint then costs nothing, so weighted least squares costs
-what plain least squares does. A dense weight matrix would cost minutes: Raviola et al. (2021), §4.
+what plain least squares does. A dense weight matrix would cost minutes: Raviola et al. (2021), §4. Rows come in pieces and leave nothing
+but the factor, so a long recording needs no more memory than a short one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import lapack
 
+from monitor.identify.fit.felt import Felt
 from monitor.recording import Array, Indices, Mask
 
 EXCITED = 1e-6  # of the largest singular value, columns scaled alike: a smaller one is rounding or encoder noise
+DISTINCT = 1e-5  # bound of the same ratio above which columns added to a factor keep eleven digits
+QR_BLOCK = 32  # columns that LAPACK's QR takes together
 
 
 FELT = 1e-9  # of the largest column's norm: a smaller column is rounding, as of joints that never move together
@@ -21,7 +26,7 @@ FELT = 1e-9  # of the largest column's norm: a smaller column is rounding, as of
 class Rows(NamedTuple):
     """The equations torque = Y·x of one recording."""
 
-    Y: Array  # (N, J, B) regressor of the unknowns
+    Y: Array | Felt  # (N, J, B) regressor of the unknowns
     torque_nm: Array  # (N, J)
     used: Mask  # (N, J) the rows that are fitted
     steps: Indices  # (N,) number of the step (a sixth of a jackknife block) that each sample lies in, from 0
@@ -52,57 +57,104 @@ class Solution:
 
 def factors(recordings: Sequence[Rows]) -> list[Factor]:
     """One factor of each joint, over all recordings."""
-    result = []
-    for j in range(recordings[0].Y.shape[1]):
-        rows = []
-        for rec in recordings:
-            on = rec.used[:, j]
-            weight = 1.0 if rec.robust_weight is None else np.sqrt(rec.robust_weight[on, j, None])
-            rows.append(weight * np.column_stack([rec.Y[on, j], rec.torque_nm[on, j]]))
-        stacked = np.concatenate(rows)  # (n, B + 1)
-        result.append(Factor(triangle(stacked), len(stacked)))
-    return result
+    J, X = recordings[0].Y.shape[1:]
+    triangles, samples = [np.zeros((0, X + 1))] * J, np.zeros(J, dtype=int)
+    for rec in recordings:
+        Y, root = Felt.of(rec.Y), rec.root_weight
+        for piece, blocks in Y.pieces():
+            for j, block in enumerate(blocks):
+                rows = np.empty((len(block), block.shape[1] + 1), order="F")
+                np.multiply(block, root[piece, j, None], out=rows[:, :-1])
+                np.multiply(rec.torque_nm[piece, j], root[piece, j], out=rows[:, -1])
+                new = _scattered(_reduced(rows), np.append(Y.places[j], X), X + 1)
+                triangles[j] = triangle(np.concatenate([triangles[j], new])) if len(triangles[j]) else new
+        samples += np.sum(rec.used, axis=0)
+    return [Factor(R, int(count)) for R, count in zip(triangles, samples, strict=True)]
 
 
-class Projected:
-    """One joint's rows, triangulated once. Columns of the joint's own can then be added to the factor at little cost, many times."""
+class Beside:
+    """Rows whose factors are known. Columns of each joint's own are added to the factors at little cost, many times."""
 
-    def __init__(self, recordings: Sequence[Rows], j: int) -> None:
-        on = [rec.used[:, j] for rec in recordings]
-        self._on = on
-        self._root = [
-            1.0 if rec.robust_weight is None else np.sqrt(rec.robust_weight[used, j, None])
-            for rec, used in zip(recordings, on, strict=True)
-        ]
-        Y = self._stacked([rec.Y[:, j] for rec in recordings])
-        self._B, self._j, self.samples = Y.shape[1], j, len(Y)
-        self._felt = np.flatnonzero(np.any(Y != 0.0, axis=0))
-        self._Q, self._R = np.linalg.qr(Y[:, self._felt])
-        self._torque = self._stacked([rec.torque_nm[:, j, None] for rec in recordings])
+    def __init__(self, recordings: Sequence[Rows], joints: Sequence[Factor]) -> None:
+        """The rows, and as `joints` their `factors` or those of these rows with more columns after Y's."""
+        self._recordings, self._joints = recordings, joints
+        self._Y = [Felt.of(rec.Y) for rec in recordings]
+        self._B = self._Y[0].unknowns
+        self._R: list[Array] = []  # of each joint, columns in the order in which it feels them
+        self._whitening: list[Array] = []  # Y·whitening is orthonormal
+        self._distinct = len({tuple(map(bytes, Y.places)) for Y in self._Y}) == 1
+        for own, factor in zip(self._Y[0].places, joints, strict=True):
+            R = _reduced(np.asfortranarray(factor.R[:, own]))
+            whitening = _whitening(R, DISTINCT)
+            self._distinct &= whitening is not None
+            self._R.append(R)
+            self._whitening.append(np.zeros_like(R) if whitening is None else whitening)
 
-    def with_own(self, columns: Sequence[Array], joints: int) -> Factor:
-        """The factor with (N, E) more columns of each recording, in the unknowns [Y's; joint 1's own; joint 2's own; …]."""
-        more = np.concatenate([self._stacked(columns), self._torque], axis=1)  # (n, E + 1)
-        along = self._Q.T @ more
-        rest = np.linalg.qr(more - self._Q @ along, mode="r")
-        E = more.shape[1] - 1
-        places = np.append(self._B + self._j * E + np.arange(E), self._B + joints * E)
-        R = np.zeros((len(along) + len(rest), self._B + joints * E + 1))
-        R[: len(along), self._felt] = self._R
-        R[: len(along), places], R[len(along) :, places] = along, rest
-        return Factor(R, self.samples)
+    def with_own(self, columns: Sequence[Array]) -> list[Factor]:
+        """The factors with (N, J, E) more columns of each recording, in the unknowns [Y's; joint 1's own; joint 2's own; …]."""
+        if not self._distinct:
+            pairs = zip(self._recordings, self._Y, columns, strict=True)
+            return factors([rec._replace(Y=Y.with_own(own)) for rec, Y, own in pairs])
+        J, E = columns[0].shape[1:]
+        along = [np.zeros((len(R), E + 1)) for R in self._R]  # the part of the new columns and of the torque along Y
+        for j, block, more in self._parts(columns):
+            along[j] += self._whitening[j].T @ (block.T @ more)
+        shares = [whitening @ part for whitening, part in zip(self._whitening, along, strict=True)]
+        rests = [np.zeros((0, E + 1))] * J
+        for j, block, more in self._parts(columns):
+            rests[j] = _reduced(np.asfortranarray(np.concatenate([rests[j], more - block @ shares[j]])))
+        result = []
+        for j, (R, part, rest) in enumerate(zip(self._R, along, rests, strict=True)):
+            places = np.append(self._B + j * E + np.arange(E), self._B + J * E)
+            whole = np.zeros((len(R) + len(rest), self._B + J * E + 1))
+            whole[: len(R), self._Y[0].places[j]] = R
+            whole[: len(R), places], whole[len(R) :, places] = part, rest
+            result.append(Factor(whole, self._joints[j].samples))
+        return result
 
-    def _stacked(self, parts: Sequence[Array]) -> Array:
-        return np.concatenate([root * part[used] for root, part, used in zip(self._root, parts, self._on, strict=True)])
+    def _parts(self, columns: Sequence[Array]) -> Iterator[tuple[int, Array, Array]]:
+        """Piece by piece: a joint, its weighted columns of Y, and its own columns and torque beside them, weighted alike."""
+        for rec, Y, own in zip(self._recordings, self._Y, columns, strict=True):
+            root = rec.root_weight
+            for piece, blocks in Y.pieces():
+                for j, block in enumerate(blocks):
+                    weight = root[piece, j, None]
+                    yield j, block * weight, weight * np.column_stack([own[piece, j], rec.torque_nm[piece, j]])
 
 
 def triangle(A: Array) -> Array:
     """R (r, B) with RᵀR = AᵀA, of A (n, B); r is the number of columns that are not all zero, or n if that is less."""
     felt = np.flatnonzero(np.any(A != 0.0, axis=0))  # a joint feels only the links outward of it, and its own friction
-    part = np.linalg.qr(A[:, felt], mode="r")
-    R = np.zeros((len(part), A.shape[1]))
-    R[:, felt] = part
-    return R
+    return _scattered(_reduced(np.asfortranarray(A[:, felt])), felt, A.shape[1])
+
+
+def _reduced(A: Array) -> Array:
+    """R (min(n, K), K) of A (n, K), whose memory runs along the rows and is overwritten."""
+    K = A.shape[1]
+    if min(A.shape) == 0:
+        return np.zeros((0, K))
+    R, _, _, _ = lapack.dgeqrf(A, lwork=QR_BLOCK * K, overwrite_a=1)
+    return np.asarray(np.triu(R[:K]), dtype=float)
+
+
+def _scattered(R: Array, places: Indices, columns: int) -> Array:
+    """R with its columns at these places among so many."""
+    whole = np.zeros((len(R), columns))
+    whole[:, places] = R
+    return whole
+
+
+def _whitening(R: Array, least: float) -> Array | None:
+    """R⁻¹ of a triangle (B, B) whose smallest singular value, columns scaled alike, is surely above `least` of the largest; else None."""
+    norms = np.linalg.norm(R, axis=0)
+    if R.shape[0] != R.shape[1] or not np.all(norms > 0.0):
+        return None
+    inverse, singular = lapack.dtrtri(R / norms)
+    # Frobenius norms bound the singular values: ‖R‖ = √B of unit columns
+    if singular or not np.linalg.norm(inverse) * np.sqrt(len(R)) < 1.0 / least:
+        return None
+    whitening: Array = inverse / norms[:, None]
+    return whitening
 
 
 def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array | None = None) -> Solution:
@@ -113,9 +165,13 @@ def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array
     stacked = np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])
     if penalty is not None:
         stacked = np.concatenate([stacked, np.column_stack([np.diag(penalty), penalty * prior])[penalty > 0.0]])
-    A, b = stacked[:, :-1], stacked[:, -1]
-    norms = np.linalg.norm(A, axis=0)
+    R = triangle(stacked) if len(stacked) > stacked.shape[1] else stacked
+    A, b = R[:, :-1], R[:, -1]
+    norms, B = np.linalg.norm(A, axis=0), A.shape[1]
     norms = np.where(norms > FELT * np.max(norms, initial=0.0), norms, 0.0)
+    whitening = _whitening(A[:B], EXCITED) if len(R) == B + 1 and np.all(norms > 0.0) else None
+    if whitening is not None:  # the usual case: everything is excited
+        return Solution(values=whitening @ b[:B], directions=whitening, excited=np.ones(B, dtype=bool))
     A = np.where(norms > 0.0, A, 0.0)
     scale = np.where(norms > 0.0, norms, 1.0)  # kg, kg·m and N·m made comparable
     U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
@@ -160,3 +216,10 @@ def best_condition(joints: Sequence[Factor], combination: Array, rows: Indices) 
 def residuals_of(recordings: Sequence[Rows], values: Array) -> list[Array]:
     """(N, J) of each recording [N·m]: measured torque less the torque of the parameters (B,)."""
     return [rec.torque_nm - rec.Y @ values for rec in recordings]
+
+
+def residuals_beside(recordings: Sequence[Rows], columns: Sequence[Array], values: Array) -> list[Array]:
+    """`residuals_of` with (N, J, E) more columns of each recording, in the unknowns of `Beside.with_own`."""
+    B, J = recordings[0].Y.shape[2], recordings[0].Y.shape[1]
+    own = values[B:].reshape(J, -1)  # (J, E)
+    return [rec.torque_nm - rec.Y @ values[:B] - np.einsum("nje,je->nj", part, own) for rec, part in zip(recordings, columns, strict=True)]

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.identify.fit.equations import FitProblem
-from monitor.identify.fit.fit import fit
-from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
+from monitor.identify.fit.felt import Felt
+from monitor.identify.fit.fit import Fit, first_fit, fit
+from monitor.identify.fit.least_squares import Factor, Rows, factors, solve, triangle
 from monitor.model.friction import PAPER, FrictionLaw, automatic_laws, law_of_every_term
 from monitor.recording import Array
 
@@ -21,23 +22,24 @@ class Choice(NamedTuple):
     held_out: Mapping[str, float]
 
 
-def choose_law(problem: FitProblem, method: str) -> Choice:
+def choose_law(problem: FitProblem, method: str, start: Fit | None = None) -> Choice:
     """Cross-validation over stretches of time within the recordings.
 
     Every law is fitted to the other stretches and tested on this one. A richer law replaces a simpler one only where its error is smaller
-    by more than the standard error of the difference over the stretches.
+    by more than the standard error of the difference over the stretches. start : as for `fit`.
     """
     prior, richest, laws = problem.prior, law_of_every_term(), automatic_laws()
-    rows = fit(problem, richest, method=method).rows
-    weights = fit(problem, PAPER, method=method).weights  # (J,) one scale, so that all laws are compared alike
-    folds = [factors([_stretch(rec, k) for rec in rows]) for k in range(FOLDS)]
+    start = first_fit(problem, method) if start is None else start
+    rows = fit(problem, richest, method=method, start=start).rows
+    weights = fit(problem, PAPER, method=method, start=start).weights  # (J,) one scale, so that all laws are compared alike
+    folds = [_fold([_stretch(rec, k) for rec in rows], weights) for k in range(FOLDS)]
     places = problem.layout.of_law(richest)  # (J, K)
     errors = {}
     for law in laws:
         own = places[:, [richest.terms.index(term) for term in law.extra_terms]].ravel()
         columns = np.concatenate([np.arange(len(prior)), own, [-1]]).astype(np.intp)
         expected = np.append(prior, np.zeros(len(own)))
-        errors[law.name] = _left_out([[Factor(f.R[:, columns], f.samples) for f in fold] for fold in folds], weights, expected)
+        errors[law.name] = _left_out([Factor(triangle(fold.R[:, columns]), fold.samples) for fold in folds], expected)
     best = PAPER
     for law in laws[1:]:
         gain = errors[best.name] - errors[law.name]  # (F,) mean squares
@@ -48,20 +50,31 @@ def choose_law(problem: FitProblem, method: str) -> Choice:
 
 def _stretch(rec: Rows, k: int) -> Rows:
     """The k-th of FOLDS parts of a recording."""
-    on = np.arange(len(rec.steps)) * FOLDS // len(rec.steps) == k
+    N = len(rec.steps)
+    first, last = -(-k * N // FOLDS), -(-(k + 1) * N // FOLDS)
+    on = slice(first, last)
     robust_weight = None if rec.robust_weight is None else rec.robust_weight[on]
-    return Rows(rec.Y[on], rec.torque_nm[on], rec.used[on], rec.steps[on], rec.segments[on], robust_weight)
+    return Rows(Felt.of(rec.Y).part(first, last), rec.torque_nm[on], rec.used[on], rec.steps[on], rec.segments[on], robust_weight)
 
 
-def _left_out(folds: Sequence[Sequence[Factor]], weights: Array, expected: Array) -> Array:
-    """(F,) mean square residual of each stretch, in units of the weights, after the fit to all other stretches."""
-    errors = []
-    for k, fold in enumerate(folds):
-        others = [other for i, other in enumerate(folds) if i != k]
-        joints = [
-            Factor(np.concatenate([other[j].R for other in others]), sum(other[j].samples for other in others)) for j in range(len(weights))
-        ]
-        left = residual_rms(fold, solve(joints, weights, expected).values)  # (J,)
-        samples = np.array([factor.samples for factor in fold])
-        errors.append(float(np.sum(samples * (weights * left) ** 2) / max(np.sum(samples), 1)))
-    return np.array(errors)
+def _fold(rows: Sequence[Rows], weights: Array) -> Factor:
+    """One factor of all joints' rows, weighted."""
+    joints = factors(rows)
+    return Factor(
+        triangle(np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])),
+        sum(factor.samples for factor in joints),
+    )
+
+
+def _left_out(folds: Sequence[Factor], expected: Array) -> Array:
+    """(F,) mean square residual of each stretch after the fit to all other stretches; rows are weighted."""
+    before = [folds[0].R[:0]]  # factor of all stretches before this one
+    for fold in folds[:-1]:
+        before.append(triangle(np.concatenate([before[-1], fold.R])))
+    after, errors = folds[0].R[:0], []
+    for fold, earlier in zip(reversed(folds), reversed(before), strict=True):
+        others = [Factor(np.concatenate([earlier, after]), 1)]
+        left = fold.R @ np.append(solve(others, np.ones(1), expected).values, -1.0)
+        errors.append(float(left @ left) / max(fold.samples, 1))
+        after = triangle(np.concatenate([fold.R, after]))
+    return np.array(errors[::-1])

@@ -1,0 +1,68 @@
+"""The regressor as joints feel it, whole and in pieces, and columns added to factors that are known."""
+
+import numpy as np
+import pytest
+
+from monitor.identify.fit import felt
+from monitor.identify.fit.felt import Felt
+from monitor.identify.fit.jackknife import jackknife_covariance
+from monitor.identify.fit.least_squares import Beside, Rows, factors, residual_rms, solve
+from monitor.model.base import base_parameters
+from monitor.model.regressor import felt_columns, felt_regressor, friction_columns, regressor
+from monitor.model.robot import Mounting, load_robot
+
+
+@pytest.mark.parametrize("model", ["ur5", "ur10e"])
+@pytest.mark.parametrize("mounting", [Mounting(), Mounting(roll_rad=0.4, pitch_rad=0.2)])
+def test_what_joints_feel_is_the_regressor_to_the_last_bit(model, mounting):
+    robot = load_robot(model)
+    columns = base_parameters(robot, mounting).columns
+    q, qd, qdd, direction = np.random.default_rng(0).uniform(-2.0, 2.0, (4, 50, 6))
+    whole = regressor(robot, mounting, q, qd, qdd)
+    whole[:, np.arange(6), friction_columns(6)[0]] = direction
+    where = felt_columns(columns, 6)
+    blocks = felt_regressor(robot, mounting, where, q, qd, qdd, direction)
+    rebuilt = np.zeros((50, 6, len(columns)))
+    for j, block in enumerate(blocks):
+        rebuilt[:, j, where.places[j]] = block
+    np.testing.assert_array_equal(rebuilt, whole[:, :, list(columns)])
+
+
+def equations(seed, samples=900):
+    """Rows with noise, of which a joint does not feel all columns."""
+    rng = np.random.default_rng(seed)
+    Y = rng.normal(size=(samples, 3, 7))
+    Y[:, 1, :2], Y[:, 2, :4] = 0.0, 0.0
+    torque = Y @ np.arange(7.0) + rng.normal(size=(samples, 3))
+    return Rows(Y, torque, rng.random((samples, 3)) < 0.8, np.arange(samples) // 10, np.zeros(samples, dtype=int))
+
+
+def test_pieces_give_what_the_whole_gives(monkeypatch):
+    """Factors, residuals and the jackknife of rows in pieces that cut steps agree with the whole to rounding."""
+    rows, weights = equations(1), np.array([1.0, 3.0, 0.3])
+    whole = solve(factors([rows]), weights, np.zeros(7))
+    covariance = jackknife_covariance([rows], weights, whole)
+    monkeypatch.setattr(felt, "PIECE", 123)
+    pieces = rows._replace(Y=Felt.of(rows.Y))
+    assert len(list(pieces.Y.pieces())) == 8
+    found = solve(factors([pieces]), weights, np.zeros(7))
+    np.testing.assert_allclose(found.values, whole.values, rtol=1e-12)
+    np.testing.assert_allclose(pieces.Y @ found.values, rows.Y @ whole.values, rtol=1e-11)
+    np.testing.assert_allclose(jackknife_covariance([pieces], weights, found), covariance, rtol=1e-10, atol=1e-14)
+    np.testing.assert_array_equal(pieces.Y[::7], rows.Y[::7])
+    np.testing.assert_array_equal(pieces.Y[np.array([3, 500]), 1], rows.Y[[3, 500], 1])
+
+
+@pytest.mark.parametrize("alike", [1.0, 1e-8])
+def test_columns_added_to_known_factors_give_the_factors_of_all_columns(alike):
+    """Where columns of Y are nearly alike too, which takes the rows themselves."""
+    recordings = [equations(2), equations(3)]
+    for rows in recordings:
+        rows.Y[:, 0, 1] = rows.Y[:, 0, 0] + alike * rows.Y[:, 0, 1]
+    own = [np.random.default_rng(4 + k).normal(size=(900, 3, 2)) for k in range(2)]
+    added = Beside(recordings, factors(recordings)).with_own(own)
+    direct = factors([rows._replace(Y=Felt.of(rows.Y).with_own(columns)) for rows, columns in zip(recordings, own, strict=True)])
+    for one, other in zip(added, direct, strict=True):
+        np.testing.assert_allclose(one.R.T @ one.R, other.R.T @ other.R, rtol=1e-9, atol=1e-9)
+    found = solve(added, np.ones(3), np.zeros(13))
+    np.testing.assert_allclose(residual_rms(added, found.values), residual_rms(direct, found.values), rtol=1e-9)
