@@ -19,8 +19,9 @@ from monitor.identify.fit.selection import choose_law
 from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
 from monitor.identify.mounting import mounting_check
 from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
-from monitor.identify.signals.motion import Motion, motion
+from monitor.identify.signals.motion import Motion
 from monitor.identify.signals.temperature import mean_temperature, warming
+from monitor.identify.signals.together import motions_of
 from monitor.identify.signals.torque import joint_torque
 from monitor.identify.validate import errors_of, residual_peak
 from monitor.identify.warnings import DataWarning
@@ -78,7 +79,7 @@ def identify(
     refuse_twice(recordings)
     if method == "robust":
         settings = replace(settings, signals=replace(settings.signals, despike=True))
-    motions = [motion(recording, settings.signals) for recording in recordings]
+    motions = motions_of(recordings, settings.signals)
     torques = [joint_torque(moved, robot, gains) for moved in motions]
     warnings = list(remarks_on.of_recordings(recordings))
     for moved, recording in zip(motions, recordings, strict=True):

@@ -110,7 +110,21 @@ def named_recordings(paths: Sequence[Path], columns: str | None) -> list[Recordi
 
 
 def identify_files(request: Request) -> Outcome:
-    """Everything that the command `identify` prints. Raises BadInput, and Unidentifiable where the motion leaves parameters open."""
+    """Everything that the command `identify` prints.
+
+    Raises BadInput, also where the recordings do not fit into the memory, and Unidentifiable where the motion leaves parameters open.
+    """
+    try:
+        return _identified(request)
+    except MemoryError:
+        raise BadInput(
+            f"{', '.join(path.name for path in request.files)}: too long for the memory of this computer; expected recordings of minutes: "
+            "give a part of the rows, or every second one"
+        ) from None
+
+
+def _identified(request: Request) -> Outcome:
+    """`identify_files`, as far as the memory reaches."""
     robot, mounting = request.robot, request.mounting
     recordings, held_out, loaded = (named_recordings(paths, request.columns) for paths in (request.files, request.held_out, request.loaded))
     gains, estimated = request.gains, None
