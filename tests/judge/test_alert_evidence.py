@@ -124,3 +124,11 @@ def test_a_replay_without_temperature_ends_no_condition_of_the_temperature():
     held, _ = judged([belief_on(3, **unknown)], health)
     assert {alert.condition for alert in held.active_alerts} == {"outside_range"}
     assert not [alert for alert in judged([belief_on(4)], held)[0].active_alerts if alert.condition == "outside_range"]
+
+
+def test_an_arm_with_a_notice_does_not_say_that_all_is_as_at_the_beginning():
+    """A rise of 3 % needs no action, but the arm's sentence names the joint."""
+    health, _ = judged([belief_on(day, {3: 0.03}) for day in range(4)])
+    [alert] = health.active_alerts
+    assert (alert.tier, health.state) == ("advisory", "NORMAL")
+    assert health.why.startswith("no action is needed; Elbow (joint 3): friction +3.0%")

@@ -66,7 +66,11 @@ def arm_of(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], others: S
     reasons = [*others, *((joint.state, f"{joint_text(joint.joint)}: {joint.why}") for joint in joints)]
     reasons += [(_state_of(alert), f"{alert.condition}: {alert.text}") for alert in alerts if alert.active and alert.joint is None]
     state, why = max(reasons, key=_precedence)
-    return (state, why) if state != NORMAL else (NORMAL, "all joints are as they were at the beginning")
+    if state != NORMAL:
+        return state, why
+    noticed = {alert.joint for alert in alerts if alert.active}
+    notices = [f"{joint_text(joint.joint)}: {joint.why}" for joint in joints if joint.joint in noticed]
+    return NORMAL, f"no action is needed; {notices[0]}" if notices else "all joints are as they were at the beginning"
 
 
 def _of_replay(situation: JointSituation) -> list[Reason]:

@@ -7,6 +7,7 @@ from `CONDITIONS`.
 N_ = str  # marks a text for the catalogue
 VERDICTS = (
     N_("all joints are as they were at the beginning"),
+    N_("no action is needed; {text}"),
     N_("nothing is known yet"),
     N_("not known yet"),
     N_("friction {change} ± {std} since the beginning"),
