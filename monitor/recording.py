@@ -17,6 +17,7 @@ Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
 DAY_S = 86_400.0  # seconds in a day of UTC
+FOREIGN_MOTION = "motion-"  # `Context.trajectory_digest` of a recording that names no trajectory begins so: a fingerprint of its motion
 
 # RTDE's names of the columns with one value for each joint, and the field of `Recording` that each becomes
 JOINT_COLUMNS = {

@@ -21,7 +21,7 @@ from monitor.judge.drift.work import MAINTENANCE, REPLACED, SERIALS, Work, count
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.judge.works import begin_works, with_outcomes
 from monitor.model.joint_names import joint_text
-from monitor.recording import DAY_S, Context
+from monitor.recording import DAY_S, FOREIGN_MOTION, Context
 
 WARMING_FAST_K_PER_MIN = 0.5  # as a cold UR5 does in the first quarter of an hour of work
 INCONSISTENT = 2.5  # mean of 20 normalised innovations squared, χ²(1) each: about 5 σ
@@ -152,7 +152,14 @@ def _enter_context(belief: Belief, context: Context, at_unix_s: float) -> _Chang
     if not differences(belief.context, context):
         return _Change(belief, changed, False, works)
     contexts, opened = enter(belief.contexts, context, at_unix_s)
-    return _Change(replace(belief, contexts=contexts, mass_estimate=None), changed, opened, works)
+    weights = belief.mass_estimate if _another_motion_only(belief.context, context) else None
+    return _Change(replace(belief, contexts=contexts, mass_estimate=weights), changed, opened, works)
+
+
+def _another_motion_only(before: Context, after: Context) -> bool:
+    """Whether files from elsewhere differ in nothing but the motion: what the arm weighs does not depend on it."""
+    named = after.trajectory_digest or ""
+    return named.startswith(FOREIGN_MOTION) and not differences(replace(before, trajectory_digest=named), after)
 
 
 def _declared_works(belief: Belief, after: Context, at_unix_s: float) -> tuple[Work, ...]:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from monitor.assess import AssessSettings, Rejected, assess
 from monitor.errors import BadInput
+from monitor.identify.signals.same_motion import with_motions
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.assessment import Assessment
@@ -126,6 +127,8 @@ def when(text: str, where: str) -> float:
 def assess_series(series: Series) -> dict[str, Any]:
     """All assessments as one document, the recordings taken in the order of their times.
 
+    Recordings that name no trajectory are compared where their motion is the same.
+
     Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
     """
     last: Assessment | None = None
@@ -133,7 +136,9 @@ def assess_series(series: Series) -> dict[str, Any]:
     files: list[dict[str, Any]] = []
     alerts: dict[tuple[int | None, str], dict[str, Any]] = {}
     warnings: list[dict[str, Any]] = []
-    for recording, mounting in dated(series):
+    given = dated(series)
+    mountings = [mounting for _, mounting in given]
+    for recording, mounting in zip(with_motions([recording for recording, _ in given]), mountings, strict=True):
         outcome = assess(
             recording,
             robot=series.robot,

@@ -90,8 +90,8 @@ def test_ten_minutes_at_500_hz_take_less_than_a_gigabyte():
 
 
 def test_a_long_recording_takes_no_table_of_all_its_rows():
-    """40 000 rows of 54 columns on six joints would be 104 MB, and several of them were held at once."""
-    assert grown_mb(40_000) < 160.0
+    """40 000 rows of 54 columns on six joints would be 104 MB, and five of them were held at once: 520 MB."""
+    assert grown_mb(40_000) < 300.0
 
 
 def test_a_recording_that_does_not_fit_into_the_memory_is_bad_input(tmp_path, monkeypatch):

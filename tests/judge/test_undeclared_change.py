@@ -105,4 +105,4 @@ def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, 
     seen = "payload_contradiction" in {warning["code"] for warning in document["warnings"]}
     assert seen == (payload == "undeclared")
     assert document["health"]["arm"] == ("CHECK_FUNCTION" if seen else "NORMAL")
-    assert len(document["contexts"]) == (1 if seen else 2)
+    assert len(document["contexts"]) == (3 if seen else 4)  # three motions, and the last of them with a declared load
