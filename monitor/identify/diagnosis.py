@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor.identify.fit.equations import FitProblem, own_columns
+from monitor.identify.fit.equations import FitProblem
+from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.fit import Fit
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import Rows, factors, residuals_of, solve
@@ -158,7 +159,7 @@ def _traces(problem: FitProblem, found: Fit) -> _Traces:
         beside = np.concatenate([extras, slope[:, :, None], np.ones((*slope.shape, 1))], axis=2)[::step]
         rows.append(
             Rows(
-                np.concatenate([rec.Y[::step, :, :B], own_columns(beside)], axis=2),
+                Felt.of(rec.Y).thinned(step, B).with_own(beside),
                 rec.torque_nm[::step],
                 rec.used[::step],
                 rec.steps[::step],

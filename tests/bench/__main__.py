@@ -34,7 +34,7 @@ def cases() -> dict[str, Callable[[], object]]:
     from monitor.identify.signals.motion import motion
     from monitor.identify.signals.torque import joint_torque
     from monitor.model.base import base_parameters
-    from monitor.model.regressor import regressor
+    from monitor.model.regressor import felt_columns, felt_regressor, regressor
     from monitor.simulate.controller.controller import Controller
     from monitor.simulate.settings import SimulateSettings
     from monitor.simulate.stepped import stepped_replay
@@ -58,6 +58,7 @@ def cases() -> dict[str, Callable[[], object]]:
     torque = joint_torque(moved, robot)
     fitted = identify_motions([moved], [torque], robot, mounting)
     base = base_parameters(robot, mounting)
+    felt = felt_columns(base.columns, robot.joints)
     Y = regressor(robot, mounting, moved.q, moved.qd, moved.qdd)[:, :, list(base.columns)]
     rows = Rows(Y, torque, moved.moving(), block_steps(moved, 0.8), moved.segments)
     factored = factors([rows])
@@ -73,6 +74,7 @@ def cases() -> dict[str, Callable[[], object]]:
 
     everything = {
         "regressor, 3750 samples": lambda: regressor(robot, mounting, q, qd, qdd),
+        "what each joint feels of it, base columns alone": lambda: felt_regressor(robot, mounting, felt, q, qd, qdd, qd),
         "the same by a loop over pinocchio.computeJointTorqueRegressor": pinocchio_loop,
         "touching the memory of 3750 × 6 × 78": lambda: memory.fill(0.0),
         "identify ls, 30 s at 125 Hz": lambda: identify([recording], robot, mounting, method="ls"),

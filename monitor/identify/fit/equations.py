@@ -78,14 +78,6 @@ class Equations:
         return self.motion.rounded(law.columns(self.motion.qd, self.load(values, layout))[:, :, 2:])
 
 
-def own_columns(columns: Array) -> Array:
-    """(N, J, E) columns of each joint → (N, J, J·E) columns of the regressor: a parameter of one joint acts on no other joint."""
-    N, J, E = columns.shape
-    own = np.zeros((N, J, J, E))
-    own[:, np.arange(J), np.arange(J)] = columns
-    return own.reshape(N, J, J * E)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FitProblem:
     """What a fit needs to know."""

@@ -83,6 +83,13 @@ class Felt:
 
         return Felt(last - first, self.unknowns, self.places, make)
 
+    def thinned(self, step: int, unknowns: int) -> "Felt":
+        """One sample of `step`, and the first unknowns alone."""
+        stay = [np.flatnonzero(own < unknowns) for own in self.places]
+        places = [own[some] for own, some in zip(self.places, stay, strict=True)]
+        blocks = [block[:, some] for block, some in zip(self.at(slice(0, self.samples, step)), stay, strict=True)]
+        return Felt(len(range(0, self.samples, step)), unknowns, places, lambda at: [block[at] for block in blocks])
+
     def only(self, kept: Mask) -> "Felt":
         """The same with zeros in the columns that are not in `kept` (X,)."""
         stay = [np.flatnonzero(kept[own]) for own in self.places]
