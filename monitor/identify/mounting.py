@@ -22,7 +22,7 @@ from monitor.identify.warnings import DataWarning
 from monitor.model.base import base_parameters
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.model.identifiable import mounting_with_up
-from monitor.model.regressor import friction_columns, regressor
+from monitor.model.regressor import felt_columns, felt_regressor
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices, Mask
 
@@ -256,14 +256,18 @@ def _rows(
     """
     q, qd, qdd, direction = (signal[::step] for signal in (moved.q, moved.qd, moved.qdd, moved.direction))
 
+    felt = felt_columns(columns, robot.joints)
+
     def columns_with(up: tuple[float, float, float]) -> Array:
-        return regressor(robot, mounting_with_up(np.array(up)), q, qd, qdd)[:, :, list(columns)]
+        Y = np.zeros((len(columns), robot.joints, len(q))).transpose(2, 1, 0)  # memory runs along the samples
+        blocks = felt_regressor(robot, mounting_with_up(np.array(up)), felt, q, qd, qdd, direction)
+        for j, (own, block) in enumerate(zip(felt.places, blocks, strict=True)):
+            Y[:, j, own] = block
+        return Y
 
     top, bottom = columns_with((0.0, 0.0, 1.0)), columns_with((0.0, 0.0, -1.0))
     still = 0.5 * (top + bottom)
     along = [columns_with((1.0, 0.0, 0.0)) - still, columns_with((0.0, 1.0, 0.0)) - still, 0.5 * (top - bottom)]
-    places = np.searchsorted(columns, friction_columns(robot.joints)[0])
-    still[:, np.arange(robot.joints), places] = direction
     pulls = [part[:, :, weighty] for part in along]
     offsets = np.broadcast_to(np.eye(robot.joints)[:, :free], (len(q), robot.joints, free))
     return np.concatenate([still, offsets, *pulls, torque[::step, :, None]], axis=2), np.abs(qd) > STANDSTILL_SPEED_RAD_S
