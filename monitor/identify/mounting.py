@@ -27,7 +27,7 @@ from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices, Mask
 
 CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordings the estimate is right to 0.3°
-VAGUE_DEG = 45.0  # standard deviation at which the data do not say where gravity is: one joint that moves about the vertical
+VAGUE_DEG = 180.0  # standard deviation at which the data do not say where gravity is: one joint that moves about the vertical
 SURE_STD = 5.0  # standard deviations by which the configured direction must explain the data worse
 ALIKE = 0.5  # cosine between the fitted weights and the manufacturer's; with a payload or a tool it stays above 0.9
 FEW_SAMPLES = 400  # for the quick check
