@@ -216,7 +216,8 @@ def test_every_condition_is_named_and_holds_for_an_arm_in_order():
         ({"stopped_before": "replay 7 ended by protective_stop"}, "previous_stop"),
         ({"identity": None}, "robot_model"),
         ({"identity": Identity("UR10", "1", "3.15", None)}, "robot_model"),
-        ({"identity": Identity("UR5", "1", "5.11", False)}, "remote_control"),
+        ({"identity": Identity("UR5", "1", "5.11.0.108249", True)}, "robot_model"),  # a UR5e, whose name has no e either
+        ({"identity": Identity("UR5", "1", "3.15", False)}, "remote_control"),
         ({"context": Context(serial="2")}, "serial"),
         ({"state": None}, "safety_mode"),
         ({"state": ready_state(runtime_state=2)}, "no_other_program"),

@@ -11,6 +11,7 @@ from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
 from monitor.model.joint_names import joint_text
 
+GENERATIONS = {"cb3": ("3",), "e-series": ("5", "10")}  # each by the major versions of its software
 ROUNDING_RAD = 1e-6  # [rad, rad/s] a trajectory may be designed up to the limit itself
 
 
@@ -44,6 +45,12 @@ def _identity(inputs: ConditionInputs) -> Identity:
     return inputs.identity
 
 
+def generation_of(firmware: str | None) -> str | None:
+    """The generation of arms that a version of the software drives: its name does not tell UR5 and UR5e apart. None: unknown."""
+    major = (firmware or "").partition(".")[0]
+    return next((name for name, of_it in GENERATIONS.items() if major in of_it), None)
+
+
 def robot_model(inputs: ConditionInputs) -> str:
     """The controller is of the configured model."""
     identity = _identity(inputs)
@@ -53,6 +60,12 @@ def robot_model(inputs: ConditionInputs) -> str:
         raise Unreported("not reported: this software does not tell its model; the configuration is believed")
     if identity.model.lower().removesuffix("e") != inputs.robot.name.lower().removesuffix("e"):
         raise MotionRefused(f"the controller says it is a {identity.model}, the configuration says {inputs.robot.name}")
+    generation = generation_of(identity.firmware)
+    if generation is not None and inputs.robot.generation in GENERATIONS and generation != inputs.robot.generation:
+        raise MotionRefused(
+            f"the controller says it is a {identity.model} with software {identity.firmware}, which is of the generation {generation}; "
+            f"the configuration says {inputs.robot.name}, of the generation {inputs.robot.generation}"
+        )
     return f"{identity.model}, software {identity.firmware or 'not reported'}"
 
 
