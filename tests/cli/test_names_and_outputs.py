@@ -7,7 +7,7 @@ from zoneinfo import ZoneInfo
 import pytest
 from command_line import ended
 
-from monitor.views.terminal.arm import print_status
+from monitor.views.terminal.arm import print_alerts, print_status
 from monitor.views.terminal.local_times import local_times
 from monitor.views.terminal.progress import progress, progress_text
 
@@ -55,7 +55,15 @@ def test_a_reason_that_repeats_is_said_once(capsys):
     """Seven windows in a row that were skipped for the same reason are one line."""
     ledger = [{"replay": n, "window": f"2026-01-{n:02d}T03:00:00Z", "state": "skipped", "reason": "too far"} for n in range(1, 8)]
     ledger.append({"replay": 8, "window": "2026-01-08T03:00:00Z", "state": "assessed", "reason": None})
-    document = {"robot": "a", "health": None, "model_revision": 0, "friction": [], "ledger": ledger, "monitor": None}
+    document = {
+        "said_at": "2026-01-09T00:00:00Z",
+        "robot": "a",
+        "health": None,
+        "model_revision": 0,
+        "friction": [],
+        "ledger": ledger,
+        "monitor": None,
+    }
     print_status(document)
     shown = capsys.readouterr().out
     assert "replay 7  2026-01-07T03:00:00Z  skipped and 6 before it  too far" in shown
@@ -65,6 +73,30 @@ def test_a_reason_that_repeats_is_said_once(capsys):
     shown = capsys.readouterr().out
     assert shown.count("too far") == 1
     assert "skipped and 6 before it  as above" in shown
+
+
+WORN = {"joint": 3, "condition": "wear_rising", "tier": "wear", "active": True, "action": "Plan an inspection.", "change": 0.17}
+
+
+def test_the_days_that_remain_count_from_the_replay_that_found_them(arms, capsys):
+    """Read days later, or beside a trial whose clock is not the host's, the day by which to inspect is the same."""
+    document = json.loads(ended("status", "cell-1", "--json").stdout)
+    assert {row["recorded_at"] for row in document["friction"]} == {"2026-07-18T01:30:35Z"}
+    health = document["health"] | {"alerts": [WORN | {"text": "Friction rose."}]}
+    for row in document["friction"]:
+        row["remaining_life"] = {"verdict": "trend", "p10_days": 13.0, "p50_days": 15.0, "p90_days": 18.0}
+    for said_at in ("2026-07-18T02:00:00Z", "2026-07-26T02:00:00Z"):
+        print_status(document | {"said_at": said_at, "health": health})
+        assert "Inspect by 31 July." in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_cleared_alert_says_when_it_cleared_and_asks_for_nothing(capsys):
+    """Its advice was for as long as it was active."""
+    times = {"raised_at": "2026-01-24T03:00:10Z", "acknowledged_at": None, "shelved_until": None}
+    print_alerts([WORN | times | {"active": False, "cleared_at": "2026-02-17T03:00:00Z", "text": "The joint was replaced."}])
+    shown = capsys.readouterr().out
+    assert "cleared since 2026-02-17T03:00:00Z, raised 2026-01-24T03:00:10Z" in shown
+    assert "Plan an inspection" not in shown
 
 
 def test_a_joint_that_the_arm_lacks_is_named(arms):

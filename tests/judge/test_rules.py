@@ -202,7 +202,7 @@ def test_a_shelved_alert_is_still_active():
 def test_an_acknowledgement_or_shelving_that_is_impossible_is_refused():
     """Where the alert is not active, nobody is named, or the end of shelving lies in the past. The message names the active alerts."""
     health, _ = judged([belief_on(day, {3: 0.12}) for day in range(3)])
-    with pytest.raises(BadInput, match="no active alert 4/wear_rising; active: 3/wear_rising"):
+    with pytest.raises(BadInput, match="no active alert j4/wear_rising; active: j3/wear_rising"):
         acknowledge(health, 4, "wear_rising", by="Ada", why="", at_unix_s=START_S)
     with pytest.raises(BadInput, match="name of the person"):
         acknowledge(health, 3, "wear_rising", by=" ", why="", at_unix_s=START_S)
@@ -272,7 +272,16 @@ def test_status_names_the_stale_joints_of_a_stored_health(capsys):
     assert document["stale"] is True
     assert [joint["stale"] for joint in document["joints"]] == [True] + [False] * 5
     assert {key: value for key, value in document.items() if key not in {"stale", "stale_why", "joints"}}.items() <= stored.items()
-    print_status({"robot": "cell-1", "model_revision": 2, "health": outside(document), "friction": [], "ledger": []})
+    print_status(
+        {
+            "said_at": "2026-01-09T00:00:00Z",
+            "robot": "cell-1",
+            "model_revision": 2,
+            "health": outside(document),
+            "friction": [],
+            "ledger": [],
+        }
+    )
     assert "STALE: Base: nothing was learnt for 8 days" in " ".join(capsys.readouterr().out.split())
     fresh = with_stale(health.as_document(), START_S + 5 * DAY_S, SETTINGS)
     assert (fresh["stale"], fresh["stale_why"]) == (False, None)

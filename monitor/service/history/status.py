@@ -43,17 +43,19 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         works = [row_document(row) for row in store.works.rows() if row.in_force][-WORKS_SHOWN:]
         if state is not None and (replays := state.belief.get("track", {}).get("replays")):
             newest = [friction_known(row, replays[row["joint"] - 1]) for row in newest]
+        recorded = {replay: at for replay, _, at, _ in store.assessments.friction_of(sorted({row["replay"] for row in newest}))}
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
         tries = store.ledger.tries(ledger)
         early = [] if state else early_alerts(store)
     monitor = read_monitor_document(configuration.state_directory)
     now_unix_s = present_unix_s(monitor, now_unix_s)
     document = {
+        "said_at": rfc3339(now_unix_s),
         "robot": configuration.robot.id,
         "model_revision": state.revision if state else 0,
         "health": outside(with_stale(state.health, now_unix_s, configuration.assess.health)) if state else None,
         "early_alerts": [outside(alert_document(alert)) for alert in early],
-        "friction": outside(newest),
+        "friction": outside([row | {"recorded_at": rfc3339(recorded[row["replay"]])} for row in newest]),
         "works": works,
         "monitor": monitor,
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),

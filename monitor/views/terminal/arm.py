@@ -29,11 +29,13 @@ def print_alerts(alerts: list[dict[str, Any]], zone: tzinfo = UTC) -> None:
     for published, alert in zip(alerts, local_times(alerts, zone), strict=True):
         place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
         state = alert["tier"] if alert["active"] else "cleared"
-        console.print(f"[bold]{place}/{alert['condition']}[/] [{TIER_STYLE.get(state, 'white')}]{state}[/] since {alert['raised_at']}")
+        since = alert["raised_at"] if alert["active"] else f"{alert['cleared_at']}, raised {alert['raised_at']}"
+        console.print(f"[bold]{place}/{alert['condition']}[/] [{TIER_STYLE.get(state, 'white')}]{state}[/] since {since}")
         if alert["active"]:
-            _print_leading(console, published, None)
+            _print_leading(console, published, None, time.time())
         console.print(f"  {alert['text']}")
-        console.print(f"  do: {alert['action']}")
+        if alert["active"]:  # a cleared one asks for nothing any more
+            console.print(f"  do: {alert['action']}")
         if alert["acknowledged_at"]:
             why = f": {alert['acknowledged_why']}" if alert["acknowledged_why"] else ""
             console.print(f"  acknowledged by {alert['acknowledged_by']} at {alert['acknowledged_at']}{why}", markup=False)
@@ -65,7 +67,7 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
     for utc, alert in zip(_alerts(published), _alerts(document), strict=True):
         if alert.get("active"):
             rows = [row for row in published["friction"] if row["joint"] == alert["joint"]]
-            _print_leading(console, utc, rows[0] if rows else None)
+            _print_leading(console, utc, rows[0] if rows else None, unix_s(published["said_at"]))
             place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
             console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {once(alert['text'])}", highlight=False, markup=False)
     for work in document.get("works", ()):
@@ -103,10 +105,10 @@ def _alerts(document: dict[str, Any]) -> list[dict[str, Any]]:
     return alerts
 
 
-def _print_leading(console: Console, alert: dict[str, Any], friction: dict[str, Any] | None) -> None:
-    """Print the sentences that an alert leads with. friction : newest estimate of its joint, as `status` knows it."""
+def _print_leading(console: Console, alert: dict[str, Any], friction: dict[str, Any] | None, now_unix_s: float) -> None:
+    """Print the sentences that an alert leads with, as of now. friction : newest estimate of its joint, as `status` knows it."""
     learnt = None if friction is None or not friction.get("recorded_at") else unix_s(friction["recorded_at"])
-    told = sentences(alert, JointPast(friction, None, learnt), time.time(), ENGLISH)
+    told = sentences(alert, JointPast(friction, None, learnt), now_unix_s, ENGLISH)
     console.print(Text.assemble((told.headline, "bold"), *(f" {more}" for more in (told.pace, told.due) if more)))
 
 
