@@ -127,7 +127,7 @@ def _write(given: Options) -> None:
     address = ask.answer(
         "--host", given.host, "Address of the controller (- for none yet)", "127.0.0.1" if given.simulated else "-", text_of()
     )
-    found = _survey(address)
+    found = _survey(address, ask.asks)
     about = _arm(given, ask, found, address)
     path = given.file or Path(f"{about['id']}.toml")
     _refuse_taken(path, given.force)
@@ -157,9 +157,11 @@ def _arm(given: Options, ask: Questions, found: "Survey", address: str) -> dict[
 
     model = ask.answer("--model", given.model, "Model", found.model or None, text_of(load_robot))
     robot = load_robot(model)
-    site = ask.answer("--site", given.site, "Site (a–z, 0–9, _ and -)", "lab", text_of(_key_part))
+    site = ask.answer("--site", given.site, "Site (a–z, 0–9, _ and -)", "lab", text_of(lambda text: _key_part(site=text)))
     named = given.file.stem if given.file else "cell-1"
-    arm_id = ask.answer("--id", given.robot_id, "Name of the arm, unique within the site", named, text_of(_key_part))
+    arm_id = ask.answer(
+        "--id", given.robot_id, "Name of the arm, unique within the site", named, text_of(lambda text: _key_part(robot=text))
+    )
     serial = ask.answer("--serial", given.serial, "Serial number (empty: the first one met)", found.serial or "", text_of())
     mounting = ask.answer("--mounting", given.mounting, "Mounting", found.mounting(robot) or "ground", text_of(Mounting.parse))
     mass = ask.answer("--payload", given.payload, "Payload as set in the controller [kg]", found.payload_kg or 0.0, number_from(0.0, 100.0))
@@ -239,7 +241,7 @@ def _trajectory(given: str | None, path: Path, model: str, mounting: str, cell: 
     return "", ""
 
 
-def _survey(address: str) -> "Survey":
+def _survey(address: str, asks: bool) -> "Survey":
     """What the arm says, and a line for a person about it."""
     from monitor.acquire.survey import Survey, survey
     from monitor.views.terminal.progress import status
@@ -252,7 +254,8 @@ def _survey(address: str) -> "Survey":
         said = [found.model or "model unknown", f"serial {found.serial or 'unknown'}", f"software {found.identity.firmware or 'unknown'}"]
         typer.echo(f"{address} answers: {', '.join(said)}")
     if found.problem:
-        typer.echo(f"{found.problem}; what it does not say is asked", err=True)
+        stop = "" if found.problem.endswith("?") else "."
+        typer.echo(f"{found.problem}{stop} What it does not say {'is asked' if asks else 'needs an option, or has its default'}.", err=True)
     return found
 
 
@@ -352,10 +355,10 @@ def _refuse_wrong(text: str, path: Path) -> None:
         raise BadConfiguration(f"{error}; nothing was written") from None
 
 
-def _key_part(text: str) -> None:
+def _key_part(*, site: str = "lab", robot: str = "arm") -> None:
     from monitor.publish.session import prefix
 
-    prefix(text, text)
+    prefix(site, robot)
 
 
 def _zone(text: str) -> None:

@@ -32,7 +32,7 @@ class Questions:
             return _of_option(option, str(given), read)
         if not self.asks:
             if default is None:
-                raise BadInput(f"{option} is missing: {question}; nothing was written")
+                raise BadInput(f"{option} is missing ({question}), and --no-input asks nobody; nothing was written")
             return _of_option(option, str(default), read)
         try:
             text: Answer = typer.prompt(question, default=default, value_proc=lambda text: _checked(text, read))

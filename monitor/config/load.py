@@ -122,8 +122,9 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
     excitation = None
     if robot:
         shipped = f"{robot.model}-{robot.mounting}"
-        excitation = _checked(mistakes, "replay.excitation", lambda: find_excitation(chosen.excitation or shipped, path.parent))
         _check_robot(robot, mistakes)
+        if chosen.excitation or not any(mistake.startswith(("robot.model:", "robot.mounting:")) for mistake in mistakes):
+            excitation = _checked(mistakes, "replay.excitation", lambda: find_excitation(chosen.excitation or shipped, path.parent))
     if sections["store"] and ("\0" in sections["store"].directory or not sections["store"].directory.strip()):
         mistakes.append(f"store.directory = {sections['store'].directory!r}: expected the path of a folder")
     if excitation is not None:

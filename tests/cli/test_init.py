@@ -79,6 +79,16 @@ def test_nothing_is_written_over_and_an_answer_that_does_not_come_writes_nothing
     assert sorted(each.name for each in tmp_path.iterdir()) == ["cell.toml"]
 
 
+def test_a_name_that_is_no_key_and_a_model_that_nobody_gave_are_refused_by_their_own_names(tmp_path):
+    """The name of the arm is not called a site, and where nobody is asked no sentence says so."""
+    refused = ended("init", tmp_path / "a.toml", *ON_PAPER, "--id", "Cell 1")
+    assert (refused.returncode, "--id: robot id 'Cell 1': expected only" in refused.stderr) == (2, True)
+    silent = ended("init", tmp_path / "a.toml", "--no-input", "--host", "127.0.31.99")
+    assert silent.returncode == 2
+    assert "is asked" not in silent.stderr
+    assert "--model is missing (Model)" in silent.stderr
+
+
 def test_a_cell_is_described_and_its_trajectory_is_the_next_command(tmp_path):
     """Walls, boxes and tool go into a file of the cells' format; the file still loads, and `design` is named with every option."""
     path = tmp_path / "cell-1.toml"

@@ -109,6 +109,15 @@ def test_only_the_boolean_true_lets_an_arm_move(word: object):
     assert "allow_motion" in refusal(replay={"allow_motion": word})
 
 
+def test_a_misspelt_model_or_mounting_is_one_mistake(tmp_path: Path):
+    """The trajectory that would have been taken by its name is not missed as well."""
+    for robot, key in (('model = "ur5x"', "robot.model"), ('model = "ur5"\nmounting = "sideways"', "robot.mounting")):
+        (tmp_path / "a.toml").write_text(f'[robot]\n{robot}\nsite = "lab"\nid = "a"\n')
+        with pytest.raises(BadConfiguration, match=key) as refused:
+            load(tmp_path / "a.toml")
+        assert "replay.excitation" not in str(refused.value)
+
+
 def test_an_excitation_for_another_robot_or_no_file_is_refused(tmp_path: Path):
     """The trajectory must be made for the arm. The message about an unknown name lists the shipped ones."""
     assert "made for a ur3" in refusal(replay={"excitation": "ur3-ground"})

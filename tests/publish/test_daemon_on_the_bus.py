@@ -189,7 +189,7 @@ def test_an_alert_is_acknowledged_and_shelved_by_name_and_stays_so_through_a_res
         (alert,) = client.alerts()
         assert alert.acknowledged_by == "Ada"
         assert [event.kind for event in client.events().events][-3:] == ["raised", "acknowledged", "shelved"]
-        with pytest.raises(BadInput, match="no active alert 4/wear_rising; active: 3/wear_rising"):
+        with pytest.raises(BadInput, match="no active alert j4/wear_rising; active: j3/wear_rising"):
             client.acknowledge(4, "wear_rising", by="Ada")
     daemon.__exit__(None, None, None)
     with Daemon(daemon.state.configuration, store, now=arm.now, play=arm.play), Client(endpoint, "lab", "cell-1") as client:

@@ -161,7 +161,7 @@ def test_a_person_acknowledges_through_the_same_code_as_the_bus(served):
     ("document", "message"),
     [
         ({"joint": 3, "condition": "wear_rising", "by": ""}, "by"),
-        ({"joint": 5, "condition": "wear_rising", "by": "Ada"}, "no active alert 5/wear_rising"),
+        ({"joint": 5, "condition": "wear_rising", "by": "Ada"}, "no active alert j5/wear_rising"),
         ({"joint": 3, "condition": "wear_rising", "by": "Ada", "hours": 3}, "hours"),
         ({}, "condition"),
         ([], "expected a JSON object"),

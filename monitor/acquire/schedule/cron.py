@@ -31,7 +31,7 @@ def cron_trigger(expression: str) -> Trigger | None:
     fields = expression.split()
     try:
         if len(fields) != 5:
-            raise ValueError(f"{len(fields)} fields")
+            raise ValueError(f"{len(fields)} field{'s' * (len(fields) != 1)}")
         trigger: Trigger = CronTrigger.from_crontab(" ".join((*fields[:4], _weekdays(fields[4]))), timezone=UTC)
     except ValueError as error:
         reason = re.sub(r"[.]$", "", str(error))

@@ -72,6 +72,11 @@ def with_gravest(alert: Alert, before: Gravest) -> Alert:
     return replace(alert, gravest=now if graver else before)
 
 
+def place_of(joint: int | None) -> str:
+    """The first part of an alert's name, as the commands take it: j1, j2, … or arm."""
+    return "arm" if joint is None else f"j{joint}"
+
+
 def acknowledge(health: Health, joint: int | None, condition: str, *, by: str, why: str, at_unix_s: float) -> Health:
     """The health with one active alert acknowledged. The alert clears by itself once its condition is gone.
 
@@ -94,7 +99,7 @@ def unacknowledge(health: Health, joint: int | None, condition: str, *, by: str,
     """
     alert = _active(health, joint, condition, by)
     if alert.acknowledged_at_unix_s is None:
-        raise BadInput(f"{joint or 'arm'}/{condition} is not acknowledged: there is nothing to take back")
+        raise BadInput(f"{place_of(joint)}/{condition} is not acknowledged: there is nothing to take back")
     undone: dict[str, Any] = {"undone_at_unix_s": at_unix_s, "undone_by": by, "undone_why": why}
     everyone = tuple(one if one.undone_at_unix_s is not None else one._replace(**undone) for one in _acknowledgements(alert))
     nobody: dict[str, Any] = {"acknowledged_at_unix_s": None, "acknowledged_by": None, "acknowledged_why": None}
@@ -123,7 +128,7 @@ def unshelve(health: Health, joint: int | None, condition: str, *, by: str, at_u
     """The health with one shelved alert shown again. Raises BadInput where there is no such active alert, or it is not shelved."""
     alert = _active(health, joint, condition, by)
     if alert.shelved_until_unix_s is None or alert.shelved_until_unix_s <= at_unix_s:
-        raise BadInput(f"{joint or 'arm'}/{condition} is not shelved: there is nothing to take back")
+        raise BadInput(f"{place_of(joint)}/{condition} is not shelved: there is nothing to take back")
     return _with(health, alert, replace(alert, shelved_until_unix_s=None, shelved_by=None, shelved_why=None))
 
 
@@ -195,8 +200,8 @@ def _active(health: Health, joint: int | None, condition: str, by: str) -> Alert
     for alert in health.alerts:
         if alert.active and alert.key == (joint, condition):
             return alert
-    active = ", ".join(f"{alert.joint or 'arm'}/{alert.condition}" for alert in health.alerts if alert.active) or "none"
-    raise BadInput(f"no active alert {joint or 'arm'}/{condition}; active: {active}")
+    active = ", ".join(f"{place_of(alert.joint)}/{alert.condition}" for alert in health.alerts if alert.active) or "none"
+    raise BadInput(f"no active alert {place_of(joint)}/{condition}; active: {active}")
 
 
 def _with(health: Health, alert: Alert, changed: Alert) -> Health:
