@@ -1,5 +1,6 @@
 """The command `init`: asks the arm and a person, and writes the first configuration of an arm."""
 
+import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -340,6 +341,8 @@ def _refuse_taken(path: Path, force: bool) -> None:
         raise BadInput(f"{path} exists; nothing was written. Give another name, or --force to replace it")
     if not path.parent.is_dir():
         raise BadInput(f"{path}: the folder {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK | os.X_OK):  # before a person answers every question
+        raise BadInput(f"{path}: the folder {path.parent} may not be written by this user; nothing was written")
 
 
 def _refuse_wrong(text: str, path: Path) -> None:
@@ -391,7 +394,12 @@ def _store(path: Path, arm_id: str) -> str:
 def _free_ports(path: Path) -> tuple[int, int]:
     """A port for the bus and one for the page that no other configuration of this folder names."""
     others = [each for each in path.resolve().parent.glob("*.toml") if each.is_file() and each.name != path.name]
-    taken = " ".join(each.read_text("utf-8", "replace") for each in others)
+    taken = ""
+    for each in others:
+        try:
+            taken += each.read_text("utf-8", "replace")
+        except OSError as error:  # one of another user: its ports are not known here
+            typer.echo(f"{each}: cannot be read ({error.strerror}); look whether its ports are others than these", err=True)
 
     def free(first: int) -> int:
         return next(port for port in range(first, first + PORTS) if f"127.0.0.1:{port}" not in taken)

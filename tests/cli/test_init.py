@@ -9,8 +9,10 @@ from command_line import ended
 from simulated_arm import simulated_arm
 from typer.testing import CliRunner
 
+from monitor.cli.init import _free_ports
 from monitor.cli.main import app
 from monitor.config.load import load
+from monitor.errors import BadInput
 from monitor.identify.gains_from_torque import gains_from_torque
 from monitor.model.reported_gains import REPORTED_GAINS
 from monitor.model.robot import load_robot
@@ -138,6 +140,22 @@ def test_a_second_arm_of_a_folder_gets_its_own_ports(tmp_path):
     first, second = (load(tmp_path / f"{name}.toml") for name in ("a", "b"))
     assert first.bus.listen != second.bus.listen
     assert first.page.listen != second.page.listen
+
+
+def test_a_neighbour_that_may_not_be_read_is_named_and_a_folder_that_may_not_be_written_is_refused_first(tmp_path, monkeypatch):
+    """Both ended late: one with a traceback, the other after the last question."""
+    (tmp_path / "other.toml").write_text("")
+
+    def refused(*args, **kwargs):
+        raise PermissionError(13, "Permission denied")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_text", refused)
+        assert _free_ports(tmp_path / "a.toml") == (7447, 8420)
+    monkeypatch.setattr("monitor.cli.init.os.access", lambda path, mode: False)
+    told = CliRunner().invoke(app, ["init", str(tmp_path / "a.toml"), *ON_PAPER])
+    assert isinstance(told.exception, BadInput)
+    assert "may not be written by this user" in str(told.exception)
 
 
 def test_a_torque_that_is_no_multiple_of_the_current_gives_no_gain():
