@@ -77,9 +77,9 @@ def payload_gains(
     com = np.asarray(payload_com_m, dtype=float)
     _refuse_no_payload(payload_kg, com, payload_com_m, payload_std_kg, robot)
     payload = _standard(payload_kg, com, np.zeros((3, 3)) if payload_inertia_kg_m2 is None else payload_inertia_kg_m2)
+    moved = [_moved(recording, robot, settings or SignalSettings()) for recording in (unloaded, loaded)]
     if unloaded.current is not None and loaded.current is not None and np.array_equal(unloaded.current, loaded.current):
         raise Unidentifiable("payload pair: both runs are the same recording; expected one run without the payload and one with it")
-    moved = [_moved(recording, robot, settings or SignalSettings()) for recording in (unloaded, loaded)]
     runs = _equations(moved, robot, mounting, payload)
     J = robot.joints
     joints = _factors(runs)

@@ -34,7 +34,7 @@ class Arm:
         """One motion, stopped on request in a phase where one is named, and the next where a busy machine ended it; how the last ended."""
         for _ in range(4):
             ended = self._move_once(stop_in, after_s)
-            if ended is None or ended.cause not in {"late", "timeout"}:
+            if ended is None or ended.cause not in {"late", "timeout", "stalled", "no_control"}:
                 break
         return ended
 

@@ -121,6 +121,7 @@ def test_check_reports_whether_the_service_could_run(cell: Path, tmp_path: Path)
         "history": True,
         "disk": True,
         "clock": True,
+        "socket_lock": True,
     }
     assert document["may_run"]
     assert not document["may_move"]

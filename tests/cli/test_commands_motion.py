@@ -310,7 +310,7 @@ def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_need
     assert "first pass" in slow.context.note
     assert abs(slow.qd).max() == pytest.approx(0.5 * abs(normal.qd).max(), rel=0.1)
     first.unlink()
-    done = program("replay", "--config", path, "-o", output)
+    done = program("replay", "--config", path, "-o", output, "--force")
     assert done.returncode == 0, done.stderr
     assert not first.exists()
 

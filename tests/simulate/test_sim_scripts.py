@@ -50,10 +50,10 @@ def test_an_injected_path_is_a_list_of_steps():
 
 
 def test_a_program_that_is_a_list_of_steps_and_one_that_is_not():
-    """ur-rtde's custom script functions are lists of steps. A popup, a loop without end or a wrong figure is refused with its program."""
+    """ur-rtde's custom script functions are lists of steps. A mode that is not simulated, an endless loop or a wrong figure is refused."""
     custom = "def mine():\n\twrite_output_integer_register(0 +24, 1)\n\tsleep(0.5)\n\tstopj(2)\n\twrite_output_float_register(3, 1.5)\nend"
     assert steps(custom) == [Write(24, 1.0, whole=True), Wait(0.5), StopMotion(2.0), Write(3, 1.5, whole=False)]
-    for body in ("popup(1)", "while True:", "x 1", "write_output_integer_register(99, 1)", "sleep(1e999)"):
+    for body in ("force_mode(1)", "while True:", "x 1", "write_output_integer_register(99, 1)", "sleep(1e999)"):
         foreign = parse(f"def custom():\n  {body}\nend")
         assert isinstance(foreign, Refused), body
         assert "custom" in foreign.reason
