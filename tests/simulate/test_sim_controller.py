@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from sim_pendant import COMMAND, CONTROL, DOUBLES, FOUR, FOURTEEN, MOVE, ONE, SIX, SPEED, Pendant
+from sim_pendant import COMMAND, CONTROL, DOUBLES, FOUR, FOURTEEN, MOVE, ONE, SERVO, SIX, SPEED, Pendant
 
 from monitor.simulate.arm.contact import Contact
 from monitor.simulate.controller.modes import Runtime, SafetyMode
@@ -306,6 +306,14 @@ def test_a_target_that_is_no_number_stops_the_arm(pendant, broken):
     other = Pendant()
     assert other.do(MOVE, [1, broken, 0, 0, 0, 0, 0, 1.0, 1.0, 0]) == -1
     assert other.controller.modes.runtime == Runtime.STOPPED
+
+
+def test_a_tool_pose_that_is_no_number_is_told_as_such(pendant):
+    """A servol towards NaN is refused before joint positions are searched for it."""
+    pendant.controller.write_inputs(SERVO, [24, 0.3, 0.0, 0.4, math.nan, 0, 0, 0, 0, 0.008, 0.03, 500])
+    pendant.run(0.1)
+    assert pendant.controller.modes.safety == SafetyMode.PROTECTIVE_STOP
+    assert "not a number" in pendant.controller.journal.stops[-1].reason
 
 
 def test_months_pass_at_once_only_without_a_program(pendant):

@@ -146,7 +146,7 @@ class ControlProgram:
         machine, reference = self._machine, self._machine.reference
         time_s, lookahead_s, gain = self._call.vector(8, 3)
         targets = packets or ([self._call.vector()] if reference.mode != "servo" or command == SERVO_L else [])
-        if command == SERVO_L:
+        if command == SERVO_L and np.isfinite(targets[-1]).all():  # `follow` refuses others
             found = machine.moves.inverse(np.array(targets[-1]))
             if found is None:
                 machine.supervisor.protective_stop("servol: no joint positions for the target")
