@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate.arm import motions
 from monitor.simulate.controller.moves import Move, StopMotion
 from monitor.simulate.controller.program.machine import Machine
 
@@ -29,7 +28,6 @@ class UntilContact:
     def __init__(self, machine: Machine, speed: Array, acceleration: float) -> None:
         """`speed` (6,) is that of the tool along the base's axes [m/s, rad/s]."""
         self._machine, self._speed, self._acceleration = machine, speed, acceleration
-        self._ask = motions.tool_speed(machine.kinematics, machine.reference, machine.robot.max_speed_rad_s)
         self._touched_at: Array | None = None
         self._going_back = False
 
@@ -55,7 +53,7 @@ class UntilContact:
             self._touched_at = machine.measurements.latest.q.copy()
             machine.moves.stop(StopMotion(STOP_M_S2, straight=True))
         elif np.isfinite(self._speed).all() and math.isfinite(self._acceleration):
-            self._ask(self._speed, self._acceleration)
+            machine.moves.tool_speed(self._speed, self._acceleration)
             self._stop_at_limits()
         else:
             machine.supervisor.protective_stop("moveUntilContact with a figure that is not a number")

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.simulate.arm.kinematics import composed, pose_of, se3
+from monitor.simulate.controller.program import queries
 from monitor.simulate.controller.program.contact import touched
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.steps import text_of
@@ -144,23 +145,6 @@ def _within(machine: Machine, target: Value) -> bool:
     return machine.moves.inverse(figures) is not None if getattr(target, "is_pose", False) else not machine.limits.outside(figures)
 
 
-def _waypoint(machine: Machine) -> Value:
-    at = machine.moves.waypoint
-    return Pose((machine.kinematics.pose(machine.reference.q) if at is None else at).tolist())
-
-
-def _back(machine: Machine, steps: Value) -> Value:
-    """Joint positions some control periods ago."""
-    history = machine.measurements.history
-    return history[-1 - min(max(int(steps), 0), len(history) - 1)].tolist()
-
-
-def _external_torque(machine: Machine) -> Value:
-    """The torque that neither the model of the controller nor friction explains [N·m]."""
-    arm = machine.arm
-    return (arm.torque_nm - machine.installation.target_moment(machine.reference) - arm.friction_nm).tolist()
-
-
 ASKING: dict[str, Callable[..., Value]] = {
     "get_actual_joint_positions": lambda machine: machine.measurements.latest.q.tolist(),
     "get_joint_positions": lambda machine: machine.measurements.latest.q.tolist(),
@@ -173,13 +157,13 @@ ASKING: dict[str, Callable[..., Value]] = {
     "get_inverse_kin": _inverse,
     "get_tcp_offset": lambda machine: Pose(machine.kinematics.tool.tolist()),
     "get_target_tcp_speed": lambda machine: machine.kinematics.speed(machine.reference.q, machine.reference.qd).tolist(),
-    "get_actual_tool_flange_pose": lambda machine: Pose(pose_of(machine.kinematics.flange(machine.measurements.latest.q)).tolist()),
-    "get_target_waypoint": _waypoint,
+    "get_actual_tool_flange_pose": lambda machine: Pose(queries.flange_pose(machine).tolist()),
+    "get_target_waypoint": lambda machine: Pose(queries.waypoint(machine).tolist()),
     "get_inverse_kin_has_solution": lambda machine, pose, near=None, *_: _solution(machine, pose, near) is not None,
     "is_within_safety_limits": _within,
-    "get_joint_torques": _external_torque,
+    "get_joint_torques": lambda machine: queries.external_torque(machine).tolist(),
     "get_target_joint_accelerations": lambda machine: machine.reference.qdd.tolist(),
-    "get_actual_joint_positions_history": _back,
+    "get_actual_joint_positions_history": lambda machine, steps: queries.positions_before(machine, int(steps)).tolist(),
     "tool_contact": lambda machine, *_, **_named: int(touched(machine)),
     "get_target_payload": lambda machine: machine.installation.payload[0],
     "get_target_payload_cog": lambda machine: list(machine.installation.payload[1:4]),

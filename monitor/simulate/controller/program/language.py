@@ -39,7 +39,6 @@ _WORDS = {"xor": "^"} | {  # what Python reads otherwise: its own keywords are o
     word: f"{word}_" for word in keyword.kwlist if word not in {"and", "or", "not", "True", "False", "global", "if", "else", "while"}
 }
 _FOREIGN_WORD = re.compile(rf"\b({'|'.join(_WORDS)})\b")
-THREAD_CALLS = frozenset({"run", "kill", "join", "enter_critical", "exit_critical"})
 _DECLARATION = re.compile(r"(?<=[\w\])])\s+(?=(?:global|local)\s+[A-Za-z_]\w*\s*=)")  # as ur-rtde writes the offsets of its registers
 _BLOCK = re.compile(r"^(if|elif|while)\b\s*(.*?):?$", re.DOTALL)
 
@@ -160,7 +159,7 @@ def parsed(text: str, name: str, known: Collection[str]) -> Source:
     if lines.more:
         raise lines.error("syntax_error: this is behind the end of the program")
     surely = {id(statement.value) for statement in body if isinstance(statement, Evaluate | Assign)}
-    names = {*known, *lines.functions, *THREAD_CALLS}
+    names = {*known, *lines.functions}
     for expression in lines.expressions:
         _check(expression, names, lines.threads, refuse=id(expression) in surely)
     return Source(name, body, lines.functions, lines.threads, secondary=head is not None and head[1] == "sec")

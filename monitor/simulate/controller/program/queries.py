@@ -146,8 +146,8 @@ def _tcp_offset(call: Call) -> Result:
     return call.machine.kinematics.tool
 
 
-def _waypoint(call: Call) -> Result:
-    machine = call.machine
+def waypoint(machine: Machine) -> Array:
+    """(6,) tool pose at the end of the last move; before any move, the present one."""
     return machine.moves.waypoint if machine.moves.waypoint is not None else machine.kinematics.pose(machine.reference.q)
 
 
@@ -157,7 +157,7 @@ def _pose_trans(call: Call) -> Result:
 
 ONCE: dict[int, Callable[[Call], Result]] = {  # executed once
     17: _declaring("set_payload", 4),
-    28: _waypoint,
+    28: lambda call: waypoint(call.machine),
     29: _declaring("set_tcp", 6),
     30: _inverse_near,
     36: _pose_within,
@@ -179,21 +179,22 @@ def _step_time(call: Call) -> Result:
     return np.array([call.machine.clock.tick_s])
 
 
-def _history(call: Call) -> Result:
-    history = call.machine.measurements.history
-    back = min(max(call.integer(1), 0), len(history) - 1)
-    return history[-1 - back]
+def positions_before(machine: Machine, steps: int) -> Array:
+    """(J,) measured joint positions so many control periods ago; the oldest one where the history is shorter."""
+    history = machine.measurements.history
+    return history[-1 - min(max(steps, 0), len(history) - 1)]
 
 
-def _external_torque(call: Call) -> Result:
-    """The torque that neither the model of the controller nor friction explains, for example that of an undeclared payload."""
-    arm = call.machine.arm
-    external: Array = arm.torque_nm - call.machine.installation.target_moment(call.machine.reference) - arm.friction_nm
+def external_torque(machine: Machine) -> Array:
+    """(J,) torque that neither the controller's model nor friction explains, for example that of an undeclared payload [N·m]."""
+    arm = machine.arm
+    external: Array = arm.torque_nm - machine.installation.target_moment(machine.reference) - arm.friction_nm
     return external
 
 
-def _flange(call: Call) -> Result:
-    return pose_of(call.machine.kinematics.flange(call.machine.measurements.latest.q))
+def flange_pose(machine: Machine) -> Array:
+    """(6,) measured pose of the flange."""
+    return pose_of(machine.kinematics.flange(machine.measurements.latest.q))
 
 
 def _contact(call: Call) -> Result:
@@ -212,8 +213,8 @@ ONCE |= {54: _not_free, 63: _contact, 64: _contact}
 REALTIME: dict[int, Callable[[Call], Result]] = {  # executed in every control period
     25: _contact,
     26: _step_time,
-    27: _history,
-    38: _external_torque,
-    58: _flange,
+    27: lambda call: positions_before(call.machine, call.integer(1)),
+    38: lambda call: external_torque(call.machine),
+    58: lambda call: flange_pose(call.machine),
     69: _target_acceleration,
 }
