@@ -7,7 +7,7 @@ Where the host does not answer, the node becomes a popup that blocks the program
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,12 +45,11 @@ class ProgramTree:
     name: str
     nodes: tuple[Node, ...]
     loop: bool = True
-    hosts: tuple[Host, ...] = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Collect the hosts that are asked at Play, each once."""
-        hosts = dict.fromkeys(node.external_control for node in self.nodes if node.external_control is not None)
-        object.__setattr__(self, "hosts", tuple(hosts))
+    @property
+    def hosts(self) -> tuple[Host, ...]:
+        """The hosts that are asked at Play, each once."""
+        return tuple(dict.fromkeys(node.external_control for node in self.nodes if node.external_control is not None))
 
     def script(self, served: Mapping[Host, str | None]) -> str:
         """The URScript of the program. `served` holds the text of each host; None where it did not answer."""
