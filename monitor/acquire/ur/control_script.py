@@ -10,11 +10,11 @@ import socket
 import subprocess
 import sys
 
+from monitor.acquire.hand_over.server import REQUEST
 from monitor.errors import RobotUnreachable
 
-REQUEST = b"request_program\n"  # ur-rtde compares the whole line
+REQUEST_LINE = REQUEST.decode() + "\n"  # ur-rtde compares the whole line
 CHILD_S = 30.0  # connecting takes some tenths of a second; a controller that does not answer takes several
-TEXT_S = 2.0
 _CHILD = """
 import json, socket, sys
 from rtde_control import RTDEControlInterface as Control
@@ -40,7 +40,7 @@ def control_script(host: str) -> str:
     with socket.socket() as wire:  # a free port of this host
         wire.bind(("127.0.0.1", 0))
         port = wire.getsockname()[1]
-    command = [sys.executable, "-c", _CHILD, host, str(port), REQUEST.decode()]
+    command = [sys.executable, "-c", _CHILD, host, str(port), REQUEST_LINE]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=CHILD_S, check=False)
     except subprocess.TimeoutExpired:
