@@ -7,9 +7,7 @@ real time with the same physics.
 
 import json
 import logging
-import shutil
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -33,7 +31,17 @@ from monitor.studies.demo.replays import DemoReplay
 from monitor.studies.demo.screen import Screen
 from monitor.studies.demo.summary import Summary, busy_text
 from monitor.studies.demo.ticker import Ticker
-from monitor.studies.demo.world import ROBOT_ID, SITE, demo_configuration, free_host, free_port, pass_day, simulated_arm, true_friction_nm
+from monitor.studies.demo.world import (
+    ROBOT_ID,
+    SITE,
+    demo_configuration,
+    free_host,
+    free_port,
+    pass_day,
+    simulated_arm,
+    study_folder,
+    true_friction_nm,
+)
 
 PLAIN_WIDTH = 120  # characters, where standard output is no terminal
 PATIENCE_S = 60.0  # for an answer on the bus: a busy machine gives no processor time for many seconds
@@ -55,7 +63,7 @@ def play(*, ticker: Ticker, seed: int = 0, keep: Path | None = None, as_json: bo
     ticker.activity = lambda: state.activity
     with ExitStack() as stack, _blaming(console):
         endpoint = f"tcp/127.0.0.1:{free_port()}"
-        configuration = demo_configuration(_folder(keep, stack), free_host(), endpoint)
+        configuration = demo_configuration(study_folder(keep, stack, "demo"), free_host(), endpoint)
         remote = stack.enter_context(simulated_arm(configuration.robot.host, seed))
         store = stack.enter_context(Store.open(configuration.state_directory))
         replay = DemoReplay(configuration, remote, state)
@@ -96,16 +104,6 @@ def _blaming(console: Console) -> Iterator[None]:
         if (busy := busy_text()) is not None:
             console.print(f"the demo ends early: {busy}", style="bold red")
         raise
-
-
-def _folder(keep: Path | None, stack: ExitStack) -> Path:
-    """The folder of the history: `keep`, or a temporary one that the stack removes."""
-    if keep is None:
-        folder = Path(tempfile.mkdtemp(prefix="joint-monitor-demo-"))
-        stack.callback(shutil.rmtree, folder, ignore_errors=True)
-        return folder
-    keep.mkdir(parents=True, exist_ok=True)
-    return keep
 
 
 def _four_weeks(daemon: Daemon, remote: Remote, state: DemoState, screen: Screen) -> None:

@@ -1,11 +1,13 @@
 """The demo's world: a simulated arm in a process of its own, how its days pass, and the monitor's configuration for it."""
 
 import math
+import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from monitor.config.load import from_document
@@ -36,6 +38,16 @@ from monitor.studies.demo.plan import (
 
 SITE, ROBOT_ID = "demo", "ur5"
 CONTROLLER_PORTS = (29999, 30001, 30002, 30003, 30004, 30020)  # dashboard, the three client interfaces, RTDE, the simulator's commands
+
+
+def study_folder(keep: Path | None, stack: ExitStack, name: str) -> Path:
+    """The folder of a study's history: `keep`, or a temporary one with the study's name that the stack removes."""
+    if keep is None:
+        folder = Path(tempfile.mkdtemp(prefix=f"joint-monitor-{name}-"))
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        return folder
+    keep.mkdir(parents=True, exist_ok=True)
+    return keep
 
 
 @contextmanager

@@ -1,8 +1,6 @@
 """Plays a trial: the daemon of `joint-monitor run`, with a clock that is handed in and replays that the simulator steps."""
 
 import logging
-import shutil
-import tempfile
 import threading
 import tomllib
 from collections.abc import Iterator
@@ -16,7 +14,7 @@ from monitor.errors import MonitorError
 from monitor.recording import DAY_S
 from monitor.service.run import Running, serve
 from monitor.simulate.arm.physics import drive_gain
-from monitor.studies.demo.world import free_host, free_port, simulated_arm
+from monitor.studies.demo.world import free_host, free_port, simulated_arm, study_folder
 from monitor.studies.trial.clock import TrialClock
 from monitor.studies.trial.plan import Trial
 from monitor.studies.trial.says import Says
@@ -29,7 +27,7 @@ STARTS_UNIX_S = 1_767_571_200.0  # Monday 2026-01-05 00:00 UTC, where scenarios 
 def play(trial: Trial) -> None:
     """Run the trial until it is over, or until SIGINT or SIGTERM. Raises MonitorError where arm, bus or page cannot start."""
     with ExitStack() as stack:
-        folder = _folder(trial.keep, stack)
+        folder = study_folder(trial.keep, stack, "try")
         host = free_host()
         path = trial_file(folder, _document(trial), host, free_port(), free_port())
         configuration = load(path)
@@ -105,13 +103,3 @@ def _document(trial: Trial) -> dict[str, Any]:
 def _absolute(table: dict[str, Any], key: str, beside: Path) -> None:
     if key in table and (beside / str(table[key])).is_file():
         table[key] = str((beside / table[key]).resolve())
-
-
-def _folder(keep: Path | None, stack: ExitStack) -> Path:
-    """The folder of the trial: `keep`, or a temporary one that the stack removes."""
-    if keep is None:
-        folder = Path(tempfile.mkdtemp(prefix="joint-monitor-try-"))
-        stack.callback(shutil.rmtree, folder, ignore_errors=True)
-        return folder
-    keep.mkdir(parents=True, exist_ok=True)
-    return keep
