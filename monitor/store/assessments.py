@@ -3,7 +3,6 @@
 import hashlib
 import json
 import sqlite3
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -11,7 +10,7 @@ from typing import Any, NamedTuple
 import orjson
 
 from monitor.errors import StoreError
-from monitor.store.database import Database, json_text
+from monitor.store.database import Database, json_text, packed, unpacked
 from monitor.store.events import AlertEvent, insert_events
 from monitor.store.works import insert_works
 
@@ -83,7 +82,7 @@ class Assessments:
             )
             ((revision,),) = db.execute("SELECT revision FROM state").fetchall()
             if revision % CHECKPOINT_EVERY == 1:
-                db.execute("INSERT INTO checkpoint VALUES (?, ?, ?)", (ledger_id, _packed(belief), _packed(health)))
+                db.execute("INSERT INTO checkpoint VALUES (?, ?, ?)", (ledger_id, packed(belief), packed(health)))
             insert_works(db, ledger_id, works)
             return insert_events(db, ledger_id, at_unix_s, events)
 
@@ -114,7 +113,7 @@ class Assessments:
     def checkpoint(self, ledger_id: int) -> tuple[dict[str, Any], dict[str, Any]] | None:
         """Belief and health after this assessment; None where they were not kept."""
         rows = self._db.rows("SELECT belief, health FROM checkpoint WHERE ledger_id = ?", (ledger_id,))
-        return (json.loads(zlib.decompress(rows[0][0])), json.loads(zlib.decompress(rows[0][1]))) if rows else None
+        return (unpacked(rows[0][0]), unpacked(rows[0][1])) if rows else None
 
     def friction(self, *, joint: int | None = None, limit: int | None = None) -> list[dict[str, Any]]:
         """Friction documents in the order of their replays, each with its `replay` (ledger id) and `joint`."""
@@ -209,7 +208,3 @@ def _insert_provenance(db: sqlite3.Connection, document: Mapping[str, Any]) -> s
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
     db.execute("INSERT OR IGNORE INTO circumstance VALUES (?, ?)", (digest, text))
     return digest
-
-
-def _packed(document: Mapping[str, Any]) -> bytes:
-    return zlib.compress(json_text(document).encode())

@@ -3,6 +3,7 @@
 import json
 import sqlite3
 import threading
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,10 +61,26 @@ class Notes:
     def set(self, key: str, value: str) -> None:
         """Write a note; it replaces an earlier one of this name."""
         with self._db.transaction() as db:
-            db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", (key, value))
+            set_note(db, key, value)
+
+
+def set_note(db: sqlite3.Connection, key: str, value: str) -> None:
+    """Inside a transaction: write a note; it replaces an earlier one of this name."""
+    db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", (key, value))
 
 
 def json_text(document: Mapping[str, Any]) -> str:
     """A document as it is stored: JSON without white space. Raises ValueError where a figure is not finite."""
     # NaN would be stored as a word that other JSON readers refuse: raise here, where the stack still shows who passed it
     return json.dumps(document, allow_nan=False, separators=(",", ":"))
+
+
+def packed(document: Mapping[str, Any]) -> bytes:
+    """A document as it is stored where it is large and seldom read."""
+    return zlib.compress(json_text(document).encode())
+
+
+def unpacked(blob: bytes) -> dict[str, Any]:
+    """The document that was `packed`."""
+    document: dict[str, Any] = json.loads(zlib.decompress(blob))
+    return document

@@ -5,7 +5,7 @@ import sqlite3
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from monitor.store.database import Database, json_text
+from monitor.store.database import Database, json_text, set_note
 
 EARLY_ALERTS = "early_alerts"  # name of the note with the alerts from before the first assessment
 
@@ -32,8 +32,7 @@ class Events:
         """
         with self._db.transaction() as db:
             if db.execute("UPDATE state SET health = ?", (json_text(health),)).rowcount != 1:
-                values = (EARLY_ALERTS, json.dumps(health["alerts"], allow_nan=False))
-                db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", values)
+                set_note(db, EARLY_ALERTS, json.dumps(health["alerts"], allow_nan=False))
             return insert_events(db, None, at_unix_s, events)
 
     def early_alerts(self) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from typing import Any
 
 from monitor.errors import MotionRefused
 from monitor.store.backup import refused_by
-from monitor.store.database import Database, json_text
+from monitor.store.database import Database, json_text, set_note
 from monitor.store.stops import LEFT, SERIAL, insert_stop
 
 LOCK = "motion.lock"  # held by the process that moves the arm; the kernel lets go of it when that process ends, however it ends
@@ -193,7 +193,7 @@ def _note_left(db: sqlite3.Connection, left: Mapping[str, Any] | None) -> None:
     if left is None:
         db.execute("DELETE FROM note WHERE key = ?", (LEFT,))
     else:
-        db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", (LEFT, json_text(left)))
+        set_note(db, LEFT, json_text(left))
 
 
 def _motion(row: tuple[object, ...]) -> Motion:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from monitor.store.database import Database, json_text
+from monitor.store.database import Database, json_text, set_note
 
 SERIAL = "arm_serial"  # name of the note with the serial number of the arm that this history belongs to
 LEFT = "arm_left"  # name of the note that says how the last motion left the arm; there is none where it brought the arm back
@@ -86,7 +86,7 @@ class Stops:
             others = [stop.serial for stop in waiting if stop.serial is not None]
             if others:
                 db.execute("DELETE FROM note WHERE key = ?", (LEFT,))  # that was another arm
-                db.execute("INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value", (SERIAL, others[-1]))
+                set_note(db, SERIAL, others[-1])
                 # a first pass of no provenance: the latest one is not of this arm, nor is the torque model of that time
                 note = json_text({"another_arm": others[-1]})
                 db.execute("INSERT INTO first_pass (at_unix_s, circumstances, document) VALUES (?, '', ?)", (float(at_unix_s), note))

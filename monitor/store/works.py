@@ -2,13 +2,12 @@
 
 import json
 import sqlite3
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from monitor.errors import StoreError
-from monitor.store.database import Database, json_text
+from monitor.store.database import Database, json_text, packed, unpacked
 from monitor.store.events import AlertEvent, insert_events
 
 Documents = tuple[Mapping[str, Any], Mapping[str, Any]]  # of belief and health
@@ -62,8 +61,7 @@ class Works:
         before : the state that taking it back returns to. Raises StoreError before the first assessment, or where the disk refuses.
         """
         with self._db.transaction() as db:
-            packed = tuple(map(_packed, before))
-            values = (int(work["joint"]), float(at_unix_s), json_text(work), *packed)
+            values = (int(work["joint"]), float(at_unix_s), json_text(work), *map(packed, before))
             db.execute(
                 "INSERT INTO work (joint, declared_at_unix_s, document, belief_before, health_before) VALUES (?, ?, ?, ?, ?)", values
             )
@@ -84,7 +82,7 @@ class Works:
     def before(self, row: WorkRow) -> tuple[dict[str, Any], dict[str, Any]] | None:
         """Belief and health before a person declared this work; None where they are not kept."""
         ((belief, health),) = self._db.rows("SELECT belief_before, health_before FROM work WHERE id = ?", (row.id,))
-        return None if belief is None else (_unpacked(belief), _unpacked(health))
+        return None if belief is None else (unpacked(belief), unpacked(health))
 
     def amendments(self) -> list[Amendment]:
         """All changes of the estimator's state between two replays, in order."""
@@ -93,7 +91,7 @@ class Works:
     def amended(self, amendment: Amendment) -> tuple[dict[str, Any], dict[str, Any]]:
         """Belief and health after an amendment."""
         ((belief, health),) = self._db.rows("SELECT belief, health FROM amendment WHERE id = ?", (amendment.id,))
-        return _unpacked(belief), _unpacked(health)
+        return unpacked(belief), unpacked(health)
 
 
 def insert_works(db: sqlite3.Connection, ledger_id: int, works: Sequence[Mapping[str, Any]]) -> None:
@@ -111,14 +109,5 @@ def _amend(db: sqlite3.Connection, after: Documents, events: Sequence[Mapping[st
     belief, health = after
     if db.execute("UPDATE state SET belief = ?, health = ?", (json_text(belief), json_text(health))).rowcount != 1:
         raise StoreError("no replay has been assessed yet")
-    db.execute("INSERT INTO amendment (at_unix_s, belief, health) VALUES (?, ?, ?)", (float(at_unix_s), _packed(belief), _packed(health)))
+    db.execute("INSERT INTO amendment (at_unix_s, belief, health) VALUES (?, ?, ?)", (float(at_unix_s), packed(belief), packed(health)))
     return insert_events(db, None, at_unix_s, events)
-
-
-def _packed(document: Mapping[str, Any]) -> bytes:
-    return zlib.compress(json_text(document).encode())
-
-
-def _unpacked(blob: bytes) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads(zlib.decompress(blob))
-    return document
