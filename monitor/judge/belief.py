@@ -1,6 +1,6 @@
 """Belief: everything that `assess` remembers of one arm, as a value with an exact JSON document."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -88,6 +88,20 @@ class Belief:
             coulomb=self.coulomb,
             first_log_torque=self.first_log_torque,
             first_temperature_c=self.first_temperature_c,
+        )
+
+    def with_drift_state(self, state: DriftState) -> "Belief":
+        """The belief with what a filter step, or new joints, made of `drift_state`; replays are counted by whoever made one."""
+        return replace(
+            self,
+            filter_state=state.filter_state,
+            usage=state.usage,
+            sensors=state.sensors,
+            reference_temperature_c=state.reference_temperature_c,
+            viscous=state.viscous,
+            coulomb=state.coulomb,
+            first_log_torque=state.first_log_torque,
+            first_temperature_c=state.first_temperature_c,
         )
 
     @property

@@ -205,25 +205,17 @@ def _revolutions(belief: Belief, context: Context) -> np.ndarray | None:
 
 def _after(belief: Belief, result: StepResult, at_unix_s: float) -> Belief:
     """The belief with one more replay in the context in force, and the state after it."""
-    state, now = result.state, belief.contexts[-1]
+    now = belief.contexts[-1]
     new_day = belief.replays == 0 or math.floor(at_unix_s / DAY_S) > math.floor(belief.at_unix_s / DAY_S)
     return replace(
-        belief,
+        belief.with_drift_state(result.state),
         at_unix_s=at_unix_s,
         replays=belief.replays + 1,
         days=belief.days + new_day,
         contexts=(*belief.contexts[:-1], now._replace(replays=now.replays + 1)),
-        reference_temperature_c=state.reference_temperature_c,
-        filter_state=state.filter_state,
         temperature_c=result.observation.temperature_c,
         inside_range=result.inside_range.astype(float),
-        first_log_torque=state.first_log_torque,
         last_log_torque=result.observation.log_torque,
-        first_temperature_c=state.first_temperature_c,
-        usage=state.usage,
-        viscous=state.viscous,
-        coulomb=state.coulomb,
-        sensors=state.sensors,
     )
 
 

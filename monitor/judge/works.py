@@ -40,16 +40,7 @@ def with_new_joints(belief: Belief, works: tuple[Work, ...], drift: DriftSetting
     if not new.any():
         return belief
     state = new_joints(belief.drift_state, new, drift, temperature)
-    return replace(
-        belief,
-        filter_state=state.filter_state,
-        viscous=state.viscous,
-        coulomb=state.coulomb,
-        sensors=state.sensors,
-        first_log_torque=state.first_log_torque,
-        first_temperature_c=state.first_temperature_c,
-        last_log_torque=np.where(new, np.nan, belief.last_log_torque),
-    )
+    return replace(belief.with_drift_state(state), last_log_torque=np.where(new, np.nan, belief.last_log_torque))
 
 
 def with_outcomes(belief: Belief, settled: tuple[Work, ...], drift: DriftSettings) -> Belief:
