@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
+from monitor.publish.timestamps import unix_s
 from monitor.recording import DAY_S
 from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import around, day, since, span, unix_s, utc
+from monitor.views.language.dates import around, day, since, span, utc
 from monitor.views.marks import WORK
 
 N_ = str  # marks a text for the catalogue
@@ -82,7 +82,7 @@ def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: 
     change, text = float((gravest or alert).get("change") or 0.0), str((gravest or alert)["text"])
     held = _HELD.search(text)
     if held is not None:
-        began_unix_s = datetime.fromisoformat(held[1]).replace(tzinfo=UTC).timestamp()
+        began_unix_s = unix_s(held[1])
     before = say.say("at the beginning") if began_unix_s is None else since(began_unix_s, now_unix_s, say)
     size = say.percent(abs(change))
     if condition == "wear_rising":

@@ -15,11 +15,6 @@ SOON_DAYS = 60.0  # a date that is nearer is given as a day
 EARLY, MIDDLE = 10, 20  # the last days of the early and of the middle part of a month
 
 
-def unix_s(text: str) -> float:
-    """A time of a document [s since 1970]."""
-    return datetime.fromisoformat(text).timestamp()
-
-
 def utc(unix_s: float) -> datetime:
     """The time in UTC."""
     return datetime.fromtimestamp(unix_s, UTC)
@@ -28,10 +23,9 @@ def utc(unix_s: float) -> datetime:
 def day(unix_s: float, now_unix_s: float, say: Language) -> str:
     """A day, e.g. 7 June; with its year, unless that is the present one."""
     at = utc(unix_s)
-    month = say.say(MONTHS[at.month - 1])
     if at.year == utc(now_unix_s).year:
-        return say.say("{day} {month}", day=at.day, month=month)
-    return say.say("{day} {month} {year}", day=at.day, month=month, year=at.year)
+        return say.say("{day} {month}", day=at.day, month=say.say(MONTHS[at.month - 1]))
+    return full_day(unix_s, say)
 
 
 def full_day(unix_s: float, say: Language) -> str:

@@ -1,14 +1,15 @@
 """The charts of the report: friction over time and over temperature, one panel for each joint."""
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.publish.timestamps import unix_s
 from monitor.recording import Array
 from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import MONTHS
+from monitor.views.language.dates import MONTHS, utc
 from monitor.views.report.works import draw_works
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def friction_over_time(report: Mapping[str, Any], say: Language) -> "Figure":
         if not rows:
             one.set_visible(False)
             continue
-        at = [datetime.fromisoformat(row["recorded_at"]).astimezone(UTC).replace(tzinfo=None) for row in rows]
+        at = [utc(unix_s(row["recorded_at"])).replace(tzinfo=None) for row in rows]
         wear, std = (100 * np.array([row[key] for row in rows]) for key in ("wear", "wear_std"))
         one.fill_between(at, wear - 2 * std, wear + 2 * std, color=LINE, alpha=0.2, lw=0)
         alone, alone_std = single_replay_change(rows)

@@ -8,9 +8,10 @@ import numpy as np
 from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.staleness import stale_text
 from monitor.judge.alerts.unseen_step import unseen_steps_text
+from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import OF_ONE_JOINTS_FRICTION
 from monitor.views.language.catalogue import ENGLISH, Language
-from monitor.views.language.dates import full_day, moment, unix_s
+from monitor.views.language.dates import full_day, moment
 from monitor.views.report.alerts import alert_boxes, by_gravity, chip, lead, transitions
 from monitor.views.report.charts import friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table

@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from monitor.publish.timestamps import unix_s
 from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import day, moment, unix_s
+from monitor.views.language.dates import day, moment
 from monitor.views.report.html import Column, bullets, paragraph, table
 from monitor.views.windows import cause
 

@@ -1,13 +1,13 @@
 """Work on joints in the report: a table, and a line on the day of each in the charts."""
 
 from collections.abc import Mapping
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any
 
 from monitor.publish.timestamps import unix_s
 from monitor.recording import DAY_S
 from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import moment
+from monitor.views.language.dates import moment, utc
 from monitor.views.marks import WORK
 from monitor.views.report.html import heading, table
 
@@ -32,7 +32,7 @@ def work_table(report: Mapping[str, Any], say: Language) -> list[str]:
 def draw_works(one: Any, report: Mapping[str, Any], joint: int, last: datetime, say: Language) -> None:
     """Draw a line on each day on which something was done to the joint, with the kind of work. What was taken back is left out."""
     for work in report.get("works", ()):
-        when = datetime.fromtimestamp(unix_s(work["at"]), UTC).replace(tzinfo=None)
+        when = utc(unix_s(work["at"])).replace(tzinfo=None)
         if work["joint"] != joint or work["undone_at"] or when > last + timedelta(seconds=SHOWN_AFTER_S):
             continue
         one.axvline(when, color="#333333", lw=0.8, ls=":")

@@ -13,9 +13,9 @@ from rich.text import Text
 from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.unseen_step import unseen_steps_text
 from monitor.model.joint_names import joint_name, joint_text
+from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import ENGLISH
-from monitor.views.language.dates import unix_s
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
 from monitor.views.terminal.local_times import local_times
 from monitor.views.units import PERCENT_PER_MONTH
