@@ -80,23 +80,26 @@ class ReplayAborted(MonitorError):
         unknown: str | None = None,
         phase: str = "",
         home_q: tuple[float, ...] = (),
+        borrowed: bool = False,
     ) -> None:
         """`moved`: a program of ours may have moved the arm. `at_rest`: it was seen at rest, and our program has ended.
 
         `unknown`: what is not known of the arm after this end, or must be put right; None: all that must be known is.
         `phase`: the last one in which targets were sent; empty: none was. `home_q`: (J,) [rad] where the arm should have come back to.
+        `borrowed`: the arm was taken from a program that played, and not given back; that program has ended, and a person must start it.
         """
         super().__init__(message)
         self.cause, self.moved, self.at_rest, self.unknown = cause, moved, at_rest, unknown
-        self.phase, self.home_q = phase, home_q
+        self.phase, self.home_q, self.borrowed = phase, home_q, borrowed
 
     @property
     def needs_a_person(self) -> bool:
         """Whether a person must check the arm before it moves again.
 
-        So after a protective stop or an unexpected torque or path, and after any end that did not show an arm at rest and in order.
+        So after a protective stop or an unexpected torque or path, after any end that did not show an arm at rest and in order, and
+        where an arm was borrowed and not given back.
         """
-        return self.cause not in self.HARMLESS or self.unknown is not None
+        return self.cause not in self.HARMLESS or self.unknown is not None or self.borrowed
 
     def known(self, unknown: str | None) -> "ReplayAborted":
         """The same end after a look at the arm; the message says what is `unknown` after it."""
@@ -108,7 +111,16 @@ class ReplayAborted(MonitorError):
         return self._with(f"{self}; after it {text}", cause, unknown)
 
     def _with(self, message: str, cause: str, unknown: str | None) -> "ReplayAborted":
-        return ReplayAborted(message, cause, moved=self.moved, at_rest=self.at_rest, unknown=unknown, phase=self.phase, home_q=self.home_q)
+        return ReplayAborted(
+            message,
+            cause,
+            moved=self.moved,
+            at_rest=self.at_rest,
+            unknown=unknown,
+            phase=self.phase,
+            home_q=self.home_q,
+            borrowed=self.borrowed,
+        )
 
 
 class StoreError(MonitorError):

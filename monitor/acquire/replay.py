@@ -65,6 +65,11 @@ def replay(
     it back. The calling thread blocks until the arm is back, and must not end
     before.
 
+    Where `settings.lent`, the arm is borrowed from the program that plays: the call waits at most `wait_s` for the program's node, in the
+    phase `node` of the progress, takes the arm at the first node at which every condition holds, brings it back to within 1 mrad of where
+    it took it, and returns once the program goes on. `begin`, the announcement and the permit come after the arm was taken; what refuses
+    then gives it back at once. Any other end of a borrowed arm ends the program, and asks for a person (`ReplayAborted.borrowed`).
+
     Raises MotionRefused (nothing was moved), RobotUnreachable (nothing was moved), ReplayAborted with its `cause`.
     """
     inputs = ConditionInputs(

@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Interval
 
+from monitor.acquire.hand_over.settings import HandOver
 from monitor.design.cell import Cell
 from monitor.errors import BadInput
 from monitor.model.robot import Robot
@@ -44,6 +45,11 @@ class ReplaySettings:
     permit: str = "none"  # who else must agree: none; zenoh: `permit/replay` is asked; digital_input:N: this input must be on
     permit_timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 5.0  # a permit that has not come by then counts as refused
     announce_s: Annotated[float, Interval(ge=0.0, le=600.0)] = 0.0  # from the announcement to the first motion
+    # who lends the arm: none; external_control: a program that plays, at its node, whose text our server gives it at Play; script_node: the
+    # same, with the text of `joint-monitor script-node` as a file on the controller
+    hand_over: str = "none"
+    hand_over_listen: str = "0.0.0.0:50002"  # where the server for external_control listens on this host
+    hand_over_wait_h: Annotated[float, Interval(ge=0.001, le=168.0)] = 24.0  # so long one replay waits for a node in which it may begin
     allow_untested_software: bool = False  # whether an arm moves whose software is not in the table of tested versions
     first_pass: bool = True  # after a change of trajectory, cell, tool or payload, play slowly first
     first_pass_time_scale: Annotated[float, Interval(ge=0.05, le=0.5)] = 0.25  # speed of a first pass, as a share of the replay's own
@@ -103,6 +109,13 @@ class ReplaySettings:
                 raise BadInput(f"replay: windows_utc = {window!r} is empty; expected another end, or 00:00-24:00 for the whole day")
         if self.permit not in {"none", "zenoh"} and not _INPUT.match(self.permit):
             raise BadInput(f"replay: permit = {self.permit!r}; expected none, zenoh or digital_input:N with N from 0 to 17")
+
+        _ = self.lent
+
+    @property
+    def lent(self) -> HandOver | None:
+        """How a program that plays lends the arm; None where replays begin only while no program runs."""
+        return HandOver.of(self.hand_over, self.hand_over_listen, self.hand_over_wait_h)
 
     @property
     def permit_input(self) -> int | None:

@@ -42,11 +42,12 @@ MOTIONS = frozenset({"approach", "way_back", "play", "return"})  # the phases th
 class ReplayProgress(NamedTuple):
     """Where a replay is, for a display."""
 
-    phase: str  # start, connect, ready, control, approach, way_back, settle, play, return or finish
+    phase: str  # start, connect, node, ready, control, approach, way_back, settle, play, return or finish
     elapsed_s: float  # in this phase
     duration_s: float  # of this phase; 0 where it is not known
     rows: int
     slow: bool = False  # of a slow first pass
+    passed_by: str = ""  # in the phase `node`: why the arm was not taken at the program's last node; empty: none offered it yet
 
     @property
     def text(self) -> str:
