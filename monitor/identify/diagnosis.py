@@ -4,7 +4,7 @@ A joint whose residual is large has a warning of its own, `poor_fit`. Some cause
 that comes late against the motion looks viscous, and an offset looks like weight. These are fitted beside the law, on a part of the rows.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.fit import Fit
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import Rows, factors, residuals_of, solve
-from monitor.identify.warnings import MOVING_SHARE, DataWarning
+from monitor.identify.warnings import MOVING_SHARE, DataWarning, moving_share
 from monitor.model.friction import residual_law
 from monitor.model.robot import Robot
 from monitor.recording import Array, Mask
@@ -54,7 +54,7 @@ def diagnose(
     nominal : (B,) the manufacturer's base parameters. friction_nm : (J,) at 0.4 rad/s. relative_rms : (J,) residual over torque.
     Joints that hardly move have a warning of their own and none of these.
     """
-    seen = np.mean(np.concatenate([eq.used for eq in problem.equations]), axis=0) > MOVING_SHARE  # (J,)
+    seen = moving_share([eq.used for eq in problem.equations]) > MOVING_SHARE  # (J,)
     friction_nm = np.where(seen, friction_nm, np.nan)
     traces = _traces(problem, found)
     poor = seen & (relative_rms > POOR)
@@ -195,7 +195,11 @@ def _explained_by(found: Fit, j: int, joints: int) -> int | None:
 
 
 def _own_motion(rec: Rows, k: int) -> Array:
-    """(N, E) what moves with joint k: the columns of its own row that act on it, friction among them."""
-    felt = np.flatnonzero(np.any(rec.Y[:, k] != 0.0, axis=0))
-    others: Sequence[int] = [c for c in felt.tolist() if not np.any(rec.Y[:, np.arange(rec.Y.shape[1]) != k, c])]
-    return rec.Y[:, k, list(others)]
+    """(n, E) what moves with joint k alone: the columns that joint k feels and no other joint does, friction among them.
+
+    The arm decides which they are, not the recording, so that recordings of different motions agree.
+    """
+    Y = Felt.of(rec.Y)
+    others = np.concatenate([places for j, places in enumerate(Y.places) if j != k])
+    own = ~np.isin(Y.places[k], others)
+    return np.concatenate([blocks[k][:, own] for _, blocks in Y.pieces()])

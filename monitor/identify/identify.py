@@ -123,11 +123,12 @@ def identify_motions(
         found, physical = _physical(found, base, robot)
     paper = _paper_parameters(problem, found, free, options.rigid_from)
     speeds, measured = np.concatenate([moved.qd for moved in motions]), np.concatenate(list(torques))
-    moving = np.abs(speeds) > options.settings.moving_rad_s
+    moves = [moved.moving(options.settings.moving_rad_s) for moved in motions]
+    moving = np.concatenate(moves)
     errors = errors_of(measured, measured - np.concatenate(found.residuals), moving)
     fitted = np.flatnonzero(~problem.layout.rigid) if problem.layout.frozen else np.arange(base.count)
     condition = condition_number(found.joints, fitted)
-    own_warnings = [*remarks_on.of_joints(robot, speeds, moving), *remarks_on.of_robust_weights(found.rows)]
+    own_warnings = [*remarks_on.of_joints([moved.qd for moved in motions], moves), *remarks_on.of_robust_weights(found.rows)]
     excited = found.solution.excited[: base.count] | (problem.layout.rigid & problem.layout.frozen)
     own_warnings += remarks_on.of_solution(
         base.names,

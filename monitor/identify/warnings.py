@@ -8,10 +8,9 @@ import numpy as np
 from monitor.identify.fit.least_squares import Rows
 from monitor.identify.signals.clean import DOUBTS
 from monitor.identify.signals.motion import Motion
-from monitor.model.robot import Robot
 from monitor.recording import Array, Mask, Recording
 
-MOVING_SHARE = 0.2  # fraction of the samples in which a joint moves: with less, its friction rests on a few seconds
+MOVING_SHARE = 0.2  # fraction of a recording's samples in which a joint moves: with less, its friction rests on a few seconds
 USEFUL_SPEED_RAD_S = 0.2  # a joint that is always slower does not separate fc from fv
 ONE_WAY_SHARE = 0.05  # fraction of the moving samples in one direction: with less, friction cannot be separated from weight
 LOW_RATE_HZ = 50.0  # at a lower rate, reversals fall between samples
@@ -60,12 +59,21 @@ def of_motion(motion: Motion, payload_kg: float | None) -> Iterator[DataWarning]
             )
 
 
-def of_joints(robot: Robot, speeds: Array, moving: Mask) -> Iterator[DataWarning]:
-    """Warnings about joints that hardly move, or in one direction only. speeds : (N, J) [rad/s], moving : (N, J)."""
-    for j in range(robot.joints):
-        share = float(np.mean(moving[:, j]))
-        fastest = float(np.max(np.abs(speeds[:, j])))
-        forward = float(np.mean(speeds[moving[:, j], j] > 0.0)) if share else 0.0
+def moving_share(moving: Sequence[Mask]) -> Array:
+    """(J,) fraction of the samples in which a joint moves, of the recording in which it moves most. moving : (N, J) of each recording.
+
+    Of the sweeps of single joints each moves one joint throughout, and in all together every joint moves in a sixth of the samples.
+    """
+    share: Array = np.max([np.mean(one, axis=0) for one in moving], axis=0)
+    return share
+
+
+def of_joints(speeds: Sequence[Array], moving: Sequence[Mask]) -> Iterator[DataWarning]:
+    """Warnings about joints that hardly move, or in one direction only. speeds [rad/s], moving : (N, J) of each recording."""
+    together, on = np.concatenate(speeds), np.concatenate(moving)
+    for j, share in enumerate(moving_share(moving).tolist()):
+        fastest = float(np.max(np.abs(together[:, j])))
+        forward = float(np.mean(together[on[:, j], j] > 0.0)) if share else 0.0
         if share < MOVING_SHARE or fastest < USEFUL_SPEED_RAD_S:
             text = f"joint {j + 1} moves in {share:.0%} of the samples and never faster than {fastest:.2g} rad/s: its friction is a guess"
             yield DataWarning("joint_hardly_moves", text)

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,6 +46,54 @@ def test_sweeps_of_single_joints_identify_the_friction_of_the_arm_together(sweep
 def test_sweeps_of_too_few_joints_are_refused_with_the_joints_that_are_missing(sweeps):
     with pytest.raises(Unidentifiable, match=r"together move 2 of 6 joints, not joints 2, 3, 5, 6"):
         identify([sweeps[0], sweeps[3]], ROBOT, GROUND)
+
+
+@pytest.mark.parametrize("seen", [(0, 1, 2, 3, 4, 5), (1, 4, 5)])
+def test_sweeps_that_are_sound_have_no_doubt_about_their_motion(sweeps, seen):
+    """Each joint moves throughout its own sweep, which is a sixth of all samples. A joint without a sweep is told."""
+    found = identify([sweeps[j] for j in seen], ROBOT, GROUND)
+    hardly = [warning.text[:7] for warning in found.warnings if warning.code == "joint_hardly_moves"]
+    assert hardly == [f"joint {j + 1}" for j in range(6) if j not in seen]
+    assert {"poor_fit", "gain_doubtful", "torque_offset", "torque_delayed"}.isdisjoint(warning.code for warning in found.warnings)
+
+
+def at_rest_but_for(recording, joint):
+    """The recording with the other joints perfectly at rest, as some controllers report them."""
+    q, qd, others = recording.q.copy(), recording.qd.copy(), np.arange(6) != joint
+    q[:, others], qd[:, others] = q[0, others], 0.0
+    return replace(recording, q=q, qd=qd)
+
+
+BAD_CURRENTS = {
+    "zero": lambda x: 0.0 * x,
+    "constant": lambda x: 0.0 * x + 3.0,
+    "stuck": lambda x: np.where(np.arange(len(x)) < len(x) // 3, x, x[len(x) // 3]),
+    "tiny": lambda x: 1e-9 * x,
+    "another's": lambda x: -x[::-1],
+    "noise": lambda x: np.random.default_rng(0).normal(size=len(x)),
+    "sign": lambda x: -x,
+    "saturated": lambda x: np.clip(x, -0.5 * np.max(x), 0.5 * np.max(x)),
+}
+TOLD = {"current_stuck", "current_held", "current_saturated", "gain_doubtful", "poor_fit", "unphysical_friction", "torque_offset"}
+
+
+@pytest.mark.parametrize("bad", BAD_CURRENTS)
+@pytest.mark.parametrize("others_at_rest", [False, True])
+def test_a_joint_whose_current_is_bad_is_told_among_sweeps(sweeps, bad, others_at_rest):
+    """Columns of one recording are zero in another one; nothing about that ends in a traceback."""
+    recordings = [at_rest_but_for(sweeps[j], j) if others_at_rest else sweeps[j] for j in (1, 4, 5)]
+    spoilt = recordings[1].current.copy()
+    spoilt[:, 4] = BAD_CURRENTS[bad](spoilt[:, 4])
+    found = identify([recordings[0], replace(recordings[1], current=spoilt), recordings[2]], ROBOT, GROUND)
+    assert any(warning.code in TOLD and "joint 5" in warning.text for warning in found.warnings), found.warnings
+
+
+def test_a_joint_whose_current_holds_no_number_is_named(sweeps):
+    """Not as 600 torn rows."""
+    spoilt = sweeps[1].current.copy()
+    spoilt[:, 4] = np.nan
+    with pytest.raises(Unidentifiable, match="current of joint 5 holds no number in any row"):
+        identify([sweeps[0], replace(sweeps[1], current=spoilt), *sweeps[2:]], ROBOT, GROUND)
 
 
 def test_a_recording_in_which_nothing_moves_is_refused_among_others_too(sweeps):

@@ -6,6 +6,7 @@ import numpy as np
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair
+from monitor.identify.signals.rows import usual_size
 from monitor.recording import Array, Indices, Mask, Recording
 
 MOVING_RAD_S = 0.02  # at rest, a current may keep its value
@@ -23,11 +24,10 @@ def refuse_other_unit(recording: Recording) -> None:
     """Raises Unidentifiable where currents are of a size that no drive of an arm has, throughout."""
     if recording.current is None or recording.torque is not None:
         return
-    with np.errstate(invalid="ignore"):
-        usual = np.nanquantile(np.where(np.isfinite(recording.current), np.abs(recording.current), np.nan), 0.9, axis=0)
-    if np.max(np.nan_to_num(usual)) > MOST_A:
+    largest = np.max(usual_size(recording.current), initial=0.0)
+    if largest > MOST_A:
         raise Unidentifiable(
-            f"{recording.source or 'recording'}: currents of {np.nanmax(usual):.4g} are no amperes: "
+            f"{recording.source or 'recording'}: currents of {largest:.4g} are no amperes: "
             f"expected [A]; if they are in mA, divide them by 1000"
         )
 
@@ -49,7 +49,9 @@ def check_drives(recording: Recording, rows: Indices) -> Iterator[Repair]:
         lengths, at = _runs(x, moving)
         long = lengths >= max(STUCK_ROWS, STUCK_S / tick)
         share = float(np.sum(lengths[long]) / np.sum(moving))
-        if np.sum(lengths) > 0.5 * np.sum(moving) and _mean_run(lengths) * tick > HELD_S:
+        if np.sum(moving) >= STUCK_ROWS and np.all(x[moving] == x[moving][0]):
+            yield Repair("current_stuck", f"{name} stays at {x[moving][0]:.4g} in all samples with motion: it was not measured there")
+        elif np.sum(lengths) > 0.5 * np.sum(moving) and _mean_run(lengths) * tick > HELD_S:
             yield Repair(
                 "current_held",
                 f"{name} changes every {1e3 * _mean_run(lengths) * tick:.0f} ms only (held or rounded): it comes late by half of that",

@@ -191,6 +191,7 @@ class _Stretches(NamedTuple):
 def _usable_rows(recording: Recording, settings: SignalSettings) -> SoundRows:
     """`sound_rows` of the recording. Raises Unidentifiable where too few rows are sound, or the drives measured only zeros."""
     name = _name(recording)
+    _refuse_missing(recording)
     sound = sound_rows(recording)
     keep, why = sound.keep, sound.why
     if len(keep) < FEWEST_ROWS:
@@ -205,6 +206,18 @@ def _usable_rows(recording: Recording, settings: SignalSettings) -> SoundRows:
             f"{name}: {rejected} of {written} rows are torn ({_reasons(why)}); expected at most {settings.max_rejected_share:.0%}"
         )
     return sound
+
+
+def _refuse_missing(recording: Recording) -> None:
+    """Raises Unidentifiable where a signal of some joints holds no number at all: each row would count as torn."""
+    for key in LIMITS:
+        value = getattr(recording, key)
+        if value is None:
+            continue
+        missing = np.flatnonzero(~np.any(np.isfinite(value), axis=0))
+        if 0 < len(missing) < recording.joints:
+            joints = f"joint{'s' if len(missing) > 1 else ''} {', '.join(str(j + 1) for j in missing)}"
+            raise Unidentifiable(f"{_name(recording)}: {key} of {joints} holds no number in any row; expected every joint's")
 
 
 def _refuse_poor_motion(recording: Recording, keep: Indices, rate_hz: float, settings: SignalSettings) -> None:

@@ -65,10 +65,14 @@ def _limit(key: str, values: Array) -> Array | float:
     """The largest plausible size of a signal (N, J): that of `LIMITS`, and for torque more where the whole recording is larger."""
     if key != "torque":
         return LIMITS[key]
-    with np.errstate(invalid="ignore"):
-        usual = np.nanquantile(np.where(np.isfinite(values), np.abs(values), np.nan), 0.9, axis=0) if len(values) else 0.0
-    limit: Array = np.maximum(LIMITS[key], OWN_SIZE * np.nan_to_num(usual))
+    limit: Array = np.maximum(LIMITS[key], OWN_SIZE * usual_size(values))
     return limit
+
+
+def usual_size(values: Array) -> Array:
+    """(J,) the 90 % quantile of the size of each column (N, J); 0 where no reading is finite."""
+    columns = (column[np.isfinite(column)] for column in values.T)
+    return np.array([float(np.quantile(np.abs(column), 0.9)) if len(column) else 0.0 for column in columns])
 
 
 def _doubled(rows: Mapping[str, Array], keep: Indices) -> Mask:
