@@ -49,7 +49,7 @@ class ReplaySettings:
     # same, with the text of `joint-monitor script-node` as a file on the controller
     hand_over: str = "none"
     hand_over_listen: str = "0.0.0.0:50002"  # where the server for external_control listens on this host
-    hand_over_wait_h: Annotated[float, Interval(ge=0.001, le=168.0)] = 24.0  # so long one replay waits for a node in which it may begin
+    hand_over_wait_h: Annotated[float, Interval(ge=0.001, le=8784.0)] = 168.0  # [h] a replay that is due waits so long for a node
     allow_untested_software: bool = False  # whether an arm moves whose software is not in the table of tested versions
     first_pass: bool = True  # after a change of trajectory, cell, tool or payload, play slowly first
     first_pass_time_scale: Annotated[float, Interval(ge=0.05, le=0.5)] = 0.25  # speed of a first pass, as a share of the replay's own

@@ -17,6 +17,7 @@ from monitor.cli import (
     bus,
     demo,
     design,
+    hand_over,
     history,
     identification,
     init,
@@ -45,7 +46,24 @@ class WholeHelp(TyperGroup):
 
 
 # in the order of --help
-TOPICS = (init, service, simulator, models, identification, live, design, bus, serviced, assess, motion, history, reports, demo, trial)
+TOPICS = (
+    init,
+    service,
+    simulator,
+    models,
+    identification,
+    live,
+    design,
+    bus,
+    serviced,
+    assess,
+    motion,
+    hand_over,
+    history,
+    reports,
+    demo,
+    trial,
+)
 
 app = typer.Typer(
     name="joint-monitor",

@@ -13,6 +13,7 @@ from monitor.acquire.safety.inputs import ConditionResult
 from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
+from monitor.service.node_check import node_conditions
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
 from monitor.store.schema import schema_of
 
@@ -29,6 +30,7 @@ def service_conditions(configuration: Configuration, now_unix_s: float | None = 
         _disk(configuration),
         _clock(configuration, now),
         _socket_lock(configuration),
+        *node_conditions(configuration),
     )
 
 

@@ -25,6 +25,7 @@ from monitor.service.maintenance import Maintenance
 from monitor.service.monitor import Replay
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.motion import move
+from monitor.service.node_server import NodeServer
 from monitor.service.page import page
 from monitor.service.preflight import misfit
 from monitor.service.problems import Problems
@@ -84,6 +85,9 @@ def serve(
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
         stack.enter_context(page(configuration, daemon.bus, store, clocks.now))
+        lent = configuration.replay.lent
+        if lent is not None and lent.serves:
+            stack.enter_context(NodeServer(lent, configuration.robot.host, store.directory, problems))
         _handle_signals(daemon.state.stopping)
         heartbeats.beat("bus", WORKER_PATIENCE_S)  # one that never sends its first document is missed as well
         scheduler = Scheduler(daemon.monitor, store, problems, requests, clocks)

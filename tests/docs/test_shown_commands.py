@@ -30,6 +30,7 @@ NOT_RUN = {  # by the command, or by its first words
     "run --config config/simulated.toml": "goes on until it is stopped",
     "watch": "asks a running daemon, and goes on until Ctrl-C",
     "check": "asks a controller",
+    "script-node": "asks a controller; the tests of the service run it",
     "replay": "moves an arm, in real time",
     "record": "listens to an arm, in real time",
     "allow": "needs a stop that waits for a person",

@@ -46,7 +46,7 @@ class _Server(socketserver.ThreadingTCPServer):
 
 
 class HandOverServer:
-    """Serves one text as long as it is open. Use it as a context."""
+    """Serves a text as long as it is open. Use it as a context."""
 
     def __init__(self, text: str, *, bind: str, port: int = PORT) -> None:
         """Listen. Raises BadInput where the address cannot be bound."""
@@ -57,6 +57,10 @@ class HandOverServer:
         self._server.text = text
         self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, name="hand-over", daemon=True)
         self._thread.start()
+
+    def serve(self, text: str) -> None:
+        """Serve another text from now on."""
+        self._server.text = text
 
     @property
     def port(self) -> int:

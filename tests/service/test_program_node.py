@@ -1,0 +1,196 @@
+"""The text of a program's node: made once, served by the daemon from its first moment on, written as a file, and looked at by `check`."""
+
+import json
+import os
+import socket
+import threading
+from pathlib import Path
+
+import pytest
+from command_line import ended
+from sim_process import Spawned
+
+from monitor.acquire.hand_over.settings import HandOver
+from monitor.acquire.safety.inputs import ConditionResult
+from monitor.acquire.ur.driver import UniversalRobots
+from monitor.config.load import load
+from monitor.errors import BadInput, RobotUnreachable
+from monitor.service.node_check import node_conditions, own_address
+from monitor.service.node_server import NO_TEXT, PROBLEM, NodeServer
+from monitor.service.node_text import NodeText, keep, kept, node_text, number_of
+from monitor.service.problems import Problems
+
+HOST = f"127.0.9.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """A simulated UR5e, of which the tests only ask who it is."""
+    spawned = Spawned(HOST, "--robot", "ur5e")
+    yield spawned
+    spawned.end()
+
+
+@pytest.fixture(scope="module")
+def node(arm) -> NodeText:
+    return node_text(HOST)
+
+
+@pytest.fixture
+def config(tmp_path: Path, free_port: int):
+    def write(by: str, listen: str | None = None, host: str = HOST) -> Path:
+        path = tmp_path / "cell.toml"
+        path.write_text(
+            f'[robot]\nmodel = "ur5e"\nsite = "lab"\nid = "cell-1"\nhost = "{host}"\n[store]\ndirectory = "history"\n'
+            f'[replay]\nhand_over = "{by}"\nhand_over_listen = "{listen or f"127.0.0.1:{free_port}"}"\n'
+        )
+        return path
+
+    return write
+
+
+def asked(port: int) -> str:
+    """What a controller reads: one request, everything until the connection ends."""
+    with socket.create_connection(("127.0.0.1", port), timeout=2.0) as wire:
+        wire.sendall(b"request_program\n")
+        answer = b""
+        while data := wire.recv(65536):
+            answer += data
+    return answer.decode()
+
+
+def lending(port: int) -> HandOver:
+    return HandOver(by="external_control", bind="127.0.0.1", port=port, wait_s=60.0)
+
+
+class Named(UniversalRobots):
+    """A controller that says this software, or does not answer."""
+
+    def __init__(self, firmware: str | None) -> None:
+        self.firmware = firmware
+
+    def identity(self, host: str):
+        if self.firmware is None:
+            raise RobotUnreachable(f"{host}: off")
+        return UniversalRobots().identity(host)._replace(firmware=self.firmware)
+
+
+def test_the_text_is_made_for_the_controller_and_numbered(node: NodeText):
+    """Another text has another number, the same one the same; the number stands in the first line, where a person can read it."""
+    assert node.text.splitlines()[0] == f"# joint-monitor node {node.number}"
+    assert NodeText.of(node.software, node.control).number == node.number
+    assert NodeText.of(node.software, node.control.replace("sync()", "sleep(0.01)")).number != node.number
+    assert number_of("def program():\nend\n") is None
+
+
+def test_a_kept_text_is_one_of_the_same_library_and_unhurt(node: NodeText, tmp_path: Path):
+    """A file of another ur-rtde, half a file and none are no text; the controller is asked again then."""
+    assert kept(tmp_path) is None
+    keep(tmp_path, node)
+    assert kept(tmp_path) == node
+    path = tmp_path / "hand-over-node.json"
+    whole = path.read_text()
+    path.write_text(json.dumps({**json.loads(whole), "library": "0.1"}))
+    assert kept(tmp_path) is None
+    path.write_text(whole[: len(whole) // 2])
+    assert kept(tmp_path) is None
+
+
+def test_the_server_answers_while_the_controller_is_off_and_takes_another_text_with_other_software(
+    node: NodeText, tmp_path: Path, free_port: int
+):
+    """The first start of all serves a node that does nothing; every later one serves what is kept. New software brings a new text."""
+    problems = Problems(lambda: 0.0)
+    off = Named(None)
+
+    def refused(host: str) -> NodeText:
+        raise RobotUnreachable(f"{host}: off")
+
+    with NodeServer(lending(free_port), HOST, tmp_path, problems, driver=off, make=refused) as server:
+        server.look()
+        assert asked(free_port) == NO_TEXT
+        assert PROBLEM in problems
+    keep(tmp_path, node)
+    problems = Problems(lambda: 0.0)
+    with NodeServer(lending(free_port), HOST, tmp_path, problems, driver=off, make=refused) as server:
+        assert asked(free_port) == node.text
+        server.look()
+        assert PROBLEM not in problems  # the node is answered, and the controller will be asked again
+    other = NodeText.of("9.9", node.control.replace("sync()", "sleep(0.01)"))
+    with NodeServer(lending(free_port), HOST, tmp_path, problems, driver=Named("9.9"), make=lambda _: other) as server:
+        server.look()
+        assert asked(free_port) == other.text
+    assert kept(tmp_path) == other
+
+
+def test_a_port_in_use_is_named(tmp_path: Path, free_port: int):
+    """Another External Control server on the port: the daemon does not start beside it, and says why."""
+    with socket.create_server(("127.0.0.1", free_port)), pytest.raises(BadInput, match=f"port {free_port}.*in use"):
+        NodeServer(lending(free_port), HOST, tmp_path, Problems(lambda: 0.0))
+
+
+def found(path: Path) -> ConditionResult:
+    (condition,) = node_conditions(load(path))
+    return condition
+
+
+def test_check_says_what_a_node_would_get_and_from_where(node: NodeText, config, tmp_path: Path, free_port: int):
+    """Nobody on the port, the daemon's server, another program, an address that no controller reaches; nothing where nobody lends."""
+    path = config("external_control")
+    nobody = found(path)
+    assert nobody.holds
+    assert not nobody.checked
+    assert f"127.0.0.1, port {free_port}: nothing answers" in nobody.text
+    keep(tmp_path, node)
+    with NodeServer(lending(free_port), HOST, tmp_path, Problems(lambda: 0.0)):
+        served = found(path)
+    assert served.checked
+    assert f"a node gets text {node.number}" in served.text
+    with socket.create_server(("127.0.0.1", free_port)) as other:
+
+        def hang_up() -> None:
+            other.accept()[0].close()
+
+        threading.Thread(target=hang_up, daemon=True).start()
+        assert not found(path).holds
+    assert "listens on 127.0.0.2 alone" in found(config("external_control", f"127.0.0.2:{free_port}")).text
+    assert node_conditions(load(config("none"))) == ()
+    assert own_address("127.0.0.1") == "127.0.0.1"
+
+
+def test_the_file_of_a_script_node_is_written_once_and_never_replaced_unasked(arm, config, tmp_path: Path):
+    """Written, found right already, refused where something else stands there, replaced with --force; as JSON as well."""
+    path, file = config("script_node"), tmp_path / "lend.script"
+    (tmp_path / "history").mkdir()  # the service has run; its folder is not made for it, because it would be of another user
+    assert not found(path).checked
+    command = ("script-node", "--config", str(path), "--output", str(file))
+    first = json.loads(ended(*command, "--json").stdout)
+    assert first["written"]
+    assert number_of(file.read_text()) == first["number"]
+    assert first["number"] in found(path).text  # kept beside the history, for `check`
+    again = ended(*command)
+    assert again.returncode == 0
+    assert "is right already" in again.stdout
+    file.write_text("def somebody_elses():\nend\n")
+    refused = ended(*command)
+    assert refused.returncode == 2
+    assert "exists; nothing was done" in refused.stderr
+    assert file.read_text().startswith("def somebody")
+    assert ended(*command, "--force").returncode == 0
+    assert number_of(file.read_text()) == first["number"]
+
+
+@pytest.mark.parametrize(
+    ("host", "output", "code", "text"),
+    [
+        (HOST, "lend.txt", 2, "ends in .script"),
+        (HOST, "missing/lend.script", 2, "does not exist"),
+        ("127.0.9.250", "lend.script", 1, "127.0.9.250"),
+    ],
+)
+def test_what_cannot_be_written_is_told_and_leaves_nothing(arm, config, tmp_path: Path, host: str, output: str, code: int, text: str):
+    """A wrong name, a folder that is missing, a controller that does not answer."""
+    done = ended("script-node", "--config", str(config("script_node", host=host)), "--output", str(tmp_path / output))
+    assert done.returncode == code
+    assert text in done.stderr
+    assert not (tmp_path / output).exists()
