@@ -16,7 +16,13 @@ from monitor.judge.drift.filter_state import OUTLIER, STEP, UNRESOLVED
 from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, StepResult, initial_state, step
-from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange, find_undeclared_change, update_mass_estimate
+from monitor.judge.drift.undeclared_change import (
+    NO_UNDECLARED_CHANGE,
+    UndeclaredChange,
+    find_undeclared_change,
+    rigid_fit,
+    update_mass_estimate,
+)
 from monitor.judge.drift.work import MAINTENANCE, REPLACED, SERIALS, Work, count_replay, judged
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.judge.works import begin_works, with_outcomes
@@ -119,7 +125,7 @@ def learn(
     result = step(belief.drift_state, replay, settings, laws)
     after = replace(_after(moved, result, at_unix_s), residual_peak_rad=identification.residual_peak_rad)
     if not contradicted:
-        after = replace(after, mass_estimate=update_mass_estimate(moved.mass_estimate, identification))
+        after = replace(after, mass_estimate=update_mass_estimate(moved.mass_estimate, rigid_fit(identification)))
     after, settled = _judge_works(after, limits, settings)
     return LearnResult(after, tuple(_warnings(after, result, change, undeclared)), undeclared, (*change.works, *settled))
 

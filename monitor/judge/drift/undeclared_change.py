@@ -53,6 +53,29 @@ def rigid_of(identification: Identification) -> np.ndarray:
     return rigid
 
 
+class RigidFit(NamedTuple):
+    """The rigid base parameters that one replay identified, (R,) each."""
+
+    columns: Array  # of the regressor
+    names: tuple[str, ...]
+    values: Array
+    variance: Array  # within the replay
+    of_mass: Array  # (R, 4) what m, mx, my, mz of the last link add to them
+
+
+def rigid_fit(identification: Identification) -> RigidFit:
+    """The rigid part of an identification."""
+    rigid = rigid_of(identification)
+    last_link = PER_JOINT * (len(identification.coulomb_nm) - 1)
+    return RigidFit(
+        columns=np.array(identification.columns, dtype=float)[rigid],
+        names=tuple(np.array(identification.names)[rigid].tolist()),
+        values=identification.values[rigid],
+        variance=np.diag(identification.covariance)[rigid],
+        of_mass=identification.combination[rigid][:, last_link : last_link + MASS_PARAMETERS],
+    )
+
+
 def find_undeclared_change(
     identification: Identification, estimate: MassEstimate | None, *, sigma: float, mass_kg: float
 ) -> UndeclaredChange:
@@ -64,19 +87,20 @@ def find_undeclared_change(
     for warning in identification.warnings:
         if warning.code == MOUNTING:
             return UndeclaredChange(MOUNTING, warning.text)
-    rigid = rigid_of(identification)
-    if estimate is None or estimate.replays < MIN_REPLAYS:
+    return compare_weights(rigid_fit(identification), estimate, sigma=sigma, mass_kg=mass_kg)
+
+
+def compare_weights(fit: RigidFit, estimate: MassEstimate | None, *, sigma: float, mass_kg: float) -> UndeclaredChange:
+    """What of a replay's rigid parameters contradicts those of the replays before; arguments as in `find_undeclared_change`."""
+    if estimate is None or estimate.replays < MIN_REPLAYS or not np.array_equal(estimate.columns, fit.columns):
         return NO_UNDECLARED_CHANGE
-    if not np.array_equal(estimate.columns, np.array(identification.columns)[rigid]):
-        return NO_UNDECLARED_CHANGE
-    var = np.diag(identification.covariance)[rigid] + estimate.var * (1.0 + 1.0 / estimate.replays)
+    var = fit.variance + estimate.var * (1.0 + 1.0 / estimate.replays)
     known = np.isfinite(var) & (var > 0)
-    moved, std = (identification.values[rigid] - estimate.mean)[known], np.sqrt(var[known])
+    moved, std = (fit.values - estimate.mean)[known], np.sqrt(var[known])
     normalised = moved / std
     squares = float(normalised @ normalised)  # χ² of `degrees` if nothing changed
     degrees = len(normalised)
-    last_link = PER_JOINT * (len(identification.coulomb_nm) - 1)
-    X = identification.combination[rigid][known][:, last_link : last_link + MASS_PARAMETERS] / std[:, None]
+    X = fit.of_mass[known] / std[:, None]
     load, *_ = np.linalg.lstsq(X, normalised, rcond=1e-9)  # (m, mx, my, mz) of the mass that explains most of it
     left = normalised - X @ load
     squares_left = float(left @ left)
@@ -85,21 +109,19 @@ def find_undeclared_change(
         return _payload(float(load[0]))
     if explained < EXPLAINED and squares > degrees * sigma**2:
         worst = int(np.argmax(np.abs(normalised)))
-        return _gains(np.sqrt(squares / degrees), str(np.array(identification.names)[rigid][known][worst]))
+        return _gains(np.sqrt(squares / degrees), str(np.array(fit.names)[known][worst]))
     return NO_UNDECLARED_CHANGE
 
 
-def update_mass_estimate(estimate: MassEstimate | None, identification: Identification) -> MassEstimate:
+def update_mass_estimate(estimate: MassEstimate | None, fit: RigidFit) -> MassEstimate:
     """The estimate after one more replay of the same context."""
-    rigid = rigid_of(identification)
-    columns, values = np.array(identification.columns, dtype=float)[rigid], identification.values[rigid]
-    noise = np.nan_to_num(np.diag(identification.covariance)[rigid])
-    if estimate is None or not np.array_equal(estimate.columns, columns):
-        return MassEstimate(columns=columns, mean=values, var=noise * PRIOR_STD**2, replays=1)
+    noise = np.nan_to_num(fit.variance)
+    if estimate is None or not np.array_equal(estimate.columns, fit.columns):
+        return MassEstimate(columns=fit.columns, mean=fit.values, var=noise * PRIOR_STD**2, replays=1)
     n = min(estimate.replays + 1.0, MEMORY)
-    moved = values - estimate.mean
+    moved = fit.values - estimate.mean
     var = estimate.var + (np.maximum(moved**2 * (n - 1.0) / n - noise, 0.0) - estimate.var) / (n + PRIOR_REPLAYS)
-    return MassEstimate(columns=columns, mean=estimate.mean + moved / n, var=var, replays=estimate.replays + 1)
+    return MassEstimate(columns=fit.columns, mean=estimate.mean + moved / n, var=var, replays=estimate.replays + 1)
 
 
 def _payload(kg: float) -> UndeclaredChange:
