@@ -8,10 +8,21 @@ from synthetic_arm import Arm, History
 
 from monitor.identify.identification import Identification
 from monitor.identify.warnings import DataWarning
-from monitor.judge.drift.undeclared_change import rigid_of
+from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.drift.undeclared_change import (
+    GAINS,
+    PAYLOAD,
+    RigidFit,
+    compare_weights,
+    rigid_fit,
+    rigid_of,
+    update_mass_estimate,
+)
 from monitor.model.robot import load_robot
+from monitor.studies.rehearsal.worlds.weights import STD
 
 UR5 = load_robot("ur5")
+LIMITS = HealthSettings()
 
 
 def carrying(seen: Identification, mass_kg: float, gain: float = 1.0) -> Identification:
@@ -50,6 +61,36 @@ def test_a_gain_that_changed_is_named_and_is_no_wear():
     history = lived(20, gain=1.1)
     assert {condition for _, _, _, condition, _ in history.transitions} == {"gain_contradiction"}
     assert np.all(np.abs(history.last.belief.wear) < 0.01)
+
+
+def weighed(rng: np.random.Generator, kg: float = 0.0, gain: float = 1.0) -> RigidFit:
+    """The weights of a UR5 as precisely as a replay of 30 s determines them."""
+    fit = rigid_fit(carrying(Arm(seed=1).replay(30.0), 0.0))
+    values = gain * (fit.values + fit.of_mass @ (kg * np.array([1.0, 0.01, -0.01, 0.05])))
+    return fit._replace(values=values + STD * rng.normal(size=len(STD)), variance=STD**2)
+
+
+def found(replays: int, **changed: float) -> list[str | None]:
+    """What each of 40 replays after so many ordinary ones contradicts."""
+    rng, estimate = np.random.default_rng(5), None
+    for _ in range(replays):
+        estimate = update_mass_estimate(estimate, weighed(rng))
+    limits = {"sigma": LIMITS.contradiction_sigma, "mass_kg": LIMITS.contradiction_kg}
+    return [compare_weights(weighed(rng, **changed), estimate, **limits).condition for _ in range(40)]
+
+
+@pytest.mark.parametrize("kg", [0.3, -0.3, 1.0])
+@pytest.mark.parametrize("replays", [5, 60])
+def test_a_few_hundred_grams_are_told_as_a_payload(kg, replays):
+    """A replay determines a mass at the flange of a UR5 within 0.03 kg: 0.3 kg is seen in every replay."""
+    assert set(found(replays, kg=kg)) == {PAYLOAD}
+
+
+@pytest.mark.parametrize("changed", [{}, {"kg": 0.1}, {"gain": 1.03}, {"gain": 0.96}, {"gain": 1.08}])
+def test_drive_gains_and_trifles_are_no_payload(changed):
+    """Magnets weaken by a tenth of a per cent a kelvin, so weights seem to vary by some per cent; a cable weighs a tenth of a kilogram."""
+    assert PAYLOAD not in found(30, **changed)
+    assert GAINS not in found(30, **changed)
 
 
 def test_a_mounting_that_contradicts_gravity_is_no_wear():

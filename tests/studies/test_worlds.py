@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import RemainingLife
 from monitor.studies.performance_card import END, with_worlds
+from monitor.studies.rehearsal.play import judged_days
 from monitor.studies.rehearsal.worlds.card import WORLDS_HEAD, arms_of, worlds_section
 from monitor.studies.rehearsal.worlds.change import Payload, RunningIn, Wandering, Yearly
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
@@ -257,6 +258,16 @@ def test_a_plain_world_is_judged_and_its_document_is_plain_json():
     assert document["false_advisories"]["counted"]["events"] <= 4
     assert 0.7 < document["interval_90"]["healthy"] <= 1.0
     assert world_line(document).startswith("plain")
+
+
+def test_an_undeclared_payload_is_told_as_a_payload_and_its_declaration_opens_a_context():
+    """Every arm's weights contradict from the day on which 0.3 kg are mounted until they are declared, and on no other day."""
+    arms = WorldFleet(WORLDS["payload-03"], healthy=4, worn=0, days=560, seed=3)
+    seen = [judged.undeclared & judged.now.replayed for judged in judged_days(arms, arms.days, ASSESS, count_use=False)]
+    assert np.array_equal(np.array(seen), arms.undeclared & arms._replayed)
+    assert arms.undeclared.any(axis=0).all()
+    assert np.array_equal(arms._opened.sum(axis=0), np.ones(4))
+    assert np.all((arms._slot == 1)[-1])
 
 
 def test_the_card_has_a_row_a_world_with_its_goals():

@@ -37,7 +37,9 @@ class HealthSettings:
     contradiction_sigma: Annotated[float, Interval(ge=2.0, le=100.0)] = (
         8.0  # standard deviations by which masses must differ from those of earlier replays to contradict them
     )
-    contradiction_kg: Annotated[float, Interval(ge=0.01, le=100.0)] = 0.5  # smallest difference that is reported as a payload
+    contradiction_kg: Annotated[float, Interval(ge=0.01, le=100.0)] = (
+        0.2  # smallest difference that is reported as a payload: it raises friction of the shoulder by about advisory_rise
+    )
     learning_replays: Annotated[int, Interval(ge=0, le=1000)] = 10  # before so many replays a new temperature is not OFF_SPEC
 
     def __post_init__(self) -> None:

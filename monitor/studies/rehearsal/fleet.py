@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.undeclared_change import RigidFit
 from monitor.model.robot import Robot, load_robot
 from monitor.recording import Array
 from monitor.simulate.arm.friction import FrictionLaw, default_law
@@ -79,6 +80,7 @@ class Day(NamedTuple):
     worn: Array  # (A, J) log of the wear factor
     revolutions: Array  # (A, J) counted since the beginning
     used_days: Array  # (A,) mean days of work since the onset of wear
+    rigid: tuple[RigidFit, ...] | None = None  # weights that each arm's replay identified; None: those of before
 
 
 class _Morning(NamedTuple):

@@ -12,8 +12,10 @@ import numpy as np
 
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Evidence, nothing_counted, wear_of_state, weigh_evidence
+from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
+from monitor.judge.drift.undeclared_change import MassEstimate, compare_weights, update_mass_estimate
 from monitor.judge.drift.undetected_change import undetected_change
 from monitor.recording import Array
 from monitor.studies.figures import NINETY
@@ -73,6 +75,7 @@ class JudgedDay(NamedTuple):
     now: Day
     result: StepResult
     evidence: Evidence
+    undeclared: np.ndarray  # (A,) whether the weights of the arm's replay contradict the declared context
 
 
 Watcher = Callable[[int, Day, DriftState], None]
@@ -97,7 +100,7 @@ def play(
     state: DriftState | None = None
     early = np.zeros(A * J + A, dtype=bool)
     alerts, accuracy = _AlertDays(fleet), _Accuracy(fleet, assess.drift)
-    for day, _, now, result, evidence in judged_days(fleet, settings.days, assess, count_use=count_use):
+    for day, _, now, result, evidence, _ in judged_days(fleet, settings.days, assess, count_use=count_use):
         state = result.state
         if day < learning:
             early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
@@ -126,17 +129,19 @@ def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_
     """A fleet's days, judged by the daemon's own functions in turn."""
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
-    counts, last = nothing_counted(A * J, A), np.zeros(A)
+    counts, last, weighed = nothing_counted(A * J, A), np.zeros(A), _Weighed(A)
     for number in range(days * fleet.replays_a_day):
         day, now = number / fleet.replays_a_day, fleet.morning(number)
         if state is None:
             state = initial_state(now.seen, J, assess.drift, assess.temperature)
+        undeclared = weighed.contradicted(now, assess.health)
         replay = Replay(
             observation=now.seen,
             days=day - last,
             replayed=now.replayed,
             slot=now.slot,
             opened=now.opened & (day > 0),  # the initial state knows no level yet
+            undeclared=undeclared,
             revolutions=now.revolutions.ravel() if count_use else None,
         )
         last = np.where(now.replayed, day, last)
@@ -145,7 +150,26 @@ def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_
         usable = state.filter_state.learnt_from & result.inside_range
         evidence = weigh_evidence(wear_of_state(state.filter_state, usable, math.floor(day)), counts, J, assess.health)
         counts = evidence.counts
-        yield JudgedDay(number, day, now, result, evidence)
+        yield JudgedDay(number, day, now, result, evidence, undeclared)
+
+
+class _Weighed:
+    """The weights of each arm in its context, compared and learnt as `learn` does it."""
+
+    def __init__(self, arms: int) -> None:
+        self._estimates: list[MassEstimate | None] = [None] * arms
+
+    def contradicted(self, now: Day, health: HealthSettings) -> np.ndarray:
+        """(A,) whether a morning's replay contradicts the declared context; its weights are learnt where it does not."""
+        result = np.zeros(len(now.replayed), dtype=bool)
+        if now.rigid is None:
+            return result
+        for arm in np.flatnonzero(now.replayed).tolist():
+            before = None if now.opened[arm] else self._estimates[arm]
+            found = compare_weights(now.rigid[arm], before, sigma=health.contradiction_sigma, mass_kg=health.contradiction_kg)
+            result[arm] = found.condition is not None
+            self._estimates[arm] = before if result[arm] else update_mass_estimate(before, now.rigid[arm])
+        return result
 
 
 def interval_holds(truth: Array, state: DriftState, drift: DriftSettings) -> np.ndarray:

@@ -96,6 +96,11 @@ def print_world(document: dict[str, Any]) -> None:
         again = str(rate["again"]) if "again" in rate else ""
         table.add_row(name, str(rate["events"]), again, f"{rate['per_year']:.3f}", f"{rate['at_most']:.3f}", asked)
     console.print(table)
+    payload, wrong = document["payload_told"], false["payload"]["events"]
+    if payload["of"]:
+        console.print(
+            f"payload_contradiction in {payload['arms']} of {payload['of']} arms that carry what nobody declared; {wrong} elsewhere"
+        )
     table = table_of(
         ("wear", "arms", "median", "asked", "9 of 10", "in 30", "never", "right joint"),
         left=("wear",),

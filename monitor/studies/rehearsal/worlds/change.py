@@ -12,12 +12,14 @@ DAYS_A_YEAR = 365.0
 
 
 class Factors(NamedTuple):
-    """Logarithms of factors, each (D, A, J) or what broadcasts to it."""
+    """Logarithms of factors, each (D, A, J) or what broadcasts to it, and what an arm carries."""
 
     dry: Array | float = 0.0  # of dry friction
     viscous: Array | float = 0.0  # of viscous friction
     gain: Array | float = 0.0  # of what the firmware reports as torque
     residual: Array | float = 0.0  # of the RMS that the fit leaves
+    undeclared_kg: Array | float = 0.0  # no factor: a mass at the flange beyond what was declared at first, (D, A, 1) …
+    declared: Array | float = 0.0  # … and 1 from the day on which a person declares it
 
 
 class Change(Protocol):
@@ -96,18 +98,29 @@ class Gain:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Payload:
-    """An undeclared payload, by default of 0.3 kg: what the gears carry rises, and dry friction with it; most at shoulder and elbow."""
+    """An undeclared payload, by default of 0.3 kg: what the gears carry rises, and dry friction with it; most at shoulder and elbow.
 
+    A person declares it some days or weeks later; nobody does where it is kept for a while only.
+    """
+
+    mass_kg: float = 0.3
     rise: tuple[float, ...] = (0.001, 0.014, 0.012, 0.005, 0.003, 0.0005)  # of friction at the reference speed, by joint
     days: tuple[float, float] = (90.0, 500.0)
     kept_days: float = np.inf
+    declared_after_days: tuple[float, float] = (5.0, 30.0)
 
     def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Dry friction, from a day drawn for each arm; arms hold it at other reaches."""
+        """Dry friction and what the arm carries, from a day drawn for each arm; arms hold it at other reaches."""
         start, t = rng.uniform(*self.days, (shape[1], 1)), days_of(shape)
         rise = np.array(self.rise) * rng.uniform(0.7, 1.3, (shape[1], 1))
         dry = np.log1p(2.0 * rise)  # dry friction is about half of it
-        return Factors(dry=np.where((t >= start) & (t < start + self.kept_days), dry, 0.0))
+        carried = (t >= start) & (t < start + self.kept_days)
+        declared = t >= start + rng.uniform(*self.declared_after_days, (shape[1], 1))
+        return Factors(
+            dry=np.where(carried, dry, 0.0),
+            undeclared_kg=np.where(carried, self.mass_kg, 0.0),
+            declared=np.where(declared & np.isinf(self.kept_days), 1.0, 0.0),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,6 +12,7 @@ from monitor.studies.rehearsal.worlds.change import DAYS_A_YEAR, Change, Factors
 from monitor.studies.rehearsal.worlds.noise import Correlated, Noise, Shape, autoregressive
 from monitor.studies.rehearsal.worlds.physics import REFERENCE_RAD_S, SENSOR_STEP_K, SIZE_NM, Friction, Heat, Temperatures
 from monitor.studies.rehearsal.worlds.wear import RATE_10, STEP_5, Wear
+from monitor.studies.rehearsal.worlds.weights import Weights
 
 JOINTS = len(SIZE_NM)
 WITHIN_STD = 0.003, 0.008  # of log F within a replay, drawn for each
@@ -75,9 +76,13 @@ class WorldFleet:
             for k, wear in enumerate(world.wear)
         ]
         daily = (sum_to(shape, [getattr(each, name) for each in changes]) for name in Factors._fields)
-        self._dry, self._viscous, self._gain, self._misfit = (np.repeat(each, every, axis=0) if every > 1 else each for each in daily)
+        each_replay = (np.repeat(each, every, axis=0) if every > 1 else each for each in daily)
+        self._dry, self._viscous, self._gain, self._misfit, carried, declared = each_replay
         self._replayed = np.repeat(self._presence(rng(5)), every, axis=0)
         self._observe(rng(6))
+        self._slot, self._opened = _contexts(declared[:, :, 0] > 0.0, self._replayed)
+        self.undeclared = (carried[:, :, 0] != 0.0) & (self._slot == 0)  # (R, A) whether an arm carries what nobody declared
+        self._weights = Weights(rng(7), carried[:, :, 0], self.heat.motor_c) if self.undeclared.any() else None
 
     def _rng(self, *key: int) -> np.random.Generator:
         return np.random.default_rng((self._seed, *key))
@@ -148,8 +153,8 @@ class WorldFleet:
         since = np.where(np.isfinite(self.onset_day), np.maximum(day - self.onset_day, 0.0), 0.0)
         return Day(
             replayed=here,
-            slot=np.zeros(self.arms, dtype=int),
-            opened=np.zeros(self.arms, dtype=bool),
+            slot=self._slot[r],
+            opened=self._opened[r],
             seen=Observation(
                 log_torque=np.where(here[:, None], self._y[r], np.nan).ravel(),
                 variance=self._variance[r].ravel(),
@@ -164,6 +169,7 @@ class WorldFleet:
             worn=self.worn * (day >= self.onset_day)[:, None].astype(float),
             revolutions=self._nothing_turned,
             used_days=since,
+            rigid=None if self._weights is None else self._weights.fits(r),
         )
 
     def _channels(self, number: int) -> dict[str, Array]:
@@ -176,6 +182,12 @@ class WorldFleet:
         torque = self.law.torque(REFERENCE_RAD_S, temperature_c, np.exp(self._dry[number]), np.exp(self._viscous[number]))
         result: Array = np.log(torque) + self._gain[number]
         return result
+
+
+def _contexts(declared: np.ndarray, replayed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(R, A) the slot of every replay's context, and whether it is the first replay in it; declared, replayed : (R, A)."""
+    first = declared & replayed & (np.cumsum(declared & replayed, axis=0) == 1)
+    return declared.astype(int), first
 
 
 def sum_to(shape: Shape, parts: list[Array | float]) -> Array:

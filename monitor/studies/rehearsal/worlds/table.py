@@ -190,7 +190,7 @@ _OTHERS = (
     World(
         name="payload-heavier",
         sentence="0.8 kg mounted, undeclared",
-        changes=(Payload(rise=(0.003, 0.035, 0.030, 0.012, 0.008, 0.001)),),
+        changes=(Payload(mass_kg=0.8, rise=(0.003, 0.035, 0.030, 0.012, 0.008, 0.001)),),
         goal=Goal(false=0.3),
     ),
     World(

@@ -16,6 +16,7 @@ from monitor.studies.rehearsal.worlds.lives import LifeAnswer, Lives, life_docum
 
 CLEAR_DAYS = 30  # so long without it, and an advisory counts as cleared: the next one is a new one
 SOON_DAYS = 30
+CONTRADICTIONS = 2  # in a row raise the alert
 COUNTED = """What is counted. The first 60 days of every arm are for learning and left out. False advisories are those of healthy arms (N of
 them), over all days after learning: of each joint the first rise to any tier and the first alert of fallen friction, of each arm the first
 common alert (of all joints together). In some worlds a kind is the right word for what happens and not counted: the line names what is.
@@ -53,6 +54,8 @@ class Verdicts:
     rising: Episodes  # of the joints, (A·J,)
     falling: Episodes
     common: Episodes  # of the arms, (A,)
+    payload: Episodes  # likewise, weights that contradict the declared context: of arms that carry what nobody declared …
+    no_payload: Episodes  # … and of others
     found_day: Array  # (A,) first tier of a joint that wears, on or after the onset
     before: np.ndarray  # (A,) it was raised already before the onset
     wrong: np.ndarray  # (A,) another joint's tier came between onset and detection
@@ -65,7 +68,8 @@ class Verdicts:
 def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
     """A world's fleet, judged day by day."""
     started, A, J = time.process_time(), fleet.arms, fleet.joints
-    rising, falling, common = Episodes(A * J), Episodes(A * J), Episodes(A)
+    rising, falling, common, payload, no_payload = Episodes(A * J), Episodes(A * J), Episodes(A), Episodes(A), Episodes(A)
+    contradicted = np.zeros(A)  # replays in a row
     found, before, wrong = np.full(A, np.inf), np.zeros(A, dtype=bool), np.zeros(A, dtype=bool)
     held, of = np.zeros((A, 3)), np.zeros((A, 3))
     many = fleet.worn.sum(axis=1) >= 3
@@ -76,6 +80,9 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         rising.add(day, raised.ravel(), LEARNING_DAYS)
         falling.add(day, evidence.falls, LEARNING_DAYS)
         common.add(day, evidence.together, LEARNING_DAYS)
+        contradicted = np.where(judged.now.replayed, (contradicted + 1) * judged.undeclared, contradicted)
+        payload.add(day, (contradicted >= CONTRADICTIONS) & fleet.undeclared[judged.number], LEARNING_DAYS)
+        no_payload.add(day, (contradicted >= CONTRADICTIONS) & ~fleet.undeclared[judged.number] & judged.now.replayed, LEARNING_DAYS)
         own = _found(raised, evidence, fleet.worn, many)
         after = day >= fleet.onset_day
         before |= own & ~after & (day >= LEARNING_DAYS)
@@ -97,6 +104,8 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         rising=rising,
         falling=falling,
         common=common,
+        payload=payload,
+        no_payload=no_payload,
         found_day=found,
         before=before,
         wrong=wrong,
@@ -119,9 +128,14 @@ def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
     years = float(fleet.arms * (fleet.days - LEARNING_DAYS) / DAYS_A_YEAR)
     rates = {
         name: _rate(int(np.isfinite(episodes.first).sum()), years, again=int(np.maximum(episodes.count - 1, 0).sum()))
-        for name, episodes in (("rising", healthy.rising), ("falling", healthy.falling), ("common", healthy.common))
+        for name, episodes in (
+            ("rising", healthy.rising),
+            ("falling", healthy.falling),
+            ("common", healthy.common),
+            ("payload", healthy.no_payload),
+        )
     }
-    counted = sum(int(rates[name]["events"]) for name in world.goal.counted)
+    counted = sum(int(rates[name]["events"]) for name in (*world.goal.counted, "payload"))
     return {
         "world": world.name,
         "sentence": world.sentence,
@@ -133,6 +147,7 @@ def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
             "single_joint": _rate(int(rates["rising"]["events"] + rates["falling"]["events"]), years),
             **rates,
         },
+        "payload_told": {"arms": int(np.isfinite(healthy.payload.first).sum()), "of": int(fleet.undeclared.any(axis=0).sum())},
         "detection": [{**_detection(worn, k), "remaining_life": life_documents(worn.lives, k)} for k in range(len(world.wear))],
         "interval_90": {"healthy": _covered(healthy, 0), "worn": _covered(worn, 1)},
         "goal": {
