@@ -8,7 +8,7 @@ from typing import Any
 
 from monitor import __version__
 
-PACKAGES = ("numpy", "scipy", "pyarrow")  # their arithmetic, or their reading of a file, is in every figure
+PACKAGES = ("numpy", "scipy", "filterpy", "pyarrow")  # their arithmetic, or their reading of a file, is in every figure
 
 
 @cache
