@@ -17,7 +17,8 @@ def simulate(
     payload: Annotated[float | None, typer.Option(help="Mass at the flange [kg].", show_default=False)] = None,
     mounting: MountingOrNoneOption = None,
     polyscope: Annotated[
-        str | None, typer.Option(metavar="VERSION", help="Software to be, e.g. 5.22.0; default 3.15 or 5.11.", show_default=False)
+        str | None,
+        typer.Option(metavar="VERSION", help="Software to be, e.g. 5.22.0 or 10.12.0; default 3.15 or 5.11.", show_default=False),
     ] = None,
     protective_runtime: Annotated[
         str | None, typer.Option(help="The program in a protective stop: paused (the default), stopped or playing.", show_default=False)
@@ -34,6 +35,7 @@ def simulate(
     home: Annotated[
         str | None, typer.Option(metavar="Q1,…,Q6", help="Joint positions at the start [rad], as --home=….", show_default=False)
     ] = None,
+    robot_api_port: Annotated[int, typer.Option(help="Robot API of a PolyScope X (software 10); a port below 1024 may need rights.")] = 80,
     command_port: Annotated[int, typer.Option(help="JSON lines: truth, time, wear, faults.")] = 30020,
     view: Annotated[bool, typer.Option("--view", help="Show the arm's state live in the terminal.")] = False,
     fault: Annotated[
@@ -69,6 +71,7 @@ def simulate(
         home_rad=numbers("--home", home),
         program=None if program is None else load_tree(program),
         command_port=command_port,
+        robot_api_port=robot_api_port,
     )
     if view:
         from monitor.simulate.view import simulate_and_watch
@@ -77,7 +80,8 @@ def simulate(
         options |= {"--polyscope": polyscope, "--protective-runtime": protective_runtime, "--personality": personality, "--home": home}
         options |= {"--control-script": control_script, "--program": None if program is None else str(program)}
         given = [f"{option}={value}" for option, value in options.items() if value is not None]
-        simulate_and_watch([f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", *given], bind, command_port)
+        fixed = [f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", f"--robot-api-port={robot_api_port}"]
+        simulate_and_watch([*fixed, *given], bind, command_port)
         return
     from monitor.simulate.server import serve
 

@@ -25,6 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--mounting", help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees")
     parser.add_argument("--payload", type=float, metavar="KG")
     parser.add_argument("--command-port", type=int, default=defaults.command_port)
+    parser.add_argument("--robot-api-port", type=int, default=defaults.robot_api_port, help="of a PolyScope X; 80 may need rights")
     parser.add_argument("--polyscope", default=None, metavar="VERSION", help="version to report, e.g. 5.11.0")
     parser.add_argument("--protective-runtime", default=defaults.protective_runtime, choices=["paused", "stopped", "playing"])
     parser.add_argument("--personality", default=defaults.personality, choices=PERSONALITIES, help="what is published beside the motion")
@@ -48,6 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
             mounting=given.mounting,
             payload_kg=given.payload,
             command_port=given.command_port,
+            robot_api_port=given.robot_api_port,
             version=given.polyscope,
             protective_runtime=given.protective_runtime,
             personality=given.personality,

@@ -9,7 +9,7 @@ from monitor.errors import BadInput
 from monitor.simulate.arguments import Choice, Kind, Number, Text, check
 from monitor.simulate.polyscope import Version
 
-SERVICES = ("rtde", "dashboard", "primary", "secondary", "realtime")
+SERVICES = ("rtde", "dashboard", "robot_api", "primary", "secondary", "realtime")
 STALL_MAX_S = 3600.0
 CONNECTIONS_MAX = 64  # per service
 
@@ -96,6 +96,13 @@ FAULTS: dict[str, Fault] = {
     "late": Fault(about="packets held back and then in a bunch", arguments={"seconds": Number(0, 5), "share": Number(0, 1, 0.05)}),
     "skip": Fault(about="packets never sent", arguments={"share": Number(0, 1, 0.05)}),
     "mute": Fault(about="requests are read and not answered"),
+    "robot_api": Fault(
+        about="the Robot API of a PolyScope X answers every request wrongly or not at all, until `clear`",
+        arguments={"answer": Choice(("unauthorized", "forbidden", "failing", "garbage", "elsewhere", "silent"))},
+    ),
+    "manual_mode": Fault(
+        about="the pendant of a PolyScope X is in manual mode, which ends remote control", arguments={"state": Choice(("on", "off"), "on")}
+    ),
     "text_at_connect": Fault(about="a text message before the first reply, as with an unconfirmed safety set-up"),
     "registers_in_use": Fault(about="every free input belongs to a connection that is gone"),
     "version": Fault(about="another version is reported", arguments={"version": Text()}),

@@ -7,7 +7,7 @@ from typing import Any
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting
 from monitor.simulate.scenario import Scenario
-from monitor.simulate.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORTS, SimulateSettings
+from monitor.simulate.settings import RTDE_PORT, SCRIPT_PORTS, SimulateSettings
 
 
 def settings_from(scenario: Scenario | None, **given: Any) -> SimulateSettings:
@@ -43,11 +43,12 @@ def numbers(option: str, text: str | None) -> tuple[float, ...] | None:
 def announcement(settings: SimulateSettings) -> str:
     """What the command prints: where the simulator listens, its scenario, and how to use it."""
     version = ".".join(map(str, settings.polyscope))
-    scenario = settings.scenario
+    scenario, ports = settings.scenario, settings.service_ports
+    asked = f"Robot API {ports['robot_api']}" if "robot_api" in ports else f"dashboard {ports['dashboard']}"
     state = "/".join(map(str, SCRIPT_PORTS))
     lines = [
         f"simulated {settings.robot}, {1.0 / settings.tick_s:.0f} Hz, PolyScope {version}, listening on {settings.bind}",
-        f"  RTDE {RTDE_PORT}, dashboard {DASHBOARD_PORT}, state and scripts {state}, commands {settings.command_port}",
+        f"  RTDE {RTDE_PORT}, {asked}, state and scripts {state}, commands {settings.command_port}",
         f"  scenario {scenario.name}: {scenario.about}" if scenario else "  no scenario: a fresh arm",
         f'  talk to it   RTDEReceiveInterface("{settings.bind}"), or host = "{settings.bind}" in a configuration',
         f"  make faults  joint-monitor simulate --bind {settings.bind} --fault 'stall seconds=2'",

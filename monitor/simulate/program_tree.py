@@ -2,7 +2,7 @@
 
 A node that hands the arm over ("External Control") asks another host for its text when the script is made, and not when the node is
 reached. The part of that text between HEADER_BEGIN and HEADER_END stands once at the top of the program, the rest at every such node.
-Where the host does not answer, the node becomes a popup that blocks the program.
+Where the host does not answer, the node becomes a popup that blocks the program; on a PolyScope X it does nothing, and says nothing.
 """
 
 import tomllib
@@ -51,14 +51,14 @@ class ProgramTree:
         """The hosts that are asked at Play, each once."""
         return tuple(dict.fromkeys(node.external_control for node in self.nodes if node.external_control is not None))
 
-    def script(self, served: Mapping[Host, str | None]) -> str:
-        """The URScript of the program. `served` holds the text of each host; None where it did not answer."""
+    def script(self, served: Mapping[Host, str | None], *, silent: bool = False) -> str:
+        """The URScript of the program. `served` holds the text of each host; None where it did not answer: popup, or `silent`."""
         headers, body = [], []
         for host in self.hosts:
             header, _ = _parts(served.get(host) or "")
             headers += header
         for node in self.nodes:
-            body += _lines(node, served)
+            body += _lines(node, served, silent=silent)
         inner = [f"  {line}" for line in body]
         if self.loop:
             inner = ["while True:", *inner, "  sync()", "end"]
@@ -133,7 +133,7 @@ def _text(where: str, given: Mapping[str, Any], key: str) -> str:
     return str(given[key])
 
 
-def _lines(node: Node, served: Mapping[Host, str | None]) -> list[str]:
+def _lines(node: Node, served: Mapping[Host, str | None], *, silent: bool) -> list[str]:
     """The lines of one node at its place."""
     if node.move is not None:
         return [f"movej({list(node.move)}, a={node.acceleration!r}, v={node.speed!r})"]
@@ -145,6 +145,8 @@ def _lines(node: Node, served: Mapping[Host, str | None]) -> list[str]:
         return node.script.splitlines()
     assert node.external_control is not None
     text = served.get(node.external_control)
+    if text is None and silent:
+        return []
     if text is None:
         address, port = node.external_control
         return [f'popup("The connection to the remote PC at {address}:{port} could not be established", blocking=True)']

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from monitor.errors import BadInput
 from monitor.simulate.commands import LINE_MAX_BYTES, Commands, TickCounts
 from monitor.simulate.settings import SimulateSettings
-from monitor.simulate.wire.listeners import SERVICE_PORTS, listening
+from monitor.simulate.wire.listeners import listening
 from monitor.simulate.wire.robot import ServedRobot
 from monitor.simulate.wire.ticking import TickSelector
 from monitor.simulate.wire.timer import expirations, periodic_timer
@@ -44,13 +44,16 @@ def bound(settings: SimulateSettings) -> dict[int, socket.socket]:
     Raises BadInput with the port and the reason if one of them is not possible; then no socket stays open.
     """
     sockets: dict[int, socket.socket] = {}
-    for port in (*SERVICE_PORTS.values(), settings.command_port):
+    for port in (*settings.service_ports.values(), settings.command_port):
         try:
             sockets[port] = listening(settings.bind, port)
         except OSError as wrong:
             for other in sockets.values():
                 other.close()
             taken = "is in use: another robot is there already; choose another --bind 127.x.y.z"
+            if wrong.errno == errno.EACCES:
+                why = "needs rights: choose another with --robot-api-port, e.g. 8080, and tell the monitor: robot.robot_api_port"
+                raise BadInput(f"simulate: port {port} on {settings.bind} {why}") from None
             why = taken if wrong.errno == errno.EADDRINUSE else f"cannot be bound: {wrong.strerror}"
             raise BadInput(f"simulate: port {port} on {settings.bind} {why}") from None
     return sockets

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, Robot, load_robot
-from monitor.simulate.polyscope import BUILD_DATE, DEFAULT_VERSION, Version
+from monitor.simulate.polyscope import BUILD_DATE, DEFAULT_VERSION, Version, X, robot_api_of
 from monitor.simulate.program_tree import ProgramTree
 from monitor.simulate.scenario import Scenario
 
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)  # ur-rtde cannot use others
 DEFAULT_COMMAND_PORT = 30020
+DEFAULT_ROBOT_API_PORT = 80  # as on a real PolyScope X
 PERSONALITIES = ("ideal", "recorded")
 CONTROL_SCRIPTS = ("modelled", "executed")
 PAYLOAD_COM_MAX_M = 2.0  # largest distance of a payload's centre of mass from the flange, along each axis
@@ -30,6 +31,7 @@ class SimulateSettings:
     payload_kg: float = 0.0
     payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.05)  # in the frame of the flange
     command_port: int = DEFAULT_COMMAND_PORT
+    robot_api_port: int = DEFAULT_ROBOT_API_PORT  # of a PolyScope X
     version: str | None = None  # for example "3.15.8"
     serial: str = "20180500001"
     home_rad: tuple[float, ...] = (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0)
@@ -64,10 +66,13 @@ class SimulateSettings:
             raise BadInput(f"simulate: personality = {self.personality!r}; expected {' or '.join(PERSONALITIES)}")
         if self.control_script not in CONTROL_SCRIPTS:
             raise BadInput(f"simulate: control_script = {self.control_script!r}; expected {' or '.join(CONTROL_SCRIPTS)}")
-        if not 0 < self.command_port < 65536:
-            raise BadInput(f"simulate: command_port = {self.command_port}; expected 1 … 65535")
-        if self.command_port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):
-            raise BadInput(f"simulate: command_port = {self.command_port} is one of the robot's own ports; expected another, e.g. 30020")
+        for name, port, other in (("command_port", self.command_port, 30020), ("robot_api_port", self.robot_api_port, 8080)):
+            if not 0 < port < 65536:
+                raise BadInput(f"simulate: {name} = {port}; expected 1 … 65535")
+            if port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):
+                raise BadInput(f"simulate: {name} = {port} is one of the robot's own ports; expected another, e.g. {other}")
+        if self.command_port == self.robot_api_port:
+            raise BadInput(f"simulate: command_port and robot_api_port are both {self.command_port}; expected two ports")
         if self.seed < 0:
             raise BadInput(f"simulate: seed = {self.seed}; expected 0 or more")
         if len(self.payload_com_m) != 3 or not all(abs(metres) <= PAYLOAD_COM_MAX_M for metres in self.payload_com_m):
@@ -99,17 +104,28 @@ class SimulateSettings:
     def polyscope(self) -> Version:
         """The version as four numbers.
 
-        Raises BadInput for a text that is no version, and for 5.0 … 5.3 and 3.0 … 3.3, with which ur-rtde 1.6.5 crashes.
+        Raises BadInput for a text that is no version, for 5.0 … 5.3 and 3.0 … 3.3, with which ur-rtde 1.6.5 crashes, and for a PolyScope X
+        without a Robot API.
         """
         text = self.version or DEFAULT_VERSION[self.arm.generation]
         if not re.fullmatch(r"\d+(\.\d+){1,3}", text):
             raise BadInput(f"simulate: version = {text!r}; expected MAJOR.MINOR[.BUGFIX[.BUILD]], e.g. 5.11.0")
         parts = ([int(part) for part in text.split(".")] + [0, 0])[:4]
-        if parts[0] not in {3, 5} or parts[1] < 4:
+        version = Version(*parts)
+        if version.major == X and robot_api_of(version) is None:
+            raise BadInput(f"simulate: version = {text!r}; expected 10.11 or newer: before it PolyScope X had no Robot API")
+        if version.major not in {3, 5, X} or version.minor < 4:
             raise BadInput(f"simulate: version = {text!r}; expected 3.4 … 3.15 or 5.4 … 5.22: ur-rtde 1.6.5 crashes on older ones")
-        if (parts[0] == 3) != (self.arm.generation == "cb3"):
-            raise BadInput(f"simulate: version = {text!r}; expected {'3.4 … 3.15' if parts[0] == 5 else '5.4 … 5.22'} for a {self.robot}")
-        return Version(*parts)
+        if (version.major == 3) != (self.arm.generation == "cb3"):
+            expected = "3.4 … 3.15" if version.major != 3 else "5.4 … 5.22, or 10.11 and newer,"
+            raise BadInput(f"simulate: version = {text!r}; expected {expected} for a {self.robot}")
+        return version
+
+    @property
+    def service_ports(self) -> dict[str, int]:
+        """The ports on which the robot listens: a PolyScope X has a Robot API where the others have a dashboard server."""
+        asked = {"robot_api": self.robot_api_port} if self.polyscope.major >= X else {"dashboard": DASHBOARD_PORT}
+        return {"rtde": RTDE_PORT, **asked, **dict(zip(("primary", "secondary", "realtime"), SCRIPT_PORTS, strict=True))}
 
 
 def check_loopback(address: str) -> None:

@@ -86,6 +86,7 @@ def test_the_controller_makes_every_fault_happen_that_the_wire_does_not():
     """Without a wire, each fault of the catalogue happens or is refused because it belongs to the wire."""
     examples = {
         "joint": 1,
+        "answer": "silent",
         "value": 0.1,
         "seconds": 1.0,
         "names": "actual_q",
@@ -112,6 +113,7 @@ def test_the_controller_makes_every_fault_happen_that_the_wire_does_not():
         "late",
         "skip",
         "mute",
+        "robot_api",
         "text_at_connect",
     }
 

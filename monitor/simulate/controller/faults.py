@@ -55,6 +55,11 @@ def _remote(target: FaultTarget, arguments: dict[str, Any]) -> str:
     return f"remote control is {arguments['state']}"
 
 
+def _manual_mode(target: FaultTarget, arguments: dict[str, Any]) -> str:
+    target.identity.set_manual(arguments["state"] == "on")
+    return f"manual mode is {arguments['state']}"
+
+
 def _digital_input(target: FaultTarget, arguments: dict[str, Any]) -> str:
     bit = 1 << int(arguments["number"])
     registers = target.registers
@@ -164,6 +169,7 @@ ACTIONS: dict[str, Callable[[FaultTarget, dict[str, Any]], str]] = {  # the othe
     "version": _version,
     "not_found": _not_found,
     "remote": _remote,
+    "manual_mode": _manual_mode,
     "digital_input": _digital_input,
     "program_stop": _program_stop,
     "protective_stop": _protective_stop,

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from monitor.errors import BadInput
 from monitor.simulate.controller.published import OUTPUT_TYPES, known
-from monitor.simulate.polyscope import Version
+from monitor.simulate.polyscope import Version, X
 from monitor.simulate.settings import SimulateSettings
 
 
@@ -14,7 +14,8 @@ class Identity:
     def __init__(self, settings: SimulateSettings) -> None:
         self._settings, self._polyscope = settings, settings.polyscope
         self.reported_version, self.remote_control = settings.polyscope, settings.remote_control
-        self.user_role, self.operational_mode = "PROGRAMMER", "NONE"  # the dashboard sets them
+        # the dashboard sets them; a PolyScope X is always in one of two modes
+        self.user_role, self.operational_mode = "PROGRAMMER", "AUTOMATIC" if settings.polyscope.major >= X else "NONE"
         self.joint_serials = [f"{settings.serial}-{i + 1}" for i in range(settings.arm.joints)]
         self.missing_outputs: set[str] = set()  # a fault hides these output variables
 
@@ -30,9 +31,15 @@ class Identity:
         """Switch between remote and local control."""
         self.remote_control = on
 
+    def set_manual(self, on: bool) -> None:
+        """Switch between manual and automatic mode at the pendant. Remote control is only possible in automatic mode."""
+        self.operational_mode = "MANUAL" if on else "AUTOMATIC"
+        if on:
+            self.remote_control = False
+
     @property
     def local(self) -> bool:
-        """Whether the pendant has taken control: an e-Series then refuses commands over the network. A CB3 has no such mode."""
+        """Whether the pendant has taken control: commands over the network are then refused. A CB3 has no such mode."""
         return not self.remote_control and self._polyscope.major >= 5
 
     def clear_operational_mode(self) -> None:
@@ -65,4 +72,6 @@ class Identity:
     def restore(self) -> None:
         """Report again what the settings say."""
         self.reported_version, self.remote_control = self._polyscope, self._settings.remote_control
+        if self._polyscope.major >= X:
+            self.operational_mode = "AUTOMATIC"
         self.missing_outputs.clear()

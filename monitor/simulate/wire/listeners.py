@@ -6,14 +6,13 @@ import socket
 from collections.abc import Callable, Iterable
 from functools import partial
 
-from monitor.simulate.faults import SERVICES
-from monitor.simulate.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORTS
+from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.ports import DashboardPort, Port, Ports, RtdePort, StatePort
+from monitor.simulate.wire.robot_api_port import RobotApiPort
 
 log = logging.getLogger(__name__)
 
 BACKLOG = 64  # connections that wait to be accepted
-SERVICE_PORTS = dict(zip(SERVICES, (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS), strict=True))
 
 
 def listening(address: str, port: int) -> socket.socket:
@@ -32,10 +31,11 @@ def listening(address: str, port: int) -> socket.socket:
 class Listeners:
     """Accepts connections to the services of one robot."""
 
-    def __init__(self, address: str, ports: Ports, sockets: dict[int, socket.socket]) -> None:
+    def __init__(self, settings: SimulateSettings, ports: Ports, sockets: dict[int, socket.socket]) -> None:
         """`sockets` listen already, by port; a port without one is opened when the listeners start."""
-        self._address, self._ports = address, ports
-        self._sockets = {service: sockets[port] for service, port in SERVICE_PORTS.items() if port in sockets}
+        self._address, self._ports = settings.bind, ports
+        self._service_ports = settings.service_ports
+        self._sockets = {service: sockets[port] for service, port in self._service_ports.items() if port in sockets}
         self._servers: dict[str, asyncio.Server] = {}
         self._timers: list[asyncio.TimerHandle] = []
         self._tasks: set[asyncio.Task[None]] = set()
@@ -43,7 +43,7 @@ class Listeners:
 
     async def start(self) -> None:
         """Accept connections on every service."""
-        for service in SERVICE_PORTS:
+        for service in self._service_ports:
             await self._open(service)
 
     async def _open(self, service: str) -> None:
@@ -52,7 +52,7 @@ class Listeners:
         wire = self._sockets.get(service)
         if wire is None or wire.fileno() < 0:
             try:
-                wire = listening(self._address, SERVICE_PORTS[service])
+                wire = listening(self._address, self._service_ports[service])
             except OSError as wrong:  # another process took the port meanwhile
                 log.warning("%s cannot listen again: %s", service, wrong)
                 return
@@ -61,6 +61,8 @@ class Listeners:
             made = partial(RtdePort, self._ports)
         elif service == "dashboard":
             made = partial(DashboardPort, self._ports)
+        elif service == "robot_api":
+            made = partial(RobotApiPort, self._ports)
         else:
             made = partial(StatePort, self._ports, service)
         self._sockets[service] = wire
@@ -82,7 +84,7 @@ class Listeners:
 
     def away(self, service: str, seconds: float) -> None:
         """Stop listening for a service, or for `all`. 0 s means until `back`."""
-        gone = [name for name in SERVICE_PORTS if service in (name, "all")]
+        gone = [name for name in self._service_ports if service in (name, "all")]
         request = object()
         for name in gone:
             self._shut(name)
@@ -90,11 +92,11 @@ class Listeners:
         if seconds > 0.0:
             self.later(seconds, lambda: self.back([name for name in gone if self._gone[name] is request]))
 
-    def back(self, services: Iterable[str] = tuple(SERVICE_PORTS)) -> None:
+    def back(self, services: Iterable[str] | None = None) -> None:
         """Listen again, unless the controller is dead."""
         if self._ports.dead:
             return
-        for service in services:
+        for service in self._service_ports if services is None else services:
             task = asyncio.get_running_loop().create_task(self._open(service))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)

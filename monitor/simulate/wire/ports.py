@@ -39,6 +39,7 @@ class WireFaults:
     late_s: float = 0.0  # delay of a late packet
     late_share: float = 0.0  # this share of the packets is late, with all packets behind them
     skip_share: float = 0.0  # this share of the control periods is never sent
+    robot_api: str = ""  # how the Robot API answers wrongly; empty: it answers
     text_at_connect: bool = False  # a new RTDE connection gets a text message first
 
 

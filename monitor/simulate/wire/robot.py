@@ -22,7 +22,7 @@ class ServedRobot:
         """`sockets` listen already, by port. `shut_down` ends the whole simulator."""
         self._settings = settings
         self.ports = Ports(Controller(settings, wire=self), shut_down)
-        self.listeners = Listeners(settings.bind, self.ports, sockets)
+        self.listeners = Listeners(settings, self.ports, sockets)
         self._rebirth: asyncio.TimerHandle | None = None
         self._actions: dict[str, Callable[[dict[str, Any]], str]] = {
             "stall": self._stall,
@@ -35,6 +35,7 @@ class ServedRobot:
             "late": self._late,
             "skip": self._skip,
             "mute": self._mute,
+            "robot_api": self._robot_api,
             "text_at_connect": self._text_at_connect,
         }
 
@@ -92,6 +93,10 @@ class ServedRobot:
     def _mute(self, _: dict[str, Any]) -> str:
         self.ports.faults.mute = True
         return "requests are read and never answered"
+
+    def _robot_api(self, arguments: dict[str, Any]) -> str:
+        self.ports.faults.robot_api = arguments["answer"]
+        return f"the answers of the Robot API are {arguments['answer']}"
 
     def _text_at_connect(self, _: dict[str, Any]) -> str:
         self.ports.faults.text_at_connect = True

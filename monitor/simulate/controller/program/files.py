@@ -27,8 +27,9 @@ PROGRAMS = {  # file name → what it does
 class ProgramFiles:
     """The files of one controller. `loaded` is the name of the loaded program."""
 
-    def __init__(self, tree: ProgramTree | None = None) -> None:
-        """A production program is loaded at first if one is given."""
+    def __init__(self, tree: ProgramTree | None = None, *, silent: bool = False) -> None:
+        """A production program is loaded at first if one is given. `silent`: a node whose host does not answer does nothing."""
+        self._silent = silent
         self._trees = {} if tree is None else {f"{tree.name}.urp": tree}
         self.loaded = next(iter(self._trees), SCRIPT_PROGRAM)
         self._served: Mapping[Host, str | None] = {}
@@ -40,6 +41,11 @@ class ProgramFiles:
         if found:
             self.loaded = name
         return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all program files."""
+        return (*self._trees, *PROGRAMS)
 
     @property
     def hosts(self) -> tuple[Host, ...]:
@@ -58,7 +64,7 @@ class ProgramFiles:
     def program(self) -> Source | Refused | None:
         """The loaded program, made into a script as at Play; None if only scripts have run so far."""
         if self.loaded in self._trees:
-            text = self._trees[self.loaded].script(self._served)
+            text = self._trees[self.loaded].script(self._served, silent=self._silent)
         elif self.loaded in PROGRAMS:
             text = PROGRAMS[self.loaded]
         else:

@@ -14,6 +14,7 @@ from monitor.simulate.controller.program.player import SteppedProgram
 from monitor.simulate.controller.program.scripts import ControlScript, Refused
 from monitor.simulate.controller.program.threads import ScriptProgram
 from monitor.simulate.controller.registers import Recipe
+from monitor.simulate.polyscope import X
 
 log = logging.getLogger(__name__)
 
@@ -30,7 +31,7 @@ class Programs:
         self._machine = machine
         self.current: Program | None = None
         self._full_speed_at_s = 0.0  # until this time after a start, `speed_scaling` is 0
-        self.files = ProgramFiles(machine.settings.program)
+        self.files = ProgramFiles(machine.settings.program, silent=machine.settings.polyscope.major >= X)
         self._name = ""  # of the present program
 
     def step(self) -> None:
