@@ -48,7 +48,9 @@ def shown() -> list[Shown]:
 
 def typed() -> list[tuple[str, str]]:
     """Page and arguments of every `joint-monitor …`, in blocks and in sentences."""
-    pattern = re.compile(r"(?:\$ |# |`|^(?=\S+ \S+ -))joint-monitor ((?:[a-z][a-z-]*)(?: [^\n`]*?(?:\\\n[^\n`]*)*)?)(?=[\n`])", re.MULTILINE)
+    pattern = re.compile(
+        r"(?:\$ |# |`|^(?=\S+ \S+ -))joint-monitor ((?:[a-z][a-z-]*)(?: [^\n`]*?(?:\\\n[^\n`]*)*)?)(?=[\n`])", re.MULTILINE
+    )
     return [
         (page, match[1].replace("\\\n", " ")) for page, text in PAGES.items() if page not in GENERATED for match in pattern.finditer(text)
     ]

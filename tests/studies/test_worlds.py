@@ -13,7 +13,7 @@ from monitor.judge.alerts.remaining_life import RemainingLife
 from monitor.studies.performance_card import END, with_worlds
 from monitor.studies.rehearsal.play import judged_days
 from monitor.studies.rehearsal.worlds.card import WORLDS_HEAD, arms_of, worlds_section
-from monitor.studies.rehearsal.worlds.change import Payload, RunningIn, Wandering, Yearly
+from monitor.studies.rehearsal.worlds.change import LevelJumps, Payload, RunningIn, Sawtooth, SensorShift, Telegraph, Wandering, Yearly
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
 from monitor.studies.rehearsal.worlds.lives import LifeAnswer, life_documents
 from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, seasonal_std
@@ -258,6 +258,21 @@ def test_a_plain_world_is_judged_and_its_document_is_plain_json():
     assert document["false_advisories"]["counted"]["events"] <= 4
     assert 0.7 < document["interval_90"]["healthy"] <= 1.0
     assert world_line(document).startswith("plain")
+
+
+def test_healthy_joints_jump_go_back_and_forth_and_cycle_as_their_worlds_say():
+    """Jumps are rare and common; a telegraph has two levels; a sawtooth rises far longer than it falls; a sensor shifts in one joint."""
+    jumps = np.diff(drawn(LevelJumps()).dry, axis=0)
+    assert np.mean(jumps != 0.0) == pytest.approx(3.0 / 365.0, rel=0.3)
+    assert jumps.shape[2] == 1
+    levels = drawn(Telegraph()).dry
+    assert np.unique(levels).tolist() == [-0.015, 0.015]
+    assert np.mean(np.diff(levels, axis=0) != 0.0) == pytest.approx(1.0 / 20.0, rel=0.1)
+    tooth = np.diff(drawn(Sawtooth()).dry, axis=0)
+    assert np.mean(tooth > 0.0) == pytest.approx(0.88, abs=0.03)
+    shifted = drawn(SensorShift()).sensor_k
+    assert np.all(shifted[0] == 0.0)
+    assert np.all((shifted[-1] == 2.0).sum(axis=1) == 1)
 
 
 def test_an_undeclared_payload_is_told_as_a_payload_and_its_declaration_opens_a_context():

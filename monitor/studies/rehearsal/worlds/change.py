@@ -18,6 +18,7 @@ class Factors(NamedTuple):
     viscous: Array | float = 0.0  # of viscous friction
     gain: Array | float = 0.0  # of what the firmware reports as torque
     residual: Array | float = 0.0  # of the RMS that the fit leaves
+    sensor_k: Array | float = 0.0  # no factor: what a temperature sensor reads too much
     undeclared_kg: Array | float = 0.0  # no factor: a mass at the flange beyond what was declared at first, (D, A, 1) …
     declared: Array | float = 0.0  # … and 1 from the day on which a person declares it
 
@@ -94,6 +95,64 @@ class Gain:
     def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
         """The scale of torque, from a day drawn for each arm."""
         return Factors(gain=np.where(days_of(shape) >= rng.uniform(*self.days, (shape[1], 1)), np.log(self.factor), 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelJumps:
+    """Friction jumps by a normal size and stays there until the next jump, some times a year: of all joints at once, or of each."""
+
+    std: float = 0.02
+    a_year: float = 3.0
+    common: bool = True
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """The sum of all jumps so far."""
+        of = (shape[0], shape[1], 1 if self.common else shape[2])
+        log: Array = self.std * np.cumsum(np.where(rng.random(of) < self.a_year / DAYS_A_YEAR, rng.normal(size=of), 0.0), axis=0)
+        return Factors(log, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Telegraph:
+    """Friction of each joint goes back and forth between two levels, each kept for an exponentially distributed time."""
+
+    apart: float = 0.03
+    mean_days: float = 20.0
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """The level in force; arms begin at either."""
+        jumps = (rng.random(shape) < 1.0 / self.mean_days).cumsum(axis=0) + rng.integers(0, 2, shape[1:])
+        log: Array = self.apart * ((jumps % 2) - 0.5)
+        return Factors(log, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sawtooth:
+    """A year's cycle that is no sine: friction of all joints rises for most of the year, as humidity does, and falls within weeks."""
+
+    swing: float = 0.04  # from the lowest to the highest
+    falls_share: float = 0.12  # of the year
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """Years begin on any day."""
+        year = (days_of(shape) / DAYS_A_YEAR + rng.uniform(0.0, 1.0, (shape[1], 1))) % 1.0
+        rises = 1.0 - self.falls_share
+        log: Array = self.swing * np.where(year < rises, year / rises, (1.0 - year) / self.falls_share)
+        return Factors(log, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorShift:
+    """The temperature sensor of one joint of each arm reads too much from a day on."""
+
+    kelvin: float = 2.0
+    days: tuple[float, float] = (90.0, 500.0)
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """The error, from a day drawn for each arm; friction is as before."""
+        joint, start = rng.integers(0, shape[2], shape[1]), rng.uniform(*self.days, (shape[1], 1))
+        here = np.arange(shape[2]) == joint[:, None]
+        return Factors(sensor_k=np.where((days_of(shape) >= start) & here, self.kelvin, 0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

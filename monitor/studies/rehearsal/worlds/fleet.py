@@ -77,7 +77,7 @@ class WorldFleet:
         ]
         daily = (sum_to(shape, [getattr(each, name) for each in changes]) for name in Factors._fields)
         each_replay = (np.repeat(each, every, axis=0) if every > 1 else each for each in daily)
-        self._dry, self._viscous, self._gain, self._misfit, carried, declared = each_replay
+        self._dry, self._viscous, self._gain, self._misfit, self._sensor_k, carried, declared = each_replay
         self._replayed = np.repeat(self._presence(rng(5)), every, axis=0)
         self._observe(rng(6))
         self._slot, self._opened = _contexts(declared[:, :, 0] > 0.0, self._replayed)
@@ -131,7 +131,7 @@ class WorldFleet:
         missed = MISFIT * viscous * self.law.parts(REFERENCE_RAD_S, grease)[1]
         scatter = RESIDUAL_STD * autoregressive(rng.normal(size=shape), RESIDUAL_RHO)
         self._residual = np.hypot(missed, FLOOR * SIZE_NM) * np.exp(self._misfit + self._gain + scatter)  # [N·m]
-        self._measured = np.rint((self.heat.motor_c + 0.01 * rng.normal(size=shape)) / SENSOR_STEP_K) * SENSOR_STEP_K
+        self._measured = np.rint((self.heat.motor_c + self._sensor_k + 0.01 * rng.normal(size=shape)) / SENSOR_STEP_K) * SENSOR_STEP_K
         self._warming = self.heat.warming_k_per_min + 0.03 * rng.normal(size=shape)
 
     def _beside(self, speed_rad_s: float, error_nm_s_per_rad: Array, rng: np.random.Generator) -> Array:

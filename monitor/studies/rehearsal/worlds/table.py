@@ -4,7 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.studies.rehearsal.worlds.change import Gain, Payload, Regrease, RunningIn, Wandering, Weekday, Yearly
+from monitor.studies.rehearsal.worlds.change import (
+    Gain,
+    LevelJumps,
+    Payload,
+    Regrease,
+    RunningIn,
+    Sawtooth,
+    SensorShift,
+    Telegraph,
+    Wandering,
+    Weekday,
+    Yearly,
+)
 from monitor.studies.rehearsal.worlds.fleet import Goal, World
 from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, Sum, seasonal_std, stepping_std
 from monitor.studies.rehearsal.worlds.physics import Heat
@@ -242,6 +254,25 @@ _OTHERS = (
         changes=(RunningIn(), Yearly(amplitude=0.01)),
         gap=(3.0, 7),
         goal=Goal(false=0.2),
+    ),
+    World(
+        name="level-jumps-common",
+        sentence="friction of all joints jumps together, three times a year by 2 % one σ, and stays",
+        changes=(LevelJumps(),),
+        goal=Goal(counted=("rising", "falling")),
+    ),
+    World(name="telegraph", sentence="each joint goes back and forth between two levels 3 % apart, 20 days each", changes=(Telegraph(),)),
+    World(
+        name="yearly-sawtooth",
+        sentence="friction of all joints rises by 4 % over ten months and falls back within six weeks, every year",
+        changes=(Sawtooth(),),
+        goal=Goal(false=0.3),
+    ),
+    World(name="sensor-2k", sentence="the temperature sensor of one joint reads 2 K too much from one day on", changes=(SensorShift(),)),
+    World(
+        name="payload-never-declared",
+        sentence="0.3 kg mounted, and nobody ever declares it",
+        changes=(Payload(declared_after_days=(1e9, 1e9)),),
     ),
 )
 
