@@ -122,7 +122,7 @@ class Telegraph:
     def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
         """The level in force; arms begin at either."""
         jumps = (rng.random(shape) < 1.0 / self.mean_days).cumsum(axis=0) + rng.integers(0, 2, shape[1:])
-        log: Array = self.apart * ((jumps % 2) - 0.5)
+        log = np.asarray(self.apart * ((jumps % 2) - 0.5), dtype=float)
         return Factors(log, log)
 
 
