@@ -24,6 +24,7 @@ REAL_TIME = (
         f"acquire/test_{name}.py"
         for name in (
             "arms_as_recorded",
+            "borrowed_arm",
             "child",
             "cuts",
             "driver",

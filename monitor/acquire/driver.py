@@ -93,6 +93,9 @@ class Driver(Protocol):
         the phase `ready`; `alive`; `waiting` while the robot's next row is late; and a last one: `done`, `failed` with `cause` and
         `text`, `refused` or `unreachable` with a `text`.
         A `failed` with `ended` true means that the session has ended its program and the arm stands.
+        Where a program lends the arm, the phase `node` comes before `ready`, with `passed_by` and a `text` for each node at which the arm
+        was not taken; `taken` says that it was, and `given_back` that the program has it again. A session that was not told `go` gives it
+        back after `stop`, and after whatever it refuses itself.
         It takes the words `go`, without which nothing moves, `stop`, and while the arm moves `here` from whoever watches it: without that
         it lets the arm come to rest. Raises SessionEnded where no process can be started.
         """

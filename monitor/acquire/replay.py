@@ -83,7 +83,7 @@ def replay(
         stopped_before=stopped_before,
         installation=installation or Installation(),
         expected_serial=expected_serial,
-        left=left,
+        left=None if settings.lent else left,  # a lent arm is given back where it was taken, wherever another motion has left it
     )
     refuse_unless(named_conditions(inputs, OF_CONFIGURATION))
     identity = driver.identity(settings.host)
@@ -98,11 +98,11 @@ def replay(
         context=inputs.context,
         installation=inputs.installation,
         basis=basis or BandBasis(),
-        left=left,
+        left=inputs.left,
     )
     gate = Gate(inputs, ask=ask, announce=announce)
     questions: tuple[Question, ...] = (permit_kept(gate.ask_again),) if gate.asks_over_zenoh else ()
-    if identity.remote_control is not None:
+    if identity.remote_control is not None and (identity.remote_control or settings.lent is None):
         questions += (remote_control_kept(lambda: driver.remote_control(settings.host)),)
     caller = Caller(
         begin=lambda: None if begin is None else begin(identity),
@@ -121,6 +121,8 @@ def replay(
         exit_code = session.end(LEAVING_S if watch.last_message else 0.0)
         stopped = not watch.may_move or driver.stop_program(settings.host, watch.our_program)
         watch.oversight.join()
+    if watch.refusal is not None and not watch.borrowed:
+        raise watch.refusal
     if not watch.done:
         home_q = () if watch.state is None else tuple(inputs.way_from(watch.state).home_q.tolist())
         _raise_ending(watch, driver, exit_code, session.printed, stopped=stopped, home_q=home_q)
@@ -163,7 +165,7 @@ def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *,
             cause, text = watch.interruption
         elif printed:
             text += f"; its last words: {printed[-PRINTED_TAIL:]!r}"
-    if not watch.in_control and cause == "timeout":
+    if not (watch.in_control or watch.borrowed) and cause == "timeout":
         raise RobotUnreachable(f"{host}: no RTDE connection: {text}")
     if watch.asked is not None and cause == "parent_asked_to_stop" != watch.asked.cause:  # the session knows only that it was asked
         cause, text = watch.asked.cause, f"{watch.asked.text}; {text}"
@@ -172,16 +174,19 @@ def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *,
         cause, text = stop.cause, f"{stop.text}; {cause}: {text}"
     where = f"in the phase {watch.phase!r}" if watch.in_control else "before anything moved"
     outcome = "" if stopped else "; THE CONTROLLER DID NOT CONFIRM THE STOP: look at the arm"
+    if watch.borrowed:
+        outcome += "; the program that lent the arm has ended and does not go on: bring the arm where the program can begin, and start it"
     unknown = None if stopped else "it is not known whether our program has ended"
     at_rest = message is not None and message.get("ended", False)
     raise ReplayAborted(
         f"{host}: {cause} {where}: {text}{outcome}",
         cause,
-        moved=watch.in_control,
+        moved=watch.in_control or watch.borrowed,
         at_rest=at_rest,
         unknown=unknown,
         phase=watch.last_motion,
         home_q=home_q,
+        borrowed=watch.borrowed,
     )
 
 

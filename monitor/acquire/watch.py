@@ -35,7 +35,10 @@ BEAT_EVERY_S = 0.1  # a session that moves the arm hears so often that this proc
 STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come to rest, end the program
 
 
-NOTHING_SENT = frozenset({"start", "connect", "ready"})  # the phases in which the session has sent no program
+NODE_PATIENCE_S = 5.0  # a session that waits for a program's node ends the wait itself
+WINDOW_EVERY_S = 1.0  # while it waits, so often is looked whether the arm may still move now
+
+NOTHING_SENT = frozenset({"start", "connect", "node", "ready"})  # the phases in which the session has sent no program
 MOTIONS = frozenset({"approach", "way_back", "play", "return"})  # the phases that move the arm from one place to another
 
 
@@ -105,6 +108,11 @@ class Watch:
         self.phase, self.duration_s = "start", 0.0
         self.last_motion = ""  # the last phase that moves the arm from one place to another; empty: none has begun
         self._gone = False  # the session was told `go`
+        self.borrowed = False  # a program has lent the arm, and not got it back
+        self._given_back = False
+        self.refusal: Exception | None = None  # what refused the motion after the arm was taken, or while its node is waited for
+        self._passed_by = ""  # why the arm was not taken at the program's last node
+        self._window_at = 0.0  # when the time of the replay was last looked at (monotonic)
         self._beat_at = 0.0  # when the session last heard from here (monotonic)
         self._phase_at = self._received_at = self._asked_at = time.monotonic()
         self._read_at = self._alive_at = time.monotonic()  # when the pipe was empty; when the session was last seen in order
@@ -125,19 +133,21 @@ class Watch:
     def may_move(self) -> bool:
         """A program of ours may still run: the session was told `go`, and has neither ended its program nor been refused control."""
         message = self.last_message
-        return self._gone and (message is None or (message["kind"] == "failed" and not message.get("ended", False)))
+        if self._given_back or not (self._gone or self.borrowed):
+            return False
+        return self.borrowed or message is None or (message["kind"] == "failed" and not message.get("ended", False))
 
     @property
     def our_program(self) -> OurProgram:
         """What is known of our program at the end of the session: it was ours when the session was last in control."""
         message, name = self.last_message, self.oversight.program_name
-        if self.phase == "ready":  # it had not begun to send a program
+        if self.phase == "ready" and not self.borrowed:  # it had not begun to send a program
             return OurProgram(None)
         if message is not None and not message.get("ours", True):  # another program may play in its place: the watchdog ends ours
             return OurProgram(None, name=name)
         if message is not None and message["kind"] == "failed" and message["cause"] == "program_stopped":
             return OurProgram(self._alive_at, "paused", name)  # what plays now is another program
-        if self.phase == "control":
+        if self.phase == "control" and not self.borrowed:
             return OurProgram(self._alive_at, "starting", name)
         return OurProgram(self._alive_at, name=name)
 
@@ -156,18 +166,19 @@ class Watch:
             self._read_at = now = time.monotonic()
             if self.caller.on_progress and now - shown_at >= PROGRESS_EVERY_S:
                 shown_at = now
-                self.caller.on_progress(ReplayProgress(self.phase, now - self._phase_at, self.duration_s, len(self.rows)))
+                at = ReplayProgress(self.phase, now - self._phase_at, self.duration_s, len(self.rows), passed_by=self._passed_by)
+                self.caller.on_progress(at)
             if self.asked is None and (reason := self._reason_to_stop()) is not None:
                 self.asked, self._asked_at = reason, now
-                if not self._gone:  # nothing moves yet
+                if not self._gone and not self._lent:  # nothing moves yet
                     self.interruption = Interruption(reason.cause, f"{reason.text} before the arm moved")
                     return
                 session.send("stop")
             if self._gone and now - self._beat_at >= BEAT_EVERY_S:
                 self._beat_at = now
                 session.send("here")
-            if self.last_message is None and self.phase == "ready" and self.state is not None and not self._gone:
-                self._go_if_allowed(session, now)
+            if self.last_message is None and self.asked is None and self.refusal is None and not self._gone:
+                self._ask_gate(session, now)
             if self.last_message is None and self._out_of_patience(now):
                 return
 
@@ -184,6 +195,29 @@ class Watch:
             self._take(frame)
         waited_s = min(time.monotonic() - began, timeout_s)
         self._silent_s = 0.0 if came or not self._moving else self._silent_s + waited_s
+
+    @property
+    def _lent(self) -> bool:
+        """A session that waits for a program's node, or has its arm, ends by itself: killed, it would end that program too."""
+        return self.settings.lent is not None and self.phase in {"node", "ready"}
+
+    def _ask_gate(self, session: Session, now: float) -> None:
+        """Let the arm go if the gate allows it. What refuses a lent arm is kept until the session has given it back.
+
+        Raises whatever refuses another.
+        """
+        try:
+            if self.phase == "node" and now - self._window_at >= WINDOW_EVERY_S:
+                self._window_at = now
+                self.gate.in_time()
+            elif self.phase == "ready" and self.state is not None:
+                self._go_if_allowed(session, now)
+        except Exception as error:
+            if not self._lent:
+                raise
+            self.refusal = error
+            self.asked, self._asked_at = Interruption("parent_asked_to_stop", f"the motion is refused: {error}"), now
+            session.send("stop")
 
     def _go_if_allowed(self, session: Session, now: float) -> None:
         assert self.state is not None
@@ -218,7 +252,11 @@ class Watch:
             self.last_motion = self.phase if self.phase in MOTIONS else self.last_motion
         elif frame["kind"] == "state":
             self.state = arm_state(np.array(frame["row"], dtype=float))
-        elif frame["kind"] in {"refused", "unreachable"} and self.phase not in NOTHING_SENT:
+        elif frame["kind"] == "passed_by":
+            self._passed_by = frame["text"]
+        elif frame["kind"] in {"taken", "given_back"}:
+            self.borrowed, self._given_back = frame["kind"] == "taken", frame["kind"] == "given_back"
+        elif frame["kind"] in {"refused", "unreachable"} and (self.borrowed or self.phase not in NOTHING_SENT):
             self.last_message = {"kind": "failed", "cause": "internal", "text": frame["text"]}  # it cannot mean that nothing was moved
         elif frame["kind"] not in {"alive", "waiting"}:
             self.last_message = frame
@@ -240,7 +278,7 @@ class Watch:
 
     @property
     def _moving(self) -> bool:
-        return self.phase not in {"start", "connect", "ready", "control", "finish"}
+        return self.phase not in {"start", "connect", "node", "ready", "control", "finish"}
 
     def _phase_limit_s(self) -> float:
         """How long the present phase may last."""
@@ -248,6 +286,8 @@ class Watch:
         match self.phase:
             case "start" | "connect":
                 return settings.startup_timeout_s
+            case "node":
+                return self.duration_s + NODE_PATIENCE_S
             case "ready":
                 return settings.startup_timeout_s + (0.0 if self._gone else self.gate.patience_s)
             case "control":

@@ -2,14 +2,15 @@
 
 The node offers the arm with a new number. If the monitor has said beforehand that a replay is due, and repeats the number within
 `wait_s`, the arm is its own: ur-rtde's control loop runs until the monitor withdraws the number. The heartbeat is a register that the
-monitor changes; without a change for `silence_s` the arm stops and the program ends. The program goes on at its next node only where the
-arm stands within `near_rad` of where it was taken; anywhere else it ends. Nothing of the loop stays behind: threads are ended, the
-watchdog ignores its input, and output register 0 no longer says "ready".
+monitor changes; without a change for `silence_s` the arm stops and the program ends. Before the first command, while the arm still
+stands as it was taken, the monitor may be silent for `standing_s`. The program goes on at its next node only where the arm stands
+within `near_rad` of where it was taken; anywhere else it ends. Nothing of the loop stays behind: threads are ended, the watchdog ignores
+its input, and output register 0 no longer says "ready".
 
 Registers of integers, in the ranges that ur-rtde leaves to others (outputs 12 … 19, inputs 18 … 22; 24 more in the upper range): output
-OFFER holds the number while the arm is offered or taken, and STATE says how far the node is; input DUE is 1 when a replay is due, TAKE
-repeats the number, and BEAT changes as long as the monitor lives. Their values outlive every connection, so a number is never used twice
-in a row, and a number alone is not believed without a beat.
+OFFER holds the number while the arm is offered or taken, STATE says how far the node is, and ECHO repeats each beat that the guard of the
+node has seen; input DUE is 1 when a replay is due, TAKE repeats the number, and BEAT changes as long as the monitor lives. Their values
+outlive every connection, so a number is never used twice in a row, and a number alone is not believed without a beat.
 """
 
 import re
@@ -20,7 +21,7 @@ from monitor.errors import BadInput
 HEADER_BEGIN, HEADER_END = "# HEADER_BEGIN", "# HEADER_END"  # what stands between them is put once at the top of the program
 LOOP_BEGIN, LOOP_END = "# NODE_CONTROL_LOOP_BEGINS", "# NODE_CONTROL_LOOP_ENDS"
 ASK = "cmd = rtde_cmd()"  # how ur-rtde's loop reads its next command
-OFFER, STATE = 18, 19  # output registers of the lower range
+ECHO, OFFER, STATE = 17, 18, 19  # output registers of the lower range
 TAKE, BEAT, DUE = 20, 21, 22  # input registers of the lower range
 UPPER = 24  # the upper range lies so much higher
 IDLE, OFFERED, TAKEN, LOST, ASTRAY = range(5)  # values of STATE
@@ -33,12 +34,19 @@ class HandOverSettings:
 
     wait_s: float = 0.08  # how long the node waits for the monitor when a replay is due
     silence_s: float = 0.12  # without a beat for so long the arm stops and the program ends
+    standing_s: float = 1.0  # the same before the first command of the control loop: nothing has moved yet
     near_rad: float = 0.001  # how near each joint must be to where the arm was taken
     stop_rad_s2: float = 8.0  # deceleration of the stop when contact is lost
 
     def __post_init__(self) -> None:
         """Check the limits. Raises BadInput with the field and what is expected."""
-        for name, low, high in (("wait_s", 0.0, 1.0), ("silence_s", 0.02, 1.0), ("near_rad", 1e-5, 0.01), ("stop_rad_s2", 0.5, 40.0)):
+        for name, low, high in (
+            ("wait_s", 0.0, 1.0),
+            ("silence_s", 0.02, 1.0),
+            ("standing_s", 0.02, 5.0),
+            ("near_rad", 1e-5, 0.01),
+            ("stop_rad_s2", 0.5, 40.0),
+        ):
             value = getattr(self, name)
             if not low <= value <= high:
                 raise BadInput(f"hand_over: {name} = {value!r}; expected {low:g} … {high:g}")
@@ -75,7 +83,7 @@ def _parts(text: str) -> tuple[str, str]:
 def _filled(text: str, settings: HandOverSettings, offset: int) -> str:
     """A part of the text with its figures."""
     figures = {
-        **{name: repr(getattr(settings, name)) for name in ("wait_s", "silence_s", "near_rad", "stop_rad_s2")},
+        **{name: repr(getattr(settings, name)) for name in HandOverSettings.__slots__},
         **{name: str(place + offset) for name, place in _REGISTERS.items()},
         **{f"is_{name.lower()}": str(value) for name, value in _STATES.items()},
         "watchdog": f"input_int_register_{offset}",
@@ -84,12 +92,13 @@ def _filled(text: str, settings: HandOverSettings, offset: int) -> str:
     return re.sub(r"\{(\w+)\}", lambda name: figures[name[1]], text)
 
 
-_REGISTERS = {"OFFER": OFFER, "STATE": STATE, "TAKE": TAKE, "BEAT": BEAT, "DUE": DUE}
+_REGISTERS = {"ECHO": ECHO, "OFFER": OFFER, "STATE": STATE, "TAKE": TAKE, "BEAT": BEAT, "DUE": DUE}
 _STATES = {"IDLE": IDLE, "OFFERED": OFFERED, "TAKEN": TAKEN, "LOST": LOST, "ASTRAY": ASTRAY}
 _HEADER = """
     # joint-monitor: hand-over of the arm
     global jm_number = 0
     global jm_leaving = 0
+    global jm_commanded = False
     global jm_guard_thrd = 0
     global jm_taken_q = [0, 0, 0, 0, 0, 0]
 
@@ -97,7 +106,11 @@ _HEADER = """
     # because the loop begins no command until it has seen the end of the one before.
     def jm_command():
         if read_input_integer_register({TAKE}) == jm_number:
-            return rtde_cmd()
+            jm_asked = rtde_cmd()
+            if jm_asked != 0:
+                jm_commanded = True
+            end
+            return jm_asked
         end
         if jm_leaving == 0:
             jm_leaving = 1
@@ -148,9 +161,10 @@ _HEADER = """
             if jm_beat != jm_last_beat:
                 jm_last_beat = jm_beat
                 jm_silent_s = 0.0
+                write_output_integer_register({ECHO}, jm_beat)
             end
             jm_silent_s = jm_silent_s + get_steptime()
-            if jm_silent_s > {silence_s}:
+            if jm_silent_s > {standing_s} or (jm_commanded and jm_silent_s > {silence_s}):
                 jm_give_up({is_lost}, "joint-monitor: contact lost, the program ends here")
             end
             sync()
@@ -176,6 +190,7 @@ _NODE = """
             if read_input_integer_register({TAKE}) == jm_number and jm_alive:
                 jm_taken_q = get_target_joint_positions()
                 jm_leaving = 0
+                jm_commanded = False
                 jm_guard_thrd = run jm_guard()
                 write_output_integer_register({STATE}, {is_taken})
 LOOP

@@ -74,6 +74,10 @@ class Gate:
         refuse_unless(named_conditions(inputs, AT_THE_LAST))  # minutes may have passed with the announcement and the permit
         return True
 
+    def in_time(self) -> None:
+        """Whether a motion may begin at this time, before anything is known of the arm. Raises MotionRefused."""
+        refuse_unless(named_conditions(replace(self._inputs, now_unix_s=time.time()), ("time_window",)))
+
     def ask_again(self, timeout_s: float) -> Permit | None:
         """The permit for an arm that moves already; None where nobody answered within timeout_s."""
         assert self._ask is not None

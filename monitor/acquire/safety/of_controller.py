@@ -134,8 +134,10 @@ def serial(inputs: ConditionInputs) -> str:
 
 
 def remote_control(inputs: ConditionInputs) -> str:
-    """The controller takes commands over the network, so nobody else starts a program at its pendant."""
+    """The controller takes commands over the network, so nobody else starts a program at its pendant; for a lent arm it need not."""
     identity = _identity(inputs)
+    if inputs.settings.lent is not None and identity.remote_control is False:
+        return "off: a program lends its arm in local control too; nobody can stop it over the network then, but its node does"
     if identity.remote_control is None:
         raise Unreported("not reported: this generation has no local control; whoever holds the pendant may start a program meanwhile")
     if not identity.remote_control:

@@ -13,6 +13,7 @@ from monitor.acquire.state import (
     JOINT_MODES,
     ROBOT_MODE_RUNNING,
     ROBOT_MODES,
+    RUNTIME_PLAYING,
     RUNTIME_STATES,
     RUNTIME_STOPPED,
     SAFETY_BITS_NORMAL,
@@ -56,8 +57,13 @@ def robot_mode(inputs: ConditionInputs) -> str:
 
 
 def no_other_program(inputs: ConditionInputs) -> str:
-    """No program runs on the controller: it would be stopped by ours."""
+    """No program runs on the controller: it would be stopped by ours. A program that lends the arm must play: it alone can offer it."""
     runtime = _state(inputs).runtime_state
+    if inputs.settings.lent is not None:
+        if runtime != RUNTIME_PLAYING:
+            name = RUNTIME_STATES.get(runtime, "unknown")
+            raise MotionRefused(f"the program is {name} (runtime state {runtime}); it must play, because its node lends the arm")
+        return "the program plays, and its node lends the arm"
     if runtime != RUNTIME_STOPPED:
         name = RUNTIME_STATES.get(runtime, "unknown")
         raise MotionRefused(f"a program is {name} on the controller (runtime state {runtime}); it is not ours to stop")

@@ -58,8 +58,8 @@ class TornRow(Exception):
     """A getter did not deliver what its variable holds, because the connection was lost while the row was read."""
 
 
-def connect_receiver(host: str, rate_hz: float) -> tuple[RTDEReceiveInterface, tuple[Signal, ...]]:
-    """A receiving connection, and those of SIGNALS that this controller reports.
+def connect_receiver(host: str, rate_hz: float, beside: tuple[str, ...] = ()) -> tuple[RTDEReceiveInterface, tuple[Signal, ...]]:
+    """A receiving connection, and those of SIGNALS that this controller reports. `beside`: variables that are received too, in no row.
 
     A controller that lacks a variable refuses the whole request and names the variable; if it is optional, the request is repeated
     without it. Raises RuntimeError as ur-rtde does.
@@ -67,7 +67,7 @@ def connect_receiver(host: str, rate_hz: float) -> tuple[RTDEReceiveInterface, t
     signals = SIGNALS
     while True:
         try:
-            return RTDEReceiveInterface(host, rate_hz, [signal.variable for signal in signals]), signals
+            return RTDEReceiveInterface(host, rate_hz, [*(signal.variable for signal in signals), *beside]), signals
         except RuntimeError as error:
             words = set(re.findall(r"\w+", str(error)))
             fewer = tuple(signal for signal in signals if not (signal.optional and signal.variable in words))

@@ -8,7 +8,8 @@ watchdog stops the arm.
 import gc
 import ipaddress
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +23,10 @@ from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.ur.job import task_from_document
+from monitor.acquire.ur.streaming import borrow
 from monitor.acquire.ur.streaming.arm import UNWATCHED_S, Arm
-from monitor.acquire.ur.streaming.failures import StreamFailure
-from monitor.errors import MonitorError, RobotUnreachable
+from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
+from monitor.errors import MonitorError, MotionRefused, RobotUnreachable
 from monitor.recording import Array
 
 STATE_ROWS = 13  # the accelerometer is averaged over so many rows: 0.1 s at 125 Hz
@@ -39,14 +41,12 @@ SERVO_STOP_RAD_S2 = 5.0  # deceleration of servoStop; the arm is at rest already
 END_CHECKS, END_PAUSE_S = 100, 0.01  # a control program that was asked to end gets 1 s
 
 
-class Stopped(Exception):
-    """A stop was asked for, and the arm stands."""
-
-
 def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: ConditionInputs) -> Arm:
     """The arm in order and at rest for STATE_ROWS rows, held until the parent says `go`; then with both connections. No program runs yet.
 
-    Raises RobotUnreachable or MotionRefused; Stopped where the parent withdraws the replay.
+    An arm that a program lends is taken before that, and given back where anything refuses the motion.
+    Raises RobotUnreachable or MotionRefused; Stopped where the parent withdraws the replay; StreamFailure where a lent arm is not given
+    back.
     """
     outbox.message("phase", phase="connect", duration_s=0.0)
     host = known.settings.host
@@ -57,19 +57,44 @@ def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: Conditi
     if not arm.receive.isConnected():
         raise RobotUnreachable(f"{host}: RTDE answers but sends no data")
     try:
-        rows = [arm.next_row() for _ in range(STATE_ROWS)]
-        for row in rows:
-            guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
-        arm.guard_torque(_band(task, rows[-1]))
-        last = _wait_for_go(arm, rows)
-        guard.check_state(replace(known, state=arm_state(last)))
-        arm.approach_proved(last[COLUMN["target_q"]])
-        guard.check_state(replace(known, state=arm_state(arm.next_row())), without=("approach_clear",))
-        arm.connect_control()
-        guard.check_state(replace(known, state=arm_state(arm.fresh_row())), without=("approach_clear",))
+        if arm.settings.lent is None:
+            _prove(arm, task, known)
+            arm.connect_control()
+        else:
+            arm.connect_control()
+            borrow.take(arm, known)
+            with _given_back_if_refused(arm), arm.beats():
+                _prove(arm, task, known)
+        with _given_back_if_refused(arm):
+            guard.check_state(replace(known, state=arm_state(arm.fresh_row())), without=("approach_clear",))
     except StreamFailure as failure:
+        if arm.program_sent:
+            raise
         raise RobotUnreachable(f"{host}: {failure}") from None
     return arm
+
+
+def _prove(arm: Arm, task: ReplayTask, known: ConditionInputs) -> None:
+    """See the arm in order and at rest, wait for `go`, and prove the way to the start. Raises MotionRefused, Stopped, StreamFailure."""
+    rows = [arm.next_row() for _ in range(STATE_ROWS)]
+    for row in rows:
+        guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
+    arm.guard_torque(_band(task, rows[-1]))
+    last = _wait_for_go(arm, rows)
+    guard.check_state(replace(known, state=arm_state(last)))
+    arm.approach_proved(last[COLUMN["target_q"]])
+    guard.check_state(replace(known, state=arm_state(arm.next_row())), without=("approach_clear",))
+
+
+@contextmanager
+def _given_back_if_refused(arm: Arm) -> Iterator[None]:
+    """Give a lent arm back before a refusal or a request to stop is passed on: it has not moved."""
+    try:
+        yield
+    except (MotionRefused, Stopped):
+        if arm.node is not None:
+            borrow.give_back(arm)
+        raise
 
 
 def _band(task: ReplayTask, row: Array) -> TorqueBand:
@@ -108,12 +133,24 @@ def take_control(arm: Arm) -> Array:
     Raises StreamFailure; Stopped where a stop was asked for before.
     """
     assert arm.control is not None
+    if arm.node is not None:
+        return _take_lent_control(arm)
     _raise_if_asked_to_stop(arm)
     arm.outbox.message("phase", phase="control", duration_s=0.0)
     arm.start_program()
     arm.prove_watchdog()
     arm.start_program()
     arm.control.end_uploads()
+    arm.wait_for_full_speed()
+    return arm.begin()
+
+
+def _take_lent_control(arm: Arm) -> Array:
+    """The position (J,) in which a lent arm stands, once its node is known to guard it. The control loop runs already."""
+    with _given_back_if_refused(arm):
+        _raise_if_asked_to_stop(arm)
+    arm.outbox.message("phase", phase="control", duration_s=0.0)
+    borrow.prove_guard(arm)
     arm.wait_for_full_speed()
     return arm.begin()
 
@@ -177,6 +214,10 @@ def settle(arm: Arm) -> None:
 def finish(arm: Arm) -> None:
     """End the control program; the arm is at rest. Raises StreamFailure where the program goes on, or where nobody says that it ended."""
     assert arm.control is not None
+    if arm.node is not None:
+        borrow.end_stream(arm)
+        borrow.give_back(arm)
+        return
     arm.outbox.message("phase", phase="finish", duration_s=0.0)
     arm.rest()
     if not arm.control.stop_servo(SERVO_STOP_RAD_S2):
@@ -207,7 +248,8 @@ def play(arm: Arm, known: ConditionInputs, begin_q: Array) -> None:
         settle(arm)
     except Stopped:
         settle(arm)
-        finish(arm)
+        if arm.node is None:
+            finish(arm)
         raise
     finish(arm)
 
@@ -242,7 +284,8 @@ def main() -> None:
     except Stopped:
         cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
         why = f"the monitor's own process said nothing for {UNWATCHED_S:g} s" if cause == "late" else "stopped on request"
-        outbox.message("failed", cause=cause, text=f"{why}; the arm stands", ended=True)
+        ended = arm is None or arm.node is None or not arm.program_sent  # a lent arm away from its place is not given back
+        outbox.message("failed", cause=cause, text=f"{why}; the arm stands", ended=ended)
     except RobotUnreachable as error:
         outbox.message("unreachable", text=str(error))
     except MonitorError as error:

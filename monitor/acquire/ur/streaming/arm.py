@@ -7,6 +7,7 @@ A cycle takes one complete, new row, checks everything that may be wrong, and se
 import math
 import time
 from collections import deque
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from monitor.acquire.ur.child import Lifeline, Outbox
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 from monitor.acquire.ur.streaming.control import STANDING_S, Control
 from monitor.acquire.ur.streaming.failures import StreamFailure, state_failure
-from monitor.acquire.ur.streaming.gaps import CycleGaps
+from monitor.acquire.ur.streaming.gaps import CycleGaps, gap_failure
+from monitor.acquire.ur.streaming.node import VARIABLES, Node
 from monitor.acquire.ur.streaming.pacing import POLL_S, PacketTiming
 from monitor.acquire.ur.streaming.tracking import Tracking
 from monitor.model.joint_names import joint_text
@@ -30,7 +32,6 @@ SIGN_OF_LIFE_S = 0.01  # without a row for so long the parent gets another sign:
 SUSPECT_SHARE = 0.8  # of the largest age of a row: from here on a stall is suspected
 TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one before: a cycle advances by at most two ticks
 LONGEST_STEP_S = 10.0  # of the controller's clock between two rows of a standing arm; more means that the controller was restarted
-LATE_SHARE = 0.5  # of the longest gap: a process that slept so long without a check was late itself
 ANSWER_S, ANSWER_TICKS = 0.05, 5.0  # our program answers two to four ticks after its start; the larger of both is the limit
 ALONE_S = 0.12  # our program is watched so long after it began: one that began before it is replaced by ours within 0.11 s
 START_S = 5.0  # from the upload until the control program runs; a real controller needs some tenths of a second
@@ -39,6 +40,7 @@ WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watch
 SPEED_RISE_S = 1.0  # after the start of a program the trajectory limiter reports 0 for 4 to 20 ms
 MOVED_RAD = 0.005  # an arm moved by more between the proof of its approach and its first target would take an unproved path
 UNWATCHED_S = 0.5  # without a word from the parent, which says one every 0.1 s: it is stopped, or hangs, or has no processor time
+UNGUARDED_S = 0.1  # a beat comes back after two ticks; a guard that repeats none for so long does not run
 REASON_READS, REASON_PAUSE_S = 4, 0.005  # how often and how far apart the state is read after a target was refused: two ticks and more
 
 
@@ -52,8 +54,10 @@ class Arm:
         self.proved_q: Array | None = None  # (J,) [rad] the position from which the way to the start was proved clear
         self.tick_s = 1.0 / self.settings.rate_hz
         self.outbox, self.lifeline = outbox, lifeline
-        self.receive, self.signals = connect_receiver(self.settings.host, self.settings.rate_hz)
+        lent = self.settings.lent is not None
+        self.receive, self.signals = connect_receiver(self.settings.host, self.settings.rate_hz, VARIABLES if lent else ())
         self.control: Control | None = None
+        self.node: Node | None = None  # of the program that lends the arm
         self.seen_at = self._checked_at = time.monotonic()  # [s] when the last row was read, and when the next check for a row was due
         self.gaps = CycleGaps()
         self._told_at = 0.0  # [s] when the parent last heard from this process
@@ -93,7 +97,9 @@ class Arm:
 
         Raises RobotUnreachable, or MotionRefused where another client controls the arm.
         """
-        self.control = Control(self.settings.host, self.settings.rate_hz)
+        if self.settings.lent is not None:
+            self.node = Node(self.settings.host, self.receive)
+        self.control = Control(self.settings.host, self.settings.rate_hz, lent=self.node is not None)
         self.note_busy()  # the constructor takes some tenths of a second
         self.control.report()
 
@@ -200,7 +206,8 @@ class Arm:
         if not np.all(moved <= MOVED_RAD):
             j = int(np.argmax(moved))
             raise StreamFailure("no_control", f"{joint_text(j + 1)} was moved by {moved[j]:.3f} rad since the way to the start was proved")
-        self._set_watchdog()
+        if self.node is None:  # a watchdog would outlive the node, and stop the program after it; the node has a guard of its own
+            self._set_watchdog()
         self.recent.append(begin_q)
         self.note_busy()
         self.gaps.clear()  # proofs and the upload took their time before anything moved
@@ -212,6 +219,10 @@ class Arm:
         """Note that the arm has come to rest for good: no more targets are sent."""
         self._moving = False
         self._control.report_every(STANDING_S)
+
+    def beats(self) -> AbstractContextManager[None]:
+        """Let a lent arm, which stands, be known as watched while this process computes."""
+        return nullcontext() if self.node is None else self.node.beating()
 
     @property
     def _control(self) -> Control:
@@ -239,14 +250,14 @@ class Arm:
             if not self.receive.isConnected() or (self.control is not None and not self.control.connected):
                 raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
             if self._moving and now - before_s >= limit_s:
-                raise _gap(now - before_s, longest_s, limit_s)
+                raise gap_failure(now - before_s, longest_s, limit_s)
             if self.receive.getTimestamp() != self._timestamp_s:
                 break
             if now - before_s > SUSPECT_SHARE * limit_s:
                 # perhaps this process slept: give ur-rtde's own thread a moment to decode what has arrived
                 suspected_at = suspected_at or now
                 if now - before_s > limit_s and now - suspected_at > (1.0 - SUSPECT_SHARE) * limit_s:
-                    raise _gap(now - before_s, longest_s, limit_s)
+                    raise gap_failure(now - before_s, longest_s, limit_s)
             self._listen_to_parent()
             self._tell_if_due(now)
             self._sleep()
@@ -269,6 +280,8 @@ class Arm:
             self.control.report()
             if not self._moving:
                 self._tell_if_due(self.seen_at)
+        if self.node is not None and not self._moving:
+            self.node.beat()
         return row
 
     def _sleep(self) -> None:
@@ -287,7 +300,7 @@ class Arm:
         """
         self._listen_to_parent()
         settings = self.settings
-        failure = state_failure(arm_state(row), settings, self.payload_kg)
+        failure = state_failure(arm_state(row), settings, self.payload_kg) or self._node_failure()
         failure = failure or self._tracking.failure(
             row[COLUMN["actual_q"]],
             row[COLUMN["target_q"]],
@@ -315,10 +328,22 @@ class Arm:
             raise StreamFailure("late", f"{1000 * gap_s:.0f} ms after the last target: this process got no processor time")
         if not self._control.servo(target, self.tick_s, settings.lookahead_s, settings.gain):
             raise self.refusal()
+        if self.node is not None:
+            self.node.beat()  # each target is a beat, and nothing else is while the arm moves
         self._sent_at = time.monotonic()
         self.gaps.add(self._sent_at, gap_s)
         self.recent.append(target)
         row[COLUMN["commanded_q"]] = target
+
+    def _node_failure(self) -> StreamFailure | None:
+        """Why a lent arm must stop: the node does not lend it any longer, or its guard does not watch it; None where all is in order."""
+        if self.node is None:
+            return None
+        if not self.node.taken:
+            return StreamFailure("program_stopped", f"the program's node has taken the arm back (state {self.node.state})")
+        if (silent_s := self.node.silent_s(self.seen_at)) > UNGUARDED_S:
+            return StreamFailure("no_watchdog", f"the guard of the program's node has repeated no beat for {1000 * silent_s:.0f} ms")
+        return None
 
     def _permitted(self, row: Array) -> bool:
         """Whether the digital input that gives the permit is on; True where none is configured, False where it is not reported."""
@@ -369,10 +394,3 @@ class Arm:
             self.asked_to_stop = "parent_asked_to_stop"
         elif word == "go":
             self.may_go = True
-
-
-def _gap(age_s: float, slept_s: float, limit_s: float) -> StreamFailure:
-    """The failure after so long without a row, where this process did not check for slept_s of it."""
-    if slept_s >= LATE_SHARE * limit_s:
-        return StreamFailure("late", f"this process got no processor time for {1000 * slept_s:.0f} ms")
-    return StreamFailure("stalled", f"no new data from the controller for {1000 * age_s:.0f} ms")

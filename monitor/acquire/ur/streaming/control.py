@@ -2,9 +2,11 @@
 
 ur-rtde would stop a program that runs, upload its own when it connects, and do both again whenever a connection breaks off. Here it is
 constructed without upload, its dashboard connection is ended, and the kernel forbids it new connections. What is left is what it is
-asked for: the control program when `upload` is called, and commands to that program.
+asked for: the control program when `upload` is called, and commands to that program. At the node of a program that lends the arm nothing
+is ever uploaded: the control loop is in the program.
 """
 
+import socket
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -27,15 +29,15 @@ Result = TypeVar("Result")
 class Control:
     """The control connection. After construction no thread of this process can open another socket."""
 
-    def __init__(self, host: str, rate_hz: float) -> None:
-        """Connect; nothing is uploaded, and no program is stopped.
+    def __init__(self, host: str, rate_hz: float, *, lent: bool = False) -> None:
+        """Connect; nothing is uploaded, and no program is stopped. `lent`: the control loop is part of a program that plays already.
 
         Raises RobotUnreachable; MotionRefused where another client controls the arm, or where new connections cannot be forbidden.
         """
         self._host = host
         self._pause_s = STANDING_S  # from one call to the next, at most
         try:
-            self._rtde = RTDEControlInterface(host, rate_hz, int(RTDEControlInterface.Flags.FLAG_NO_WAIT))
+            self._rtde = RTDEControlInterface(host, rate_hz, *_mode(lent=lent))
         except RuntimeError as error:
             if "already in use" in str(error):
                 raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
@@ -46,6 +48,8 @@ class Control:
             self._peer = sockets.PeerWatch(host, sockets.RTDE_PORT)
         except OSError as error:  # /proc is not there
             raise MotionRefused(f"this machine does not show this process's connections: {error}") from None
+        if lent:
+            self.end_uploads()
         if why := forbid_new_sockets():
             raise MotionRefused(f"this machine cannot keep ur-rtde from reconnecting and moving the arm again: {why}")
         dead_man.watch()
@@ -107,3 +111,17 @@ class Control:
             raise StreamFailure("connection_lost", f"the RTDE connection broke off: {error}") from None
         dead_man.report_within(self._pause_s)
         return result
+
+
+def _mode(*, lent: bool) -> tuple[int, ...]:
+    """ur-rtde's flags, and for a lent arm the port on which it would serve its own text: any, the program has its text from us.
+
+    Without the flag of the node ur-rtde refuses a controller in local control, which may lend its arm.
+    """
+    flags = RTDEControlInterface.Flags
+    if not lent:
+        return (int(flags.FLAG_NO_WAIT),)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port: int = free.getsockname()[1]
+    return int(flags.FLAG_USE_EXT_UR_CAP) | int(flags.FLAG_NO_WAIT), port

@@ -25,6 +25,10 @@ class StreamFailure(Exception):
         self.cause, self.ours = cause, ours
 
 
+class Stopped(Exception):
+    """A stop was asked for, and the arm stands."""
+
+
 def state_failure(
     state: ArmState,
     settings: ReplaySettings,

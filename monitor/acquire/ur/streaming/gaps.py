@@ -4,6 +4,7 @@ from monitor.acquire.ur.streaming.failures import StreamFailure
 
 RECENT_S = 0.5  # a failure so soon after late targets is taken for their consequence
 MOST_TICKS = 2.5  # between two rows: one tick that is left out is made up for, a longer gap interrupts the stream of targets
+LATE_SHARE = 0.5  # of the longest gap: a process that slept so long without a check was late itself
 WATCHDOG_SHARE = 0.5  # of the watchdog's time: after a longer gap, the watchdog may have stopped the program because of us
 
 
@@ -43,3 +44,10 @@ class CycleGaps:
         return StreamFailure(
             "late", f"targets came late, {1000 * self._recent_s:.0f} ms between two cycles; then {failure.cause}: {failure}"
         )
+
+
+def gap_failure(age_s: float, slept_s: float, limit_s: float) -> StreamFailure:
+    """The failure after so long without a row, where this process did not check for slept_s of it."""
+    if slept_s >= LATE_SHARE * limit_s:
+        return StreamFailure("late", f"this process got no processor time for {1000 * slept_s:.0f} ms")
+    return StreamFailure("stalled", f"no new data from the controller for {1000 * age_s:.0f} ms")

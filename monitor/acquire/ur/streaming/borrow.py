@@ -1,0 +1,160 @@
+"""Borrowing the arm from a program that plays: wait for its node, take the arm, and give it back where it was taken.
+
+Until the arm is taken nothing is asked of it but its state. Once it is taken, there are two ends: it is given back within NEAR_RAD of where
+it was taken, or this process says nothing more, and the node stops the arm and ends the program.
+"""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.acquire.hand_over.script import ASTRAY, LOST, HandOverSettings
+from monitor.acquire.rows import COLUMN
+from monitor.acquire.safety import guard
+from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, arm_state
+from monitor.acquire.ur.streaming.arm import Arm
+from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
+from monitor.acquire.ur.streaming.node import Node
+from monitor.errors import MotionRefused
+from monitor.model.joint_names import joint_text
+from monitor.recording import Array
+
+NEAR_RAD = HandOverSettings().near_rad  # the node looks at the same limit, at its own target
+ANSWER_S = 1.0  # from what the node is told until it shows that it has heard; it takes some ticks
+GUARD_S = 0.3  # the guard of a node that was taken repeats beats within that time
+GONE_ON_S = 0.3  # so long the program is watched after it got its arm back: a watchdog that was left behind would stop it after 0.1 s
+SERVO_STOP_RAD_S2 = 5.0  # deceleration of servoStop; the arm is at rest already
+
+
+def node_of(arm: Arm) -> Node:
+    """The node of the program that lends this arm."""
+    assert arm.node is not None
+    return arm.node
+
+
+def take(arm: Arm, known: ConditionInputs) -> None:
+    """Wait until the program offers the arm while every condition on its state but the way to the start holds, and take it.
+
+    Raises Stopped where a stop was asked for; MotionRefused where no such node came in time; StreamFailure.
+    """
+    node, lent = node_of(arm), arm.settings.lent
+    assert lent is not None
+    arm.outbox.message("phase", phase="node", duration_s=lent.wait_s)
+    node.say_due(True)
+    until, number, why = time.monotonic() + lent.wait_s, None, ""
+    while True:
+        row = arm.next_row()
+        if arm.asked_to_stop:
+            leave_alone(arm)
+            raise Stopped
+        offered = node.offered
+        if number is not None and offered != number:  # the program has gone on
+            arm.outbox.message("passed_by", text=why)
+            number = None
+        if offered is not None:
+            number, why = offered, _why_not(row, known)
+            if not why and _takes(arm, offered):
+                return
+            why = why or "the program went on before the arm was taken"
+        if time.monotonic() > until:
+            leave_alone(arm)
+            last = f"; at the last one: {why}" if why else "; is there a node in the program, and does it play?"
+            raise MotionRefused(f"hand_over: no node at which the arm could be taken within {lent.wait_s / 3600.0:.3g} h{last}")
+
+
+def _why_not(row: Array, known: ConditionInputs) -> str:
+    """Why the arm is not taken in this state; empty where every condition holds."""
+    try:
+        guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
+    except MotionRefused as refusal:
+        return str(refusal)
+    return ""
+
+
+def _takes(arm: Arm, number: int) -> bool:
+    """Ask for the arm that is offered under this number; False where the program has gone on instead.
+
+    Raises StreamFailure where the node says neither.
+    """
+    node, begin_s = node_of(arm), time.monotonic()
+    node.take(number)
+    while not node.taken:
+        if node.offered != number and time.monotonic() - begin_s > ANSWER_S / 10 and not node.taken:
+            node.let_go()
+            return False
+        if time.monotonic() - begin_s > ANSWER_S:
+            raise StreamFailure("no_control", "the program's node neither lends the arm nor goes on")
+        arm.next_row()
+    arm.program_sent = True  # from now on the program ends unless it gets its arm back
+    node.taken_q = arm.next_row()[COLUMN["target_q"]].copy()
+    arm.outbox.message("taken", number=number)
+    return True
+
+
+def prove_guard(arm: Arm) -> None:
+    """See the node's guard repeat beats: it is what stops the arm if this process dies. Raises StreamFailure."""
+    node, begin_s = node_of(arm), arm.seen_at
+    last_s = node.silent_s(arm.seen_at)
+    repeated = 0
+    while repeated < 3:
+        arm.next_row()
+        silent_s = node.silent_s(arm.seen_at)
+        repeated += silent_s == 0.0 and last_s >= 0.0
+        if arm.seen_at - begin_s > GUARD_S:
+            raise StreamFailure("no_watchdog", f"the guard of the program's node repeated {repeated} beats within {GUARD_S:g} s")
+
+
+def leave_alone(arm: Arm) -> None:
+    """No replay is due any longer: the node costs the program nothing."""
+    node_of(arm).say_due(False)
+    node_of(arm).let_go()
+
+
+def end_stream(arm: Arm) -> None:
+    """End the stream of targets of an arm at rest in its place. Raises StreamFailure."""
+    arm.rest()
+    assert arm.control is not None
+    with node_of(arm).beating():
+        if not arm.control.stop_servo(SERVO_STOP_RAD_S2):
+            raise arm.refusal()
+
+
+def give_back(arm: Arm) -> None:
+    """Give the arm back where it was taken, and see the program go on.
+
+    Raises StreamFailure where the arm is elsewhere, without a word to the node, or where the program does not go on.
+    """
+    node = node_of(arm)
+    arm.outbox.message("phase", phase="finish", duration_s=0.0)
+    row = arm.fresh_row()
+    for name in ("actual_q", "target_q"):
+        away = np.abs(row[COLUMN[name]] - node.taken_q)  # (J,)
+        if not np.all(away <= NEAR_RAD):
+            j = int(np.argmax(away))
+            raise StreamFailure("astray", f"{joint_text(j + 1)} is {1000.0 * away[j]:.1f} mrad from where the arm was taken")
+    if not node.taken:
+        raise StreamFailure("program_stopped", f"the program's node has taken the arm back before it was given (state {node.state})")
+    node.say_due(False)
+    node.let_go()
+    _wait_until_taken_back(arm, node)
+    if node.state in {LOST, ASTRAY}:
+        raise StreamFailure("astray", "the program's node found the arm elsewhere than it was taken, and ended the program")
+    node.number, arm.program_sent = 0, False
+    arm.outbox.message("given_back")
+    begin_s = arm.seen_at
+    while arm.seen_at - begin_s < GONE_ON_S:
+        arm.next_row()
+        if node.state in {LOST, ASTRAY}:
+            raise StreamFailure("program_stopped", f"the program's node ended the program after it got its arm back (state {node.state})")
+
+
+def _wait_until_taken_back(arm: Arm, node: Node) -> None:
+    """Wait for the node's word that the arm is no longer ours. Raises StreamFailure where it does not come."""
+    begin_s = arm.seen_at
+    while node.taken:
+        runtime = arm_state(arm.next_row()).runtime_state
+        if runtime != RUNTIME_PLAYING or arm.seen_at - begin_s > ANSWER_S:
+            name = RUNTIME_STATES.get(runtime, "unknown")
+            raise StreamFailure("program_stopped", f"the program is {name} and did not take its arm back")

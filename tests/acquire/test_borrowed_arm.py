@@ -1,0 +1,97 @@
+"""A replay borrows the arm of a simulated cell in real time: at the program's node, with unmodified ur-rtde, and gives it back."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from excitations import short
+from lending_cell import AT_NODE, Cell, Poses, lending_cell
+from processes import children
+
+from monitor.acquire.replay import replay
+from monitor.acquire.safety.inputs import Permit
+from monitor.acquire.watch import ReplayProgress
+from monitor.errors import MotionRefused, ReplayAborted
+from monitor.model.robot import load_robot
+from monitor.recording import Context
+
+UR5 = load_robot("ur5")
+STOP_WITHIN_S = 0.25  # of the arm's own clock
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    with lending_cell("127.0.2.61", tmp_path_factory.mktemp("cell"), "--robot", "ur5") as cell:
+        yield cell
+
+
+def goes_on(cell: Cell, seconds: float = 1.0) -> bool:
+    """Whether the program goes round: its arm is seen elsewhere than before."""
+    first, until = np.array(cell.truth["q"]), time.monotonic() + seconds
+    while time.monotonic() < until:
+        if np.max(np.abs(np.array(cell.truth["q"]) - first)) > 0.05:
+            return cell.dashboard("programState") == "PLAYING cell.urp"
+        time.sleep(0.02)
+    return False
+
+
+def test_a_replay_is_played_at_the_programs_node_and_the_program_goes_on(cell):
+    """Taken where the program brought the arm, played, back within 1 mrad; no stop, no watchdog and no upload."""
+    stops, scripts = len(cell.truth["stops"]), cell.truth["scripts_started"]
+    seen: list[ReplayProgress] = []
+    recording = replay(short(), UR5, cell.settings(), on_progress=seen.append)
+    truth = cell.truth
+    assert len(recording.t_s) >= 360
+    assert "node" in {at.phase for at in seen}
+    assert (len(truth["stops"]), truth["scripts_started"], truth["watchdog_s"]) == (stops, scripts, None)
+    assert goes_on(cell)
+
+
+def test_a_node_at_which_a_condition_does_not_hold_is_passed_by(cell):
+    """The program is not delayed by a tick; the reason is shown, and is what the replay ends with when its time is over."""
+    seen: list[ReplayProgress] = []
+    with Poses(cell) as poses, pytest.raises(MotionRefused, match=r"no node .* payload: the controller reckons with 0.000 kg"):
+        replay(short(), UR5, cell.settings(hand_over_wait_h=0.001), context=Context(payload_kg=2.0), on_progress=seen.append)
+    assert any("payload" in at.passed_by for at in seen)
+    assert poses.after >= 2
+
+
+def test_a_permit_that_is_refused_at_the_node_gives_the_arm_back(cell):
+    """The arm has been taken by then; the program goes on, and nothing asks for a person."""
+    with pytest.raises(MotionRefused, match="not now"):
+        replay(short(), UR5, cell.settings(permit="zenoh"), ask=lambda about, timeout_s: Permit(False, "not now"))
+    assert goes_on(cell)
+
+
+def test_a_request_to_stop_while_the_node_is_awaited_leaves_the_program_alone(cell):
+    """Nothing was taken, so there is nothing to give back."""
+    begin = time.monotonic()
+    with pytest.raises(ReplayAborted) as ended:
+        replay(short(), UR5, cell.settings(), context=Context(payload_kg=2.0), should_stop=lambda: time.monotonic() - begin > 1.5)
+    assert (ended.value.cause, ended.value.borrowed, ended.value.needs_a_person) == ("parent_asked_to_stop", False, False)
+    assert goes_on(cell)
+
+
+def test_a_dead_child_in_local_control_stops_arm_and_program(cell):
+    """The dashboard may stop nothing there. The node itself stops the arm, ends the program, and a person is asked for."""
+    cell.fault("remote", state="off")
+    killed: list[float] = []
+
+    def kill(at: ReplayProgress) -> None:
+        if at.phase == "play" and at.elapsed_s > 0.6 and not killed:
+            killed.append(cell.truth["clock_s"])
+            os.kill(children(naming="monitor.acquire.ur.stream")[0], signal.SIGKILL)
+
+    with pytest.raises(ReplayAborted) as ended:
+        replay(short(), UR5, cell.settings(), on_progress=kill)
+    time.sleep(0.3)
+    truth = cell.truth
+    cell.fault("remote", state="on")
+    assert (ended.value.borrowed, ended.value.needs_a_person, ended.value.unknown) == (True, True, None)
+    assert "does not go on" in str(ended.value)
+    assert truth["standing"]
+    assert cell.dashboard("programState") == "STOPPED cell.urp"
+    assert truth["stops"][-1]["at_s"] - killed[0] <= STOP_WITHIN_S
+    assert np.max(np.abs(np.array(truth["q"]) - AT_NODE)) > 0.02  # it stands where it was stopped
