@@ -157,16 +157,8 @@ def _traces(problem: FitProblem, found: Fit) -> _Traces:
         slope = np.gradient(rec.Y @ found.solution.values, axis=0) * eq.motion.rate_hz  # (N, J) [N·m/s]
         extras = eq.extra_columns(law, found.solution.values[:B], problem.layout)
         beside = np.concatenate([extras, slope[:, :, None], np.ones((*slope.shape, 1))], axis=2)[::step]
-        rows.append(
-            Rows(
-                Felt.of(rec.Y).thinned(step, B).with_own(beside),
-                rec.torque_nm[::step],
-                rec.used[::step],
-                rec.steps[::step],
-                rec.segments[::step],
-                None if rec.robust_weight is None else rec.robust_weight[::step],
-            )
-        )
+        part = rec.thinned(step, B)
+        rows.append(part._replace(Y=Felt.of(part.Y).with_own(beside)))
     unknowns = rows[0].Y.shape[2]
     solution = solve(factors(rows), found.weights, np.append(problem.prior, np.zeros(unknowns - B)))
     left = residuals_of(rows, solution.values)

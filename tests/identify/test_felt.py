@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from monitor.identify.fit import felt
+from monitor.identify.fit import felt, least_squares
 from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.jackknife import jackknife_covariance
 from monitor.identify.fit.least_squares import Beside, Rows, factors, residual_rms, solve
@@ -53,12 +53,18 @@ def test_pieces_give_what_the_whole_gives(monkeypatch):
     np.testing.assert_array_equal(pieces.Y[np.array([3, 500]), 1], rows.Y[[3, 500], 1])
 
 
-@pytest.mark.parametrize("alike", [1.0, 1e-8])
-def test_columns_added_to_known_factors_give_the_factors_of_all_columns(alike):
-    """Where columns of Y are nearly alike too, which takes the rows themselves."""
+@pytest.mark.parametrize(("alike", "short"), [(1.0, True), (1e-8, False), (0.0, True)])
+def test_columns_added_to_known_factors_give_the_factors_of_all_columns(alike, short, monkeypatch):
+    """Also where columns are the same, as a vertical joint 1 feels them; only where they are nearly so, rows are reduced anew."""
     recordings = [equations(2), equations(3)]
     for rows in recordings:
         rows.Y[:, 0, 1] = rows.Y[:, 0, 0] + alike * rows.Y[:, 0, 1]
+        rows.Y[:, 0, 6] *= 1e-17  # rounding
+    with monkeypatch.context() as without:
+        known, anew = factors(recordings), []
+        without.setattr(least_squares, "factors", lambda rows: anew.append(rows) or known)
+        Beside(recordings, known).with_own([np.zeros((900, 3, 2))] * 2)
+        assert bool(anew) is not short
     own = [np.random.default_rng(4 + k).normal(size=(900, 3, 2)) for k in range(2)]
     added = Beside(recordings, factors(recordings)).with_own(own)
     direct = factors([rows._replace(Y=Felt.of(rows.Y).with_own(columns)) for rows, columns in zip(recordings, own, strict=True)])

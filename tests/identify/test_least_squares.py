@@ -6,7 +6,7 @@ from oracle_arm import GROUND, truth
 from scipy.signal import lfilter
 
 from monitor.identify.fit.jackknife import jackknife_covariance
-from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve, triangle
+from monitor.identify.fit.least_squares import Factor, Rows, best_condition, condition_number, factors, residual_rms, solve, triangle
 from monitor.model.base import base_parameters
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import load_robot
@@ -87,6 +87,29 @@ def test_what_is_not_excited_stays_at_the_prior():
     found = solve(factors([rows(Y, np.ones((300, 1), dtype=bool), torque)]), np.ones(1), np.array([0.5, 0.9, 0.0, 7.0]))
     np.testing.assert_allclose(found.values, [1.3, 1.7, 5.0, 7.0], atol=1e-12)  # sum 3 from the data, difference 0.4 from the prior
     assert found.excited.tolist() == [False, False, True, False]
+
+
+def test_a_column_of_rounding_is_not_excited_and_a_small_one_is():
+    """A sweep's other joints shake by 1e-12 of it: their parameters stay at the prior. A column of a millionth is a small unit."""
+    rng = np.random.default_rng(0)
+    Y = rng.normal(size=(300, 1, 3)) * [1.0, 1e-6, 1e-12]
+    torque = Y @ np.array([1.0, 2e6, 5e12])
+    found = solve(factors([rows(Y, np.ones((300, 1), dtype=bool), torque)]), np.ones(1), np.array([0.0, 0.0, 7.0]))
+    assert found.excited.tolist() == [True, True, False]
+    assert found.values[2] == 7.0
+
+
+def test_the_condition_of_the_best_base_is_that_of_the_motion():
+    """Parameters a, b, and a base of a + 1000·b and b: unit columns of a and b have the condition 1, however they are combined."""
+    rng = np.random.default_rng(0)
+    Q = np.linalg.qr(rng.normal(size=(300, 2)))[0]
+    combination = np.array([[1.0, 1000.0], [0.0, 1.0]])
+    Y = (Q @ np.linalg.inv(combination))[:, None]
+    joints, both = factors([rows(Y, np.ones((300, 1), dtype=bool), np.zeros((300, 1)))]), np.arange(2)
+    assert condition_number(joints, both) > 1e5
+    assert best_condition(joints, combination, both) == pytest.approx(1.0, abs=1e-6)
+    nothing = factors([rows(Y * [1.0, 0.0], np.ones((300, 1), dtype=bool), np.zeros((300, 1)))])
+    assert best_condition(nothing, np.eye(2), both) == np.inf
 
 
 def test_intervals_of_friction_have_their_coverage_under_correlated_noise(arm):

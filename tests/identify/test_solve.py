@@ -8,6 +8,7 @@ from oracle_arm import COULOMB_NM, GROUND, ROTOR_KG_M2, VISCOUS, Truth, exact_mo
 
 from monitor.errors import BadInput
 from monitor.identify.identify import IdentifyOptions, identify, identify_motions
+from monitor.identify.signals.motion import Motion
 from monitor.identify.validate import predict_motion, predict_torque, validate
 from monitor.model.robot import PER_JOINT, Mounting, load_robot
 
@@ -219,3 +220,16 @@ def test_a_recording_of_another_model_is_refused():
     other = replace(measured, context=replace(measured.context, robot="ur3"))
     with pytest.raises(BadInput, match="recorded on a ur3; the robot given is ur5"):
         identify([other], UR5, GROUND)
+
+
+def test_one_of_the_samples_that_the_filter_leaves_says_as_much_as_all(monkeypatch):
+    """At 125 Hz behind a filter of 8 Hz every third sample gives the standard deviations of all, to less than their own doubt."""
+    known = recording(truth(UR5))
+    thinned = identify([known], UR5, GROUND)
+    monkeypatch.setattr(Motion, "redundancy", 1)
+    whole = identify([known], UR5, GROUND)
+    np.testing.assert_array_equal(thinned.values, whole.values)
+    ratio = np.sqrt(np.diag(thinned.covariance) / np.diag(whole.covariance))
+    assert np.max(np.abs(ratio - 1.0)) < 0.1
+    assert abs(np.mean(ratio) - 1.0) < 0.02
+    assert not np.array_equal(thinned.covariance, whole.covariance)

@@ -8,7 +8,7 @@ import numpy as np
 from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.fit import Fit, robust_inflation
 from monitor.identify.fit.jackknife import WINDOW_STEPS, Blocks
-from monitor.identify.fit.least_squares import Beside, Solution, residuals_beside, solve
+from monitor.identify.fit.least_squares import Beside, Solution, factors, residuals_beside, solve
 from monitor.identify.fit.projection import mean_load
 from monitor.model.friction import PAPER, residual_law
 from monitor.recording import Array
@@ -30,8 +30,10 @@ def covariances(problem: FitProblem, found: Fit, free: Solution) -> Covariances:
     A law that lacks something moves the rigid parameters in the same way at every replay, so this difference is added for them. The
     friction parameters need no such term: they mean the best description by this law. Raises Unidentifiable as `jackknife_covariance`.
     """
-    upright, noise = with_causes(problem, found)
-    blocks = Blocks(found.rows, found.weights, found.solution, [noise, found.residuals])
+    every = problem.redundancy
+    upright, noise = with_causes(problem, found, every)
+    rows, residuals = [rec.thinned(every) for rec in found.rows], [left[::every] for left in found.residuals]
+    blocks = Blocks(rows, np.sqrt(every) * found.weights, found.solution, [noise, residuals])
     alone, together = blocks.covariances(WINDOW_STEPS)
     lasting = blocks.longer_covariances()[1]
     inflation = robust_inflation(found) ** 2
@@ -59,8 +61,8 @@ def law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Seque
     return np.where(known, off, 0.0)
 
 
-def with_causes(problem: FitProblem, found: Fit) -> tuple[Solution, list[Array]]:
-    """The fit once more beside every repeatable cause that has a name: solution and residuals (N, J) [N·m].
+def with_causes(problem: FitProblem, found: Fit, every: int = 1) -> tuple[Solution, list[Array]]:
+    """The fit once more beside every repeatable cause that has a name: solution and residuals (N, J) [N·m], of one of `every` samples.
 
     The solution's unknowns are those of the law of the residual friction, then each joint's share of the other causes.
 
@@ -72,13 +74,13 @@ def with_causes(problem: FitProblem, found: Fit) -> tuple[Solution, list[Array]]
     x = found.solution.values
     rows, causes = [], []
     for eq, before in zip(problem.equations, found.rows, strict=True):
-        rows.append(eq.rows(PAPER, x[:B], problem.layout, before.robust_weight))
+        rows.append(eq.rows(PAPER, x[:B], problem.layout, before.robust_weight).thinned(every))
         middle = eq.motion.t_s - np.mean(eq.motion.t_s)
         delay = np.gradient(before.Y @ x, axis=0)  # (N, J) change of the fit's torque a sample
         warming = middle[:, None, None] * PAPER.columns(eq.motion.qd)  # (N, J, 2)
         extra = eq.extra_columns(law, x[:B], problem.layout)
-        causes.append(np.concatenate([extra, delay[:, :, None], eq.motion.rounded(warming)], axis=2))
-    joints = Beside(rows, found.joints).with_own(causes)
+        causes.append(np.concatenate([extra, delay[:, :, None], eq.motion.rounded(warming)], axis=2)[::every])
+    joints = Beside(rows, found.joints if every == 1 else factors(rows)).with_own(causes)
     solution = solve(joints, found.weights, np.append(problem.prior, np.zeros(joints[0].R.shape[1] - 1 - B)))
     residuals = residuals_beside(rows, causes, solution.values)
     own = B + np.arange(len(solution.values) - B).reshape(len(joints), -1)  # (J, E) places of each joint's own columns

@@ -56,9 +56,9 @@ def fit(problem: FitProblem, law: FrictionLaw, *, method: str, start: Fit | None
 
     start : what `first_fit` found, for callers that fit several laws.
     """
-    found = start = first_fit(problem, method) if start is None else start
-    for _ in range(0 if law == PAPER else _load_rounds(problem, law)):
-        found = _richer(problem, law, start, found, method)
+    found = first_fit(problem, method) if start is None else start
+    if law != PAPER:
+        found = _richer(problem, law, found, method)
     return _robust(problem, found) if method == "robust" else found
 
 
@@ -66,7 +66,8 @@ def first_fit(problem: FitProblem, method: str) -> Fit:
     """The fit of the paper's law, before rows lose weight as outliers."""
     rows = [eq.rows(PAPER, problem.prior, problem.layout) for eq in problem.equations]
     joints = factors(rows)
-    return _weighted(problem, PAPER, rows, joints, np.ones(len(joints)), method)
+    weights, solution = _weighted(problem, PAPER, joints, np.ones(len(joints)), method)
+    return Fit(law=PAPER, rows=rows, joints=joints, weights=weights, solution=solution)
 
 
 def refit(problem: FitProblem, paper: Fit, law: FrictionLaw) -> tuple[Solution, list[Array]]:
@@ -106,23 +107,26 @@ def _load_rounds(problem: FitProblem, law: FrictionLaw) -> int:
     return LOAD_ROUNDS if law.loaded and not problem.layout.frozen else 1
 
 
-def _richer(problem: FitProblem, law: FrictionLaw, paper: Fit, before: Fit, method: str) -> Fit:
-    """One fit of a law with more terms, with the load that the fit before predicts. paper : by `first_fit`."""
-    values = before.solution.values[: len(problem.prior)]
-    columns = [eq.extra_columns(law, values, problem.layout) for eq in problem.equations]
-    joints = Beside(paper.rows, paper.joints).with_own(columns)
+def _richer(problem: FitProblem, law: FrictionLaw, paper: Fit, method: str) -> Fit:
+    """The fit of a law with more terms, each round with the load that the round before predicts. paper : by `first_fit`."""
+    beside = Beside(paper.rows, paper.joints)
+    weights, solution = paper.weights, paper.solution
+    for _ in range(_load_rounds(problem, law)):
+        columns = [eq.extra_columns(law, solution.values[: len(problem.prior)], problem.layout) for eq in problem.equations]
+        joints = beside.with_own(columns)
+        weights, solution = _weighted(problem, law, joints, weights, method)
     rows = [rec._replace(Y=Felt.of(rec.Y).with_own(own)) for rec, own in zip(paper.rows, columns, strict=True)]
-    return _weighted(problem, law, rows, joints, before.weights, method)
+    return Fit(law=law, rows=rows, joints=joints, weights=weights, solution=solution)
 
 
-def _weighted(problem: FitProblem, law: FrictionLaw, rows: list[Rows], joints: list[Factor], weights: Array, method: str) -> Fit:
-    """The fit of these rows with the joints' weights, by `ls`, or with the weights found in turn."""
+def _weighted(problem: FitProblem, law: FrictionLaw, joints: Sequence[Factor], weights: Array, method: str) -> tuple[Array, Solution]:
+    """The joints' weights (J,) and the solution: by `ls` with the weights given, else with the weights found in turn."""
     solution = _solved(problem, law, joints, weights)
     if method != "ls":
         for _ in range(REWEIGHTINGS):
             weights = _weights(joints, solution)
             solution = _solved(problem, law, joints, weights)
-    return Fit(law=law, rows=rows, joints=joints, weights=weights, solution=solution)
+    return weights, solution
 
 
 def _weights(joints: Sequence[Factor], solution: Solution) -> Array:

@@ -57,13 +57,12 @@ class Blocks:
     def covariances(self, width: int) -> list[Array]:
         """The S covariances with blocks of `width` steps. Raises Unidentifiable where too few such blocks are unbroken."""
         T, runs = self._T, self._runs
-        windows = _windows(runs, width)
+        windows = _windows(runs, width)[:: width // WINDOW_STEPS]  # of longer blocks as many staggered partitions as of the usual ones
         total = np.zeros((self._scores.shape[2], len(T), len(T)))
         for first in range(0, len(windows), BATCH):
             here = windows[first : first + BATCH]
             near = slice(here[0], here[-1] + width)
-            before = [np.concatenate([np.zeros_like(part[:1]), np.cumsum(part[near], axis=0)]) for part in (self._grams, self._scores)]
-            G, g = (sums[here - here[0] + width] - sums[here - here[0]] for sums in before)  # (W, r, r), (W, r, S)
+            G, g = (_moving_sum(part[near], width)[here - here[0]] for part in (self._grams, self._scores))  # (W, r, r), (W, r, S)
             # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
             moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g)  # (W, r, S)
             for k in range(len(total)):
@@ -113,6 +112,16 @@ def _steps_of(rec: Rows, weights: Array, T: Array, residuals: Array, starts: Ind
             gram[k] += rows.T @ rows
             score[k] += rows.T @ e[within].reshape(-1, S)
     return gram, score
+
+
+def _moving_sum(parts: Array, width: int) -> Array:
+    """(K − width + 1, …) sums of `width` neighbours of parts (K, …), in as many additions as the width has binary digits."""
+    half = width // 2
+    if not half:
+        return parts
+    sums = _moving_sum(parts, half)
+    both: Array = sums[: len(sums) - half] + sums[half:]  # of 2·half neighbours
+    return both[: len(both) - 1] + parts[width - 1 :] if width % 2 else both
 
 
 def _run_numbers(runs: Sequence[tuple[int, int]]) -> Indices:

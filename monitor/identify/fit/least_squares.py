@@ -17,6 +17,7 @@ from monitor.recording import Array, Indices, Mask
 
 EXCITED = 1e-6  # of the largest singular value, columns scaled alike: a smaller one is rounding or encoder noise
 DISTINCT = 1e-5  # bound of the same ratio above which columns added to a factor keep eleven digits
+ROUNDING = 1e-13  # of the largest singular value, at most: of columns that depend on each other
 QR_BLOCK = 32  # columns that LAPACK's QR takes together
 
 
@@ -37,6 +38,13 @@ class Rows(NamedTuple):
     def root_weight(self) -> Array:
         """(N, J) factor on each row before its joint's weight; 0 where the row is not used."""
         return np.where(self.used, 1.0 if self.robust_weight is None else np.sqrt(self.robust_weight), 0.0)
+
+    def thinned(self, every: int, unknowns: int | None = None) -> "Rows":
+        """One of `every` rows; with `unknowns`, of so many unknowns alone."""
+        Y = Felt.of(self.Y)
+        weight = None if self.robust_weight is None else self.robust_weight[::every]
+        fewer = Y.thinned(every, Y.unknowns if unknowns is None else unknowns)
+        return Rows(fewer, self.torque_nm[::every], self.used[::every], self.steps[::every], self.segments[::every], weight)
 
 
 class Factor(NamedTuple):
@@ -86,9 +94,12 @@ class Beside:
         for own, factor in zip(self._Y[0].places, joints, strict=True):
             R = _reduced(np.asfortranarray(factor.R[:, own]))
             whitening = _whitening(R, DISTINCT)
-            self._distinct &= whitening is not None
+            if whitening is None:
+                found = _of_lower_rank(R)
+                self._distinct &= found is not None
+                R, whitening = (R, np.zeros(R.shape[::-1])) if found is None else found
             self._R.append(R)
-            self._whitening.append(np.zeros_like(R) if whitening is None else whitening)
+            self._whitening.append(whitening)
 
     def with_own(self, columns: Sequence[Array]) -> list[Factor]:
         """The factors with (N, J, E) more columns of each recording, in the unknowns [Y's; joint 1's own; joint 2's own; …]."""
@@ -97,12 +108,12 @@ class Beside:
             return factors([rec._replace(Y=Y.with_own(own)) for rec, Y, own in pairs])
         J, E = columns[0].shape[1:]
         along = [np.zeros((len(R), E + 1)) for R in self._R]  # the part of the new columns and of the torque along Y
-        for j, block, more in self._parts(columns):
-            along[j] += self._whitening[j].T @ (block.T @ more)
+        for j, block, weight, more in self._parts(columns):
+            along[j] += self._whitening[j].T @ (block.T @ (weight * more))
         shares = [whitening @ part for whitening, part in zip(self._whitening, along, strict=True)]
         rests = [np.zeros((0, E + 1))] * J
-        for j, block, more in self._parts(columns):
-            rests[j] = _reduced(np.asfortranarray(np.concatenate([rests[j], more - block @ shares[j]])))
+        for j, block, weight, more in self._parts(columns):
+            rests[j] = _reduced(np.asfortranarray(np.concatenate([rests[j], more - weight * (block @ shares[j])])))
         result = []
         for j, (R, part, rest) in enumerate(zip(self._R, along, rests, strict=True)):
             places = np.append(self._B + j * E + np.arange(E), self._B + J * E)
@@ -112,14 +123,14 @@ class Beside:
             result.append(Factor(whole, self._joints[j].samples))
         return result
 
-    def _parts(self, columns: Sequence[Array]) -> Iterator[tuple[int, Array, Array]]:
-        """Piece by piece: a joint, its weighted columns of Y, and its own columns and torque beside them, weighted alike."""
+    def _parts(self, columns: Sequence[Array]) -> Iterator[tuple[int, Array, Array, Array]]:
+        """Piece by piece: a joint, its columns of Y, the factor (n, 1) on each row, and its own columns and torque times this factor."""
         for rec, Y, own in zip(self._recordings, self._Y, columns, strict=True):
             root = rec.root_weight
             for piece, blocks in Y.pieces():
                 for j, block in enumerate(blocks):
                     weight = root[piece, j, None]
-                    yield j, block * weight, weight * np.column_stack([own[piece, j], rec.torque_nm[piece, j]])
+                    yield j, block, weight, weight * np.column_stack([own[piece, j], rec.torque_nm[piece, j]])
 
 
 def triangle(A: Array) -> Array:
@@ -135,6 +146,12 @@ def _reduced(A: Array) -> Array:
         return np.zeros((0, K))
     R, _, _, _ = lapack.dgeqrf(A, lwork=QR_BLOCK * K, overwrite_a=1)
     return np.asarray(np.triu(R[:K]), dtype=float)
+
+
+def _felt(norms: Array) -> Mask:
+    """(B,) the columns whose norms are more than rounding."""
+    felt: Mask = norms > FELT * np.max(norms, initial=0.0)
+    return felt
 
 
 def _scattered(R: Array, places: Indices, columns: int) -> Array:
@@ -157,6 +174,22 @@ def _whitening(R: Array, least: float) -> Array | None:
     return whitening
 
 
+def _of_lower_rank(R: Array) -> tuple[Array, Array] | None:
+    """A factor (r, B) with the same RᵀR as R (n, B) to rounding, and W (B, r) with which R·W is orthonormal.
+
+    One joint alone does not tell all parameters apart: about an axis along gravity no weight is felt. None where a singular value, columns
+    scaled alike, is neither surely rounding nor surely more.
+    """
+    norms = np.linalg.norm(R, axis=0)
+    scale = np.where(_felt(norms), norms, np.inf)
+    _, s, Vt = np.linalg.svd(R / scale, full_matrices=False)
+    rank = int(np.sum(s > DISTINCT * np.max(s, initial=0.0)))
+    if rank < len(s) and not s[rank] < ROUNDING * s[0]:
+        return None
+    s, Vt = s[:rank], Vt[:rank]
+    return s[:, None] * Vt * np.where(np.isfinite(scale), scale, 0.0), (Vt / s[:, None] / scale).T
+
+
 def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array | None = None) -> Solution:
     """Least squares with each joint's rows times its weight (J,). Directions that the data do not excite stay at the prior (B,).
 
@@ -168,7 +201,7 @@ def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array
     R = triangle(stacked) if len(stacked) > stacked.shape[1] else stacked
     A, b = R[:, :-1], R[:, -1]
     norms, B = np.linalg.norm(A, axis=0), A.shape[1]
-    norms = np.where(norms > FELT * np.max(norms, initial=0.0), norms, 0.0)
+    norms = np.where(_felt(norms), norms, 0.0)
     whitening = _whitening(A[:B], EXCITED) if len(R) == B + 1 and np.all(norms > 0.0) else None
     if whitening is not None:  # the usual case: everything is excited
         return Solution(values=whitening @ b[:B], directions=whitening, excited=np.ones(B, dtype=bool))
@@ -202,7 +235,7 @@ def best_condition(joints: Sequence[Factor], combination: Array, rows: Indices) 
     """
     Y = np.concatenate([factor.R[:, :-1][:, rows] for factor in joints]) @ combination[rows]
     norms = np.linalg.norm(Y, axis=0)
-    felt = norms > FELT * np.max(norms, initial=0.0)
+    felt = _felt(norms)
     if np.sum(felt) < len(rows):
         return float("inf")
     from scipy.linalg import qr

@@ -21,6 +21,7 @@ from monitor.recording import Array, Indices, Mask, Recording
 
 OTHER_ACCELERATION = 0.5  # of the accelerations' size: a larger difference is noise, a sign or a unit
 LEAST_ACCELERATION = 0.1  # [rad/s²]
+ENOUGH_SAMPLES = 5.0  # times the filter's cutoff: half of it is the highest frequency, at which the filter leaves a thousandth
 FEWEST_ROWS = 10  # fewer sound rows are no recording
 
 
@@ -85,6 +86,11 @@ class Motion:
         smooth = low_pass(self.rate_hz, *self.low_pass)
         stretches = np.split(x, np.flatnonzero(np.diff(self.segments)) + 1)
         return np.concatenate([smooth(stretch) for stretch in stretches])
+
+    @property
+    def redundancy(self) -> int:
+        """One of so many samples says as much as all: the filter left nothing between them. 1 without a filter."""
+        return 1 if self.low_pass is None else max(1, int(self.rate_hz / (ENOUGH_SAMPLES * self.low_pass[1])))
 
     @property
     def segments(self) -> Indices:
