@@ -35,6 +35,7 @@ def schedule(
 ) -> None:
     """The next windows, and what became of the last ones; works without the daemon."""
     from monitor.service.history.status import schedule_document
+    from monitor.views.terminal.arm import borrowed_text
 
     configuration = load_configuration(config)
     settings, document = configuration.schedule, schedule_document(configuration, time.time(), count)
@@ -47,8 +48,12 @@ def schedule(
         typer.echo("  nothing moves: [replay] allow_motion is not true, and every window is skipped")
     for row in document["last"]:
         typer.echo(f"  {row['window']}  {row['state']}{': ' + row['reason'] if row['reason'] else ''}")
+        if row.get("borrowed"):
+            typer.echo(f"    {borrowed_text(row['borrowed'])}")
         for number, each in enumerate(row.get("tries", ()), start=1):
             typer.echo(f"    try {number} ended {each['at']}: {each['reason']}")
+    if document["due"]:
+        typer.echo(f"  due since {document['due']['since']} ({document['due']['why']}): waits for the program's node")
     for window in document["windows"]:
         typer.echo(f"  {window['local']}  opens {window['opens']}  {window['why']}")
     if document["learning_until"]:

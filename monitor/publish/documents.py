@@ -299,6 +299,27 @@ class Trouble(Document):
     text: str
 
 
+class Borrowed(Document):
+    """A replay whose arm a running program lent."""
+
+    program: str | None = Field(description="as the controller calls it; null: it tells no names")
+    due_since: datetime
+    taken_at: datetime
+    waited_s: Maybe = Field(description="from the taking of the arm until the program went on; null: it did not")
+    given_back: bool
+
+
+class DueReplay(Document):
+    """A replay that waits for the node of the program that lends the arm."""
+
+    since: datetime
+    until: datetime = Field(description="without a replay by then its window is skipped")
+    kind: str = Field(description="scheduled or requested")
+    why: str = Field(description="what opened its window: cron, every, learning, cold start, evidence, asked for")
+    tries: int = Field(description="replays begun for it that this machine or the network ended")
+    text: str = Field(description="what it waits for, and why the arm was not taken at the last node")
+
+
 class LastReplay(Document):
     """The newest window of the ledger."""
 
@@ -307,6 +328,7 @@ class LastReplay(Document):
     state: str
     reason: str | None
     ended_at: datetime | None
+    borrowed: Borrowed | None = Field(default=None, description="null: no program lent the arm")
 
 
 class Monitor(Document):
@@ -321,6 +343,7 @@ class Monitor(Document):
     last_replay: LastReplay | None
     next_replay_due: datetime | None
     next_replay_why: str | None
+    due: DueReplay | None = Field(default=None, description="the replay that waits for the program's node; null: none does")
     lag_s: Maybe = Field(description="of the last scheduled replay, from the opening of its window")
     arm: dict[str, Any]
     bus: dict[str, int] = Field(description="documents and queries that wait, and documents dropped since the start")

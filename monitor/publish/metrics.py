@@ -102,6 +102,7 @@ def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., G
     """The condition of the monitor itself; nothing before its first document."""
     store, process, bus = monitor.get("store", {}), monitor.get("process", {}), monitor.get("bus", {})
     last = monitor.get("last_replay") or {}
+    due, borrowed = monitor.get("due") or {}, last.get("borrowed") or {}
     figures = (
         ("joint_monitor_arm_heard", "1 while the arm can be heard", monitor.get("arm", {}).get("heard")),
         ("joint_monitor_replay_lag_seconds", "Of the last scheduled replay, from the opening of its window", monitor.get("lag_s")),
@@ -109,6 +110,12 @@ def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., G
         ("joint_monitor_history_bytes", "Size of the history, without recordings", store.get("history_bytes")),
         ("joint_monitor_last_backup_timestamp_seconds", "When the newest backup was made", _time(store.get("last_backup_at"))),
         ("joint_monitor_last_replay_timestamp_seconds", "When the last window's replay ended", _time(last.get("ended_at"))),
+        ("joint_monitor_due_since_timestamp_seconds", "Since when a replay waits for the program's node", _time(due.get("since"))),
+        (
+            "joint_monitor_borrowed_seconds",
+            "How long the program waited for the last replay",
+            borrowed.get("waited_s"),
+        ),
         ("joint_monitor_resident_bytes", "Memory of the daemon", process.get("resident_bytes")),
         ("joint_monitor_documents_waiting", "To be sent on the bus", bus.get("to_send")),
         ("joint_monitor_queries_waiting", "To be answered on the bus", bus.get("to_answer")),

@@ -13,7 +13,7 @@ from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.assess_and_store import adopt_orphans, load_state
 from monitor.service.learning import ArmHeard, nothing_learnt, situation
-from monitor.service.monitor import Monitor, Replay
+from monitor.service.monitor import Borrow, Monitor, Replay
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState, last_recording
 from monitor.store.store import Store
@@ -36,6 +36,7 @@ class Daemon:
         *,
         now: Callable[[], float],
         play: Replay,
+        borrow: Borrow | None = None,
         requests: ReplayRequests | None = None,
         alive: Callable[[], None] = lambda: None,
     ) -> None:
@@ -51,7 +52,7 @@ class Daemon:
         self.bus = Bus(configuration.bus, configuration.key_prefix)
         self.publisher = Publisher(self.bus, self.state, store, self.production, now)
         self.alerts = AlertChanges(self.state, store, self.publisher, now)
-        self.monitor = Monitor(self.state, store, self.publisher, self.production, now=now, play=play, alive=alive)
+        self.monitor = Monitor(self.state, store, self.publisher, self.production, now=now, play=play, borrow=borrow, alive=alive)
         self.live = LiveComparison(self.state, self.publisher, self.production, requests, now)
         self.heard = ArmHeard(store, now)
         self.bus.answer(Handlers(self.state, store, self.alerts, requests).by_key())
@@ -75,9 +76,10 @@ class Daemon:
         Call it often while the host's clock is believed. Raises StoreError.
         """
         now, configuration = self._now(), self.state.configuration
-        text = nothing_learnt(configuration, self._store, now)
+        due = self.state.due
+        text = nothing_learnt(configuration, self._store, now, due)
         self.state.take_nothing_learnt(text)
-        self.alerts.look(situation(configuration, self._store, now, self.heard))
+        self.alerts.look(situation(configuration, self._store, now, self.heard, due))
         return text
 
     def _take_up(self) -> None:

@@ -14,6 +14,7 @@ from monitor.config.schema import Configuration
 from monitor.judge.alerts.condition import Allowed, ServiceSituation, Standing
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
+from monitor.service.due import DueReplay
 from monitor.store.store import Store
 
 WINDOWS = 3  # so many in a row without a verdict are no chance
@@ -54,7 +55,7 @@ def unlearnt(configuration: Configuration, store: Store) -> Standing | None:
     return Standing(since, "; ".join(filter(None, (row.reason for row in rows))), until)
 
 
-def nothing_learnt(configuration: Configuration, store: Store, now_unix_s: float) -> str | None:
+def nothing_learnt(configuration: Configuration, store: Store, now_unix_s: float, due: DueReplay | None = None) -> str | None:
     """For how long nothing was learnt, and why, where that is too long; else None. Raises StoreError."""
     standing = unlearnt(configuration, store)
     if standing is None or standing.until_unix_s is None or now_unix_s < standing.until_unix_s:
@@ -66,6 +67,8 @@ def nothing_learnt(configuration: Configuration, store: Store, now_unix_s: float
     text = (
         f"nothing was learnt of this arm for {(now_unix_s - since) / DAY_S:.0f} days, since {rfc3339(since)}; windows since then: {counts}"
     )
+    if due is not None:
+        return f"{text}; a replay is {due.since_text()}"
     return text if newest is None else f"{text}; the last one: {newest}"
 
 
@@ -104,8 +107,13 @@ class ArmHeard:
         return Standing(since, self._problem or "", since + DAY_S * WITHOUT_WINDOWS_DAYS if until is None else until)
 
 
-def situation(configuration: Configuration, store: Store, now_unix_s: float, heard: ArmHeard | None = None) -> ServiceSituation:
-    """What the conditions of the service read. Raises StoreError. heard : None where nobody listens to the arm."""
+def situation(
+    configuration: Configuration, store: Store, now_unix_s: float, heard: ArmHeard | None = None, due: DueReplay | None = None
+) -> ServiceSituation:
+    """What the conditions of the service read. Raises StoreError.
+
+    heard : None where nobody listens to the arm. due : the replay that waits for the program's node.
+    """
     waiting = store.stops.waiting()
     allowed = [Allowed(at, stop.allowed_by or "", stop.allowed_why or "") for stop in store.stops.rows() if (at := stop.allowed_at_unix_s)]
     refused = store.ledger.refused_in_a_row()
@@ -116,4 +124,5 @@ def situation(configuration: Configuration, store: Store, now_unix_s: float, hea
         unlearnt=unlearnt(configuration, store),
         unheard=None if heard is None else heard.standing(configuration.schedule, store.ledger.began_unix_s()),
         allowed=max(allowed, default=None),
+        due=None if due is None else Standing(due.since_unix_s, due.text),
     )

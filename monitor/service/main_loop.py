@@ -108,6 +108,7 @@ def monitor_document(daemon: Daemon, link: ArmLink, workers: Workers) -> dict[st
         {
             "next_replay_due_unix_s": upcoming[0].opens_unix_s if upcoming else None,
             "next_replay_why": upcoming[0].why if upcoming else None,
+            "due": None if daemon.state.due is None else daemon.state.due.as_document(),
             "lag_s": workers.scheduler.lag_s,
             "arm": {"heard": link.reachable, "trouble": link.problem},
             "bus": daemon.bus.lengths(),

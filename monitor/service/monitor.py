@@ -9,12 +9,14 @@ from typing import Protocol
 
 from monitor.assess import Rejected
 from monitor.config.schema import Configuration
-from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreError
+from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.staleness import stale_joints
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
+from monitor.service.borrowing import BorrowedWindow
 from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
+from monitor.service.due import DueReplay
 from monitor.service.history.assess_and_store import assess_stored, state_after
 from monitor.service.history.recompute import roll_back
 from monitor.service.history.work import work_document
@@ -33,6 +35,24 @@ class Replay(Protocol):
         """One replay. Raises MotionRefused, RobotUnreachable and ReplayAborted."""
 
 
+class Borrow(Protocol):
+    """How a recording is made with an arm that a program lends."""
+
+    def __call__(
+        self,
+        excitation: Excitation,
+        context: Context,
+        should_stop: Callable[[], bool],
+        window: BorrowedWindow,
+        passed: Callable[[str], None],
+        /,
+    ) -> Recording:
+        """One replay at the program's next node. Raises MotionRefused, RobotUnreachable and ReplayAborted.
+
+        The window is entered when the arm is taken; `passed` takes why it was not taken at the last node.
+        """
+
+
 class Monitor:
     """Performs windows one at a time. Its methods may be called from any thread."""
 
@@ -45,11 +65,12 @@ class Monitor:
         *,
         now: Callable[[], float],
         play: Replay,
+        borrow: Borrow | None = None,
         alive: Callable[[], None],
     ) -> None:
-        """`alive` is called often while a replay or an assessment is under way."""
+        """`alive` is called often while a replay or an assessment is under way. borrow : None where no program ever lends the arm."""
         self._state, self._store, self._publisher, self._production = state, store, publisher, production
-        self._now, self._play, self._alive = now, play, alive
+        self._now, self._play, self._borrow, self._alive = now, play, borrow, alive
 
     @property
     def configuration(self) -> Configuration:
@@ -82,6 +103,42 @@ class Monitor:
             self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
             self._log_end(row)
             return row
+
+    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
+        """Wait for the program's node, and replay there: the row of that, or why the arm was not taken while `waits` was true.
+
+        passed : takes why the arm was not taken at the last node. The program gets its arm back between a first pass and its replay, and
+        has a window's time to reach the next node.
+
+        Raises nothing for what a robot may do, as `perform`. Raises StoreError.
+        """
+        assert self._borrow is not None
+        with BorrowedWindow(self._store, self._state.replaying, due, self._now) as window:
+
+            def should_stop() -> bool:
+                if window.ledger_id is None:
+                    return self._should_stop() or not waits()
+                return self._should_stop() or window.back_for_s > self.configuration.schedule.grace_s
+
+            try:
+                recording = self._borrow(self.configuration.excitation, self.configuration.context, should_stop, window, passed)
+            except Exception as error:
+                needs_a_person = isinstance(error, ReplayAborted) and error.needs_a_person
+                if window.ledger_id is None and isinstance(error, MonitorError) and not needs_a_person:
+                    return str(error)
+                number = window.enter()
+                window.lost(for_good=isinstance(error, ReplayAborted) and error.borrowed)
+                self._end(number, error)
+            else:
+                self._learn(window.enter(), recording)
+            row = self._store.ledger.row(window.enter())
+        self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
+        self._log_end(row)
+        return row
+
+    def note_due(self, due: DueReplay | None) -> None:
+        """Take which replay waits for the program's node; None where none does."""
+        self._state.due = due
 
     def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
         """Enter a missed window as skipped; it is never replayed later. Raises StoreError."""
@@ -143,20 +200,26 @@ class Monitor:
     def _perform(self, ledger_id: int, closes_unix_s: float) -> None:
         try:
             recording = self._replayed(ledger_id, closes_unix_s)
-        except (MotionRefused, RobotUnreachable) as error:
-            self._store.ledger.end(ledger_id, "skipped", str(error), self._now())
-            return
-        except ReplayAborted as error:
+        except Exception as error:
+            self._end(ledger_id, error)
+        else:
+            self._learn(ledger_id, recording)
+
+    def _end(self, ledger_id: int, error: Exception) -> None:
+        """End a window whose replay an error has ended."""
+        state, reason, stop = "aborted", str(error), None
+        if isinstance(error, MotionRefused | RobotUnreachable):
+            state = "skipped"
+        elif isinstance(error, ReplayAborted):
             stop = error.cause if error.needs_a_person else None
-            self._store.ledger.end(ledger_id, "aborted", str(error), self._now(), stop=stop)
-            return
-        except StoreError as error:  # before the arm moved, or after it came to rest: the history knows how each motion ended
-            self._store.ledger.end(ledger_id, "aborted", str(error), self._now())
-            return
-        except Exception as error:  # an error of this program: the child is dead and the arm was stopped; the row says what happened
-            log.exception("replay=%d ended by a fault of the monitor's own", ledger_id)
-            self._store.ledger.end(ledger_id, "aborted", f"internal: {type(error).__name__}: {error}", self._now(), stop="internal")
-            return
+        elif not isinstance(error, StoreError):  # that one came before the arm moved or after it came to rest
+            # an error of this program: the child is dead and the arm was stopped; the row says what happened
+            log.error("replay=%d ended by a fault of the monitor's own", ledger_id, exc_info=error)
+            reason, stop = f"internal: {type(error).__name__}: {error}", "internal"
+        self._store.ledger.end(ledger_id, state, reason, self._now(), stop=stop)
+
+    def _learn(self, ledger_id: int, recording: Recording) -> None:
+        """Keep a window's recording, and assess it."""
         # the host's clock, not the controller's, dates a recording; a study's clock is its host's
         now = self._now()
         context = dataclasses.replace(recording.context, recorded_at_unix_s=now, revolutions=self._production.revolutions(now))

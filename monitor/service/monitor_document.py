@@ -19,6 +19,7 @@ from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
 from monitor.service.problems import Problems
 from monitor.store.backup import HISTORY, backups, made_at_unix_s
+from monitor.store.borrows import Borrow
 from monitor.store.ledger import LedgerRow
 from monitor.store.provenance import provenance
 from monitor.store.store import Store
@@ -40,8 +41,10 @@ class MonitorDocument:
         """The document before its times become text. `reload`: the outcome of the last one; `more`: what other parts know."""
         store = self._store
         last: LedgerRow | None = None
+        borrow: Borrow | None = None
         try:
             last = next(iter(store.ledger.rows(limit=1)), None)
+            borrow = None if last is None else store.borrows.of([last]).get(last.id)
         except StoreError as error:  # the other fields are all the more useful
             self._problems.report("store", str(error))
         return {
@@ -51,7 +54,7 @@ class MonitorDocument:
             "uptime_s": round(time.monotonic() - self._began, 1),
             "said_at_unix_s": self._now(),
             "troubles": self._problems.listed(),
-            "last_replay": None if last is None else _last_replay(last),
+            "last_replay": None if last is None else _last_replay(last, borrow),
             "store": _store(store.directory),
             "process": _process(),
             "reload": reload,
@@ -143,6 +146,7 @@ def status_line(health: str | None, document: dict[str, Any]) -> str:
     parts = [
         health or "no replay assessed yet",
         f"last replay {last['replay']} {last['state']}" if last else "no replay yet",
+        *([f"due since {rfc3339(waits['since_unix_s'])}, {waits['text']}"] if (waits := document.get("due")) else []),
         f"next {rfc3339(due)}" if due else "none scheduled",
         "arm heard" if document["arm"]["heard"] else "arm not heard",
     ]
@@ -152,13 +156,25 @@ def status_line(health: str | None, document: dict[str, Any]) -> str:
     return "; ".join(parts).replace("\n", " ")[:500]
 
 
-def _last_replay(row: LedgerRow) -> dict[str, Any]:
+def borrowed_document(borrow: Borrow) -> dict[str, Any]:
+    """From whom a replay had its arm, its times not yet text."""
+    return {
+        "program": borrow.program,
+        "due_since_unix_s": borrow.due_since_unix_s,
+        "taken_at_unix_s": borrow.taken_at_unix_s,
+        "waited_s": borrow.waited_s,
+        "given_back": borrow.given_back,
+    }
+
+
+def _last_replay(row: LedgerRow, borrow: Borrow | None) -> dict[str, Any]:
     return {
         "replay": row.id,
         "window_unix_s": row.window_unix_s,
         "state": row.state,
         "reason": row.reason,
         "ended_at_unix_s": row.ended_at_unix_s,
+        "borrowed": None if borrow is None else borrowed_document(borrow),
     }
 
 

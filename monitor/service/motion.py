@@ -8,7 +8,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from monitor.acquire.check import check
 from monitor.acquire.driver import Driver
@@ -37,14 +37,28 @@ from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
+
+class Window(Protocol):
+    """The window of the ledger for a replay whose arm a program lends: nobody knows before when it begins."""
+
+    def enter(self) -> int:
+        """Enter it, just before the arm may move; its number in the ledger, the same at every call. Raises StoreError, MotionRefused."""
+
+    def taken(self) -> None:
+        """The arm was taken, and may move now."""
+
+    def given_back(self) -> None:
+        """The program has its arm again."""
+
+
 AskAnswer = Callable[[Mapping[str, Any], float], PermitReply | None]
 
 
 class MotionLog:
     """One motion in the history: entered before the arm may move, ended once it is known how it ended."""
 
-    def __init__(self, store: Store, context: Context, host: str, ledger_id: int | None, *, first_pass: bool) -> None:
-        self._store, self._host, self._ledger_id, self._first_pass = store, host, ledger_id, first_pass
+    def __init__(self, store: Store, context: Context, host: str, enter: Callable[[], int | None], *, first_pass: bool) -> None:
+        self._store, self._host, self._enter, self._first_pass = store, host, enter, first_pass
         self._configured = context.serial
         self.expected_serial = store.motions.expected_serial()
         self._id: int | None = None  # None: the arm was not allowed to move yet
@@ -59,7 +73,7 @@ class MotionLog:
     def begin(self, identity: Identity) -> None:
         """Enter the motion. Raises StoreError, MotionRefused: the arm must not move then."""
         self._id = self._store.motions.begin(
-            ledger_id=self._ledger_id,
+            ledger_id=self._enter(),
             host=self._host,
             serial=identity.serial,
             configured=self._configured is not None,
@@ -91,8 +105,9 @@ def move(
     context: Context,
     *,
     should_stop: Callable[[], bool],
-    first_pass_path: Path,
+    first_pass_path: Path | Callable[[], Path],
     ledger_id: int | None = None,
+    window: Window | None = None,
     forbidden: Callable[[], str | None] | None = None,
     on_progress: Callable[[ReplayProgress], None] | None = None,
     ask: AskAnswer | None = None,
@@ -102,7 +117,8 @@ def move(
 ) -> Recording:
     """One replay. A slow first pass precedes it where something has changed since the last one; its recording goes to `first_pass_path`.
 
-    ledger_id : of the window; None: a replay by hand. forbidden : the reason why the arm may not move any longer, asked while it moves.
+    ledger_id : of the window; None: a replay by hand. window : instead, where a program lends the arm: it is entered when the arm is taken,
+    and `first_pass_path` is asked for after that. forbidden : the reason why the arm may not move any longer, asked while it moves.
 
     Each motion is in the history before the arm moves. An end after which the arm was not seen at rest and in order is stored as a stop.
 
@@ -110,12 +126,22 @@ def move(
     """
     settings, robot = configuration.replay, configuration.robot_description
 
+    def enter() -> int | None:
+        if window is None:
+            return ledger_id
+        window.taken()
+        return window.enter()
+
+    def given_back() -> None:
+        if window is not None:
+            window.given_back()
+
     def play(played: Excitation, *, slowly: bool) -> Recording:
         basis = torque_basis(store, configuration, played, context, model)
         log.info(
             "%s at %g of the pace, torque within the band of %s", "first pass" if slowly else "replay", played.time_scale, basis.description
         )
-        motion = MotionLog(store, context, settings.host, ledger_id, first_pass=slowly)
+        motion = MotionLog(store, context, settings.host, enter, first_pass=slowly)
         before = left_in(store)
         try:
             recording = replay(
@@ -138,6 +164,8 @@ def move(
                 driver=driver,
             )
         except ReplayAborted as error:
+            if not error.borrowed:
+                given_back()
             ended, after = error, None
             if error.moved and error.cause in ReplayAborted.HARMLESS:
                 after = look(driver, settings, clean=error.at_rest, should_stop=should_stop)
@@ -148,11 +176,13 @@ def move(
             motion.end(ended.cause, str(ended), needs_a_person=ended.needs_a_person, left=left, moved=bool(error.phase))
             raise ended from error
         except (MotionRefused, RobotUnreachable) as error:
+            given_back()
             motion.end("refused", str(error), needs_a_person=False, moved=False)  # it was told to go, and found a reason not to move
             raise
         except BaseException as error:
             motion.end("internal", f"internal: {type(error).__name__}: {error}", needs_a_person=True)
             raise
+        given_back()
         after = look(driver, settings, clean=True, should_stop=should_stop)
         if after.unknown is None:
             motion.end("done", None, needs_a_person=False)
@@ -166,8 +196,9 @@ def move(
         if settings.first_pass and not store.first_passes.is_latest(digest):
             slow = play(slowed(excitation, settings), slowly=True)
             note = "first pass, slow: not assessed"
-            write_recording(first_pass_path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
-            store.first_passes.add(digest, _load(context) | {"recording": first_pass_path.name, "quality": dict(slow.quality)}, time.time())
+            path = first_pass_path if isinstance(first_pass_path, Path) else first_pass_path()
+            write_recording(path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
+            store.first_passes.add(digest, _load(context) | {"recording": path.name, "quality": dict(slow.quality)}, time.time())
             if should_stop():
                 raise ReplayAborted("stopped on request after the first pass; the arm stands", "parent_asked_to_stop")
         return play(excitation, slowly=False)

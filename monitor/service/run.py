@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from monitor.acquire.listen import Listener, ListenSettings
+from monitor.acquire.watch import ReplayProgress
 from monitor.config.load import load
 from monitor.config.schema import Configuration
 from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
@@ -19,6 +20,7 @@ from monitor.publish.metrics import MetricsServer
 from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Context, Recording
+from monitor.service.borrowing import BorrowedWindow, program_of
 from monitor.service.daemon import Daemon
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
 from monitor.service.maintenance import Maintenance
@@ -79,10 +81,22 @@ def serve(
         def over_rtde(excitation: Excitation, context: Context, should_stop: Callable[[], bool], /) -> Recording:
             return _replay_over_rtde(daemon, store, excitation, context, should_stop)
 
+        def borrowed(
+            excitation: Excitation,
+            context: Context,
+            should_stop: Callable[[], bool],
+            window: BorrowedWindow,
+            passed: Callable[[str], None],
+            /,
+        ) -> Recording:
+            return _replay_over_rtde(daemon, store, excitation, context, should_stop, window, passed)
+
         def alive() -> None:
             heartbeats.beat("replays", WORKER_PATIENCE_S)
 
-        daemon = stack.enter_context(Daemon(configuration, store, now=clocks.now, play=play or over_rtde, requests=requests, alive=alive))
+        daemon = stack.enter_context(
+            Daemon(configuration, store, now=clocks.now, play=play or over_rtde, borrow=borrowed, requests=requests, alive=alive)
+        )
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
         stack.enter_context(page(configuration, daemon.bus, store, clocks.now))
@@ -163,22 +177,44 @@ def check_fits(configuration: Configuration, store: Store) -> None:
             raise BadConfiguration(f"{store.directory}: {why}")
 
 
-def _replay_over_rtde(daemon: Daemon, store: Store, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
-    """The replay of the window that the ledger has claimed last."""
-    (row,) = store.ledger.rows(limit=1)
+def _replay_over_rtde(
+    daemon: Daemon,
+    store: Store,
+    excitation: Excitation,
+    context: Context,
+    should_stop: Callable[[], bool],
+    window: BorrowedWindow | None = None,
+    passed: Callable[[str], None] | None = None,
+) -> Recording:
+    """The replay of the window that the ledger has claimed last, or of one that is claimed when a program lends the arm."""
+
+    def number() -> int:
+        return store.ledger.rows(limit=1)[0].id if window is None else window.enter()
+
+    ledger_id = number() if window is None else None
+    log_progress = progress_log()
+    if window is not None:
+        window.program = program_of(daemon.state.configuration.robot.host)
+
+    def on_progress(at: ReplayProgress) -> None:
+        log_progress(at)
+        if passed is not None and at.passed_by:
+            passed(at.passed_by)
+
     return move(
         daemon.state.configuration,
         store,
         excitation,
         context,
         should_stop=should_stop,
-        ledger_id=row.id,
+        ledger_id=ledger_id,
+        window=window,
         forbidden=lambda: None if daemon.state.configuration.replay.allow_motion is True else "allow_motion is no longer true",
-        first_pass_path=store.recordings.first_pass_path(row.id),
+        first_pass_path=lambda: store.recordings.first_pass_path(number()),
         ask=daemon.bus.ask_permit,
-        announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": row.id, **about}),
+        announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": number(), **about}),
         model=daemon.state.torque_model,
-        on_progress=progress_log(),
+        on_progress=on_progress,
     )
 
 

@@ -20,6 +20,8 @@ from monitor.config.schema import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
+from monitor.service.due import DueReplay
+from monitor.service.lending import Lending
 from monitor.service.problems import Problems
 from monitor.service.replay_requests import ReplayRequests
 from monitor.store.ledger import LedgerRow
@@ -28,6 +30,7 @@ from monitor.store.store import Store
 log = logging.getLogger(__name__)
 
 TICK_S = 1.0
+WAIT_AT_MOST_S = 600.0  # for a program's node at a time: then the schedule and the clocks are looked at again
 CHECK_EVERY_S = 30.0  # [s] also where nothing is due: it notes until when the schedule was watched
 NOTICED_JUMP_S = 60.0  # between two ticks, UTC against the monotonic clock: a larger difference means that the clock was set
 SUSPICIOUS_JUMP_S = DAY_S  # a larger jump forward may be a mistake: nothing moves for `JUMP_WAIT_S`, in which somebody may correct it
@@ -46,6 +49,12 @@ class Performer(Protocol):
 
     def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
         """Perform one window with all that follows; None where the ledger has it already."""
+
+    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
+        """Replay at the next node of the program that lends the arm; why the arm was not taken, where it was not while `waits`."""
+
+    def note_due(self, due: DueReplay | None) -> None:
+        """Take which replay waits for the program's node."""
 
     def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
         """Enter a window as skipped, with the reason."""
@@ -81,6 +90,7 @@ class Scheduler:
         self._last: tuple[float, float] | None = None  # both clocks at the last tick
         self._wait_until = 0.0  # monotonic
         self._next_check = 0.0  # UTC
+        self._reconsidered = False  # since a wait for a program's node began
         self._noted = 0.0  # monotonic
         self.lag_s: float | None = None  # of the last replay, from the opening of its window
         self._warmth = WarmUp()
@@ -90,6 +100,7 @@ class Scheduler:
         watched = store.notes.get(_WATCHED)
         self._watched = min(now, float(watched)) if watched is not None else now
         self._not_before = float(store.notes.get(_NOT_BEFORE) or 0.0)
+        self._lending = Lending(monitor, store)
         if store.restored is not None:
             # the ledger of the hours before the backup is lost: a window that was open then may have been used
             self._not_before = now
@@ -110,6 +121,7 @@ class Scheduler:
     def reconsider(self) -> None:
         """Consider the schedule anew: the configuration has changed."""
         self._next_check = 0.0
+        self._reconsidered = True
         self._requests.wake()
 
     # --- the thread ------------------------------------------------------------------------------
@@ -146,6 +158,46 @@ class Scheduler:
         if monotonic < self._wait_until:
             return
         self._problems.clear("clock")
+        self._check_in_time(now, monotonic)
+        if self._lending.due is not None:
+            self._lend(now)
+
+    def _lend(self, now: float) -> None:
+        """Wait for the program's node, and replay there. Meanwhile the clocks are compared and the schedule is checked as ever."""
+        due, until = self._lending.due, self._clocks.monotonic() + WAIT_AT_MOST_S
+        assert due is not None
+        self._reconsidered = False
+
+        def waits() -> bool:
+            now, monotonic = self._clocks.now(), self._clocks.monotonic()
+            self._look(now, monotonic)
+            if monotonic < self._wait_until or monotonic >= until or self._reconsidered:
+                return False
+            self._check_in_time(now, monotonic)
+            return now < due.until_unix_s and self._hindered(now) is None
+
+        row = self._lending.at_a_node(now, self._hindered(now), waits)
+        if row is None:
+            return
+        self.lag_s = row.started_at_unix_s - due.since_unix_s
+        if row.kind == "requested" and row.state == "assessed":
+            self._serve_windows_beside(self._clocks.now())
+
+    def _hindered(self, now: float) -> str | None:
+        """Why a program is not asked for its arm now."""
+        settings = self._monitor.configuration.schedule
+        if settings.after_warm_up and not self._warmth.steady(now, settings.warm_k_per_10_min):
+            return "the arm's temperatures are not steady"
+        return too_little_room(self._store, self._monitor.configuration.store.least_free_mb) or self._lending.hindered(now)
+
+    def _look(self, now: float, monotonic: float) -> None:
+        """What has happened beside the schedule: evidence, a clock that was set, a request."""
+        self._take_evidence()
+        self._compare_clocks(now, monotonic)
+        if now >= NEVER_SET_UNIX_S and self._requests.take_request():
+            self._requested()
+
+    def _check_in_time(self, now: float, monotonic: float) -> None:
         if now < self._next_check and now - self._watched < CHECK_EVERY_S:
             return
         self._check(now)
@@ -166,6 +218,9 @@ class Scheduler:
             self._next_check = 0.0
 
     def _requested(self) -> None:
+        if self._lending.lent:
+            self._lending.open(Window(self._clocks.now(), self._clocks.now(), self._clocks.now(), "asked for"), "requested")
+            return
         short = too_little_room(self._store, self._monitor.configuration.store.least_free_mb)
         if short is None:
             now = self._clocks.now()
@@ -212,10 +267,15 @@ class Scheduler:
             triggers=Triggers(self._cold.at_unix_s, self._evidence_unix_s),
         )
         for window in found.missed:
-            if window.opens_unix_s >= self._not_before:
+            if window.opens_unix_s >= self._not_before and not self._lending.joined(window):
                 self._monitor.skip(window.key_unix_s, self._why_missed(window))
         self._watched = now
         if found.due is None or found.due.opens_unix_s < self._not_before:
+            return
+        if self._lending.lent:
+            for window in (*found.merged, found.due):
+                if not self._lending.joined(window):
+                    self._lending.open(window)
             return
         if configuration.schedule.after_warm_up and not self._warmth.steady(now, configuration.schedule.warm_k_per_10_min):
             return  # the window stays open; it is missed where it closes before temperatures are steady

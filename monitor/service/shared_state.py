@@ -10,6 +10,7 @@ from monitor.judge.alerts.health import Health
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.publish.live_torque import LiveTorque
 from monitor.recording import Array, Recording
+from monitor.service.due import DueReplay
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.store.recordings import read_recording
 from monitor.store.store import Store
@@ -31,6 +32,7 @@ class SharedState:
         self.live_torque: LiveTorque | None = None
         self.temperature_c: Array | None = None  # (J,) the newest known, from a replay or from the arm's state
         self.next_due_unix_s: float | None = None
+        self.due: DueReplay | None = None  # what waits for the node of the program that lends the arm
         self.nothing_learnt: str | None = None  # for how long, where that is too long
         self.stopping = threading.Event()
         self.replaying = threading.Lock()

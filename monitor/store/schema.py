@@ -5,7 +5,7 @@ from pathlib import Path
 
 from monitor.errors import StoreError
 
-HISTORY_SCHEMA = 5
+HISTORY_SCHEMA = 6
 MIGRATIONS: dict[int, str] = {
     1: """
     CREATE TABLE ledger (
@@ -133,6 +133,16 @@ MIGRATIONS: dict[int, str] = {
         at_unix_s REAL NOT NULL,
         belief BLOB NOT NULL,
         health BLOB NOT NULL
+    ) STRICT;
+    """,
+    6: """
+    CREATE TABLE borrow (                         -- a replay whose arm a running program lent
+        ledger_id INTEGER PRIMARY KEY REFERENCES ledger (id) ON DELETE CASCADE,
+        due_since_unix_s REAL NOT NULL,
+        taken_at_unix_s REAL NOT NULL,
+        program TEXT,                             -- none: the controller tells no names
+        waited_s REAL,                            -- from the taking until the program went on; none: it did not
+        given_back INTEGER NOT NULL
     ) STRICT;
     """,
 }

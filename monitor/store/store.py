@@ -16,6 +16,7 @@ from pathlib import Path
 from monitor.errors import StoreError, StoreInUse
 from monitor.store.assessments import Assessments
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
+from monitor.store.borrows import Borrows
 from monitor.store.database import Database, Notes
 from monitor.store.events import Events
 from monitor.store.ledger import Ledger
@@ -45,6 +46,7 @@ class Store:
         self.ledger = Ledger(self.database, self.recordings)
         self.stops = Stops(self.database)
         self.motions = Motions(self.database)
+        self.borrows = Borrows(self.database)
         self.first_passes = FirstPasses(self.database)
         self.assessments = Assessments(self.database)
         self.events = Events(self.database)

@@ -79,6 +79,7 @@ class ServiceSituation:
     refused: Standing | None = None  # every window, by the arm or its cell
     unlearnt: Standing | None = None  # the last replay that taught something, or the beginning
     unheard: Standing | None = None  # the arm
+    due: Standing | None = None  # a replay that waits for the node of the program that lends the arm
     allowed: Allowed | None = None  # the newest
 
 

@@ -29,6 +29,8 @@ def _stale(situation: ServiceSituation) -> str | None:
     if learnt is None or not _over(learnt, situation):
         return None
     last = f" The last window: {learnt.reason}." if learnt.reason else ""
+    if situation.due is not None:
+        last = f" A replay is due since {_time(situation.due)}, {situation.due.reason}."
     return f"Nothing was learnt of this arm since {_time(learnt)}: what is known of its joints is of then, not of now.{last}"
 
 

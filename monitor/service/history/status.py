@@ -19,11 +19,13 @@ from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.recording import DAY_S
+from monitor.service.due import DueReplay
 from monitor.service.history.assess_and_store import early_alerts
 from monitor.service.history.work import friction_known, row_document
-from monitor.service.monitor_document import not_watched, present_unix_s, read_monitor_document, silent_s
+from monitor.service.monitor_document import borrowed_document, not_watched, present_unix_s, read_monitor_document, silent_s
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present
+from monitor.store.borrows import Borrow
 from monitor.store.ledger import LedgerRow, Try
 from monitor.store.store import Store
 
@@ -45,7 +47,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
             newest = [friction_known(row, replays[row["joint"] - 1]) for row in newest]
         recorded = {replay: at for replay, _, at, _ in store.assessments.friction_of(sorted({row["replay"] for row in newest}))}
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
-        tries = store.ledger.tries(ledger)
+        tries, borrows = store.ledger.tries(ledger), store.borrows.of(ledger)
         early = [] if state else early_alerts(store)
     monitor = read_monitor_document(configuration.state_directory)
     now_unix_s = present_unix_s(monitor, now_unix_s)
@@ -60,7 +62,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "monitor": monitor,
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
         "not_watched": not_watched(monitor, now_unix_s),
-        "ledger": [_window(row, tries[row.id]) for row in ledger],
+        "ledger": [_window(row, tries[row.id], borrows.get(row.id)) for row in ledger],
     }
     if why_joint is not None:
         document["not_alerting"] = {"joint": why_joint, "reasons": _reasons(state, why_joint, configuration)}
@@ -75,6 +77,8 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
         store = stack.enter_context(Store.reader(directory)) if present(directory) else None
         began, last = (None, []) if store is None else (store.ledger.began_unix_s(), store.ledger.rows(limit=WINDOWS_SHOWN))
         tries = {} if store is None else store.ledger.tries(last)
+        borrows = {} if store is None else store.borrows.of(last)
+        due = None if store is None else DueReplay.kept(store)
         windows = expected(settings, now_unix_s, count, None if store is None else store.ledger, configuration.key_prefix)
     zone = settings.zone()
     learning = settings.learning_every_h > 0 and settings.learning_days > 0
@@ -94,7 +98,8 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
             for window in windows
         ],
         "blackout": list(settings.blackout),
-        "last": [_window(row, tries[row.id]) for row in last],
+        "due": None if due is None else outside({key: value for key, value in due.as_document().items() if key != "text"}),
+        "last": [_window(row, tries[row.id], borrows.get(row.id)) for row in last],
     }
 
 
@@ -114,11 +119,12 @@ def torque_from_history(configuration: Configuration, request: dict[str, Any]) -
     return answer
 
 
-def _window(row: LedgerRow, tries: Sequence[Try]) -> dict[str, Any]:
-    """One window; `tries`, where there are any, are the replays before the last one in it."""
+def _window(row: LedgerRow, tries: Sequence[Try], borrow: Borrow | None) -> dict[str, Any]:
+    """One window; `tries`, where there are any, are the replays before the last one in it; `borrowed`: a program lent the arm."""
     document = {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
     earlier = [{"at": rfc3339(each.ended_at_unix_s), "cause": each.cause, "reason": each.reason} for each in tries]
-    return document | ({"tries": earlier} if earlier else {})
+    document |= {"tries": earlier} if earlier else {}
+    return document if borrow is None else document | {"borrowed": outside(borrowed_document(borrow))}
 
 
 def _reasons(state: StoredState | None, joint: int, configuration: Configuration) -> list[str]:

@@ -79,8 +79,18 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
         times = "" if count == 1 else f" and {count - 1} before it"
         reason = f"  {once(row['reason'])}" if row["reason"] else ""
         console.print(f"  replay {row['replay']}  {row['window']}  {row['state']}{times}{reason}", highlight=False, markup=False)
+        if row.get("borrowed"):
+            console.print(f"    {borrowed_text(row['borrowed'])}", highlight=False, markup=False)
         for nth, each in enumerate(row.get("tries", []), start=1):
             console.print(f"    try {nth} ended {each['at']}: {each['reason']}", highlight=False, markup=False)
+
+
+def borrowed_text(borrowed: dict[str, Any]) -> str:
+    """From which program a replay had its arm, and how long that program waited."""
+    program = borrowed["program"] or "a program without a name"
+    if not borrowed["given_back"]:
+        return f"borrowed from {program}, not given back: the program has ended"
+    return f"borrowed from {program}, which waited {borrowed['waited_s']:.1f} s"
 
 
 class _Once:
@@ -118,7 +128,7 @@ def _grouped(ledger: list[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
     for row in ledger:
         last = groups[-1] if groups else None
         alike = last is not None and row["reason"] and (row["state"], row["reason"]) == (last[1]["state"], last[1]["reason"])
-        if last is not None and alike and not (row.get("tries") or last[1].get("tries")):
+        if last is not None and alike and not any(each.get("tries") or each.get("borrowed") for each in (row, last[1])):
             groups[-1] = (last[0] + 1, row)
         else:
             groups.append((1, row))
@@ -162,6 +172,8 @@ def monitor_lines(document: dict[str, Any]) -> str:
         f"{'' if lag_s is None else f'last window begun {lag_s:.0f} s after its opening; '}"
         f"bus: {', '.join(f'{count} {name.replace(chr(95), chr(32))}' for name, count in lengths.items())}"
     )
+    if due := document.get("due"):
+        lines.append(f"  replay due since {due['since']} ({due['why']}), {due['text']}")
     lines += [f"  since {problem['since']} {problem['name']}: {problem['text']}" for problem in document["troubles"]]
     if document.get("reload"):
         reload = document["reload"]

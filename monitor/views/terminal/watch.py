@@ -115,6 +115,8 @@ def _monitor(key: str, document: Document) -> Text:
     text = Text(f"{key}  ").append(
         " ".join("; ".join(f"{one['name']}: {one['text']}" for one in problems).split()) or "no trouble", "yellow" if problems else ""
     )
+    if waits := document.get("due"):
+        text.append(f"  replay due since {waits['since']}, {waits['text']}")
     return text.append(f"  next replay {due or 'none'}", "dim")
 
 

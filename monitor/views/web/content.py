@@ -116,7 +116,7 @@ class Content:
     def schedule(self) -> dict[str, Any]:
         """The next windows; the last windows and transitions of alerts, newest first."""
         past = self.store.ledger.rows(limit=PAST_WINDOWS)
-        tries = self.store.ledger.tries(past)
+        tries, borrows = self.store.ledger.tries(past), self.store.borrows.of(past)
         rows = [
             {
                 "replay": run[-1].id,
@@ -127,6 +127,7 @@ class Content:
                 "state": run[-1].state,
                 "reason": run[-1].reason,
                 "tries": [f"{rfc3339(each.ended_at_unix_s)}: {each.reason}" for each in tries[run[-1].id]],
+                "borrowed": None if (lent := borrows.get(run[-1].id)) is None else {"program": lent.program, "waited_s": lent.waited_s},
             }
             for run in reversed(runs(past))
         ]

@@ -38,7 +38,8 @@ function verdict() {
   $("said").textContent = health.said_at ? brief(health.said_at) : "–";  // this element is outside the live region: a screen reader would read it aloud every minute
   $("old").hidden = $("stale").hidden = !health.stale;
   $("stale").textContent = health.stale ? `${sentence(health.stale_why.replace(/^STALE: /, ""))} ${t("Look below, at Replays, why the last ones ended as they did, and at The monitor itself; once the arm may move, ask for a replay.")}` : "";
-  $("due").textContent = health.next_replay_due ? brief(health.next_replay_due) : t("none");
+  const waits = values.monitor && values.monitor.due;  // for the node of the program that lends the arm
+  $("due").textContent = waits ? t("due since {when}, {text}", { when: brief(waits.since), text: waits.text }) : health.next_replay_due ? brief(health.next_replay_due) : t("none");
   $("revision").textContent = values.model ? String(values.model.revision) : "0";
   $("verdict").dataset.state = String(worst.state);
   document.title = `${lost ? `${t("NOT CONNECTED")}, ` : ""}${health.stale ? `${t("OUT OF DATE")}, ` : ""}${stateWords(worst.state)}: ${about.robot.id} – joint-monitor`;
@@ -174,7 +175,9 @@ function unheard() {
 function windowRow(row_) {
   const row = make("tr"), alike = row_.count > 1, when = timed("td", row_.window);
   if (alike) { const [first, last] = [days(row_.from), days(row_.window)]; when.textContent = first === last ? first : `${first} – ${last}`; }
-  const told = [row_.reason ? `${t(row_.state)}: ${row_.reason}` : t(row_.state), ...(row_.tries || []).map((text, i) => t("try {number} ended {text}", { number: i + 1, text }))].join("; ");
+  const lent = row_.borrowed, program = lent && (lent.program || t("a program without a name"));
+  const from = !lent ? [] : [lent.waited_s == null ? t("borrowed from {program}, not given back", { program }) : t("borrowed from {program}, which waited {seconds} s", { program, seconds: number(lent.waited_s, 1) })];
+  const told = [row_.reason ? `${t(row_.state)}: ${row_.reason}` : t(row_.state), ...from, ...(row_.tries || []).map((text, i) => t("try {number} ended {text}", { number: i + 1, text }))].join("; ");
   row.append(when, make("td", alike ? `${row_.count} × ${told}` : row_.kind === "scheduled" ? told : `${told} (${t(row_.kind)})`));
   return row;
 }
@@ -230,7 +233,7 @@ function take(key, document_) {
   if (key === "torque/live") return live();
   if (key.startsWith("alert/")) verdict();
   if ((key === "monitor" && problems()) || key === "replay") soon();
-  if (key === "health" || key === "model") verdict();
+  if (key === "health" || key === "model" || key === "monitor") verdict();
   if (key === "health") { joints(); alerts(); }
   if (key.startsWith("alert/")) { alerts(); soon(); }
   if (key.endsWith("/friction")) { joints(); soon(); }

@@ -1,0 +1,86 @@
+"""The window of a replay whose arm a program lends: entered in the ledger when the arm is taken, and noted with what the program lent."""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from threading import Lock
+
+from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
+from monitor.errors import MotionRefused, RobotUnreachable
+from monitor.service.due import DueReplay
+from monitor.store.borrows import Borrow
+from monitor.store.store import Store
+
+
+class BorrowedWindow:
+    """A context manager. While it is entered nothing else is replayed; before that nothing is held, because days may pass."""
+
+    def __init__(self, store: Store, replaying: Lock, due: DueReplay, now: Callable[[], float]) -> None:
+        """`replaying` is held from the taking of the arm until the context ends."""
+        self._store, self._replaying, self._due, self._now = store, replaying, due, now
+        self._stack = ExitStack()
+        self._entered_at = 0.0
+        self._taken_at: float | None = None  # monotonic; None: the program has its arm
+        self._back_at: float | None = None  # monotonic; None: the program has not had its arm back yet
+        self._waited_s = 0.0
+        self._lost = False
+        self.ledger_id: int | None = None  # None: the arm was not taken yet
+        self.program: str | None = None  # that plays, where its name is known
+
+    def enter(self) -> int:
+        """The window's number in the ledger, in which it is entered now if it was not. Raises StoreError, MotionRefused."""
+        if self.ledger_id is None:
+            self._stack.enter_context(self._replaying)
+            self._entered_at = self._now()
+            self.ledger_id = self._store.ledger.claim(self._due.key_unix_s, self._due.kind, self._entered_at)
+            if self.ledger_id is None:
+                raise MotionRefused("hand_over: the history has this window already")
+        return self.ledger_id
+
+    def taken(self) -> None:
+        """The arm is ours, and the program waits for it."""
+        self._taken_at, self._back_at = time.monotonic(), None
+
+    def given_back(self) -> None:
+        """The program has its arm again; a first pass and its replay borrow it twice."""
+        if self._taken_at is not None:
+            self._waited_s += time.monotonic() - self._taken_at
+            self._taken_at, self._back_at = None, time.monotonic()
+            self._note()
+
+    @property
+    def back_for_s(self) -> float:
+        """For how long the program has had its arm again; 0 before."""
+        return 0.0 if self._back_at is None else time.monotonic() - self._back_at
+
+    def lost(self, *, for_good: bool) -> None:
+        """The replay ended early: `for_good` where the program did not get its arm back, and has ended."""
+        self._lost = for_good
+        self._note()
+
+    def _note(self) -> None:
+        assert self.ledger_id is not None
+        self._store.borrows.add(
+            Borrow(
+                ledger_id=self.ledger_id,
+                due_since_unix_s=self._due.since_unix_s,
+                taken_at_unix_s=self._entered_at,
+                program=self.program,
+                waited_s=None if self._lost else self._waited_s,
+                given_back=not self._lost,
+            )
+        )
+
+    def __enter__(self) -> "BorrowedWindow":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+
+def program_of(host: str) -> str | None:
+    """The name of the program that plays on this controller; None where none is known."""
+    try:
+        return UNIVERSAL_ROBOTS.playing_program(host) or None
+    except RobotUnreachable:
+        return None
