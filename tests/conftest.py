@@ -35,6 +35,7 @@ REAL_TIME = (
             "last_resorts",
             "live_collision",
             "many_replays",
+            "polyscope_x",
             "refusals",
             "replay",
             "stop_ours",

@@ -34,10 +34,11 @@ def check(
     how the last motion left it; `ask` asks for somebody else's permit. An arm that does not answer fails the conditions that need its
     answer; nothing is raised for it.
     """
+    identity, unreachable = None, ""
     try:
         identity = driver.identity(settings.host)
-    except RobotUnreachable:
-        identity = None
+    except RobotUnreachable as error:
+        unreachable = str(error)
     permit: Permit | None = None
     if settings.permit == "zenoh" and ask is not None:
         permit = ask({"robot": robot.name, "only_a_check": True}, settings.permit_timeout_s)
@@ -50,6 +51,7 @@ def check(
             context=context,
             now_unix_s=time.time(),
             identity=identity,
+            unreachable=unreachable,
             state=driver.state(settings.host, settings.rate_hz, settings.startup_timeout_s),
             stopped_before=stopped_before,
             expected_serial=expected_serial,

@@ -83,6 +83,9 @@ class Identity(NamedTuple):
     firmware: str | None  # for example "3.15.8.106339"
     remote_control: bool | None  # whether the controller takes commands over the network
     joint_limits: JointLimits | None = None  # of its installation
+    automatic: bool | None = None  # whether it is in automatic mode
+    robot_api: bool = False  # it is a PolyScope X, which has a Robot API in place of a dashboard
+    sources: str = ""  # who told what that server does not tell; empty: it told everything
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -69,13 +69,13 @@ class Survey(NamedTuple):
 
 
 def survey(host: str, *, timeout_s: float = 5.0, driver: Driver = UNIVERSAL_ROBOTS) -> Survey:
-    """Ask dashboard, RTDE and primary port. An arm that does not answer gives an empty survey with the problem; nothing is raised."""
+    """Ask dashboard or Robot API, RTDE and primary port. One that does not answer gives an empty survey with the problem."""
     try:
         identity = driver.identity(host)
     except RobotUnreachable as error:
         return Survey(problem=str(error))
     state = driver.state(host, 125.0, timeout_s)
-    problem = "" if state is not None else f"{host}: the dashboard answers, but no RTDE data came: is port 30004 open?"
+    problem = "" if state is not None else f"{host}: the controller answers, but no RTDE data came: is port 30004 open?"
     return Survey(identity=identity, state=state, model=model_of(identity), problem=problem)
 
 

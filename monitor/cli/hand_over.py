@@ -25,7 +25,7 @@ def script_node(
         raise BadInput(f"{output}: PolyScope reads a Script node's text from a file that ends in {SUFFIX}; give such a name")
     if not output.parent.is_dir():
         raise BadInput(f"{output}: the folder {output.parent} does not exist")
-    node = node_text(configuration.robot.host)
+    node = node_text(configuration.robot.host, driver=configuration.driver)
     there = _text_of(output)
     same = there == node.text
     if there is not None and not same:

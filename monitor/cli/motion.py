@@ -140,6 +140,7 @@ def record(
             seconds=seconds,
             should_stop=stopping.is_set,
             startup_timeout_s=configuration.replay.startup_timeout_s,
+            driver=configuration.driver,
             on_progress=lambda lasted_s, rows: show(f"{rows} rows", lasted_s, seconds or 0.0),
         )
     write_recording(output, recording)

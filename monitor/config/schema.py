@@ -10,6 +10,7 @@ from annotated_types import Interval
 
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.settings import Installation, ReplaySettings
+from monitor.acquire.ur.driver import UniversalRobots
 from monitor.assess import AssessSettings
 from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import Excitation
@@ -28,6 +29,7 @@ class RobotSettings:
     site: str  # part of the Zenoh keys: a–z, 0–9, _ and -
     id: str  # the same; unique within the site
     host: str = "127.0.0.1"  # address of the controller
+    robot_api_port: Annotated[int, Interval(ge=1, le=65535)] = 80  # of a PolyScope X (software 10), which has no dashboard
     listen_hz: Annotated[float, Interval(ge=1.0, le=125.0)] = 10.0  # [Hz] rate at which its state is received between replays
     mounting: str = "ground"  # ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees
     payload_kg: Annotated[float, Interval(ge=0.0, le=100.0)] = 0.0  # [kg] as set in the controller
@@ -78,6 +80,11 @@ class Configuration:
     excitation: Excitation
     overrides: tuple[str, ...] = ()  # variables of the environment that replace values of the file
     notices: tuple[str, ...] = ()  # keys of the file that are read, and are not needed any more
+
+    @property
+    def driver(self) -> UniversalRobots:
+        """How this arm's controller is asked and driven."""
+        return UniversalRobots(robot_api_port=self.robot.robot_api_port)
 
     @property
     def robot_description(self) -> Robot:

@@ -19,7 +19,6 @@ from monitor.acquire.safety.gate import Announce, AskPermit
 from monitor.acquire.safety.inputs import ConditionResult, Permit
 from monitor.acquire.safety.way import Left
 from monitor.acquire.state import Identity
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.watch import ReplayProgress
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreError
@@ -113,7 +112,7 @@ def move(
     ask: AskAnswer | None = None,
     announce: Announce | None = None,
     model: CompensatedModel | None = None,
-    driver: Driver = UNIVERSAL_ROBOTS,
+    driver: Driver | None = None,
 ) -> Recording:
     """One replay. A slow first pass precedes it where something has changed since the last one; its recording goes to `first_pass_path`.
 
@@ -125,6 +124,7 @@ def move(
     Raises as `acquire.replay.replay`, and StoreError where the motion or the first pass cannot be stored.
     """
     settings, robot = configuration.replay, configuration.robot_description
+    chosen: Driver = driver or configuration.driver
 
     def enter() -> int | None:
         if window is None:
@@ -161,14 +161,14 @@ def move(
                 announce=announce,
                 basis=basis,
                 left=before,
-                driver=driver,
+                driver=chosen,
             )
         except ReplayAborted as error:
             if not error.borrowed:
                 given_back()
             ended, after = error, None
             if error.moved and error.cause in ReplayAborted.HARMLESS:
-                after = look(driver, settings, clean=error.at_rest, should_stop=should_stop)
+                after = look(chosen, settings, clean=error.at_rest, should_stop=should_stop)
                 ended = judged_end(error, after)
             left = left_by(ended, after, played, before)
             if error.phase:
@@ -183,7 +183,7 @@ def move(
             motion.end("internal", f"internal: {type(error).__name__}: {error}", needs_a_person=True)
             raise
         given_back()
-        after = look(driver, settings, clean=True, should_stop=should_stop)
+        after = look(chosen, settings, clean=True, should_stop=should_stop)
         if after.unknown is None:
             motion.end("done", None, needs_a_person=False)
         else:
@@ -223,6 +223,7 @@ def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = No
         expected_serial=serial,
         left=left,
         ask=None if ask is None else _permit(ask),
+        driver=configuration.driver,
     )
 
 

@@ -71,7 +71,7 @@ def test_the_limits_come_with_the_configuration_data_and_nothing_is_sent():
     message = package(20, bytes(40)) + state_with(package(0, bytes(42)), package(1, bytes(246)), data)
     server = PrimaryPort("127.0.93.11", [message[:100], message[100:]])
     try:
-        assert primary.joint_limits("127.0.93.11", 1.0) == WIDE
+        assert primary.configured("127.0.93.11", 1.0).limits == WIDE
     finally:
         server.close()
     assert server.received == b""
@@ -92,16 +92,16 @@ def test_a_port_without_configuration_data_is_no_limit_and_is_not_waited_for(pie
     """Silence, a fragment, an absurd length, a state without them, a package that is no package."""
     server = PrimaryPort("127.0.93.12", pieces)
     try:
-        assert primary.joint_limits("127.0.93.12", 0.2) is None
+        assert primary.configured("127.0.93.12", 0.2).limits is None
     finally:
         server.close()
-    assert primary.joint_limits("127.0.93.12", 0.2) is None  # and nobody there
+    assert primary.configured("127.0.93.12", 0.2).limits is None  # and nobody there
 
 
 @given(st.binary(max_size=600))
 def test_no_bytes_from_the_port_raise(data):
     """Whatever a port sends, the answer is limits that make sense or none."""
-    found = primary.limits_in_state(data)
+    found = (primary.configured_in_state(data) or primary.Configured()).limits
     assert found is None or min(found.speed_rad_s) > 0.0
 
 
@@ -110,7 +110,7 @@ def test_no_bytes_from_the_port_raise(data):
 )
 def test_limits_that_make_no_sense_do_not_count_as_reported(wrong):
     """An arm without any range or speed cannot be meant."""
-    assert primary.limits_in_state(configuration_data(wrong)) is None
+    assert primary.configured_in_state(configuration_data(wrong)).limits is None
 
 
 def found(limits, **changes):
@@ -147,7 +147,7 @@ def test_an_endless_wrist_beyond_its_reported_limits_shows_that_they_are_not_in_
 def test_a_simulated_controller_tells_the_limits_of_its_model():
     """Its wire is built after the manufacturer's library; the limits of a UR5 are the published ones."""
     with simulated_arm("127.0.93.13") as host:
-        limits = primary.joint_limits(host, 2.0)
+        limits = primary.configured(host, 2.0).limits
     assert limits is not None
     robot = load_robot("ur5")
     np.testing.assert_allclose(limits.highest_rad, robot.max_position_rad, atol=0.1)  # rad: an installation allows three degrees more

@@ -8,7 +8,8 @@ from collections.abc import Callable
 import pytest
 
 from monitor.acquire.driver import OurProgram
-from monitor.acquire.ur.dashboard import PORT, stop_program
+from monitor.acquire.ur.conversation import stop_program
+from monitor.acquire.ur.dashboard import PORT
 
 HOST = "127.0.2.61"
 

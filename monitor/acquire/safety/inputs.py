@@ -29,6 +29,7 @@ class ConditionInputs:
     now_unix_s: float
     identity: Identity | None  # None: the robot has not been asked, or does not answer
     state: ArmState | None  # None: no data has come from the robot
+    unreachable: str = ""  # why there is no identity, where the robot was asked for it
     stopped_before: str | None = None  # description of a stop that nobody has acknowledged
     expected_serial: str | None = None  # of the arm that was moved before; None: none was moved yet, or it says none
     permit: Permit | None = None  # the answer over Zenoh; None: nobody was asked

@@ -21,7 +21,8 @@ class Software(NamedTuple):
     first: tuple[int, int]
     last: tuple[int, int]
     reason: str  # of its bounds
-    drives: bool = True  # ur-rtde can drive it, and replays on it are tested
+    drives: bool = True  # ur-rtde can drive it
+    tested: bool = True  # replays on it are tested, as far as its wire is known
 
 
 SOFTWARE = (  # what is in none of these spans moves only where the configuration allows untested software
@@ -30,18 +31,16 @@ SOFTWARE = (  # what is in none of these spans moves only where the configuratio
     Software((5, 0), (5, 3), "ur-rtde asks a minor version of 4 or more for its registers, and crashes in its constructor", drives=False),
     Software((5, 4), (5, 23), "e-Series: from ur-rtde's registers to the newest version for which it has a recipe"),
     Software(
-        (10, 0),
-        (99, 99),
-        "PolyScope X has no such dashboard to stop a program, and ur-rtde crashes where it uploads its program again",
-        drives=False,
+        (10, 0), (10, 10), "PolyScope X before 10.11 has neither a dashboard nor a Robot API: no program could be stopped", drives=False
     ),
+    Software((10, 11), (99, 99), "PolyScope X: its Robot API is known from public sources and a simulated controller only", tested=False),
 )
 
 
 def _identity(inputs: ConditionInputs) -> Identity:
     """Who the controller is, which must be known."""
     if inputs.identity is None:
-        raise MotionRefused("unknown: the dashboard does not answer")
+        raise MotionRefused("unknown: the controller does not answer")
     return inputs.identity
 
 
@@ -53,6 +52,8 @@ def generation_of(firmware: str | None) -> str | None:
 
 def robot_model(inputs: ConditionInputs) -> str:
     """The controller is of the configured model."""
+    if inputs.identity is None and inputs.unreachable:
+        raise MotionRefused(inputs.unreachable)
     identity = _identity(inputs)
     if inputs.context.robot is not None and inputs.context.robot != inputs.robot.name:
         raise MotionRefused(f"the context is of a {inputs.context.robot}, the arm is a {inputs.robot.name}")
@@ -66,7 +67,8 @@ def robot_model(inputs: ConditionInputs) -> str:
             f"the controller says it is a {identity.model} with software {identity.firmware}, which is of the generation {generation}; "
             f"the configuration says {inputs.robot.name}, of the generation {inputs.robot.generation}"
         )
-    return f"{identity.model}, software {identity.firmware or 'not reported'}"
+    sources = f" ({identity.sources})" if identity.sources else ""
+    return f"{identity.model}, software {identity.firmware or 'not reported'}{sources}"
 
 
 def software(inputs: ConditionInputs) -> str:
@@ -78,9 +80,10 @@ def software(inputs: ConditionInputs) -> str:
     span = next((each for each in SOFTWARE if version is not None and each.first <= version <= each.last), None)
     if span is not None and not span.drives:
         raise MotionRefused(f"software {firmware}: {span.reason}; expected {_tested()}")
-    if span is not None:
+    if span is not None and span.tested:
         return f"{firmware}, among the tested {_tested()}"
     what = f"software {firmware}" if firmware else "the software's version is not reported"
+    what += f" ({span.reason})" if span is not None else ""
     if allowed:
         return f"{what}: untested, and replay.allow_untested_software is true"
     raise MotionRefused(f"{what}; tested are {_tested()}; replay.allow_untested_software = true lets another one move the arm")
@@ -88,7 +91,7 @@ def software(inputs: ConditionInputs) -> str:
 
 def _tested() -> str:
     """The spans of tested versions, as text."""
-    spans = [f"{span.first[0]}.{span.first[1]} to {span.last[0]}.{span.last[1]}" for span in SOFTWARE if span.drives]
+    spans = [f"{span.first[0]}.{span.first[1]} to {span.last[0]}.{span.last[1]}" for span in SOFTWARE if span.drives and span.tested]
     return " and ".join(spans)
 
 
@@ -119,6 +122,8 @@ def serial(inputs: ConditionInputs) -> str:
     identity, configured, before = _identity(inputs), inputs.context.serial, inputs.expected_serial
     if identity.serial is None and configured is None and before is not None:
         raise MotionRefused(f"not reported; expected {before}, the arm that was moved before")
+    if identity.serial is None and configured is not None:
+        raise Unreported(f"not reported: the configuration says {configured} and is believed")
     if identity.serial is None:
         raise Unreported("not reported: this arm cannot be told from another of its model")
     if configured is not None and identity.serial != configured:
@@ -136,10 +141,14 @@ def serial(inputs: ConditionInputs) -> str:
 def remote_control(inputs: ConditionInputs) -> str:
     """The controller takes commands over the network, so nobody else starts a program at its pendant; for a lent arm it need not."""
     identity = _identity(inputs)
+    if identity.automatic is False:
+        raise MotionRefused("the controller is in manual mode; set it to automatic mode and to remote control on its pendant")
     if inputs.settings.lent is not None and identity.remote_control is False:
         return "off: a program lends its arm in local control too; nobody can stop it over the network then, but its node does"
+    if identity.remote_control is None and identity.robot_api:
+        raise Unreported("not reported: PolyScope X tells it from 10.12 on; whoever holds the pendant may start a program meanwhile")
     if identity.remote_control is None:
         raise Unreported("not reported: this generation has no local control; whoever holds the pendant may start a program meanwhile")
     if not identity.remote_control:
         raise MotionRefused("the controller is in local control; set it to remote control on its pendant")
-    return "on"
+    return "on, in automatic mode" if identity.automatic else "on"

@@ -1,4 +1,4 @@
-"""The controller's primary port, read only: the joint limits of its installation, which come with its configuration data.
+"""The controller's primary port, read only: joint limits of its installation and kind of arm, both in its configuration data.
 
 Nothing is sent there. A controller sends its state some ten times a second, and its configuration with the first one; its layout is in the
 manufacturer's guide to the client interfaces.
@@ -8,6 +8,7 @@ import math
 import socket
 import struct
 import time
+from typing import NamedTuple
 
 from monitor.acquire.state import JointLimits
 
@@ -15,13 +16,23 @@ PORT = 30001
 ROBOT_STATE, CONFIGURATION = 16, 6  # type of a message, type of a package within it
 JOINTS = 6
 PAIRS = struct.Struct(f">{4 * JOINTS}d")  # lowest and highest position of each joint, then greatest speed and acceleration of each
+KIND = struct.Struct(">i")  # of arm; after the limits, four defaults, a radius, 24 kinematic parameters and two versions
+KIND_AT = PAIRS.size + 8 * (4 + 1 + 4 * JOINTS) + 2 * 4
+KINDS = {1: "UR5", 2: "UR10", 3: "UR3", 4: "UR16", 5: "UR18", 6: "UR8LONG", 7: "UR20", 8: "UR30", 9: "UR15"}  # the manufacturer's numbers
 HEAD = struct.Struct(">iB")  # length with this head, type
 LONGEST_MESSAGE = 65_536  # bytes; a state has about 1500
 WITHIN_S = 0.5  # the first state comes within 0.1 s of the connection
 
 
-def joint_limits(host: str, within_s: float = WITHIN_S) -> JointLimits | None:
-    """The limits that the controller's configuration data name; None where none come within that time, or where they make no sense."""
+class Configured(NamedTuple):
+    """What the configuration data say; None where they do not say it, or where it makes no sense."""
+
+    limits: JointLimits | None = None
+    model: str | None = None  # for example "UR5"; an e-Series has the same as a CB3
+
+
+def configured(host: str, within_s: float = WITHIN_S) -> Configured:
+    """What the controller's configuration data say; nothing where none come within that time."""
     until = time.monotonic() + within_s
     waiting = b""
     try:
@@ -30,24 +41,24 @@ def joint_limits(host: str, within_s: float = WITHIN_S) -> JointLimits | None:
                 connection.settimeout(left_s)
                 data = connection.recv(LONGEST_MESSAGE)
                 if not data:
-                    return None
+                    return Configured()
                 waiting += data
                 while len(waiting) >= HEAD.size:
                     length, kind = HEAD.unpack_from(waiting)
                     if not HEAD.size <= length <= LONGEST_MESSAGE:
-                        return None
+                        return Configured()
                     if len(waiting) < length:
                         break
                     message, waiting = waiting[HEAD.size : length], waiting[length:]
-                    if kind == ROBOT_STATE and (found := limits_in_state(message)):
+                    if kind == ROBOT_STATE and (found := configured_in_state(message)):
                         return found
     except OSError:
-        return None
-    return None
+        return Configured()
+    return Configured()
 
 
-def limits_in_state(state: bytes) -> JointLimits | None:
-    """The limits in the packages of one robot state, without its head; None where it has no configuration data."""
+def configured_in_state(state: bytes) -> Configured | None:
+    """What the packages of one robot state say, without its head; None where it has no configuration data."""
     while len(state) >= HEAD.size:
         length, kind = HEAD.unpack_from(state)
         if not HEAD.size <= length <= len(state):
@@ -56,7 +67,9 @@ def limits_in_state(state: bytes) -> JointLimits | None:
             values = PAIRS.unpack_from(state, HEAD.size)
             position, motion = values[: 2 * JOINTS], values[2 * JOINTS :]
             limits = JointLimits(lowest_rad=position[::2], highest_rad=position[1::2], speed_rad_s=motion[::2])
-            return limits if _sensible(limits) else None
+            kind_at = HEAD.size + KIND_AT
+            number = KIND.unpack_from(state, kind_at)[0] if length >= kind_at + KIND.size else 0
+            return Configured(limits if _sensible(limits) else None, KINDS.get(number))
         state = state[length:]
     return None
 

@@ -1,4 +1,6 @@
-"""A few rows of RTDE variables over a plain socket, for variables that ur-rtde asks for and offers no reading of. Nothing moves by it.
+"""RTDE over a plain socket: the software's version, and a few rows of variables that ur-rtde asks for and offers no reading of.
+
+Nothing moves by it.
 
 The protocol is version 2 of the manufacturer's Real-Time Data Exchange guide: version, output recipe, start, then rows.
 """
@@ -15,7 +17,8 @@ from monitor.recording import Array
 
 PORT = 30004
 HEAD = struct.Struct(">HB")  # length with this head, type
-VERSION, OUTPUTS, START, ROW = ord("V"), ord("O"), ord("S"), ord("U")
+VERSION, OUTPUTS, START, ROW, SOFTWARE = ord("V"), ord("O"), ord("S"), ord("U"), ord("v")
+NUMBERS = struct.Struct(">4I")  # major, minor, bugfix, build
 VECTOR6D = struct.Struct(">6d")
 
 
@@ -43,6 +46,17 @@ def rows_of(host: str, variables: tuple[str, ...], *, count: int, rate_hz: float
             return np.array(rows)
     except (OSError, struct.error) as error:
         raise RobotUnreachable(f"{host}: RTDE on port {PORT}: {error}") from None
+
+
+def software_of(host: str, timeout_s: float = 1.0) -> str | None:
+    """The version of the controller's software, for example "10.12.0.5"; None where it does not answer as the protocol says."""
+    try:
+        with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
+            _send(connection, SOFTWARE, b"")
+            numbers = NUMBERS.unpack_from(_answer(_packages(connection, time.monotonic() + timeout_s), SOFTWARE))
+    except (OSError, struct.error):
+        return None
+    return ".".join(map(str, numbers))
 
 
 def _send(connection: socket.socket, kind: int, payload: bytes) -> None:

@@ -229,7 +229,7 @@ REFUSALS = (
     N_("digital input {number} is off; expected on"),
     N_("digital input {number} must be on, and the controller does not report its inputs"),
     N_("permit/replay: no answer within {seconds} s"),
-    N_("unknown: the dashboard does not answer"),
+    N_("unknown: the controller does not answer"),
     N_("the controller is in local control; set it to remote control on its pendant"),
     N_("the controller says it is a {model}, the configuration says {own}"),
     N_("{what}; a person must look at the arm and say so: joint-monitor allow"),
