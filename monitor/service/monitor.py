@@ -1,6 +1,7 @@
 """The replay cycle: claim a window, replay, record, assess, store, publish. What the figures mean is judged elsewhere."""
 
 import dataclasses
+import itertools
 import logging
 import math
 import time
@@ -235,25 +236,31 @@ class Monitor:
 
     def _replayed(self, ledger_id: int, closes_unix_s: float) -> Recording:
         """The recording, at one of several tries. Raises as `_play`, for the last of them."""
-        settings = self.configuration.schedule
         aborted: ReplayAborted | None = None
-        for number in range(1, settings.tries + 1):
+        for number in itertools.count(1):
             try:
                 return self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
-            except ReplayAborted as error:
-                aborted = error
-                opens_again = self._now() + settings.try_again_after_s
-                if error.needs_a_person or error.cause not in error.TRANSIENT or number == settings.tries or opens_again >= closes_unix_s:
-                    raise
-                self._store.ledger.add_try(ledger_id, error.cause, str(error), self._now())
-                log.warning("replay=%d try=%d ended early, again in %g s: %s", ledger_id, number, settings.try_again_after_s, error)
-                if self._stopped_within(settings.try_again_after_s):
-                    raise
-            except (MotionRefused, RobotUnreachable) as error:
-                if aborted is None:
-                    raise
-                raise ReplayAborted(f"{aborted}; the next try was refused: {error}", aborted.cause) from error
+            except (ReplayAborted, RobotUnreachable) as error:
+                if isinstance(error, ReplayAborted):
+                    aborted = error
+                if not self._tries_again(ledger_id, number, error, closes_unix_s):
+                    raise _after(aborted, error) from error
+            except MotionRefused as error:
+                raise _after(aborted, error) from error
         raise AssertionError("the last try returns or raises")
+
+    def _tries_again(self, ledger_id: int, number: int, error: ReplayAborted | RobotUnreachable, closes_unix_s: float) -> bool:
+        """Whether this end of the try of this number is of this machine or the network, and the window is open after the pause, which is over."""
+        settings, cause = self.configuration.schedule, "unreachable"
+        if isinstance(error, ReplayAborted):
+            cause = error.cause
+            if error.needs_a_person or cause not in error.TRANSIENT:
+                return False
+        if number == settings.tries or self._now() + settings.try_again_after_s >= closes_unix_s:
+            return False
+        self._store.ledger.add_try(ledger_id, cause, str(error), self._now())
+        log.warning("replay=%d try=%d ended early, again in %g s: %s", ledger_id, number, settings.try_again_after_s, error)
+        return not self._stopped_within(settings.try_again_after_s)
 
     def _stopped_within(self, pause_s: float) -> bool:
         """Wait before the next try; whether the monitor was asked to stop meanwhile."""
@@ -288,3 +295,11 @@ class Monitor:
     def _should_stop(self) -> bool:
         self._alive()
         return self._state.stopping.is_set()
+
+
+def _after(aborted: ReplayAborted | None, error: ReplayAborted | MotionRefused | RobotUnreachable) -> Exception:
+    """How a window ended: as its last try, or as an earlier one that moved the arm, where the last did not come so far."""
+    if aborted is None or aborted is error:
+        return error
+    what = "was refused" if isinstance(error, MotionRefused) else "did not reach the arm"
+    return ReplayAborted(f"{aborted}; the next try {what}: {error}", aborted.cause)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from monitor.config.load import load
-from monitor.errors import MotionRefused, ReplayAborted
+from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.service.daemon import Daemon
 from monitor.service.history.status import status_document
 from monitor.store.store import Store
@@ -70,6 +70,29 @@ def test_tries_are_bounded_in_number_and_by_the_windows_end(daemon):
         made.monitor.perform(NOON + number, closes_unix_s=NOON + closes_s)
         assert len(made.waiting) == left
         made.bus.close()
+
+
+def test_an_arm_that_is_not_reached_is_tried_again_while_the_window_is_open(daemon):
+    """On a busy machine the first data may come too late. The window is skipped only where no try reached the arm."""
+    silent = RobotUnreachable("127.0.0.1: RTDE answers but sends no data")
+    made = daemon(silent, MotionRefused("remote_control: off"))
+    assert made.monitor.perform(NOON, closes_unix_s=NOON + 60.0).reason == "remote_control: off"
+    assert states(made) == [("skipped", ["unreachable"])]
+    made.bus.close()
+    again = daemon(silent, silent, silent)
+    row = again.monitor.perform(NOON + 1.0, closes_unix_s=NOON + 61.0)
+    assert (row.reason, again.waiting) == (str(silent), [])
+    assert states(again)[1] == ("skipped", ["unreachable", "unreachable"])
+
+
+def test_a_try_that_moved_is_told_where_a_later_one_does_not_reach_the_arm(daemon):
+    """The window is aborted, as the try that moved was."""
+    made = daemon(LATE, RobotUnreachable("127.0.0.1: no answer"), RobotUnreachable("127.0.0.1: still none"))
+    row = made.monitor.perform(NOON, closes_unix_s=NOON + 60.0)
+    assert row.state == "aborted"
+    assert str(LATE) in row.reason
+    assert "still none" in row.reason
+    assert states(made) == [("aborted", ["late", "unreachable"])]
 
 
 @pytest.mark.parametrize(
