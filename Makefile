@@ -82,7 +82,8 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	@# ours alone, not whatever else this machine has lying there
 	test -n "$(DESTDIR)" || { systemd-sysusers $(SYSTEM)/sysusers.d/joint-monitor.conf && systemd-tmpfiles --create $(SYSTEM)/tmpfiles.d/joint-monitor.conf; }
 	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || systemctl daemon-reload
-	@echo "installed; now write $(DESTDIR)/etc/joint-monitor/NAME.toml and: systemctl enable --now joint-monitor@NAME"
+	@# a package says so where it is installed
+	@test -n "$(DESTDIR)" || echo "installed; now: joint-monitor init /etc/joint-monitor/NAME.toml, then: systemctl enable --now joint-monitor@NAME"
 
 DEB ?= build/joint-monitor.deb
 deb: ## a Debian package of the service for this machine's release and architecture: build/joint-monitor.deb
@@ -90,6 +91,7 @@ deb: ## a Debian package of the service for this machine's release and architect
 	umask 022; $(MAKE) --no-print-directory install DESTDIR=$(CURDIR)/build/deb PREFIX=/opt/joint-monitor SYSTEM=/usr/lib COMMAND=/usr/bin
 	deploy/deb/build build/deb $$($(PYTHON) -c 'import re; print(re.search(r"__version__ = .(.+).", open("monitor/__init__.py").read())[1])') \
 		$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])') $(DEB)
+	@echo "$(DEB): for this release and architecture; there, as root: apt install ./$(notdir $(DEB)), then: joint-monitor init /etc/joint-monitor/NAME.toml"
 
 user: ## for you alone, without developers' tools: a virtual environment in ~/.local/share, the command in ~/.local/bin
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }

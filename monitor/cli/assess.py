@@ -15,6 +15,7 @@ from monitor.cli.options import (
     JsonOption,
     ManifestOption,
     MountingOrNoneOption,
+    complete_model,
     load_configuration,
     optional_figures,
     print_json,
@@ -34,7 +35,9 @@ WORLD_DAYS = 1095  # of an arm of a world
 def assess(
     files: FilesArgument = None,
     config: Annotated[Path | None, typer.Option("--config", "-c", help="The robot's TOML file: arm, gains, thresholds.")] = None,
-    robot: Annotated[str | None, typer.Option(help="Instead of --config: the model, e.g. ur5.", show_default=False)] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Instead of --config: the model, e.g. ur5.", autocompletion=complete_model, show_default=False)
+    ] = None,
     mounting: MountingOrNoneOption = None,
     columns: ColumnsOption = None,
     gains: GainsOption = None,

@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from monitor import __version__
-from monitor.cli.options import Commands, ForceOption, JsonOption, figures, optional_figures, print_json, refuse_overwriting, stop_on
+from monitor.cli.options import (
+    Commands,
+    ForceOption,
+    JsonOption,
+    complete_model,
+    figures,
+    optional_figures,
+    print_json,
+    refuse_overwriting,
+    stop_on,
+)
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
@@ -22,7 +32,7 @@ POSE_HELP = "one angle a joint [rad], comma-separated"
 
 
 def design(
-    robot: Annotated[str, typer.Option(help="Model, e.g. ur5.", show_default=False)],
+    robot: Annotated[str, typer.Option(help="Model, e.g. ur5.", autocompletion=complete_model, show_default=False)],
     output: Annotated[Path, typer.Option("--output", "-o", help="Where the trajectory goes (.json).", show_default=False)],
     mounting: Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")] = "ground",
     cell: Annotated[Path | None, typer.Option(help="The site's cell (.toml); else the plain one of the mounting.")] = None,

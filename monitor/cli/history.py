@@ -16,6 +16,7 @@ from monitor.cli.options import (
     JsonOption,
     ManifestOption,
     ToOption,
+    joint_number,
     load_configuration,
     print_json,
     refuse_overwriting,
@@ -66,7 +67,7 @@ def schedule(
 
 def history(
     config: ConfigOption,
-    joint: Annotated[int | None, typer.Option(min=1, max=8, help="Only this one.", show_default=False)] = None,
+    joint: Annotated[str | None, typer.Option(help="Only this one, by number or name: 3 or elbow.", show_default=False)] = None,
     since: FromOption = None,
     until: ToOption = None,
     limit: Annotated[int, typer.Option(min=1, max=1_000_000, help="The newest so many rows.")] = 24,
@@ -78,12 +79,10 @@ def history(
     from monitor.views.terminal.arm import print_history
 
     configuration = load_configuration(config)
-    joints = configuration.robot_description.joints
-    if joint is not None and joint > joints:
-        raise BadInput(f"--joint {joint}: a {configuration.robot.model} has {joints} joints; expected 1 to {joints}")
+    number = None if joint is None else joint_number(joint, configuration.robot_description.joints)
     begin, end = _when(since, "--from"), _when(until, "--to")
     with Store.reader(configuration.state_directory) as store:
-        rows = _all_rows(store, joint, begin, end)
+        rows = _all_rows(store, number, begin, end)
     shown: Any = outside(rows[-limit:])
     left_out = max(0, len(rows) - limit)
     if as_json:

@@ -10,7 +10,9 @@ import typer
 
 from monitor import __version__
 from monitor.cli.init_cell import CellAnswers, cell_of
-from monitor.cli.options import FOR_ALL, Commands, figures
+from monitor.cli.init_next import check_and_next
+from monitor.cli.init_reach import reached
+from monitor.cli.options import FOR_ALL, Commands, complete_model, figures
 from monitor.cli.questions import Questions, listed, number_from, numbers, text_of
 from monitor.errors import BadInput
 
@@ -34,7 +36,10 @@ def init(
     simulated: Annotated[
         bool, typer.Option("--simulated", help="The arm at --host is `joint-monitor simulate`; gains are its own.")
     ] = False,
-    model: Annotated[str | None, typer.Option(help="Model, e.g. ur5e; else what the arm says.", show_default=False)] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="Model, e.g. ur5e; else what the arm says.", autocompletion=complete_model, show_default=False),
+    ] = None,
     site: Annotated[str | None, typer.Option(help="Part of the bus's keys; default lab.", show_default=False)] = None,
     robot_id: Annotated[str | None, typer.Option("--id", help="The same; default: the file's name.", show_default=False)] = None,
     serial: Annotated[str | None, typer.Option(help="Serial number; else what the arm says.", show_default=False)] = None,
@@ -125,10 +130,7 @@ def _write(given: Options) -> None:
     if given.file is not None:
         _refuse_taken(given.file, given.force)
     ask.say("joint-monitor init writes the configuration of one arm. Enter takes what stands in brackets; Ctrl-C writes nothing.\n")
-    address = ask.answer(
-        "--host", given.host, "Address of the controller (- for none yet)", "127.0.0.1" if given.simulated else "-", text_of()
-    )
-    found = _survey(address, ask.asks)
+    address, found = reached(given.host, ask, simulated=given.simulated)
     about = _arm(given, ask, found, address)
     path = given.file or Path(f"{about['id']}.toml")
     _refuse_taken(path, given.force)
@@ -149,14 +151,14 @@ def _write(given: Options) -> None:
     write_new(path, text, force=given.force)
     typer.echo(f"{path} is written" + ("" if new_cell is None else f", and {cell_file}, what stands around the arm"))
     typer.echo(f"gains: {answers.gains_source}")
-    _check_and_next(path, answers, reached=found.identity is not None)
+    check_and_next(path, answers, reached=found.identity is not None)
 
 
 def _arm(given: Options, ask: Questions, found: "Survey", address: str) -> dict[str, Any]:
     """Which arm it is, where it stands, what it carries, and its gains: the fields of `Answers` by their names."""
     from monitor.model.robot import Mounting, load_robot
 
-    model = ask.answer("--model", given.model, "Model", found.model or None, text_of(load_robot))
+    model = ask.answer("--model", given.model, "Model, e.g. ur5e", found.model or None, text_of(load_robot))
     robot = load_robot(model)
     site = ask.answer("--site", given.site, "Site (a–z, 0–9, _ and -)", "lab", text_of(lambda text: _key_part(site=text)))
     named = given.file.stem if given.file else "cell-1"
@@ -242,24 +244,6 @@ def _trajectory(given: str | None, path: Path, model: str, mounting: str, cell: 
     return "", ""
 
 
-def _survey(address: str, asks: bool) -> "Survey":
-    """What the arm says, and a line for a person about it."""
-    from monitor.acquire.survey import Survey, survey
-    from monitor.views.terminal.progress import status
-
-    if address == "-":
-        return Survey()
-    with status(f"asking {address}"):
-        found = survey(address)
-    if found.identity is not None:
-        said = [found.model or "model unknown", f"serial {found.serial or 'unknown'}", f"software {found.identity.firmware or 'unknown'}"]
-        typer.echo(f"{address} answers: {', '.join(said)}")
-    if found.problem:
-        stop = "" if found.problem.endswith("?") else "."
-        typer.echo(f"{found.problem}{stop} What it does not say {'is asked' if asks else 'needs an option, or has its default'}.", err=True)
-    return found
-
-
 def _gains(given: Options, *, model: str, mounting: str, host: str) -> "FirstGains":
     """The gains by the best source that there is. Raises BadInput where options contradict each other or show nothing."""
     from monitor.service import first_gains
@@ -300,40 +284,6 @@ def _accepted(found: "FirstGains", may_change: bool, ask: Questions) -> "FirstGa
     return (
         found if values == found.values else FirstGains(values, "as given" if values else "none were given, and without them nothing moves")
     )
-
-
-def _check_and_next(path: Path, answers: "Answers", *, reached: bool) -> None:
-    """Run the conditions of `check`, print those that do not hold, and the one command that is next."""
-    from monitor.cli.options import load_configuration
-    from monitor.service.motion import check_conditions
-    from monitor.views.terminal.progress import status
-
-    configuration = load_configuration(path)
-    failed = []
-    if reached:
-        with status("checking every condition of a motion"):
-            conditions = check_conditions(configuration)
-        failed = [each for each in conditions if not each.holds]
-        for each in failed:
-            if not (answers.designed and each.name == "trajectory_clear"):
-                typer.echo(f"  {each.name}: {each.text}")
-    names = {each.name for each in failed}
-    typer.echo("")
-    if answers.designed:
-        typer.echo("next: design a trajectory for this cell, then uncomment `excitation` in the file")
-        typer.echo(f"  {answers.designed}")
-    elif "drive_gains" in names or not (answers.gains_nm_per_a or "published" in answers.gains_source):
-        typer.echo("next: record a program of yours, once without and once with a weighed mass, then `init` again with --payload-pair")
-        typer.echo(f"  joint-monitor record --config {path} --seconds 60 -o empty.parquet")
-    elif not reached or names - {"motion_allowed"}:
-        typer.echo("next: look at every condition, when the arm is reached and ready")
-        typer.echo(f"  joint-monitor check --config {path}")
-    elif names:
-        typer.echo(f"next: only allow_motion speaks against a motion. When the arm may move, set allow_motion = true in {path}, then")
-        typer.echo(f"  joint-monitor run --config {path} --now")
-    else:
-        typer.echo("next: the first replay, slowly first; a minute until the first verdict")
-        typer.echo(f"  joint-monitor run --config {path} --now")
 
 
 def _refuse_taken(path: Path, force: bool) -> None:

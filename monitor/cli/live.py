@@ -16,6 +16,7 @@ from monitor.cli.options import (
     JsonOption,
     client_of,
     figures,
+    joint_number,
     load_configuration,
     named_configuration,
     print_json,
@@ -113,7 +114,9 @@ def status(
         typer.Option("--config", "-c", help=f"{CONFIG_HELP} May be given again.", envvar=CONFIG_VARIABLE, show_default=False),
     ] = None,
     as_json: JsonOption = False,
-    why: Annotated[int | None, typer.Option(min=1, help="Of this joint: why does it not alert?", show_default=False)] = None,
+    why: Annotated[
+        str | None, typer.Option(metavar="JOINT", help="Of this joint, 3 or elbow: why does it not alert?", show_default=False)
+    ] = None,
 ) -> None:
     """What is known of the arm now, from its history; works without the daemon. Of several arms, one after the other."""
     import time
@@ -128,7 +131,8 @@ def status(
     for number, path in enumerate(paths):
         try:
             configuration = load_configuration(path)
-            document = status_document(configuration, time.time(), why)
+            joint = None if why is None else joint_number(why, configuration.robot_description.joints, "--why")
+            document = status_document(configuration, time.time(), joint)
         except MonitorError as error:
             if len(paths) == 1:
                 raise
@@ -139,8 +143,8 @@ def status(
             if number:
                 typer.echo("")
             print_status(document, configuration.schedule.zone())
-            if why is not None:
-                print_not_alerting(why, document["not_alerting"]["reasons"])
+            if joint is not None:
+                print_not_alerting(joint, document["not_alerting"]["reasons"])
     if as_json:
         print_json(documents[0] if len(paths) == 1 else {"robots": documents, "failed": failed})
     for text in failed:

@@ -30,7 +30,7 @@ from monitor.cli import (
     simulator,
     trial,
 )
-from monitor.cli.laws import CommandWithLaws
+from monitor.cli.hints import CommandWithHints
 from monitor.errors import MonitorError
 
 
@@ -77,7 +77,7 @@ app = typer.Typer(
 )
 for _topic in TOPICS:
     for _name, _function in _topic.COMMANDS.items():
-        app.command(name=_name, cls=CommandWithLaws)(_function)
+        app.command(name=_name, cls=CommandWithHints)(_function)
 
 
 def main() -> None:

@@ -22,10 +22,29 @@ FIGURES_HELP = "one figure a joint, comma-separated"
 CONFIG_VARIABLE = "JOINT_MONITOR_CONFIG"  # names the configuration where --config does not
 FOR_ALL = Path("/etc/joint-monitor")  # where the service looks for configurations, NAME.toml
 CONFIG_HELP = f"The robot's TOML file, or NAME for {FOR_ALL}/NAME.toml."
+
+
+def complete_model(incomplete: str) -> list[str]:
+    """The models of arms that begin so; the shell asks."""
+    from monitor.model.robot import robot_names
+
+    return [name for name in robot_names() if name.startswith(incomplete)]
+
+
+def complete_scenario(incomplete: str) -> list[str]:
+    """The shipped scenarios that begin so; the shell asks."""
+    from monitor.simulate.scenario import scenario_names
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
+
+
 ConfigOption = Annotated[Path, typer.Option("--config", "-c", help=CONFIG_HELP, envvar=CONFIG_VARIABLE, show_default=False)]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
-RobotOption = Annotated[str | None, typer.Option(help="Model, e.g. ur5, or a .toml of an arm of yours.", show_default=False)]
+RobotOption = Annotated[
+    str | None,
+    typer.Option(help="Model, e.g. ur5, or a .toml of an arm of yours.", autocompletion=complete_model, show_default=False),
+]
 UrdfOption = Annotated[Path | None, typer.Option(help="Instead of a model: any serial arm of 1 to 8 turning joints.", show_default=False)]
 MountingOption = Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")]
 MountingOrNoneOption = Annotated[str | None, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.", show_default=False)]
@@ -55,6 +74,23 @@ def named_configuration(path: Path) -> Path:
     """The file of a configuration: the path itself, or NAME.toml of the service's folder where `path` is a name and no file."""
     is_name = path.name == str(path) and not path.suffix and not path.exists()
     return FOR_ALL / f"{path}.toml" if is_name else path
+
+
+def joint_number(text: str, joints: int, option: str = "--joint") -> int:
+    """The number of a joint, from 1, by its number, J3, or the name that PolyScope shows. Raises BadInput.
+
+    joints : of the arm.
+    """
+    from monitor.model.joint_names import NAMES
+
+    given = " ".join(text.casefold().replace("-", " ").replace("_", " ").split())
+    number = given.removeprefix("joint ").removeprefix("j")
+    if number.isascii() and number.isdigit() and 1 <= int(number) <= joints:
+        return int(number)
+    names = [name.casefold() for name in NAMES[:joints]]
+    if given.replace(" ", "") in (squeezed := [name.replace(" ", "") for name in names]):
+        return squeezed.index(given.replace(" ", "")) + 1
+    raise BadInput(f"{option} {text!r}: expected 1 to {joints}, or one of {', '.join(names)}")
 
 
 def refuse_overwriting(path: Path | None, force: bool) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from monitor.cli.options import Commands, ConfigOption, JsonOption, client_of, load_configuration, print_json
+from monitor.cli.options import Commands, ConfigOption, JsonOption, client_of, joint_number, load_configuration, print_json
 from monitor.errors import BadInput, BusError, StoreError, StoreInUse
 
 if TYPE_CHECKING:
@@ -36,7 +36,10 @@ def serviced(
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
     if undo and at is not None:
         raise BadInput("--at and --undo: a mistake is taken back as a whole; expected one of them")
-    configuration, number = load_configuration(config), joint_number(joint)
+    if at is not None:
+        _refuse_no_time(at)
+    configuration = load_configuration(config)
+    number = joint_number(joint, configuration.robot_description.joints)
     request: ServicedRequest | UndoServicedRequest
     if undo:
         request = UndoServicedRequest(joint=number, by=by, why=why)
@@ -51,18 +54,14 @@ def serviced(
         typer.echo(f"  {sentence}")
 
 
-def joint_number(text: str) -> int:
-    """The number of a joint, from 1, by its number, J3, or the name that PolyScope shows. Raises BadInput."""
-    from monitor.model.joint_names import NAMES
+def _refuse_no_time(at: str) -> None:
+    """Raises BadInput where a text is no date or time, before any history or daemon is asked."""
+    from monitor.publish.timestamps import unix_s
 
-    given = " ".join(text.casefold().replace("-", " ").replace("_", " ").split())
-    number = given.removeprefix("joint ").removeprefix("j")
-    if number.isascii() and number.isdigit() and 1 <= int(number) <= 8:
-        return int(number)
-    names = [name.casefold() for name in NAMES]
-    if given.replace(" ", "") in (squeezed := [name.replace(" ", "") for name in names]):
-        return squeezed.index(given.replace(" ", "")) + 1
-    raise BadInput(f"--joint {text!r}: expected 1 to 8, or one of {', '.join(names)}")
+    try:
+        unix_s(at)
+    except ValueError:
+        raise BadInput(f"--at {at!r}: not a date or time; expected e.g. 2026-01-31 or 2026-01-31T14:00:00Z") from None
 
 
 def _declared(configuration: "Configuration", request: "ServicedRequest | UndoServicedRequest") -> dict[str, Any]:
@@ -79,7 +78,10 @@ def _declared(configuration: "Configuration", request: "ServicedRequest | UndoSe
     try:
         return _asked(configuration, request)
     except BusError:
-        if refused is None or isinstance(refused, StoreInUse):
+        if refused is None:
+            where = configuration.state_directory
+            raise StoreError(f"{where}: no history yet, so there is nothing that work could change; the first replay begins it") from None
+        if isinstance(refused, StoreInUse):
             raise
         raise refused from None
 

@@ -5,13 +5,18 @@ from typing import Annotated
 
 import typer
 
-from monitor.cli.options import Commands, MountingOrNoneOption
+from monitor.cli.options import Commands, MountingOrNoneOption, complete_model, complete_scenario
 
 
 def simulate(
-    robot: Annotated[str | None, typer.Option(help="Model, e.g. ur5 (the default) or ur3e.", show_default=False)] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Model, e.g. ur5 (the default) or ur3e.", autocompletion=complete_model, show_default=False)
+    ] = None,
     bind: Annotated[str, typer.Option(help="Loopback address; one robot an address, its ports are fixed.")] = "127.0.0.1",
-    scenario: Annotated[str | None, typer.Option(metavar="NAME|FILE", help="What happens in its life.", show_default=False)] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(metavar="NAME|FILE", help="What happens in its life.", autocompletion=complete_scenario, show_default=False),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of noise; the same seed, the same arm.")] = 0,
     ambient: Annotated[float | None, typer.Option(help="Room temperature [°C]; default 22 or the scenario's.", show_default=False)] = None,
     payload: Annotated[float | None, typer.Option(help="Mass at the flange [kg].", show_default=False)] = None,

@@ -5,19 +5,21 @@ from typing import Annotated
 
 import typer
 
-from monitor.cli.options import Commands
+from monitor.cli.options import Commands, complete_model, complete_scenario
 from monitor.errors import BadInput
 
 LEAST_SPEED, MOST_SPEED = 1.0, 1_000_000.0
 
 
 def try_it(
-    robot: Annotated[str, typer.Option(help="Model of the simulated arm.")] = "ur5",
+    robot: Annotated[str, typer.Option(help="Model of the simulated arm.", autocompletion=complete_model)] = "ur5",
     config: Annotated[
         Path | None, typer.Option("--config", "-c", help="Try this configuration, on a simulated arm instead of its own.")
     ] = None,
     speed: Annotated[float, typer.Option(help="So many times as fast as life; 20000: a day in four seconds.")] = 20_000.0,
-    scenario: Annotated[str, typer.Option(metavar="NAME|FILE", help="What happens in the arm's life.")] = "try",
+    scenario: Annotated[
+        str, typer.Option(metavar="NAME|FILE", help="What happens in the arm's life.", autocompletion=complete_scenario)
+    ] = "try",
     days: Annotated[float | None, typer.Option(help="End after so many days; else with Ctrl-C.", show_default=False)] = None,
     seed: Annotated[int, typer.Option(help="Of the simulated arm.")] = 0,
     keep: Annotated[Path | None, typer.Option(help="Keep history and configuration in this folder.", show_default=False)] = None,

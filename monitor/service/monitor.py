@@ -250,7 +250,10 @@ class Monitor:
         raise AssertionError("the last try returns or raises")
 
     def _tries_again(self, ledger_id: int, number: int, error: ReplayAborted | RobotUnreachable, closes_unix_s: float) -> bool:
-        """Whether this end of the try of this number is of this machine or the network, and the window is open after the pause, which is over."""
+        """Whether a try that ended so is followed by another; the pause between the two is over then.
+
+        Only this machine or the network ended it, and the window is still open.
+        """
         settings, cause = self.configuration.schedule, "unreachable"
         if isinstance(error, ReplayAborted):
             cause = error.cause

@@ -88,7 +88,7 @@ def test_a_name_that_is_no_key_and_a_model_that_nobody_gave_are_refused_by_their
     silent = ended("init", tmp_path / "a.toml", "--no-input", "--host", "127.0.31.99")
     assert silent.returncode == 2
     assert "is asked" not in silent.stderr
-    assert "--model is missing (Model)" in silent.stderr
+    assert "--model is missing (Model, e.g. ur5e)" in silent.stderr
 
 
 def test_a_cell_is_described_and_its_trajectory_is_the_next_command(tmp_path):

@@ -103,7 +103,7 @@ def test_a_joint_that_the_arm_lacks_is_named(arms):
     """With the number of joints that it has."""
     refused = ended("history", "--joint", 7, "--config", "cell-1")
     assert refused.returncode == 2
-    assert "--joint 7: a ur5 has 6 joints" in refused.stderr
+    assert "--joint '7': expected 1 to 6, or one of base" in refused.stderr
 
 
 def test_an_output_is_not_replaced_unasked(arms):

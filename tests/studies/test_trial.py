@@ -18,6 +18,7 @@ def test_days_pass_in_seconds_and_no_window_is_missed(tmp_path):
     assert result.returncode == 0, result.stderr
     lines = re.findall(r"^\w{3} (2026-01-\d\d) 03:00  assessed", result.stdout, re.MULTILINE)
     assert lines == ["2026-01-05", "2026-01-06"]
+    assert "replays are stepped" in result.stdout  # it is said that no replay goes through the wire
     assert "missed" not in result.stdout + result.stderr
     path = tmp_path / "kept" / "try.toml"
     status = json.loads(ended("status", "--config", path, "--json").stdout)

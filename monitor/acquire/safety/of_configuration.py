@@ -19,18 +19,25 @@ def motion_allowed(inputs: ConditionInputs) -> str:
     return "allow_motion is true"
 
 
+def local_address(host: str) -> ipaddress.IPv4Address:
+    """The address, where it is a literal one of this machine or of a private network. Raises MotionRefused."""
+    try:
+        ipv4 = ipaddress.IPv4Address(host)
+    except ValueError:
+        raise MotionRefused(
+            f"host {host!r}: expected a literal IPv4 address, as 192.168.0.10; a name may mean another arm some day"
+        ) from None
+    if not (ipv4.is_loopback or ipv4.is_link_local or any(ipv4 in network for network in PRIVATE_NETWORKS)):
+        raise MotionRefused(f"host {host}: expected an address of this machine or of a private network")
+    return ipv4
+
+
 def address(inputs: ConditionInputs) -> str:
     """The address is a literal one of this machine, or of a private network; a real arm there has its cell and slow first passes."""
     settings = inputs.settings
     host = settings.host
-    try:
-        ipv4 = ipaddress.IPv4Address(host)
-    except ValueError:
-        raise MotionRefused(f"host {host!r}: expected a literal IPv4 address; a name may come to mean another arm") from None
-    if ipv4.is_loopback:
+    if local_address(host).is_loopback:
         return f"{host} is a simulated arm"
-    if not ipv4.is_link_local and not any(ipv4 in network for network in PRIVATE_NETWORKS):
-        raise MotionRefused(f"host {host}: expected an address of this machine or of a private network")
     if not settings.first_pass:
         raise MotionRefused(f"host {host} is a real arm, and first_pass is false: only a simulated one may go without")
     if settings.cell is None:

@@ -40,6 +40,9 @@ class Says:
             f"a simulated {configuration.robot.model}, scenario {self._trial.scenario}, {self._trial.speed:g} times as fast as life: "
             f"a day in {day_s:.1f} s, and the time of its replay"
         )
+        self.line(
+            "replays are stepped by the simulated arm, not driven over RTDE in real time; all that is judged and told is the daemon's own"
+        )
         for what, command in (
             ("the status page", f"http://{configuration.page.listen}/"),
             ("what is known", f"joint-monitor status --config {path}"),
