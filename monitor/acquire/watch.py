@@ -256,7 +256,7 @@ class Watch:
             self._passed_by = frame["text"]
         elif frame["kind"] in {"taken", "given_back"}:
             self.borrowed, self._given_back = frame["kind"] == "taken", frame["kind"] == "given_back"
-        elif frame["kind"] in {"refused", "unreachable"} and (self.borrowed or self.phase not in NOTHING_SENT):
+        elif frame["kind"] in {"refused", "unreachable"} and (self.borrowed or not (self._given_back or self.phase in NOTHING_SENT)):
             self.last_message = {"kind": "failed", "cause": "internal", "text": frame["text"]}  # it cannot mean that nothing was moved
         elif frame["kind"] not in {"alive", "waiting"}:
             self.last_message = frame

@@ -1,13 +1,11 @@
 """A cell on a simulated arm: a production program that plays round and round, and lends its arm at a node between two moves."""
 
 import socket
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from simulated_arm import simulated_arm
 
 from monitor.acquire.hand_over.script import hand_over_script
@@ -22,24 +20,56 @@ CELL = """name = "cell"
 [[node]]
 move = {at_node}
 [[node]]
+script = "before.script"
+[[node]]
 external_control = "{host}:{port}"
+[[node]]
+script = "after.script"
 [[node]]
 move = {after}
 [[node]]
 wait = {rest_s}
 """
+BEFORE = "test_q = get_target_joint_positions()\n"
+CYCLES, ASTRAY = 12, 13  # output registers: how often the program went on after the node, and how often from another pose
+AFTER_SCRIPT = f"""test_here_q = get_target_joint_positions()
+test_astray = 0
+test_joint = 0
+while test_joint < 6:
+  if norm(test_here_q[test_joint] - test_q[test_joint]) > 0.001:
+    test_astray = 1
+  end
+  test_joint = test_joint + 1
+end
+write_output_integer_register({CYCLES}, read_output_integer_register({CYCLES}) + 1)
+write_output_integer_register({ASTRAY}, read_output_integer_register({ASTRAY}) + test_astray)
+"""
 
 
-@dataclass(frozen=True)
+def settings(host: str, **others) -> ReplaySettings:
+    """Of a replay that borrows the arm at this address."""
+    values = {"allow_motion": True, "first_pass": False, "approach_speed_rad_s": 1.0, "hand_over": "external_control"}
+    return ReplaySettings(host=host, **{**values, "hand_over_wait_h": 0.005, **others})
+
+
+@dataclass
 class Cell:
     """A cell whose program plays."""
 
     host: str
+    text: str
     server: HandOverServer
 
     def settings(self, **others) -> ReplaySettings:
-        values = {"allow_motion": True, "first_pass": False, "approach_speed_rad_s": 1.0, "hand_over": "external_control"}
-        return ReplaySettings(host=self.host, **{**values, "hand_over_wait_h": 0.005, **others})
+        return settings(self.host, **others)
+
+    def serve(self) -> None:
+        """Serve the text of the node again."""
+        self.server = HandOverServer(self.text, bind=self.host)
+
+    def tell(self, line: str) -> None:
+        """A word to the dashboard, whatever it answers."""
+        self.dashboard(line)
 
     def dashboard(self, line: str) -> str:
         with socket.create_connection((self.host, 29999), timeout=10.0) as wire, wire.makefile("rw") as file:
@@ -53,6 +83,16 @@ class Cell:
         with Remote(self.host) as remote:
             return remote.truth()
 
+    @property
+    def cycles(self) -> int:
+        """How often the program has gone on after its node."""
+        return int(self.truth["output_integers"][CYCLES])
+
+    @property
+    def astray(self) -> int:
+        """How often of these the arm was more than 1 mrad from where it was before the node."""
+        return int(self.truth["output_integers"][ASTRAY])
+
     def fault(self, name: str, **arguments) -> None:
         with Remote(self.host) as remote:
             remote.fault(name, **arguments)
@@ -63,36 +103,14 @@ def lending_cell(host: str, folder: Path, *options: str, rest_s: float = 0.2, pl
     """The cell at this address; its server listens there too, as a monitor on another host would."""
     with simulated_arm(host, *options):
         text = hand_over_script(control_script(host))
+    (folder / "before.script").write_text(BEFORE)
+    (folder / "after.script").write_text(AFTER_SCRIPT)
     (folder / "cell.toml").write_text(CELL.format(at_node=list(AT_NODE), after=list(AFTER), host=host, port=50002, rest_s=rest_s))
-    with (
-        HandOverServer(text, bind=host) as server,
-        simulated_arm(host, *options, "--program", str(folder / "cell.toml")),
-    ):
-        cell = Cell(host, server)
-        if play:
-            assert cell.dashboard("play") == "Starting program"
-        yield cell
-
-
-class Poses(threading.Thread):
-    """Looks at the true position of the arm again and again, and remembers the passes through the place after the node."""
-
-    def __init__(self, cell: Cell) -> None:
-        super().__init__(daemon=True)
-        self.cell, self.over, self.after = cell, threading.Event(), 0
-
-    def __enter__(self) -> "Poses":
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.over.set()
-        self.join()
-
-    def run(self) -> None:
-        there = False
-        with Remote(self.cell.host) as remote:
-            while not self.over.wait(0.05):
-                near = bool(np.max(np.abs(np.array(remote.truth()["q"]) - AFTER)) < 0.005)
-                self.after += near and not there
-                there = near
+    with simulated_arm(host, *options, "--program", str(folder / "cell.toml")):
+        cell = Cell(host, text, HandOverServer(text, bind=host))
+        try:
+            if play:
+                assert cell.dashboard("play") == "Starting program"
+            yield cell
+        finally:
+            cell.server.close()

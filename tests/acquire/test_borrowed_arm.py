@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 from excitations import short
-from lending_cell import AT_NODE, Cell, Poses, lending_cell
+from lending_cell import AT_NODE, Cell, lending_cell
 from processes import children
 
 from monitor.acquire.replay import replay
@@ -27,14 +27,12 @@ def cell(tmp_path_factory):
         yield cell
 
 
-def goes_on(cell: Cell, seconds: float = 1.0) -> bool:
-    """Whether the program goes round: its arm is seen elsewhere than before."""
-    first, until = np.array(cell.truth["q"]), time.monotonic() + seconds
-    while time.monotonic() < until:
-        if np.max(np.abs(np.array(cell.truth["q"]) - first)) > 0.05:
-            return cell.dashboard("programState") == "PLAYING cell.urp"
-        time.sleep(0.02)
-    return False
+def goes_on(cell: Cell, cycles: int = 1, within_s: float = 5.0) -> bool:
+    """Whether the program goes on after its node so often, each time from where it came to it."""
+    enough, until = cell.cycles + cycles, time.monotonic() + within_s
+    while cell.cycles < enough and time.monotonic() < until:
+        time.sleep(0.05)
+    return cell.cycles >= enough and cell.astray == 0 and cell.dashboard("programState") == "PLAYING cell.urp"
 
 
 def test_a_replay_is_played_at_the_programs_node_and_the_program_goes_on(cell):
@@ -52,10 +50,12 @@ def test_a_replay_is_played_at_the_programs_node_and_the_program_goes_on(cell):
 def test_a_node_at_which_a_condition_does_not_hold_is_passed_by(cell):
     """The program is not delayed by a tick; the reason is shown, and is what the replay ends with when its time is over."""
     seen: list[ReplayProgress] = []
-    with Poses(cell) as poses, pytest.raises(MotionRefused, match=r"no node .* payload: the controller reckons with 0.000 kg"):
+    before = cell.cycles
+    with pytest.raises(MotionRefused, match=r"no node .* payload: the controller reckons with 0.000 kg"):
         replay(short(), UR5, cell.settings(hand_over_wait_h=0.001), context=Context(payload_kg=2.0), on_progress=seen.append)
     assert any("payload" in at.passed_by for at in seen)
-    assert poses.after >= 2
+    assert cell.cycles >= before + 2
+    assert cell.astray == 0
 
 
 def test_a_permit_that_is_refused_at_the_node_gives_the_arm_back(cell):
@@ -65,11 +65,19 @@ def test_a_permit_that_is_refused_at_the_node_gives_the_arm_back(cell):
     assert goes_on(cell)
 
 
+def test_a_session_that_refuses_the_motion_after_it_was_told_to_go_gives_the_arm_back(cell):
+    """The slider is moved just then. Nothing moved, the program goes on, and nobody is asked: it was taken for a failure of ours before."""
+    with pytest.raises(MotionRefused, match="speed_scaling"):
+        replay(short(), UR5, cell.settings(), begin=lambda identity: cell.fault("speed_slider", fraction=0.5))
+    cell.fault("speed_slider", fraction=1.0)
+    assert goes_on(cell)
+
+
 def test_a_request_to_stop_while_the_node_is_awaited_leaves_the_program_alone(cell):
     """Nothing was taken, so there is nothing to give back."""
     begin = time.monotonic()
     with pytest.raises(ReplayAborted) as ended:
-        replay(short(), UR5, cell.settings(), context=Context(payload_kg=2.0), should_stop=lambda: time.monotonic() - begin > 1.5)
+        replay(short(), UR5, cell.settings(), context=Context(payload_kg=2.0), should_stop=lambda: time.monotonic() - begin > 1.0)
     assert (ended.value.cause, ended.value.borrowed, ended.value.needs_a_person) == ("parent_asked_to_stop", False, False)
     assert goes_on(cell)
 

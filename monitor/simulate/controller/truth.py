@@ -47,5 +47,6 @@ def truth(controller: Controller) -> dict[str, Any]:
         "watchdog_s": None if watchdog.variable is None else watchdog.limit_s,
         "refused_commands": list(journal.refused_commands),
         "refused_scripts": list(journal.refused_scripts),
+        "output_integers": controller.registers.output_ints[:24],
         "odd_inputs": controller.registers.odd_inputs,
     }
