@@ -145,7 +145,7 @@ class Watch:
             return OurProgram(None)
         if message is not None and not message.get("ours", True):  # another program may play in its place: the watchdog ends ours
             return OurProgram(None, name=name)
-        if message is not None and message["kind"] == "failed" and message["cause"] == "program_stopped":
+        if message is not None and message["kind"] == "failed" and message.get("found", message["cause"]) == "program_stopped":
             return OurProgram(self._alive_at, "paused", name)  # what plays now is another program
         if self.phase == "control" and not self.borrowed:
             return OurProgram(self._alive_at, "starting", name)

@@ -194,6 +194,7 @@ def test_after_a_clean_end_no_program_is_stopped():
         ([phase("control"), {"kind": "failed", "cause": "program_stopped", "text": "stopped"}], "paused"),
         ([phase("control"), phase("play"), row(1)], "running"),
         ([phase("control"), phase("play"), row(1), {"kind": "failed", "cause": "program_stopped", "text": "stopped"}], "paused"),
+        ([phase("play"), row(1), {"kind": "failed", "cause": "late", "found": "program_stopped", "text": "late, then stopped"}], "paused"),
         ([phase("control"), phase("play"), row(1), {"kind": "failed", "cause": "speed_scaling", "text": "0 %", "ours": False}], None),
     ],
 )

@@ -12,6 +12,9 @@ TICK_S = 0.008
 RECENT = 25
 
 
+ELSEWHERE = {"late", "stalled"}  # the controller's own target is not where it was sent: another program may move it
+
+
 def ended(q, own, sent, *, late=lambda n: False):
     """(cause, text, number of the row) of the first failure in rows (N, J); None where there is none."""
     tracking = Tracking(TICK_S, largest_rad=0.05, lasting_rad=0.005)
@@ -19,6 +22,7 @@ def ended(q, own, sent, *, late=lambda n: False):
     for n in range(1, len(q)):
         failure = tracking.failure(q[n], own[n], speeds[n], sent[max(0, n - RECENT) : n], late=late(n))
         if failure:
+            assert failure.ours == (failure.cause not in ELSEWHERE)
             return failure.cause, str(failure), n
     return None
 

@@ -280,7 +280,7 @@ def main() -> None:
         explained = failure if arm is None else arm.explained(failure)
         # without a program of ours the arm did not move, and what runs on the controller is somebody else's
         ended = arm is None or not arm.program_sent
-        outbox.message("failed", cause=explained.cause, text=str(explained), ended=ended, ours=failure.ours)
+        outbox.message("failed", cause=explained.cause, found=failure.cause, text=str(explained), ended=ended, ours=failure.ours)
     except Stopped:
         cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
         why = f"the monitor's own process said nothing for {UNWATCHED_S:g} s" if cause == "late" else "stopped on request"

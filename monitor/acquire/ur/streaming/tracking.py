@@ -59,13 +59,11 @@ class Tracking:
         j, far = _farthest(own_q, sent)
         if far <= self._largest_rad:
             return None
-        if late:
-            return StreamFailure(
-                "late", f"targets came late: the controller's own target of {joint_text(j + 1)} is {far:.3f} rad from them"
-            )
         # the arm follows its controller, so nothing holds it: targets do not arrive, or another program moves it
-        text = f"the controller's own target of {joint_text(j + 1)} is {far:.3f} rad from where it was sent: targets do not arrive"
-        return StreamFailure("stalled", text, ours=False)
+        elsewhere = f"the controller's own target of {joint_text(j + 1)} is {far:.3f} rad from where it was sent"
+        if late:
+            return StreamFailure("late", f"targets came late: {elsewhere}", ours=False)
+        return StreamFailure("stalled", f"{elsewhere}: targets do not arrive", ours=False)
 
 
 def _farthest(q: Array, targets: Array) -> tuple[int, float]:
