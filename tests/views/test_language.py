@@ -71,6 +71,12 @@ def test_every_advice_of_an_alert_is_translated(code):
             "payload: the controller reckons with 0.900 kg, the configuration says 1.000 kg; at most 0.05 kg apart",
             "Last: die Steuerung rechnet mit 0,900 kg, die Konfiguration sagt 1,000 kg; höchstens 0,05 kg Unterschied",
         ),
+        ("What is known of Elbow (joint 3) is what it was before the work was declared; 3 replays since then were judged once more.",
+         "Von Ellbogen (Gelenk 3) ist wieder bekannt, was vor der Eintragung der Arbeit bekannt war; 3 Prüffahrten seither wurden noch "
+         "einmal ausgewertet."),
+        ("at '2030-01-01': that is yet to come; declare work when it is done",
+         "am '01.01.2030': das liegt in der Zukunft; Arbeit eintragen, wenn sie getan ist"),
+        ("127.0.0.1: RTDE answers but sends no data", "127.0.0.1: RTDE antwortet, sendet aber keine Daten"),
         ("no permission: the cell's door is open", "keine Freigabe: the cell's door is open"),  # the words of another program stay
         ("approach_near: Wrist 3 (joint 6) is 2.60 rad from the start of the excitation; at most 1.5",
          "Arm zu weit vom Start: Handgelenk 3 (Gelenk 6) ist 2,60 rad vom Start der Prüffahrt entfernt; höchstens 1,5"),

@@ -394,7 +394,7 @@ def test_a_person_allows_motion_after_a_stop(browser, tmp_path):
 
 
 def test_work_on_a_joint_is_declared_on_the_page(browser, tmp_path):
-    """A replaced joint begins anew: its alert clears, the dialog says what that means, and the chart has a mark."""
+    """A replaced joint begins anew: its alert clears, the dialog says so, the chart has a mark; and a mistake is taken back there."""
     with monitor(tmp_path, days=32, moving=False) as (server, _, store):
         page = browser.new_page()
         page.goto(server.url)
@@ -414,6 +414,16 @@ def test_work_on_a_joint_is_declared_on_the_page(browser, tmp_path):
         assert work.document["kind"] == "replaced"
         page.locator("#tab-3").click()
         expect(page.locator("#wear")).to_have_attribute("aria-label", re.compile("; replaced on Jul 3$"))
+        expect(page.locator("#worked")).to_contain_text("Elbow (joint 3) was replaced")
+        page.locator("#undo").click()
+        page.locator("#reason").fill("it was the shoulder")
+        page.locator("#ok").click()
+        expect(page.locator("#dialog-text")).to_contain_text("What is known of Elbow (joint 3) is what it was before")
+        page.locator("#cancel").click()
+        expect(page.locator("#worked")).to_be_empty()
+        expect(page.locator("#active h3")).to_contain_text("Elbow turns")  # the alert is back
+        (undone,) = store.works.rows()
+        assert (undone.undone_by, undone.undone_why) == ("Ada", "it was the shoulder")
         page.close()
 
 

@@ -226,7 +226,8 @@ class PageApp:
         if command not in COMMANDS:
             return JSONResponse({"error": f"no command {command!r}; known are {', '.join(COMMANDS)}"}, status_code=404)
         if not self._access.from_page(request):
-            return JSONResponse({"error": "commands come from the page itself; load it anew"}, status_code=403)
+            refused = self._language(request).retell("commands come from the page itself; load it anew")
+            return JSONResponse({"error": refused}, status_code=403)
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return JSONResponse({"error": "expected application/json"}, status_code=415)
         body = await _body(request)

@@ -55,4 +55,4 @@ class Told:
 
 def _has_words(key: str) -> bool:
     """Whether the values of a key have sentences for people."""
-    return key.startswith("alert/") or key in {"health", "monitor", "replay"} or key.endswith("/friction")
+    return key.startswith("alert/") or key in {"health", "monitor", "replay"} or key.endswith(("/friction", "/work"))

@@ -12,18 +12,18 @@ function ask(command, what, title, text) {
   if (command === "shelve") $("hours").value = "24";
   $("by").value = localStorage.getItem("joint-monitor-name") || "";
   $("reason").value = "";
-  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion"), unack: t("Take back"), unshelve: t("Show again"), serviced: t("Declare the work") }[command];
+  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion"), unack: t("Take back"), unshelve: t("Show again"), serviced: t("Declare the work"), unserviced: t("Take back") }[command];
   $("work").hidden = $("kind").disabled = $("at").disabled = command !== "serviced";
   $("at").value = new Date(now()).toISOString().slice(0, 10);
   $("at").max = $("at").value;
   $("fields").hidden = false; $("ok").hidden = false; $("cancel").textContent = t("Cancel");
-  $("reason").required = command === "allow" || command === "serviced";  // somebody will ask why it moves again
+  $("reason").required = ["allow", "serviced", "unserviced"].includes(command);  // somebody will ask why it moves again
   $("dialog").showModal();
   ($("by").value ? $("reason") : $("by")).focus();
 }
 
 $("cancel").addEventListener("click", () => $("dialog").close());
-$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else if (pending.command === "allow") ($("allow") || $("replay")).focus(); else refocus(pending.key, pending.command); });
+$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else if (pending.command === "allow") ($("allow") || $("replay")).focus(); else if (pending.command === "unserviced") ($("undo") || $(`tab-${chosen}`)).focus(); else refocus(pending.key, pending.command); });
 $("form").addEventListener("submit", async (event) => {
   event.preventDefault();
   const { command, what } = pending;
@@ -43,7 +43,7 @@ $("form").addEventListener("submit", async (event) => {
     const reply = await answer.json();
     if (!answer.ok) throw new Error(reply.error || String(answer.status));
     soon();
-    if (command !== "serviced") return $("dialog").close();
+    if (command !== "serviced" && command !== "unserviced") return $("dialog").close();
     // what it means is said before the dialog goes
     $("fields").hidden = $("ok").hidden = true;
     $("dialog-text").textContent = (reply.text || []).join(" ");

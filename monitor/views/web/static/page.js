@@ -105,8 +105,23 @@ function joints() {
   }
 }
 
+// the last work on the joint that is shown, which whoever declared it by mistake takes back here
+function worked() {
+  const work = values[`joint/${chosen}/work`], shown = work && !work.undone_at ? `${chosen} ${work.text}` : "";
+  if ($("worked").dataset.shown === shown) return;  // a button that is made again would lose the focus
+  $("worked").dataset.shown = shown;
+  $("worked").replaceChildren();
+  if (!shown) return;
+  $("worked").append(make("span", work.text, { class: "dim" }));
+  if (!["greased", "overhauled", "replaced"].includes(work.kind)) return;  // the configuration declares other work
+  const name = jointName(work.joint), button = make("button", t("That was a mistake…"), { type: "button", id: "undo" });
+  button.addEventListener("click", () => ask("unserviced", { joint: work.joint }, t("Take back the work on {joint}", { joint: name }), t("What was known before it counts again, and replays since then are judged once more.")));
+  $("worked").append(button);
+}
+
 function figures() {
   if (!chosen) return;
+  worked();
   const own = friction(chosen), state = stateOf(chosen);
   $("which").textContent = jointName(chosen);
   $("link-name").textContent = t("joint {number}", { number: chosen });
@@ -237,6 +252,7 @@ function take(key, document_) {
   if (key === "health") { joints(); alerts(); }
   if (key.startsWith("alert/")) { alerts(); soon(); }
   if (key.endsWith("/friction")) { joints(); soon(); }
+  if (key.endsWith("/work")) { worked(); soon(); }
   if (key === "health" || key.endsWith("/friction")) figures();
 }
 
