@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from threading import Lock
 
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
+from monitor.acquire.driver import Driver
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.service.due import DueReplay
 from monitor.store.borrows import Borrow
@@ -78,9 +78,9 @@ class BorrowedWindow:
         self._stack.close()
 
 
-def program_of(host: str) -> str | None:
+def program_of(driver: Driver, host: str) -> str | None:
     """The name of the program that plays on this controller; None where none is known."""
     try:
-        return UNIVERSAL_ROBOTS.playing_program(host) or None
+        return driver.playing_program(host) or None
     except RobotUnreachable:
         return None

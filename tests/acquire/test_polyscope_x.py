@@ -49,7 +49,7 @@ def stands(remote):
 
 def test_a_replay_on_a_polyscope_x_is_played_while_its_robot_api_is_asked():
     """Without permission for untested software nothing is sent; in local control and without an API nothing either; then it is played."""
-    with simulated_arm("127.0.2.171", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
+    with simulated_arm("127.0.96.21", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
         with pytest.raises(MotionRefused, match=r"software: .*10\.12\.0.*allow_untested_software"):
             played(host, allow_untested_software=False)
         remote.fault("manual_mode")
@@ -74,7 +74,7 @@ def test_a_replay_on_a_polyscope_x_is_played_while_its_robot_api_is_asked():
 @pytest.mark.parametrize("answer", ["silent", "forbidden", "failing", "garbage", "elsewhere", "gone"])
 def test_a_robot_api_that_fails_in_the_middle_ends_the_motion_and_the_arm_comes_to_rest(answer):
     """Whether remote control is on is not known any more: within 2 s and the time of the ramp the arm stands, along its path."""
-    with simulated_arm("127.0.2.172", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
+    with simulated_arm("127.0.96.22", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
 
         def act():
             if answer == "gone":
@@ -106,7 +106,7 @@ def test_a_stop_or_a_lost_connection_ends_the_motion_by_its_cause(version, fault
     """ur-rtde's dashboard client, which does not exist there, is never needed: a child that dies is told, and the arm stands."""
     if (version, fault) == ("10.11.0", "remote"):
         pytest.skip("10.11 does not tell it")
-    with simulated_arm("127.0.2.173", *OPTIONS, "--polyscope", version) as host, Remote(host) as remote:
+    with simulated_arm("127.0.96.23", *OPTIONS, "--polyscope", version) as host, Remote(host) as remote:
         with pytest.raises(ReplayAborted) as ended:
             played(host, after_s=1.4, act=lambda: remote.fault(fault, **arguments))
         assert ended.value.cause in causes
@@ -118,7 +118,7 @@ def test_a_stop_or_a_lost_connection_ends_the_motion_by_its_cause(version, fault
 @pytest.mark.soak
 def test_somebody_elses_program_that_starts_during_the_upload_costs_the_child_and_nothing_moves():
     """ur-rtde would stop it by a dashboard client that is not there; the child's end is told as `no_control` or by its signal."""
-    with simulated_arm("127.0.2.174", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
+    with simulated_arm("127.0.96.24", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
         remote.fault("foreign_program", when="during_upload", delay=0.2, moves="off")
         with pytest.raises(ReplayAborted) as ended:
             played(host)

@@ -23,7 +23,7 @@ from monitor.model.robot import load_robot
 from monitor.recording import Context
 from monitor.simulate.remote import Remote
 
-HOST, PORT = "127.0.2.161", 18080
+HOST, PORT = "127.0.96.11", 18080
 
 
 def reply(document, status="200 OK", *headers):
@@ -120,8 +120,8 @@ def asking(path, said):
         (reply([1, 2]), "else than a JSON object"),
         (reply(b"<html>\x00\xff</html>"), r"else than a JSON object: <html>"),
         (reply(b""), "else than a JSON object"),
-        (reply({}, "302 Found", "Location: https://127.0.2.161/login"), "elsewhere, to https"),
-        (reply({}, "307 Temporary Redirect", f"Location: http://127.0.2.162:{PORT}{BASE}{CONTROL}"), "elsewhere, to http://127.0.2.162"),
+        (reply({}, "302 Found", "Location: https://127.0.96.11/login"), "elsewhere, to https"),
+        (reply({}, "307 Temporary Redirect", f"Location: http://127.0.96.12:{PORT}{BASE}{CONTROL}"), "elsewhere, to http://127.0.96.12"),
         (reply({}, "307 Temporary Redirect", f"Location: {BASE}{CONTROL}"), "redirects .* more than 3 times"),
         (b"robot says hello\n\n", "does not speak HTTP"),
         (b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\n{", "does not answer|does not speak"),

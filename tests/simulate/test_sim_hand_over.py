@@ -8,7 +8,7 @@ from monitor.acquire.hand_over.server import HandOverServer
 from monitor.acquire.ur.control_script import control_script
 
 BORROW = """
-import json, os, socket, sys, threading, time
+import json, os, socket, sys, threading, time, urllib.request
 from rtde_control import RTDEControlInterface as Control
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
@@ -27,9 +27,15 @@ def beat():
         number = number % 1000 + 1
         write(21, number); time.sleep(0.02)
 def dash(line):
-    with socket.create_connection((host, 29999), timeout=10) as wire, wire.makefile("rw") as file:
-        file.readline(); file.write(line + "\\n"); file.flush()
-        return file.readline().strip()
+    try:
+        with socket.create_connection((host, 29999), timeout=10) as wire, wire.makefile("rw") as file:
+            file.readline(); file.write(line + "\\n"); file.flush()
+            return file.readline().strip()
+    except ConnectionRefusedError:  # a PolyScope X
+        play = json.dumps(dict(action="play")).encode() if line == "play" else None
+        place = f"http://{host}:18080/universal-robots/robot-api/program/v1/state"
+        with urllib.request.urlopen(urllib.request.Request(place, play, method="PUT" if play else "GET")) as answer:
+            return "Starting program" if play else json.load(answer)["state"] + " cell.urp"
 def until(*states):
     end = time.monotonic() + 10
     while r.getOutputIntRegister(19) not in states and time.monotonic() < end:
@@ -74,12 +80,14 @@ move = [0.0, -1.57, 0.0, -1.57, 0.0, 0.0]
             pytest.param(("--robot", robot, "--polyscope", version), 50, marks=(pytest.mark.soak, pytest.mark.timeout(400)))
             for robot, version in (("ur5", "3.15.8"), ("ur5e", "5.11.0"), ("ur5e", "5.22.0"))
         ),
+        (("--robot", "ur5e", "--polyscope", "10.12.0", "--robot-api-port", "18080"), 1),
     ],
 )
 def test_ur_rtde_borrows_the_arm_and_the_program_goes_on(spawn, client, tmp_path, arguments, cycles):
     """Each cycle the arm is taken, moved, streamed, brought back and given back; the program never stops."""
     asked = spawn(*arguments)
     text = hand_over_script(control_script(asked.address))
+    assert text.isascii()  # the node of a PolyScope X takes no other letters
     with HandOverServer(text, bind=asked.address, port=50002) as server:
         asked.end()
         (tmp_path / "cell.toml").write_text(CELL.format(address=asked.address, port=server.port))

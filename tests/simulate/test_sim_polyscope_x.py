@@ -12,6 +12,7 @@ import pytest
 from raw_rtde import RawRtde
 from sim_process import result_of
 
+from monitor.acquire.hand_over.server import HandOverServer
 from monitor.errors import BadInput
 from monitor.simulate.settings import SimulateSettings
 
@@ -233,3 +234,14 @@ def test_a_polyscope_x_that_cannot_be_is_refused(wrong, words):
     """With the setting, its value and what is expected."""
     with pytest.raises(BadInput, match=words):
         SimulateSettings(**wrong)
+
+
+def test_the_server_of_the_node_leaves_the_end_of_the_connection_to_the_controller():
+    """A node that reads until nothing has come for 0.1 s would take an end for more text, again and again."""
+    with HandOverServer("text\n", bind="127.0.0.1", port=0) as server, socket.create_connection(("127.0.0.1", server.port)) as wire:
+        wire.sendall(b"request_program\n")
+        wire.settimeout(1.0)
+        assert wire.recv(100) == b"text\n"
+        wire.settimeout(0.1)
+        with pytest.raises(TimeoutError):
+            wire.recv(100)

@@ -1,5 +1,6 @@
 """The server that a controller asks for the text of its hand-over nodes, at Play."""
 
+import contextlib
 import logging
 import socketserver
 import threading
@@ -11,6 +12,7 @@ log = logging.getLogger(__name__)
 PORT = 50002  # where the manufacturer's External Control node asks
 REQUEST = b"request_program"
 REQUEST_S = 5.0  # a client that asks for nothing is let go after so long
+LEAVES_S = 0.5  # a client that has the text closes the connection within so long: PolyScope X after 0.1 s of silence
 REQUEST_MAX_BYTES = 256
 CLIENTS_MAX = 16
 
@@ -31,6 +33,9 @@ class _Handler(socketserver.BaseRequestHandler):
             if asked.split(b"\n")[0].strip() == REQUEST:
                 self.request.sendall(self.server.text.encode())
                 self.server.served += 1
+                self.request.settimeout(LEAVES_S)
+                with contextlib.suppress(TimeoutError):
+                    self.request.recv(1)  # the client closes first: some versions of PolyScope X's node never see the end of a connection
             else:
                 log.warning("hand-over: %s asked for %r, which is not known", self.client_address[0], asked[:40])
         except OSError as wrong:

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 from monitor.acquire.driver import OurProgram, ReplayTask, SafetyStop, Session, SessionEnded
 from monitor.acquire.state import ArmState, Identity, arm_state
@@ -17,11 +16,14 @@ REMOTE_TIMEOUT_S = 0.5  # for one answer whether remote control is on; a control
 ANSWER_POLL_S = 0.05  # between two checks for the observing process's answer
 
 
-@dataclass(frozen=True, slots=True)
 class UniversalRobots:
     """Arms of the CB3 and e-Series generations, with whatever software. Every method names the arm by its host."""
 
-    robot_api_port: int = ROBOT_API_PORT  # of a PolyScope X
+    robot_api_port = ROBOT_API_PORT
+
+    def __init__(self, *, robot_api_port: int = ROBOT_API_PORT) -> None:
+        """The port is that of a PolyScope X."""
+        self.robot_api_port = robot_api_port
 
     def identity(self, host: str) -> Identity:
         """Who the controller says it is, and its joints' limits. Raises RobotUnreachable.
