@@ -52,8 +52,12 @@ class FrictionFit:
     load_nm: Array  # (J,) mean |τ| through the gear while the joint moved
 
     def at(self, speed_rad_s: float) -> tuple[Array, Array]:
-        """Friction torque (J,) [N·m] at a positive speed under the recording's mean load, and its standard deviation (J,)."""
-        x = self.law.columns(np.full(len(self.load_nm), speed_rad_s), self.load_nm)  # (J, K)
+        """Friction torque (J,) [N·m] at a positive speed under the recording's mean load, and its standard deviation (J,).
+
+        It is the mean of driving and braking: to and fro under a weight, a joint does as much of the one as of the other.
+        """
+        speeds = np.full(len(self.load_nm), speed_rad_s)
+        x = 0.5 * (self.law.columns(speeds, self.load_nm) + self.law.columns(speeds, -self.load_nm))  # (J, K)
         return np.einsum("jk,jk->j", x, self.values), np.sqrt(np.einsum("ji,jik,jk->j", x, self.covariance, x))
 
 

@@ -46,6 +46,7 @@ class FrictionTerm:
     magnitude_at_point: Callable[[float, float], float]  # of plain numbers: one sample then takes a tenth of the time
     smooth: bool = True  # True: the direction is s(q̇). False: it is sgn(q̇), for a magnitude that is zero at rest
     loaded: bool = False  # True: the magnitude depends on |τ|
+    braking: bool = False  # True: the term counts only where the load drives the joint, and the motor brakes: τ·q̇ < 0
     expected_std: float = math.inf  # prior standard deviation of the parameter about 0; infinite: no prior
 
     def __post_init__(self) -> None:
@@ -66,6 +67,8 @@ class FrictionTerm:
         direction : s(q̇), or s(q̇) after the filter of the measured torque; qd [rad/s] and load_nm [N·m] have the same shape.
         """
         magnitude = self.magnitude(np.abs(qd), np.abs(load_nm))
+        if self.braking:
+            magnitude = np.where(qd * load_nm < 0.0, magnitude, 0.0)
         return magnitude * direction if self.smooth else np.copysign(magnitude, qd)
 
 
@@ -75,6 +78,10 @@ def _one(speed: Array, _load: Array) -> Array:
 
 def _one_at_point(_speed: float, _load: float) -> float:
     return 1.0
+
+
+def _nothing(_speed: float, _load: float) -> float:
+    return 0.0
 
 
 def _speed(speed: Quantity, _load: Quantity) -> Quantity:
@@ -107,6 +114,8 @@ FC = FrictionTerm(name="fc", magnitude=_one, magnitude_at_point=_one_at_point)  
 FV = FrictionTerm(name="fv", magnitude=_speed, magnitude_at_point=_speed, smooth=False)  # [N·m·s/rad] viscous friction
 # fraction of |τ|: teeth under load have more friction
 FL = FrictionTerm(name="fl", magnitude=_load, magnitude_at_point=_load, loaded=True, expected_std=LOAD_SHARE_STD)
+# fraction of |τ| that gears cost where the motor brakes, beyond what they cost where it drives; less than 0 where they cost less
+FB = FrictionTerm(name="fb", magnitude=_load, magnitude_at_point=_load, loaded=True, braking=True, expected_std=LOAD_SHARE_STD)
 # [N·m] at 1 rad/s: friction of harmonic drives is concave in speed
 FP = FrictionTerm(name="fp", magnitude=_root_of_speed, magnitude_at_point=_root_of_speed_at_point)
 # [N·m] friction beyond fc before the lubricant film carries, Stribeck; Armstrong-Hélouvry et al. (1994)
@@ -124,14 +133,16 @@ class FrictionLaw:
     name: str
     terms: tuple[FrictionTerm, ...]  # K terms
     automatic: bool = True  # whether the choice `auto` considers the law
-    # (magnitude_at_point, smooth) of each term: a torque request reads them for every joint and sample
+    # (magnitude_at_point, smooth) of each term, of a joint that drives its load: a torque request reads them for every joint and sample
     _at_point: tuple[tuple[Callable[[float, float], float], bool], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Raises ValueError where the law does not begin with fc and fv."""
         if self.terms[:2] != (FC, FV):
             raise ValueError(f"friction law {self.name!r} begins with {', '.join(self.parameters[:2])}; expected fc, fv")
-        object.__setattr__(self, "_at_point", tuple((term.magnitude_at_point, term.smooth) for term in self.terms))
+        object.__setattr__(
+            self, "_at_point", tuple((_nothing if term.braking else term.magnitude_at_point, term.smooth) for term in self.terms)
+        )
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -170,11 +181,11 @@ class FrictionLaw:
         return torque
 
     def opposing_torque(self, parameters: Array, direction: Array, speed: Array, load: Array) -> Array:
-        """Friction torque against the motion, (N, J) [N·m].
+        """Friction torque against the motion, (N, J) [N·m], of a joint that drives its load.
 
         parameters : (K, 1, J). direction : |s(q̇)|, speed : |q̇| [rad/s], load : |τ| [N·m]; (N, J) each.
         """
-        pairs = list(zip(parameters, self.terms, strict=True))
+        pairs = [(value, term) for value, term in zip(parameters, self.terms, strict=True) if not term.braking]
         smooth = sum(value * term.magnitude(speed, load) for value, term in pairs if term.smooth)
         torque: Array = direction * smooth + sum(value * term.magnitude(speed, load) for value, term in pairs if not term.smooth)
         return torque
@@ -201,6 +212,7 @@ LAWS: dict[str, FrictionLaw] = {
         FrictionLaw(name="load", terms=(FC, FV, FL)),
         CONCAVE,
         FrictionLaw(name="stribeck", terms=(FC, FV, FL, FS)),
+        FrictionLaw(name="braking", terms=(FC, FV, FL, FP, FS, FB)),
     )
 }
 

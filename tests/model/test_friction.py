@@ -33,15 +33,23 @@ def test_an_unknown_law_is_refused_with_the_known_ones():
 @pytest.mark.parametrize("name", LAWS)
 @given(v=st.floats(0.001, 10), load=st.floats(-200, 200))
 def test_every_law_opposes_motion_and_begins_with_fc_and_fv(name, v, load):
-    """Each column is odd in speed, does not depend on the load's sign, and has the sign of the speed."""
-    law, loads = LAWS[name], np.array([load, load])
+    """Each column is odd in the motion, and has the sign of the speed; all but those of braking do not depend on the load's sign."""
+    law, loads = LAWS[name], np.array([load, -load])
     columns = law.columns(np.array([v, -v]), loads)
     assert columns.shape == (2, len(law.parameters))
     np.testing.assert_array_equal(columns[0], -columns[1])
-    np.testing.assert_array_equal(columns, law.columns(np.array([v, -v]), -loads))
+    either = [not term.braking for term in law.terms]
+    np.testing.assert_array_equal(columns[:, either], law.columns(np.array([v, -v]), -loads)[:, either])
     assert np.all(columns[0] >= 0.0)
     assert law.parameters[:2] == ("fc", "fv")
     np.testing.assert_array_equal(columns[:, :2], PAPER.columns(np.array([v, -v])))
+
+
+def test_the_share_of_braking_counts_where_the_load_drives_the_joint():
+    """fb·|τ| against the motion while τ·q̇ < 0, and nothing while the motor drives."""
+    law = friction_law("braking")
+    columns = law.columns(np.array([0.5, -0.5, 0.5, -0.5]), np.array([10.0, -10.0, -10.0, 10.0]))
+    np.testing.assert_allclose(columns[:, law.parameters.index("fb")], [0.0, 0.0, 10.0, -10.0])
 
 
 def test_a_law_with_load_refuses_a_missing_load():
@@ -90,5 +98,5 @@ def test_auto_begins_with_the_paper_and_leaves_out_what_is_not_automatic(monkeyp
     monkeypatch.setitem(LAWS, "by name", FrictionLaw(name="by name", terms=PAPER.terms, automatic=False))
     assert friction_law("by name").parameters == ("fc", "fv")
     names = [law.name for law in automatic_laws()]
-    assert names[:4] == ["paper", "load", "concave", "stribeck"]
+    assert names[:5] == ["paper", "load", "concave", "stribeck", "braking"]
     assert "by name" not in names

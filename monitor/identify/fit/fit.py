@@ -51,14 +51,14 @@ class Fit:
         return residuals_of(self.rows, self.solution.values)
 
 
-def fit(problem: FitProblem, law: FrictionLaw, *, method: str, start: Fit | None = None) -> Fit:
+def fit(problem: FitProblem, law: FrictionLaw, *, method: str, start: Fit | None = None, rounds: int = LOAD_ROUNDS) -> Fit:
     """Parameters of the law by `method`: ls, wls or robust. The fit of a richer law begins with the fit of the paper's.
 
-    start : what `first_fit` found, for callers that fit several laws.
+    start : what `first_fit` found, for callers that fit several laws. rounds : in which load and parameters are found in turn, at most.
     """
     found = first_fit(problem, method) if start is None else start
     if law != PAPER:
-        found = _richer(problem, law, found, method)
+        found = _richer(problem, law, found, method, rounds)
     return _robust(problem, found) if method == "robust" else found
 
 
@@ -107,11 +107,11 @@ def _load_rounds(problem: FitProblem, law: FrictionLaw) -> int:
     return LOAD_ROUNDS if law.loaded and not problem.layout.frozen else 1
 
 
-def _richer(problem: FitProblem, law: FrictionLaw, paper: Fit, method: str) -> Fit:
+def _richer(problem: FitProblem, law: FrictionLaw, paper: Fit, method: str, rounds: int) -> Fit:
     """The fit of a law with more terms, each round with the load that the round before predicts. paper : by `first_fit`."""
     beside = Beside(paper.rows, paper.joints)
     weights, solution = paper.weights, paper.solution
-    for _ in range(_load_rounds(problem, law)):
+    for _ in range(min(rounds, _load_rounds(problem, law))):
         columns = [eq.extra_columns(law, solution.values[: len(problem.prior)], problem.layout) for eq in problem.equations]
         joints = beside.with_own(columns)
         weights, solution = _weighted(problem, law, joints, weights, method)

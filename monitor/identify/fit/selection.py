@@ -31,7 +31,8 @@ def choose_law(problem: FitProblem, method: str, start: Fit | None = None) -> Ch
     prior, richest, laws = problem.prior, law_of_every_term(), automatic_laws()
     start = first_fit(problem, method) if start is None else start
     every = problem.redundancy
-    rows = [rec.thinned(every) for rec in fit(problem, richest, method=method, start=start).rows]
+    # one round: the load is then right to a hundredth, for all laws alike
+    rows = [rec.thinned(every) for rec in fit(problem, richest, method=method, start=start, rounds=1).rows]
     weights = fit(problem, PAPER, method=method, start=start).weights  # (J,) one scale, so that all laws are compared alike
     folds = [_fold([_stretch(rec, k) for rec in rows], weights) for k in range(FOLDS)]
     places = problem.layout.of_law(richest)  # (J, K)
